@@ -1,0 +1,132 @@
+//! A data set as its file holds it, before anything is made of it.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+use crate::error::{Error, Result};
+use crate::scene::{Lattice, Values};
+
+/// What a reader returns: geometry, fields, and nothing that the file does not say.
+#[derive(Debug, Clone)]
+pub struct Dataset {
+    /// The file it came from.
+    pub path: PathBuf,
+    /// The format's name, for people: "VTK image data", "PLOT3D grid", ...
+    pub format: &'static str,
+    /// Where the samples lie.
+    pub geometry: Geometry,
+    /// What is known at them.
+    pub fields: Vec<Field>,
+}
+
+/// Where the samples of a [`Dataset`] lie.
+#[derive(Debug, Clone)]
+pub enum Geometry {
+    /// Samples on a regular or rectilinear lattice.
+    Lattice(Lattice),
+    /// Nodes of a curvilinear grid, i fastest, then j, then k.
+    Curvilinear {
+        /// Nodes along i, j and k.
+        dims: [usize; 3],
+        /// Node positions.
+        nodes: Vec<DVec3>,
+    },
+    /// Particles, with whatever columns their table has.
+    Points {
+        /// Positions.
+        positions: Vec<DVec3>,
+    },
+}
+
+/// Named numbers at the samples of a [`Dataset`].
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// The name in the file.
+    pub name: String,
+    /// What the values belong to.
+    pub association: Association,
+    /// The numbers.
+    pub source: FieldSource,
+}
+
+/// What the values of a [`Field`] belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Association {
+    /// Nodes of a grid, or particles.
+    Nodes,
+    /// Cells of a grid: one fewer than the nodes along each axis.
+    Cells,
+}
+
+/// Where the numbers of a [`Field`] come from.
+#[derive(Debug, Clone)]
+pub enum FieldSource {
+    /// One scalar per sample.
+    Scalar(Values),
+    /// Several numbers per sample, one array per component.
+    Vector(Vec<Values>),
+    /// Computed from other fields when asked for, and stored nowhere until then.
+    Derived(fn(&Dataset) -> Result<Values>),
+}
+
+impl Dataset {
+    /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
+    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index.
+    ///
+    /// # Errors
+    /// An unknown name or component; the message lists the fields there are.
+    pub fn scalar(&self, selector: &str) -> Result<(Association, Values)> {
+        let same = |f: &&Field, name: &str| f.name.eq_ignore_ascii_case(name);
+        if let Some(field) = self.fields.iter().find(|f| same(f, selector)) {
+            return Ok((field.association, self.field_scalar(field)?));
+        }
+        if let Some((name, component)) = selector.rsplit_once(':')
+            && let Some(field) = self.fields.iter().find(|f| same(f, name))
+            && let FieldSource::Vector(components) = &field.source
+        {
+            let index = match component.to_ascii_lowercase().as_str() {
+                "x" => Some(0),
+                "y" => Some(1),
+                "z" => Some(2),
+                digits => digits.parse().ok(),
+            };
+            if let Some(values) = index.and_then(|i: usize| components.get(i)) {
+                return Ok((field.association, values.clone()));
+            }
+        }
+        Err(Error::format(
+            &self.path,
+            format!("field `{selector}`"),
+            format!("one of {}", self.field_names().join(", ")),
+            "no field of that name",
+            "name one of these with --field",
+        ))
+    }
+
+    /// The scalar of one field: its values, its magnitude, or what it is derived as.
+    ///
+    /// # Errors
+    /// What the derivation says.
+    pub fn field_scalar(&self, field: &Field) -> Result<Values> {
+        match &field.source {
+            FieldSource::Scalar(values) => Ok(values.clone()),
+            FieldSource::Vector(components) => {
+                let n = components.first().map_or(0, Values::len);
+                Ok(Values::F32(
+                    (0..n)
+                        .map(|i| {
+                            components.iter().map(|c| c.get(i).powi(2)).sum::<f32>().sqrt()
+                        })
+                        .collect(),
+                ))
+            }
+            FieldSource::Derived(derive) => derive(self),
+        }
+    }
+
+    /// The names of all fields, in the file's order, derived ones last.
+    pub fn field_names(&self) -> Vec<&str> {
+        self.fields.iter().map(|f| f.name.as_str()).collect()
+    }
+}

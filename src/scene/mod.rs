@@ -1,0 +1,11 @@
+//! What is drawn: point volumes and the transfer functions that colour them.
+
+mod lattice;
+mod point_volume;
+mod transfer_function;
+mod values;
+
+pub use lattice::{Lattice, LatticeSpacing};
+pub use point_volume::{Colour, Particles, PointVolume, Strength};
+pub use transfer_function::TransferFunction;
+pub use values::Values;

@@ -1,0 +1,103 @@
+//! Scalar values in the type that their file holds them in.
+
+/// One scalar per particle, cell or node, not widened in memory.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values {
+    /// Unsigned bytes.
+    U8(Vec<u8>),
+    /// Signed 16-bit integers.
+    I16(Vec<i16>),
+    /// Unsigned 16-bit integers.
+    U16(Vec<u16>),
+    /// Single precision; wider file types are narrowed to this.
+    F32(Vec<f32>),
+}
+
+impl Values {
+    /// How many values there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::U8(v) => v.len(),
+            Self::I16(v) => v.len(),
+            Self::U16(v) => v.len(),
+            Self::F32(v) => v.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Value `i`, widened.
+    #[inline]
+    pub fn get(&self, i: usize) -> f32 {
+        match self {
+            Self::U8(v) => f32::from(v[i]),
+            Self::I16(v) => f32::from(v[i]),
+            Self::U16(v) => f32::from(v[i]),
+            Self::F32(v) => v[i],
+        }
+    }
+
+    /// Bytes per value.
+    pub fn bytes_per_value(&self) -> usize {
+        match self {
+            Self::U8(_) => 1,
+            Self::I16(_) | Self::U16(_) => 2,
+            Self::F32(_) => 4,
+        }
+    }
+
+    /// The type's name as the command line spells it: `u8`, `i16`, `u16` or `f32`.
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Self::U8(_) => "u8",
+            Self::I16(_) => "i16",
+            Self::U16(_) => "u16",
+            Self::F32(_) => "f32",
+        }
+    }
+
+    /// The values at `indices`, in that order.
+    pub fn gather(&self, indices: &[u32]) -> Self {
+        fn pick<T: Copy>(v: &[T], indices: &[u32]) -> Vec<T> {
+            indices.iter().map(|&i| v[i as usize]).collect()
+        }
+        match self {
+            Self::U8(v) => Self::U8(pick(v, indices)),
+            Self::I16(v) => Self::I16(pick(v, indices)),
+            Self::U16(v) => Self::U16(pick(v, indices)),
+            Self::F32(v) => Self::F32(pick(v, indices)),
+        }
+    }
+
+    /// The least and the greatest finite value, or `None` where there is none.
+    pub fn finite_range(&self) -> Option<[f32; 2]> {
+        match self {
+            Self::U8(v) => {
+                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
+                Some([f32::from(*lo), f32::from(*hi)])
+            }
+            Self::I16(v) => {
+                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
+                Some([f32::from(*lo), f32::from(*hi)])
+            }
+            Self::U16(v) => {
+                let (lo, hi) = (v.iter().min()?, v.iter().max()?);
+                Some([f32::from(*lo), f32::from(*hi)])
+            }
+            Self::F32(v) => v.iter().filter(|x| x.is_finite()).fold(None, |r, &x| {
+                Some(r.map_or([x, x], |[a, b]: [f32; 2]| [a.min(x), b.max(x)]))
+            }),
+        }
+    }
+
+    /// How many values are NaN or infinite.
+    pub fn non_finite_count(&self) -> usize {
+        match self {
+            Self::F32(v) => v.iter().filter(|x| !x.is_finite()).count(),
+            _ => 0,
+        }
+    }
+}
