@@ -2,10 +2,12 @@
 
 mod lattice;
 mod point_volume;
+mod requirements;
 mod transfer_function;
 mod values;
 
 pub use lattice::{Lattice, LatticeSpacing};
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
+pub use requirements::Requirements;
 pub use transfer_function::TransferFunction;
 pub use values::Values;

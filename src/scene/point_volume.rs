@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::{Lattice, TransferFunction, Values};
+use crate::error::{Error, Result};
 
 /// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
 /// times a mass g = extinction x volume \[length²\].
@@ -85,5 +86,57 @@ impl Particles {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+}
+
+impl PointVolume {
+    /// Checks that every array has one entry per particle and that what is classified can be.
+    ///
+    /// # Errors
+    /// The first array of another length, or the missing one.
+    pub fn validate(&self) -> Result<()> {
+        let count = self.particles.len();
+        let shapes = match &self.particles {
+            Particles::Lattice { .. } => count,
+            Particles::Isotropic { sigmas, .. } => sigmas.len(),
+            Particles::Anisotropic { factors, .. } => factors.len(),
+        };
+        let is_lattice = matches!(self.particles, Particles::Lattice { .. });
+        let masses = match &self.strength {
+            Strength::Classified { volumes } if is_lattice && volumes.is_empty() => count,
+            Strength::Classified { volumes: numbers } | Strength::Mass(numbers) => numbers.len(),
+        };
+        let colours = match &self.colour {
+            Colour::PerParticle(colours) => colours.len(),
+            Colour::Classified | Colour::Uniform(_) => count,
+        };
+        let classified = matches!(self.strength, Strength::Classified { .. })
+            || self.colour == Colour::Classified;
+        let values = self.values.as_ref().map_or(usize::from(classified) * usize::MAX, Values::len);
+        let values = if self.values.is_none() && !classified { count } else { values };
+        for (name, len) in
+            [("shapes", shapes), ("masses", masses), ("colours", colours), ("values", values)]
+        {
+            if len != count {
+                let found = if len == usize::MAX { "none".into() } else { len.to_string() };
+                return Err(Error::format(
+                    "point volume",
+                    name,
+                    format!("one per particle, {count}"),
+                    found,
+                    "give one entry for each particle",
+                ));
+            }
+        }
+        if classified && self.transfer_function.is_none() {
+            return Err(Error::format(
+                "point volume",
+                "transfer function",
+                "one, because masses or colours are classified",
+                "none",
+                "give a transfer function, or masses and colours",
+            ));
+        }
+        Ok(())
     }
 }

@@ -9,6 +9,7 @@ pub struct TransferFunction {
 
 impl TransferFunction {
     /// Linear red, green, blue and the extinction \[1/length\] of a value.
+    pub fn max_extinction(&self, _lo: f32, _hi: f32) -> f32 { 1.0 }
     #[inline]
     pub fn classify(&self, value: f32) -> [f32; 4] {
         let _ = (value, &self.range, &self.table);
