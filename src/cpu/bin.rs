@@ -19,6 +19,8 @@ struct ChunkBins {
     starts: Vec<u32>,
     /// Footprint indices, tile by tile.
     list: Vec<u32>,
+    /// (tile, footprint) as found.
+    found: Vec<[u32; 2]>,
 }
 
 impl Bins {
@@ -55,29 +57,34 @@ pub fn bin(
     bins.chunks.par_iter_mut().enumerate().for_each(|(c, bins)| {
         let first = (c * chunk_len).min(order.len());
         let chunk = &order[first..(first + chunk_len).min(order.len())];
-        // Count, scan, emit; `for_each_tile` is the one body of both loops.
-        bins.starts.clear();
-        bins.starts.resize(tiles[0] * tiles[1] + 1, 0);
-        for &word in chunk {
-            let i = word as u32 as usize;
-            for_each_tile(&footprints[i], exact.get(i), tiles[0], |t| bins.starts[t + 1] += 1);
-        }
-        for t in 1..bins.starts.len() {
-            bins.starts[t] += bins.starts[t - 1];
-        }
-        let total = bins.starts[tiles[0] * tiles[1]] as usize;
-        bins.list.clear();
-        bins.list.resize(total, 0);
+        // Find, count, scan, place. Each footprint is visited once: after the sort they lie
+        // scattered in memory, and reading them is the cost.
+        let ChunkBins { starts, list, found } = bins;
+        found.clear();
         for &word in chunk {
             let i = word as u32;
             for_each_tile(&footprints[i as usize], exact.get(i as usize), tiles[0], |t| {
-                bins.list[bins.starts[t] as usize] = i;
-                bins.starts[t] += 1;
+                found.push([t as u32, i]);
             });
         }
-        // Emitting moved every start to its successor's place.
-        bins.starts.rotate_right(1);
-        bins.starts[0] = 0;
+        starts.clear();
+        starts.resize(tiles[0] * tiles[1] + 1, 0);
+        for &[t, _] in found.iter() {
+            starts[t as usize + 1] += 1;
+        }
+        for t in 1..starts.len() {
+            starts[t] += starts[t - 1];
+        }
+        list.clear();
+        list.resize(found.len(), 0);
+        for &[t, i] in found.iter() {
+            let place = &mut starts[t as usize];
+            list[*place as usize] = i;
+            *place += 1;
+        }
+        // Placing moved every start to its successor's place.
+        starts.rotate_right(1);
+        starts[0] = 0;
     });
 }
 
