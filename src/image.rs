@@ -42,3 +42,21 @@ impl Image {
         self.pixels[y * self.width + x]
     }
 }
+
+/// The linear value of an sRGB-encoded one, 0..1 (IEC 61966-2-1).
+pub fn linear_from_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.040_45 {
+        encoded / 12.92
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// The sRGB-encoded value of a linear one, 0..1 (IEC 61966-2-1).
+pub fn srgb_from_linear(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 {
+        linear * 12.92
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
+}

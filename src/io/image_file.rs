@@ -89,7 +89,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
 /// # Errors
 /// A file that cannot be read, is of no such format, or is damaged.
 pub fn read_image(path: &Path) -> Result<Image> {
-    let bytes = super::read_file(path)?;
+    let bytes = super::file::read_all(path)?;
     if bytes.starts_with(b"\x93NUMPY") {
         return read_npy(path, &bytes);
     }

@@ -10,10 +10,15 @@
 //! | `atomic.rs` | files written whole or not at all |
 
 mod atomic;
+mod csv;
 mod dataset;
+mod file;
 mod image_file;
+mod npy;
 mod plot3d;
 mod raw;
+mod scalars;
+mod table;
 
 use std::path::{Path, PathBuf};
 
@@ -39,37 +44,37 @@ pub struct OpenOptions {
 /// A file that cannot be read, is empty, or is of no known format; and what the format's reader
 /// says.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    let bytes = read_file(path)?;
+    /// Enough for every magic number and the dimensions of a grid.
+    const HEAD: usize = 4096;
     if let Some(layout) = &options.raw {
-        return raw::read(path, bytes, layout);
+        return raw::read(path, layout);
     }
-    let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let extension = name.rsplit_once('.').map_or("", |(_, e)| e);
-    if bytes.starts_with(b"\x93NUMPY") {
-        return npy::read(path, &bytes);
+    let (head, len) = file::read_head(path, HEAD)?;
+    if head.starts_with(npy::MAGIC) {
+        return npy::read(path);
     }
-    if starts_like_xml(&bytes) {
-        return vti::read(path, &bytes);
-    }
-    if bytes.starts_with(b"# vtk DataFile") {
-        return Err(unknown(path, "a legacy VTK file", "write it as VTK XML image data (.vti)"));
-    }
-    match extension {
-        "csv" | "tsv" | "txt" => csv::read(path, &bytes),
-        "raw" | "gz" => Err(raw::needs_layout(path, bytes.len())),
-        "xyz" | "x" | "p3d" | "bin" => plot3d::read(path, &bytes, options.solution.as_deref()),
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        Some("csv" | "tsv") => csv::read(path),
+        Some("raw" | "gz") => Err(needs_layout(path, len)),
+        Some("xyz" | "x" | "p3d") => plot3d::read(path, options.solution.as_deref()),
+        _ if plot3d::looks_like_grid(&head, len) => plot3d::read(path, options.solution.as_deref()),
         _ => Err(unknown(
             path,
-            &format!("the extension `{extension}` and bytes of no known format"),
+            &format!("the extension `{}` and bytes of no known format", extension.unwrap_or_default()),
             "convert it to one of these, or give --dims for a raw volume",
         )),
     }
 }
 
-fn starts_like_xml(bytes: &[u8]) -> bool {
-    let head = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let start = head.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(0);
-    head[start..].starts_with(b"<?xml") || head[start..].starts_with(b"<VTKFile")
+/// The error for a raw file without a layout, with the options that its name suggests.
+fn needs_layout(path: &Path, len: u64) -> Error {
+    let advice = match raw::options_from_name(path) {
+        Some(options) => format!("its name suggests {options}"),
+        None => "add --dims X,Y,Z and --type u8|i16|u16|f32".to_string(),
+    };
+    let found = format!("{len} bytes without a header");
+    Error::format(path, "layout", "--dims, since a raw volume does not say its own", found, advice)
 }
 
 fn unknown(path: &Path, found: &str, advice: &str) -> Error {
@@ -80,18 +85,4 @@ fn unknown(path: &Path, found: &str, advice: &str) -> Error {
         found,
         advice,
     )
-}
-
-/// All bytes of a file that has some.
-fn read_file(path: &Path) -> Result<Vec<u8>> {
-    let io = |place, e| Error::io(path, place, e, "check the path and its permissions");
-    let metadata = std::fs::metadata(path).map_err(|e| io("opening", e))?;
-    if !metadata.is_file() {
-        return Err(Error::format(path, "opening", "a file", "something else", "name a file"));
-    }
-    let bytes = std::fs::read(path).map_err(|e| io("reading", e))?;
-    if bytes.is_empty() {
-        return Err(Error::format(path, "byte 0", "data", "an empty file", "check its origin"));
-    }
-    Ok(bytes)
 }

@@ -174,7 +174,7 @@ fn read_values(
     while all.len() < count {
         let want = ((count - all.len()) * size).min(CHUNK);
         chunk.clear();
-        source.by_ref().take(want as u64).read_to_end(&mut chunk).map_err(failed)?;
+        (&mut *source).take(want as u64).read_to_end(&mut chunk).map_err(failed)?;
         if chunk.len() < want {
             return Err(wrong_size(format!("only {} bytes", all.len() * size + chunk.len())));
         }

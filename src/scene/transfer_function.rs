@@ -1,18 +1,513 @@
 //! From a value to a colour and an extinction.
 
+mod automatic;
+mod colour_maps;
+mod file;
+
+pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
+
+use crate::error::{Error, Result};
+
+/// Entries of a transfer function's table. At 4096 a byte or a 12-bit value has an entry (or
+/// sixteen) of its own, and one function takes 64 KiB of device memory.
+pub const CLASSIFICATION_TABLE_LEN: usize = 4096;
+
+/// The greatest opacity that is told from 1, whose extinction would be infinite: 1 - 2^-16,
+/// one step of a 16-bit image; -ln(1 - opacity) is then 11.09.
+pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65536.0;
+
 /// A transfer function, sampled once into a table of colours and extinctions.
+///
+/// The table has [`CLASSIFICATION_TABLE_LEN`] entries, evenly over [`Self::range`], and is
+/// interpolated linearly; values outside the range take its ends. A step in the function is
+/// therefore a ramp of 1/4095 of the range.
+///
+/// Opacities are stated per `unit_distance`: extinction = -ln(1 - opacity) / unit_distance,
+/// with the opacity held to [0, [`MAX_OPACITY`]].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
     range: [f32; 2],
+    /// Entries per unit of value.
+    scale: f32,
+    unit_distance: f64,
     table: Vec<[f32; 4]>,
+    /// `maxima[p][i]`: the greatest extinction of entries i .. i + 2^p (a sparse table).
+    maxima: Vec<Vec<f32>>,
+}
+
+/// What a transfer function takes from the data where its source does not say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TransferDefaults {
+    /// Least and greatest value of the data.
+    pub range: [f32; 2],
+    /// The length \[world units\] over which opacities are stated.
+    pub unit_distance: f64,
+}
+
+/// A point of a piecewise transfer function; colour and opacity are each interpolated over
+/// the points that carry them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlPoint {
+    /// The value.
+    pub value: f32,
+    /// Red, green, blue, 0..1, encoded as the function's [`ColourSpace`] says.
+    pub colour: Option<[f32; 3]>,
+    /// Opacity per unit distance, 0..1.
+    pub opacity: Option<f32>,
 }
 
 impl TransferFunction {
+    /// Samples a piecewise linear function.
+    ///
+    /// - `points`: values not decreasing; two points at one value make a step (the second
+    ///   holds at the value itself). Before the first and after the last point their own
+    ///   colour and opacity hold. With no colour anywhere the function is white.
+    /// - `range`: where the table lies; values outside take its ends.
+    /// - `unit_distance`: world units, for the opacities.
+    ///
+    /// # Errors
+    /// No points, no opacity, numbers that are not finite or out of order, colours or
+    /// opacities outside 0..1, an empty range, a unit distance that is not positive.
+    pub fn from_points(
+        points: &[ControlPoint],
+        space: ColourSpace,
+        range: [f32; 2],
+        unit_distance: f64,
+    ) -> Result<Self> {
+        check_points(points).map_err(|(place, expected, found)| {
+            Error::format(
+                "transfer function",
+                place,
+                expected,
+                found,
+                "correct the points",
+            )
+        })?;
+        let colours: Vec<(f32, [f32; 3])> = points
+            .iter()
+            .filter_map(|p| p.colour.map(|c| (p.value, c)))
+            .collect();
+        let opacities: Vec<(f32, f32)> = points
+            .iter()
+            .filter_map(|p| p.opacity.map(|o| (p.value, o)))
+            .collect();
+        Self::from_curves(
+            |value| match segment(&colours, |p| p.0, value) {
+                Some((a, b, s)) => space.mix_to_linear(colours[a].1, colours[b].1, s),
+                None => [1.0; 3],
+            },
+            |value| match segment(&opacities, |p| p.0, value) {
+                Some((a, b, s)) => opacities[a].1 + (opacities[b].1 - opacities[a].1) * s,
+                None => 0.0,
+            },
+            range,
+            unit_distance,
+        )
+    }
+
+    /// Samples any function: `colour` gives linear RGB, `opacity` the opacity per unit
+    /// distance.
+    ///
+    /// # Errors
+    /// An empty range or a unit distance that is not positive.
+    pub fn from_curves(
+        colour: impl Fn(f32) -> [f32; 3],
+        opacity: impl Fn(f32) -> f32,
+        range: [f32; 2],
+        unit_distance: f64,
+    ) -> Result<Self> {
+        check_unit_distance(unit_distance)?;
+        let range = widened(range)?;
+        let table = (0..CLASSIFICATION_TABLE_LEN)
+            .map(|i| {
+                let value = entry_value(range, i);
+                let [r, g, b] = colour(value);
+                [r, g, b, extinction(opacity(value), unit_distance)]
+            })
+            .collect();
+        Ok(Self::from_table(table, range, unit_distance))
+    }
+
+    /// From a finished table of [`CLASSIFICATION_TABLE_LEN`] entries and a widened range.
+    fn from_table(table: Vec<[f32; 4]>, range: [f32; 2], unit_distance: f64) -> Self {
+        debug_assert_eq!(table.len(), CLASSIFICATION_TABLE_LEN);
+        let span = f64::from(range[1]) - f64::from(range[0]);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "rounding to f32; the widened range keeps it finite"
+        )]
+        let scale = ((CLASSIFICATION_TABLE_LEN - 1) as f64 / span) as f32;
+        let mut maxima = vec![table.iter().map(|e| e[3]).collect::<Vec<f32>>()];
+        let mut run = 1;
+        while 2 * run <= table.len() {
+            let shorter = &maxima[maxima.len() - 1];
+            let longer = (0..=table.len() - 2 * run)
+                .map(|i| shorter[i].max(shorter[i + run]))
+                .collect();
+            maxima.push(longer);
+            run *= 2;
+        }
+        Self {
+            range,
+            scale,
+            unit_distance,
+            table,
+            maxima,
+        }
+    }
+
     /// Linear red, green, blue and the extinction \[1/length\] of a value.
-    pub fn max_extinction(&self, _lo: f32, _hi: f32) -> f32 { 1.0 }
+    ///
+    /// Values outside the range, infinities included, take its ends; NaN is transparent.
     #[inline]
     pub fn classify(&self, value: f32) -> [f32; 4] {
-        let _ = (value, &self.range, &self.table);
-        [0.0; 4]
+        if value.is_nan() {
+            return [0.0; 4];
+        }
+        let (i, s) = self.position(value);
+        let (a, b) = (&self.table[i], &self.table[i + 1]);
+        [
+            a[0] + (b[0] - a[0]) * s,
+            a[1] + (b[1] - a[1]) * s,
+            a[2] + (b[2] - a[2]) * s,
+            a[3] + (b[3] - a[3]) * s,
+        ]
+    }
+
+    /// The entry below a value, at most the last but one, and the fraction to the next.
+    #[inline]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped to the table's indices"
+    )]
+    fn position(&self, value: f32) -> (usize, f32) {
+        const LAST: f32 = (CLASSIFICATION_TABLE_LEN - 1) as f32;
+        let x = ((value - self.range[0]) * self.scale).clamp(0.0, LAST);
+        let i = (x as usize).min(CLASSIFICATION_TABLE_LEN - 2);
+        (i, x - i as f32)
+    }
+
+    /// A bound on the extinction \[1/length\] of every value in `lo..=hi`, in constant time.
+    ///
+    /// Never less than what [`Self::classify`] gives there; at most two entries of the table
+    /// wider than the interval. NaN ends stand for the whole range; swapped ends are put
+    /// right.
+    pub fn max_extinction(&self, lo: f32, hi: f32) -> f32 {
+        // Interpolation rounds: a + (b - a) s may pass the greater of a and b by an ulp or two.
+        const ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
+        let (first, last) = if lo.is_nan() || hi.is_nan() {
+            (0, CLASSIFICATION_TABLE_LEN - 1)
+        } else {
+            let (lo, hi) = if lo <= hi { (lo, hi) } else { (hi, lo) };
+            (self.position(lo).0, self.position(hi).0 + 1)
+        };
+        let level = (last - first + 1).ilog2() as usize;
+        let row = &self.maxima[level];
+        row[first].max(row[last + 1 - (1 << level)]) * ROUNDING
+    }
+
+    /// The least and the greatest value of the table.
+    pub fn range(&self) -> [f32; 2] {
+        self.range
+    }
+
+    /// The entries: linear red, green, blue and extinction \[1/length\], evenly over
+    /// [`Self::range`], the first and the last at its ends.
+    pub fn table(&self) -> &[[f32; 4]] {
+        &self.table
+    }
+
+    /// The length \[world units\] over which its opacities were stated.
+    pub fn unit_distance(&self) -> f64 {
+        self.unit_distance
+    }
+
+    /// The same opacities stated over another length: extinctions change in proportion.
+    ///
+    /// # Errors
+    /// A unit distance that is not positive and finite.
+    pub fn with_unit_distance(self, unit_distance: f64) -> Result<Self> {
+        check_unit_distance(unit_distance)?;
+        let factor = self.unit_distance / unit_distance;
+        let mut table = self.table;
+        for entry in &mut table {
+            entry[3] = narrowed(f64::from(entry[3]) * factor);
+        }
+        Ok(Self::from_table(table, self.range, unit_distance))
+    }
+}
+
+/// -ln(1 - opacity) / unit_distance \[1/length\]; NaN opacity gives 0.
+fn extinction(opacity: f32, unit_distance: f64) -> f32 {
+    let opacity = f64::from(opacity);
+    if opacity > 0.0 {
+        narrowed(-(-opacity.min(MAX_OPACITY)).ln_1p() / unit_distance)
+    } else {
+        0.0
+    }
+}
+
+/// To f32, finite.
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+fn narrowed(x: f64) -> f32 {
+    x.min(f64::from(f32::MAX)) as f32
+}
+
+/// The value at entry `i` of a table over `range`.
+fn entry_value(range: [f32; 2], i: usize) -> f32 {
+    let s = i as f64 / (CLASSIFICATION_TABLE_LEN - 1) as f64;
+    let (lo, hi) = (f64::from(range[0]), f64::from(range[1]));
+    #[expect(clippy::cast_possible_truncation, reason = "between two f32")]
+    {
+        (lo * (1.0 - s) + hi * s) as f32
+    }
+}
+
+/// A range that differences and their reciprocals can work with in f32: an empty one (constant
+/// data) grows by a millionth of its value.
+fn widened([lo, hi]: [f32; 2]) -> Result<[f32; 2]> {
+    // Below, 4095 / span overflows; above, the difference of two values does.
+    const LEAST_SPAN: f32 = 1e-30;
+    const GREATEST: f32 = f32::MAX / 4.0;
+    if !(lo.is_finite() && hi.is_finite() && lo <= hi) {
+        return Err(Error::format(
+            "transfer function",
+            "range",
+            "two finite numbers, the first not greater",
+            format!("[{lo}, {hi}]"),
+            "correct the range",
+        ));
+    }
+    let (lo, hi) = (lo.max(-GREATEST), hi.min(GREATEST));
+    if hi - lo >= LEAST_SPAN {
+        Ok([lo, hi])
+    } else {
+        Ok([lo, lo + (lo.abs() * 1e-6).max(LEAST_SPAN)])
+    }
+}
+
+fn check_unit_distance(unit_distance: f64) -> Result<()> {
+    if unit_distance > 0.0 && unit_distance.is_finite() {
+        return Ok(());
+    }
+    Err(Error::format(
+        "transfer function",
+        "unit_distance",
+        "a positive length",
+        unit_distance.to_string(),
+        "give the length over which opacities are meant, in the data's units",
+    ))
+}
+
+/// The place of the first fault in a list of points, what was expected and what was found.
+fn check_points(points: &[ControlPoint]) -> Result<(), (String, &'static str, String)> {
+    if points.is_empty() {
+        return Err(("points".into(), "at least one point", "none".into()));
+    }
+    let unit = |x: f32| (0.0..=1.0).contains(&x);
+    for (i, p) in points.iter().enumerate() {
+        let place = |key: &str| format!("points[{i}].{key}");
+        if !p.value.is_finite() {
+            return Err((place("value"), "a finite number", p.value.to_string()));
+        }
+        if i > 0 && p.value < points[i - 1].value {
+            return Err((
+                place("value"),
+                "values in rising order",
+                format!("{} after {}", p.value, points[i - 1].value),
+            ));
+        }
+        if let Some(c) = p.colour
+            && !c.iter().all(|&x| unit(x))
+        {
+            return Err((place("color"), "three numbers in 0..1", format!("{c:?}")));
+        }
+        if let Some(o) = p.opacity
+            && !unit(o)
+        {
+            return Err((place("opacity"), "a number in 0..1", o.to_string()));
+        }
+    }
+    if points.iter().all(|p| p.opacity.is_none()) {
+        return Err((
+            "points".into(),
+            "an opacity at one point at least",
+            "none".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// The two points around a value and the fraction between them; the same point twice before
+/// the first and from the last on. `None` where there are no points.
+fn segment<T>(
+    points: &[T],
+    value_of: impl Fn(&T) -> f32,
+    value: f32,
+) -> Option<(usize, usize, f32)> {
+    let last = points.len().checked_sub(1)?;
+    let after = points.partition_point(|p| value_of(p) <= value);
+    Some(if after == 0 {
+        (0, 0, 0.0)
+    } else if after > last {
+        (last, last, 0.0)
+    } else {
+        let (a, b) = (value_of(&points[after - 1]), value_of(&points[after]));
+        (after - 1, after, (value - a) / (b - a))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point(value: f32, colour: Option<[f32; 3]>, opacity: Option<f32>) -> ControlPoint {
+        ControlPoint {
+            value,
+            colour,
+            opacity,
+        }
+    }
+
+    fn ramp() -> TransferFunction {
+        TransferFunction::from_points(
+            &[
+                point(0.0, Some([0.0; 3]), Some(0.0)),
+                point(10.0, Some([1.0; 3]), Some(1.0)),
+            ],
+            ColourSpace::Linear,
+            [0.0, 10.0],
+            2.0,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn extinction_follows_the_formula() {
+        let t = ramp();
+        // Opacity .5 over a length of 2. The table's own lerp adds |second derivative| h^2/8.
+        let expected = 2f32.ln() / 2.0;
+        assert!((t.classify(5.0)[3] - expected).abs() < 1e-6);
+        assert!((t.classify(5.0)[0] - 0.5).abs() < 1e-6);
+        let clamped = 65536f64.ln() / 2.0;
+        assert!((f64::from(t.classify(10.0)[3]) - clamped).abs() < 1e-5);
+        assert_eq!(t.classify(f32::NAN)[3].to_bits(), 0);
+        assert_eq!(t.classify(-3.0), t.classify(0.0));
+        assert_eq!(t.classify(f32::INFINITY), t.classify(10.0));
+        assert_eq!(t.classify(f32::NEG_INFINITY), t.classify(0.0));
+        let halved = t.clone().with_unit_distance(4.0).unwrap();
+        assert!((halved.classify(5.0)[3] - expected / 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn two_points_at_one_value_make_a_step() {
+        let t = TransferFunction::from_points(
+            &[
+                point(0.0, None, Some(0.0)),
+                point(1.0, None, Some(0.0)),
+                point(1.0, None, Some(0.5)),
+                point(2.0, None, Some(0.5)),
+            ],
+            ColourSpace::Srgb,
+            [0.0, 2.0],
+            1.0,
+        )
+        .unwrap();
+        assert!(t.classify(0.999)[3] < 1e-6);
+        assert!((t.classify(1.001)[3] - 2f32.ln()).abs() < 1e-6);
+        assert_eq!(t.classify(1.5)[..3], [1.0; 3]);
+    }
+
+    #[test]
+    fn colour_and_opacity_run_over_their_own_points() {
+        let t = TransferFunction::from_points(
+            &[
+                point(0.0, Some([0.0; 3]), None),
+                point(1.0, None, Some(0.25)),
+                point(4.0, Some([1.0; 3]), None),
+            ],
+            ColourSpace::Srgb,
+            [0.0, 4.0],
+            1.0,
+        )
+        .unwrap();
+        let expected = crate::image::linear_from_srgb(0.5);
+        // 1e-3: half a table step, between entries, at the slope of the sRGB curve.
+        assert!((t.classify(2.0)[0] - expected).abs() < 1e-3);
+        assert!((t.classify(3.0)[3] + 0.75f32.ln()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let fails = |points: &[ControlPoint], range, unit| {
+            TransferFunction::from_points(points, ColourSpace::Srgb, range, unit)
+                .unwrap_err()
+                .to_string()
+        };
+        let good = [point(0.0, None, Some(0.5))];
+        assert!(fails(&[], [0.0, 1.0], 1.0).contains("at least one point"));
+        assert!(fails(&good, [1.0, 0.0], 1.0).contains("range"));
+        assert!(fails(&good, [0.0, 1.0], 0.0).contains("unit_distance"));
+        assert!(fails(&good, [0.0, 1.0], f64::NAN).contains("unit_distance"));
+        let unsorted = [point(1.0, None, Some(0.5)), point(0.0, None, None)];
+        assert!(fails(&unsorted, [0.0, 1.0], 1.0).contains("points[1].value"));
+        let nan = [point(f32::NAN, None, Some(0.5))];
+        assert!(fails(&nan, [0.0, 1.0], 1.0).contains("points[0].value"));
+        let high = [point(0.0, None, Some(1.5))];
+        assert!(fails(&high, [0.0, 1.0], 1.0).contains("points[0].opacity"));
+        let none = [point(0.0, Some([0.0; 3]), None)];
+        assert!(fails(&none, [0.0, 1.0], 1.0).contains("an opacity"));
+    }
+
+    #[test]
+    fn a_range_of_one_value_classifies() {
+        let points = [point(7.0, Some([0.5; 3]), Some(0.5))];
+        let t = TransferFunction::from_points(&points, ColourSpace::Linear, [7.0, 7.0], 1.0);
+        let e = t.unwrap().classify(7.0);
+        assert!((e[3] - 2f32.ln()).abs() < 1e-6);
+    }
+
+    proptest! {
+        #[test]
+        fn max_extinction_bounds_classify(
+            heights in prop::collection::vec(0.0f32..=1.0, 2..20),
+            lo in -2.0f32..12.0,
+            length in 0.0f32..12.0,
+            s in 0.0f32..=1.0,
+        ) {
+            let n = heights.len();
+            let points: Vec<_> = heights
+                .iter()
+                .enumerate()
+                .map(|(i, &h)| point(10.0 * i as f32 / (n - 1) as f32, None, Some(h)))
+                .collect();
+            let t = TransferFunction::from_points(
+                &points, ColourSpace::Linear, [0.0, 10.0], 0.5,
+            ).unwrap();
+            let (hi, inside) = (lo + length, lo + s * length);
+            let bound = t.max_extinction(lo, hi);
+            prop_assert!(t.classify(inside.clamp(lo, hi))[3] <= bound);
+            prop_assert_eq!(bound.to_bits(), t.max_extinction(hi, lo).to_bits());
+            prop_assert!(t.max_extinction(f32::NAN, hi) >= bound);
+            // Tight: no greater than the largest entry within two entries of the interval.
+            let step = 2.0 * 10.0 / 4095.0;
+            let near = t.table().iter().enumerate().filter(|(i, _)| {
+                let v = 10.0 * *i as f32 / 4095.0;
+                let inside = |x: f32| x.clamp(0.0, 10.0);
+                v >= inside(lo) - step && v <= inside(hi) + step
+            });
+            let greatest = near.map(|(_, e)| e[3]).fold(0.0, f32::max);
+            prop_assert!(bound <= greatest * 1.000_001);
+        }
+
+        #[test]
+        fn a_rising_opacity_classifies_to_a_rising_extinction(a in -20.0f32..20.0, b in -20.0f32..20.0) {
+            let t = ramp();
+            let (a, b) = if a <= b { (a, b) } else { (b, a) };
+            // One ulp: interpolation rounds.
+            prop_assert!(t.classify(a)[3] <= t.classify(b)[3] * (1.0 + 2.0 * f32::EPSILON));
+        }
     }
 }

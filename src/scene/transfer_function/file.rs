@@ -1,0 +1,539 @@
+//! Transfer functions in JSON: this library's own form and ParaView's exported colour maps.
+
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::{ColourSpace, ControlPoint, TransferDefaults, TransferFunction, check_points};
+use crate::error::{Error, Result};
+
+const OWN_KEYS: [&str; 4] = ["range", "unit_distance", "color_space", "points"];
+const POINT_KEYS: [&str; 3] = ["value", "color", "opacity"];
+
+/// A document with the name of its file, for messages.
+struct Document<'a> {
+    path: &'a Path,
+}
+
+/// One of ParaView's opacity points.
+struct OpacityPoint {
+    value: f32,
+    opacity: f32,
+    midpoint: f32,
+    sharpness: f32,
+}
+
+impl TransferFunction {
+    /// Reads a transfer function from the text of a JSON file; `path` names it in messages.
+    ///
+    /// **Own form**: an object with
+    /// - `points`: a list of {`value`, `color` \[r, g, b\], `opacity`}, values not decreasing,
+    ///   colour and opacity each optional and interpolated linearly over the points that carry
+    ///   it; two points at one value make a step;
+    /// - `range` \[a, b\] (default: from the first point to the last): where the table lies;
+    /// - `unit_distance` (default: `defaults`'): the length that opacities are stated over;
+    /// - `color_space`: `srgb` (default) or `linear`, for the colours and their interpolation.
+    ///
+    /// **ParaView's form**: an object, or a list of which the first object counts, with
+    /// - `RGBPoints`: x, r, g, b, ... (sRGB-encoded);
+    /// - `Points` (default: a ramp from 0 to 1): x, opacity, midpoint, sharpness, ...,
+    ///   interpolated by VTK's formula for `vtkPiecewiseFunction`;
+    /// - `ColorSpace`: `RGB` (default), `HSV`, `Lab`, `LabCIEDE2000` or `Diverging`; the last
+    ///   two are drawn as `Lab` (see [`ColourSpace::Lab`]).
+    ///
+    /// Its other keys are ParaView's own business and passed over. Values are absolute, except
+    /// that a map whose points run from exactly 0 to exactly 1 is stretched over
+    /// `defaults.range`.
+    ///
+    /// # Errors
+    /// Text that is not JSON, unknown keys, wrong types, points that are empty, out of order or
+    /// outside 0..1; each with its place.
+    pub fn from_json(path: &Path, text: &str, defaults: &TransferDefaults) -> Result<Self> {
+        let document = Document { path };
+        let value: Value = serde_json::from_str(text).map_err(|e| {
+            document.fault(
+                format!("line {}, column {}", e.line(), e.column()),
+                "JSON",
+                e.to_string(),
+            )
+        })?;
+        let object = match &value {
+            Value::Object(object) => object,
+            Value::Array(list) => match list.first() {
+                Some(Value::Object(object)) => object,
+                other => {
+                    return Err(document.fault(
+                        "[0]",
+                        "an object with RGBPoints",
+                        other.map_or("an empty list".into(), describe),
+                    ));
+                }
+            },
+            other => return Err(document.fault("the document", "an object", describe(other))),
+        };
+        if object.contains_key("RGBPoints") {
+            document.paraview(object, defaults)
+        } else if value.is_array() {
+            Err(document.fault("[0].RGBPoints", "a list of x, r, g, b", "no such key"))
+        } else {
+            document.own(object, defaults)
+        }
+    }
+}
+
+impl Document<'_> {
+    fn fault(
+        &self,
+        place: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> Error {
+        Error::format(
+            self.path,
+            place,
+            expected,
+            found,
+            "correct the transfer function",
+        )
+    }
+
+    /// A fault that the sampler found, told with this file's name.
+    fn renamed(&self, error: Error) -> Error {
+        match error {
+            Error::Format {
+                place,
+                expected,
+                found,
+                ..
+            } => self.fault(place, expected, found),
+            other => other,
+        }
+    }
+
+    fn known_keys(&self, object: &Map<String, Value>, place: &str, keys: &[&str]) -> Result<()> {
+        match object.keys().find(|k| !keys.contains(&k.as_str())) {
+            None => Ok(()),
+            Some(key) => Err(self.fault(
+                format!("{place}{key}"),
+                format!("one of {}", keys.join(", ")),
+                "an unknown key",
+            )),
+        }
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "rounding to f32 is meant; overflow is refused"
+    )]
+    fn number(&self, value: &Value, place: &str) -> Result<f32> {
+        let number = value
+            .as_f64()
+            .ok_or_else(|| self.fault(place, "a number", describe(value)))?
+            as f32;
+        if number.is_finite() {
+            Ok(number)
+        } else {
+            Err(self.fault(place, "a number within f32", describe(value)))
+        }
+    }
+
+    fn numbers(&self, value: &Value, place: &str) -> Result<Vec<f32>> {
+        let list = value
+            .as_array()
+            .ok_or_else(|| self.fault(place, "a list of numbers", describe(value)))?;
+        list.iter()
+            .enumerate()
+            .map(|(i, v)| self.number(v, &format!("{place}[{i}]")))
+            .collect()
+    }
+
+    /// Exactly `N` numbers.
+    fn tuple<const N: usize>(&self, value: &Value, place: &str) -> Result<[f32; N]> {
+        self.numbers(value, place)?
+            .try_into()
+            .map_err(|v: Vec<f32>| {
+                self.fault(
+                    place,
+                    format!("{N} numbers"),
+                    format!("{} numbers", v.len()),
+                )
+            })
+    }
+
+    /// Rows of `N` numbers, one or more, their first rising.
+    fn rows<const N: usize>(&self, value: &Value, place: &str) -> Result<Vec<[f32; N]>> {
+        let flat = self.numbers(value, place)?;
+        if flat.is_empty() || !flat.len().is_multiple_of(N) {
+            return Err(self.fault(
+                place,
+                format!("a positive multiple of {N} numbers"),
+                format!("{} numbers", flat.len()),
+            ));
+        }
+        let (rows, _) = flat.as_chunks::<N>();
+        if let Some(i) = (1..rows.len()).find(|&i| rows[i][0] < rows[i - 1][0]) {
+            return Err(self.fault(
+                format!("{place}[{}]", i * N),
+                "values in rising order",
+                format!("{} after {}", rows[i][0], rows[i - 1][0]),
+            ));
+        }
+        Ok(rows.to_vec())
+    }
+
+    fn own(
+        &self,
+        object: &Map<String, Value>,
+        defaults: &TransferDefaults,
+    ) -> Result<TransferFunction> {
+        self.known_keys(object, "", &OWN_KEYS)?;
+        let list = object
+            .get("points")
+            .ok_or_else(|| self.fault("points", "a list of points", "no such key"))?;
+        let list = list
+            .as_array()
+            .ok_or_else(|| self.fault("points", "a list of points", describe(list)))?;
+        let mut points = Vec::with_capacity(list.len());
+        for (i, value) in list.iter().enumerate() {
+            let place = format!("points[{i}].");
+            let point = value
+                .as_object()
+                .ok_or_else(|| self.fault(format!("points[{i}]"), "an object", describe(value)))?;
+            self.known_keys(point, &place, &POINT_KEYS)?;
+            let at = |key: &str| format!("{place}{key}");
+            let value = point
+                .get("value")
+                .ok_or_else(|| self.fault(at("value"), "a number", "no such key"))?;
+            points.push(ControlPoint {
+                value: self.number(value, &at("value"))?,
+                colour: point
+                    .get("color")
+                    .map(|c| self.tuple(c, &at("color")))
+                    .transpose()?,
+                opacity: point
+                    .get("opacity")
+                    .map(|o| self.number(o, &at("opacity")))
+                    .transpose()?,
+            });
+        }
+        check_points(&points)
+            .map_err(|(place, expected, found)| self.fault(place, expected, found))?;
+        let range = match object.get("range") {
+            Some(range) => {
+                let [lo, hi] = self.tuple(range, "range")?;
+                if lo >= hi {
+                    return Err(self.fault(
+                        "range",
+                        "a first number below the second",
+                        format!("[{lo}, {hi}]"),
+                    ));
+                }
+                [lo, hi]
+            }
+            None => [points[0].value, points[points.len() - 1].value],
+        };
+        let unit_distance = match object.get("unit_distance") {
+            Some(value) => {
+                let length = f64::from(self.number(value, "unit_distance")?);
+                if length <= 0.0 {
+                    return Err(self.fault(
+                        "unit_distance",
+                        "a positive length",
+                        length.to_string(),
+                    ));
+                }
+                length
+            }
+            None => defaults.unit_distance,
+        };
+        let space = match object.get("color_space") {
+            None => ColourSpace::Srgb,
+            Some(Value::String(s)) if s == "srgb" => ColourSpace::Srgb,
+            Some(Value::String(s)) if s == "linear" => ColourSpace::Linear,
+            Some(other) => {
+                return Err(self.fault("color_space", "\"srgb\" or \"linear\"", describe(other)));
+            }
+        };
+        TransferFunction::from_points(&points, space, range, unit_distance)
+            .map_err(|e| self.renamed(e))
+    }
+
+    fn paraview(
+        &self,
+        object: &Map<String, Value>,
+        defaults: &TransferDefaults,
+    ) -> Result<TransferFunction> {
+        let space = match object.get("ColorSpace") {
+            None => ColourSpace::Srgb,
+            Some(Value::String(s)) => match s.as_str() {
+                "RGB" => ColourSpace::Srgb,
+                "HSV" => ColourSpace::Hsv,
+                "Lab" | "LabCIEDE2000" | "Diverging" => ColourSpace::Lab,
+                _ => {
+                    return Err(self.fault(
+                        "ColorSpace",
+                        "RGB, HSV, Lab, LabCIEDE2000 or Diverging",
+                        format!("\"{s}\""),
+                    ));
+                }
+            },
+            Some(other) => return Err(self.fault("ColorSpace", "a name", describe(other))),
+        };
+        let colours: Vec<[f32; 4]> = self.rows(&object["RGBPoints"], "RGBPoints")?;
+        let unit = |x: &f32| (0.0..=1.0).contains(x);
+        if let Some(i) = colours.iter().position(|c| !c[1..].iter().all(unit)) {
+            return Err(self.fault(
+                format!("RGBPoints[{}]", 4 * i),
+                "a colour in 0..1",
+                format!("{:?}", &colours[i][1..]),
+            ));
+        }
+        let first = colours[0][0];
+        let last = colours[colours.len() - 1][0];
+        let opacities: Vec<OpacityPoint> = match object.get("Points").filter(|p| !p.is_null()) {
+            None => [(first, 0.0), (last, 1.0)]
+                .map(|(value, opacity)| OpacityPoint {
+                    value,
+                    opacity,
+                    midpoint: 0.5,
+                    sharpness: 0.0,
+                })
+                .into(),
+            Some(points) => self
+                .rows(points, "Points")?
+                .into_iter()
+                .map(|[value, opacity, midpoint, sharpness]| OpacityPoint {
+                    value,
+                    opacity,
+                    midpoint,
+                    sharpness,
+                })
+                .collect(),
+        };
+        for (i, p) in opacities.iter().enumerate() {
+            if ![p.opacity, p.midpoint, p.sharpness].iter().all(unit) {
+                return Err(self.fault(
+                    format!("Points[{}]", 4 * i),
+                    "opacity, midpoint and sharpness in 0..1",
+                    format!("{}, {}, {}", p.opacity, p.midpoint, p.sharpness),
+                ));
+            }
+        }
+        #[expect(
+            clippy::float_cmp,
+            reason = "a map counts as normalised only if it says exactly so"
+        )]
+        let normalised = first == 0.0 && last == 1.0 && opacities.iter().all(|p| unit(&p.value));
+        let range = if normalised {
+            defaults.range
+        } else {
+            [
+                first.min(opacities[0].value),
+                last.max(opacities[opacities.len() - 1].value),
+            ]
+        };
+        let over_range = super::colour_maps::over_range(defaults.range);
+        let own = |value: f32| {
+            if normalised { over_range(value) } else { value }
+        };
+        TransferFunction::from_curves(
+            |value| match super::segment(&colours, |c| c[0], own(value)) {
+                Some((a, b, s)) => {
+                    let rgb = |c: [f32; 4]| [c[1], c[2], c[3]];
+                    space.mix_to_linear(rgb(colours[a]), rgb(colours[b]), s)
+                }
+                None => [1.0; 3],
+            },
+            |value| match super::segment(&opacities, |p| p.value, own(value)) {
+                Some((a, b, s)) => opacities[a].toward(&opacities[b], s),
+                None => 0.0,
+            },
+            range,
+            defaults.unit_distance,
+        )
+        .map_err(|e| self.renamed(e))
+    }
+}
+
+impl OpacityPoint {
+    /// The opacity at fraction `s` of the way to the next point: `vtkPiecewiseFunction`'s
+    /// formula. The midpoint bends `s` so that it takes half the way; sharpness 0 is linear
+    /// from there, 1 a step, and between them a Hermite curve.
+    fn toward(&self, next: &Self, s: f32) -> f32 {
+        let (a, b) = (self.opacity, next.opacity);
+        // VTK keeps the midpoint off the ends.
+        let midpoint = self.midpoint.clamp(1e-5, 1.0 - 1e-5);
+        let s = if s < midpoint {
+            0.5 * s / midpoint
+        } else {
+            0.5 + 0.5 * (s - midpoint) / (1.0 - midpoint)
+        };
+        if self.sharpness < 0.01 {
+            return a + (b - a) * s;
+        }
+        if self.sharpness > 0.99 {
+            return if s < 0.5 { a } else { b };
+        }
+        let power = 1.0 + 10.0 * self.sharpness;
+        let s = if s < 0.5 {
+            0.5 * (2.0 * s).powf(power)
+        } else {
+            1.0 - 0.5 * (2.0 * (1.0 - s)).powf(power)
+        };
+        let (s2, s3) = (s * s, s * s * s);
+        let slope = (1.0 - self.sharpness) * (b - a);
+        let value = (2.0 * s3 - 3.0 * s2 + 1.0) * a
+            + (3.0 * s2 - 2.0 * s3) * b
+            + (2.0 * s3 - 3.0 * s2 + s) * slope;
+        value.clamp(a.min(b), a.max(b))
+    }
+}
+
+/// A JSON value as a message shows it: short ones as they are, long ones by kind.
+fn describe(value: &Value) -> String {
+    match value {
+        Value::Array(list) => format!("a list of {}", list.len()),
+        Value::Object(_) => "an object".into(),
+        Value::Null => "null".into(),
+        other => {
+            let text = other.to_string();
+            if text.chars().count() > 40 {
+                format!("{}...", text.chars().take(40).collect::<String>())
+            } else {
+                text
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DEFAULTS: TransferDefaults = TransferDefaults {
+        range: [100.0, 300.0],
+        unit_distance: 2.0,
+    };
+
+    fn read(text: &str) -> Result<TransferFunction> {
+        TransferFunction::from_json(Path::new("map.json"), text, &DEFAULTS)
+    }
+
+    /// Extinction per unit distance back to opacity.
+    fn opacity(t: &TransferFunction, value: f32) -> f32 {
+        1.0 - (-f64::from(t.classify(value)[3]) * t.unit_distance()).exp() as f32
+    }
+
+    #[test]
+    fn own_form() {
+        let t = read(
+            r#"{"range": [0, 4], "unit_distance": 0.5, "color_space": "linear", "points": [
+                {"value": 0, "color": [0, 0, 0], "opacity": 0},
+                {"value": 2, "opacity": 0.5},
+                {"value": 4, "color": [1, 0.5, 0]}]}"#,
+        )
+        .unwrap();
+        let e = t.classify(2.0);
+        assert!((e[0] - 0.5).abs() < 1e-6 && (e[1] - 0.25).abs() < 1e-6);
+        assert!((e[3] - 2f32.ln() / 0.5).abs() < 1e-3);
+        assert!((opacity(&t, 4.0) - 0.5).abs() < 1e-6);
+        let t = read(r#"{"points": [{"value": 1, "opacity": 0}, {"value": 3, "opacity": 1}]}"#);
+        let t = t.unwrap();
+        assert_eq!(t.range(), [1.0, 3.0]);
+        assert!((t.unit_distance() - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        for (text, place) in [
+            ("{", "line 1, column 1"),
+            ("3", "the document"),
+            ("[]", "[0]"),
+            ("[{}]", "[0].RGBPoints"),
+            ("{}", "points"),
+            (r#"{"points": [], "colour": 1}"#, "colour"),
+            (r#"{"points": []}"#, "points"),
+            (r#"{"points": [{"value": "a"}]}"#, "points[0].value"),
+            (r#"{"points": [{"value": 1e39}]}"#, "points[0].value"),
+            (r#"{"points": [{"opacity": 1}]}"#, "points[0].value"),
+            (
+                r#"{"points": [{"value": 1, "colour": [1]}]}"#,
+                "points[0].colour",
+            ),
+            (
+                r#"{"points": [{"value": 1, "color": [1, 0]}]}"#,
+                "points[0].color",
+            ),
+            (
+                r#"{"points": [{"value": 1, "color": [1, 0, "x"]}]}"#,
+                "points[0].color[2]",
+            ),
+            (
+                r#"{"points": [{"value": 1, "opacity": 0}, {"value": 0}]}"#,
+                "points[1].value",
+            ),
+            (
+                r#"{"range": [1, 1], "points": [{"value": 1, "opacity": 0}]}"#,
+                "range",
+            ),
+            (
+                r#"{"unit_distance": 0, "points": [{"value": 1, "opacity": 0}]}"#,
+                "unit_distance",
+            ),
+            (
+                r#"{"color_space": "lab", "points": [{"value": 1, "opacity": 0}]}"#,
+                "color_space",
+            ),
+            (r#"{"RGBPoints": [0, 1, 1]}"#, "RGBPoints"),
+            (r#"{"RGBPoints": [1, 1, 1, 1, 0, 1, 1, 1]}"#, "RGBPoints[4]"),
+            (r#"{"RGBPoints": [1, 1, 2, 1]}"#, "RGBPoints[0]"),
+            (
+                r#"{"RGBPoints": [0, 1, 1, 1], "Points": [0, 2, 0.5, 0]}"#,
+                "Points[0]",
+            ),
+            (
+                r#"{"RGBPoints": [0, 1, 1, 1], "ColorSpace": "Step"}"#,
+                "ColorSpace",
+            ),
+        ] {
+            let message = read(text).unwrap_err().to_string();
+            assert!(
+                message.starts_with(&format!("map.json: {place}: expected")),
+                "{text}: {message}"
+            );
+        }
+    }
+
+    #[test]
+    fn paraview_maps_are_absolute_unless_normalised() {
+        let t = read(
+            r#"[{"Name": "x", "NanColor": [1, 0, 0], "ColorSpace": "RGB",
+                 "RGBPoints": [-10, 0, 0, 0, 10, 1, 1, 1],
+                 "Points": [-10, 0, 0.5, 0, 10, 0.8, 0.5, 0]}]"#,
+        )
+        .unwrap();
+        assert_eq!(t.range(), [-10.0, 10.0]);
+        assert!((opacity(&t, 0.0) - 0.4).abs() < 1e-3);
+        let t = read(r#"{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1], "ColorSpace": "Lab"}"#).unwrap();
+        assert_eq!(t.range(), DEFAULTS.range);
+        assert!((opacity(&t, 200.0) - 0.5).abs() < 1e-3);
+        // L* = 50 is a linear luminance of .1842.
+        assert!((t.classify(200.0)[1] - 0.1842).abs() < 1e-3);
+    }
+
+    #[test]
+    fn paraview_midpoints_and_sharpness() {
+        let t = |midpoint: f32, sharpness: f32| {
+            read(&format!(
+                r#"{{"RGBPoints": [0, 0, 0, 0, 4, 1, 1, 1],
+                     "Points": [0, 0, {midpoint}, {sharpness}, 4, 0.8, 0.5, 0]}}"#
+            ))
+            .unwrap()
+        };
+        assert!((opacity(&t(0.25, 0.0), 1.0) - 0.4).abs() < 1e-3);
+        assert!((opacity(&t(0.25, 0.0), 2.5) - 0.6).abs() < 1e-3);
+        assert!(opacity(&t(0.5, 1.0), 1.99) < 1e-3);
+        assert!((opacity(&t(0.5, 1.0), 2.01) - 0.8).abs() < 1e-3);
+        assert!(opacity(&t(0.5, 0.5), 1.0) < 0.15);
+    }
+}
