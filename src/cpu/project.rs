@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::{MAX_CUTOFF, TILE_SIZE};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
@@ -60,9 +60,15 @@ pub fn project(
     let shapes = Shapes::new(volume, rotation);
     let task = |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
         let mut any_exact = false;
+        let mut run = None;
         for (i, particle) in particles.iter().enumerate() {
             let block = &views[particle.view as usize];
-            let (offset, factor) = shapes.get(block.block, particle.local);
+            // Particles of a block follow one another: what they share is found once.
+            let shapes = match &run {
+                Some((view, shapes)) if *view == particle.view => shapes,
+                _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
+            };
+            let (offset, factor) = shapes.get(particle.local);
             let origin = Vec3::from(block.origin_camera);
             let kernel = Kernel { centre: origin + offset, factor, mass: particle.mass };
             let key = depth_key(view, block, origin, offset);
@@ -109,26 +115,40 @@ impl<'a> Shapes<'a> {
         Self { volume, rotation, shared }
     }
 
+    fn of_block(&self, block: u32) -> BlockShapes<'_> {
+        let corner = match &self.volume.particles {
+            BlockedParticles::Lattice(grid) => grid.cells(block).map(|[first, _]| first),
+            _ => [0; 3],
+        };
+        BlockShapes { shapes: self, block: &self.volume.blocks[block as usize], corner }
+    }
+}
+
+/// The shapes of one block's particles.
+struct BlockShapes<'a> {
+    shapes: &'a Shapes<'a>,
+    block: &'a Block,
+    /// A brick's first cell.
+    corner: [usize; 3],
+}
+
+impl BlockShapes<'_> {
     /// Offset from the block's origin and factor, camera space.
     #[inline]
-    fn get(&self, block: u32, local: u32) -> (Vec3, Factor) {
-        let b = &self.volume.blocks[block as usize];
-        match &self.volume.particles {
+    fn get(&self, local: u32) -> (Vec3, Factor) {
+        let Shapes { volume, rotation, shared } = self.shapes;
+        let i = (self.block.first + local) as usize;
+        match &volume.particles {
             BlockedParticles::Lattice(grid) => {
-                let cells = grid.cells(block);
-                let cell = BrickGrid::cell([cells[0][0], cells[1][0], cells[2][0]], local);
-                let factor =
-                    self.shared.unwrap_or_else(|| grid.cell_factor(&self.rotation, cell));
-                (self.rotation * grid.offset(cell, b.origin), factor)
+                let cell = BrickGrid::cell(self.corner, local);
+                let factor = shared.unwrap_or_else(|| grid.cell_factor(rotation, cell));
+                (*rotation * grid.offset(cell, self.block.origin), factor)
             }
             BlockedParticles::Isotropic { offsets, sigmas } => {
-                let i = (b.first + local) as usize;
-                (self.rotation * Vec3::from(offsets[i]), Factor::sphere(sigmas[i]))
+                (*rotation * Vec3::from(offsets[i]), Factor::sphere(sigmas[i]))
             }
             BlockedParticles::Anisotropic { offsets, factors } => {
-                let i = (b.first + local) as usize;
-                let factor = Factor::rotated(&self.rotation, &factors[i]);
-                (self.rotation * Vec3::from(offsets[i]), factor)
+                (*rotation * Vec3::from(offsets[i]), Factor::rotated(rotation, &factors[i]))
             }
         }
     }
@@ -147,6 +167,11 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
     let keys = (delta * view.key_scale).round_ties_even() as i32;
     block.key.saturating_add_signed(keys)
 }
+
+/// Kernels are integrated directly from this multiple of the cut-off in front of the camera plane:
+/// at 1 the outline of the exact footprint reaches infinity, and its bounds are differences of
+/// large numbers.
+const NEAR_MARGIN: f32 = 1.2;
 
 /// The footprint of one kernel; invisible where it reaches no pixel.
 #[inline]
@@ -189,7 +214,7 @@ pub(crate) fn footprint(
         return out;
     }
     let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
-    if kernel.centre.z <= r * reach {
+    if kernel.centre.z <= NEAR_MARGIN * r * reach {
         if orthographic {
             half_line_footprint(view, kernel, near, &mut out, &screen, &image, r);
         } else {
@@ -199,7 +224,6 @@ pub(crate) fn footprint(
     }
     if needs_exact(view, &screen, &image) {
         let Some((middle, half)) = exact_extent(&screen, h2, r) else {
-            near_footprint(view, kernel, near, &mut out);
             return out;
         };
         *exact = Some(exact_terms(&screen, h2, image.determinant));

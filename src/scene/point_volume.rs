@@ -90,43 +90,46 @@ impl Particles {
 }
 
 impl PointVolume {
+    /// Whether a transfer function gives masses or colours.
+    pub fn is_classified(&self) -> bool {
+        matches!(self.strength, Strength::Classified { .. }) || self.colour == Colour::Classified
+    }
+
     /// Checks that every array has one entry per particle and that what is classified can be.
     ///
     /// # Errors
     /// The first array of another length, or the missing one.
     pub fn validate(&self) -> Result<()> {
         let count = self.particles.len();
-        let shapes = match &self.particles {
-            Particles::Lattice { .. } => count,
-            Particles::Isotropic { sigmas, .. } => sigmas.len(),
-            Particles::Anisotropic { factors, .. } => factors.len(),
-        };
         let is_lattice = matches!(self.particles, Particles::Lattice { .. });
-        let masses = match &self.strength {
-            Strength::Classified { volumes } if is_lattice && volumes.is_empty() => count,
-            Strength::Classified { volumes: numbers } | Strength::Mass(numbers) => numbers.len(),
-        };
-        let colours = match &self.colour {
-            Colour::PerParticle(colours) => colours.len(),
-            Colour::Classified | Colour::Uniform(_) => count,
-        };
-        let classified = matches!(self.strength, Strength::Classified { .. })
-            || self.colour == Colour::Classified;
-        let values = self.values.as_ref().map_or(usize::from(classified) * usize::MAX, Values::len);
-        let values = if self.values.is_none() && !classified { count } else { values };
-        for (name, len) in
-            [("shapes", shapes), ("masses", masses), ("colours", colours), ("values", values)]
-        {
-            if len != count {
-                let found = if len == usize::MAX { "none".into() } else { len.to_string() };
-                return Err(Error::format(
-                    "point volume",
-                    name,
-                    format!("one per particle, {count}"),
-                    found,
-                    "give one entry for each particle",
-                ));
+        let check = |name: &str, len: usize| {
+            if len == count {
+                return Ok(());
             }
+            Err(Error::format(
+                "point volume",
+                name,
+                format!("one per particle, {count}"),
+                len.to_string(),
+                "give one entry for each particle",
+            ))
+        };
+        match &self.particles {
+            Particles::Lattice { .. } => {}
+            Particles::Isotropic { sigmas, .. } => check("standard deviations", sigmas.len())?,
+            Particles::Anisotropic { factors, .. } => check("factors", factors.len())?,
+        }
+        match &self.strength {
+            Strength::Classified { volumes } if is_lattice && volumes.is_empty() => {}
+            Strength::Classified { volumes } => check("cell volumes", volumes.len())?,
+            Strength::Mass(masses) => check("masses", masses.len())?,
+        }
+        if let Colour::PerParticle(colours) = &self.colour {
+            check("colours", colours.len())?;
+        }
+        let classified = self.is_classified();
+        if classified || self.values.is_some() {
+            check("values", self.values.as_ref().map_or(0, Values::len))?;
         }
         if classified && self.transfer_function.is_none() {
             return Err(Error::format(

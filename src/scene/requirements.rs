@@ -29,12 +29,11 @@ impl Requirements {
             Particles::Isotropic { .. } => (true, 1),
             Particles::Anisotropic { .. } => (true, 6),
         };
-        let classified_mass = matches!(volume.strength, Strength::Classified { .. });
         Self {
             positions,
             shape_floats,
             values: volume.values.as_ref().map_or("none", |v| v.type_name()),
-            classification: classified_mass || volume.colour == Colour::Classified,
+            classification: volume.is_classified(),
             strength_floats: match &volume.strength {
                 Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
                 Strength::Mass(_) => 1,
