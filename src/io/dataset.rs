@@ -116,7 +116,11 @@ impl Dataset {
                 Ok(Values::F32(
                     (0..n)
                         .map(|i| {
-                            components.iter().map(|c| c.get(i).powi(2)).sum::<f32>().sqrt()
+                            components
+                                .iter()
+                                .map(|c| c.get(i).powi(2))
+                                .sum::<f32>()
+                                .sqrt()
                         })
                         .collect(),
                 ))
