@@ -1,45 +1,66 @@
-//! Files written whole or not at all: to a temporary name beside the target, then renamed.
+//! Outputs that are whole or absent.
 
-use std::io::{BufWriter, Write};
+use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Writes `bytes` to `path`, whole or not at all.
+/// Writes a file so that nothing half-written is ever seen under its name: into a temporary
+/// file in the same folder, which is then renamed.
+///
+/// The file gets the permissions that newly created files usually get. A link is followed;
+/// what is no regular file (a pipe, `/dev/null`) is written to directly.
 ///
 /// # Errors
-/// A folder that is missing or cannot be written, a full disk.
+/// The folder is missing, or the system refuses.
 pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_atomically(path, |out| out.write_all(bytes))
-}
-
-/// Writes what `fill` writes to `path`, whole or not at all.
-pub(super) fn write_atomically(
-    path: &Path,
-    fill: impl FnOnce(&mut BufWriter<&mut std::fs::File>) -> std::io::Result<()>,
-) -> Result<()> {
-    let failed = |e| Error::io(path, "writing", e, "check that the folder exists and has room");
-    let folder = match path.parent() {
+    let failed = |e| {
+        Error::io(
+            path,
+            "writing",
+            e,
+            "check the folder, its permissions and the disk",
+        )
+    };
+    match fs::metadata(path) {
+        Ok(meta) if meta.is_dir() => {
+            return Err(Error::format(
+                path,
+                "writing",
+                "a file name",
+                "a directory",
+                "name a file in it",
+            ));
+        }
+        Ok(meta) if !meta.is_file() => return fs::write(path, bytes).map_err(failed),
+        _ => {}
+    }
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let folder = match target.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    if path.is_dir() {
-        return Err(Error::format(path, "writing", "a file's name", "a folder", "name a file in it"));
+    if !folder.is_dir() {
+        return Err(Error::format(
+            path,
+            "writing",
+            "an existing folder",
+            format!("no folder {}", folder.display()),
+            "create the folder first",
+        ));
     }
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".ewa-splat-");
+    builder.prefix(".ewa-splat-").suffix(".tmp");
     #[cfg(unix)]
     {
-        // What any new file would get; the default of temporary files is private.
         use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
+        // The process's umask is applied to this.
+        builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.tempfile_in(folder).map_err(failed)?;
-    let mut out = BufWriter::new(file.as_file_mut());
-    fill(&mut out).map_err(failed)?;
-    out.flush().map_err(failed)?;
-    drop(out);
-    file.persist(path).map_err(|e| failed(e.error))?;
+    file.write_all(bytes).map_err(failed)?;
+    file.persist(&target).map_err(|e| failed(e.error))?;
     Ok(())
 }
 
@@ -48,18 +69,36 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failed_write_leaves_nothing_and_keeps_the_old_file() {
+    fn a_file_is_written_or_replaced_and_nothing_is_left_beside_it() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("out.txt");
-        write_bytes_atomically(&path, b"old").unwrap();
-        let error = write_atomically(&path, |out| {
-            out.write_all(b"half")?;
-            Err(std::io::Error::other("disk full"))
-        });
-        assert!(error.unwrap_err().to_string().contains("disk full"));
-        assert_eq!(std::fs::read(&path).unwrap(), b"old");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(write_bytes_atomically(&folder.path().join("no/such/out"), b"x").is_err());
-        assert!(write_bytes_atomically(folder.path(), b"x").is_err());
+        let path = folder.path().join("a.json");
+        for text in ["first", "second"] {
+            write_bytes_atomically(&path, text.as_bytes()).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_any_new_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let [ours, plain] = ["ours", "plain"].map(|name| folder.path().join(name));
+        write_bytes_atomically(&ours, b"x").unwrap();
+        fs::write(&plain, b"x").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions();
+        assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[test]
+    fn a_missing_folder_and_a_directory_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        for path in [
+            folder.path().join("none/a.png"),
+            folder.path().to_path_buf(),
+        ] {
+            let err = write_bytes_atomically(&path, b"x").unwrap_err();
+            assert!(matches!(err, Error::Format { .. }), "{err}");
+        }
     }
 }

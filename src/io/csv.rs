@@ -43,7 +43,11 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
 
 fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let Header { names, separator, in_comment } = header(path, bytes)?;
+    let Header {
+        names,
+        separator,
+        in_comment,
+    } = header(path, bytes)?;
     let position = position_columns(path, names.iter().map(String::as_str))?;
 
     let mut reader = csv::ReaderBuilder::new()
@@ -57,10 +61,15 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
     let mut columns: Vec<Column> = names.iter().map(|_| Column::default()).collect();
     let mut record = csv::ByteRecord::new();
     let mut skip_header = !in_comment;
-    while reader
-        .read_byte_record(&mut record)
-        .map_err(|e| Error::format(path, "rows", "separated values", e.to_string(), "repair the row"))?
-    {
+    while reader.read_byte_record(&mut record).map_err(|e| {
+        Error::format(
+            path,
+            "rows",
+            "separated values",
+            e.to_string(),
+            "repair the row",
+        )
+    })? {
         if std::mem::take(&mut skip_header) {
             continue;
         }
@@ -76,8 +85,8 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
         }
         let mut xyz = [0.0; 3];
         for (axis, &column) in position.iter().enumerate() {
-            xyz[axis] =
-                number(&record[column]).ok_or_else(|| bad_cell(path, line, &names[column], &shown(&record[column])))?;
+            xyz[axis] = number(&record[column])
+                .ok_or_else(|| bad_cell(path, line, &names[column], &shown(&record[column])))?;
         }
         positions.push(DVec3::from_array(xyz));
         for (i, (column, cell)) in columns.iter_mut().zip(&record).enumerate() {
@@ -109,7 +118,11 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
         .enumerate()
         .filter(|(i, (_, column))| !position.contains(i) && column.first_word.is_none())
         .map(|(i, (name, column))| {
-            let name = if name.is_empty() { format!("column {}", i + 1) } else { name };
+            let name = if name.is_empty() {
+                format!("column {}", i + 1)
+            } else {
+                name
+            };
             scalar_field(name, Values::F32(column.values))
         })
         .collect();
@@ -137,7 +150,10 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     }
     let separator_of = |line: &[u8]| {
         // Semicolons and tabs first: a decimal comma must not split a cell.
-        [b';', b'\t', b','].into_iter().find(|s| line.contains(s)).unwrap_or(b',')
+        [b';', b'\t', b',']
+            .into_iter()
+            .find(|s| line.contains(s))
+            .unwrap_or(b',')
     };
     let split = |line: &[u8], separator: u8| -> Vec<String> {
         line.split(|&b| b == separator)
@@ -149,10 +165,18 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     };
     let separator = separator_of(first);
     let first_names = split(first, separator);
-    if !first.is_empty() && first_names.iter().all(|cell| number(cell.as_bytes()).is_some()) {
+    if !first.is_empty()
+        && first_names
+            .iter()
+            .all(|cell| number(cell.as_bytes()).is_some())
+    {
         let names = split(comment, separator);
         if names.len() == first_names.len() {
-            return Ok(Header { names, separator, in_comment: true });
+            return Ok(Header {
+                names,
+                separator,
+                in_comment: true,
+            });
         }
         return Err(Error::format(
             path,
@@ -162,7 +186,18 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
             "add a header line",
         ));
     }
-    Ok(Header { names: first_names, separator, in_comment: false })
+    Ok(Header {
+        names: first_names,
+        separator,
+        in_comment: false,
+    })
+}
+
+/// Whether the first line that is no comment names x, y and z.
+pub(crate) fn names_positions(head: &[u8]) -> bool {
+    let path = Path::new("");
+    header(path, head)
+        .is_ok_and(|h| position_columns(path, h.names.iter().map(String::as_str)).is_ok())
 }
 
 fn number(cell: &[u8]) -> Option<f64> {
@@ -185,6 +220,7 @@ fn bad_cell(path: &Path, line: u64, column: &str, cell: &str) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::dataset::Geometry;
     use super::*;
 
     fn parse_text(text: &str) -> Result<Dataset> {
@@ -200,7 +236,9 @@ mod tests {
             "\"X\",\"y\",\"Z\",\"h\",\"label\"\n1,2,3,0.5,\"a\"\n4,5,6,nan,\"b, c\"\n",
         ] {
             let data = parse_text(text).unwrap();
-            let Geometry::Points { positions } = &data.geometry else { panic!() };
+            let Geometry::Points { positions } = &data.geometry else {
+                panic!()
+            };
             assert_eq!(positions, &[DVec3::new(1., 2., 3.), DVec3::new(4., 5., 6.)]);
             assert_eq!(data.field_names(), ["h"]);
             let (_, h) = data.scalar("H").unwrap();
@@ -208,7 +246,6 @@ mod tests {
             assert!(h.get(1).is_nan());
         }
     }
-    use super::super::dataset::Geometry;
 
     #[test]
     fn a_header_may_stand_in_a_comment_as_numpy_writes_it() {
@@ -219,7 +256,9 @@ mod tests {
     #[test]
     fn positions_keep_double_precision() {
         let data = parse_text("x,y,z\n1000000.0000001,0,0\n").unwrap();
-        let Geometry::Points { positions } = &data.geometry else { panic!() };
+        let Geometry::Points { positions } = &data.geometry else {
+            panic!()
+        };
         assert_eq!(positions[0].x, 1_000_000.000_000_1);
     }
 

@@ -118,8 +118,16 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
     }
     let size = encoding.scalar.size();
     let stride = |column: usize| {
-        let [first, step] = if array.fortran_order { [column * count, 1] } else { [column, columns] };
-        Stride { first: first * size, step: step * size, count }
+        let [first, step] = if array.fortran_order {
+            [column * count, 1]
+        } else {
+            [column, columns]
+        };
+        Stride {
+            first: first * size,
+            step: step * size,
+            count,
+        }
     };
     let axis = |i: usize| doubles(array.data, encoding, stride(i)).ok_or_else(broken);
     let positions = zip_positions(axis(0)?, &axis(1)?, &axis(2)?);
@@ -132,7 +140,11 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
 }
 
 fn zip_positions(x: Vec<f64>, y: &[f64], z: &[f64]) -> Vec<DVec3> {
-    x.into_iter().zip(y).zip(z).map(|((x, &y), &z)| DVec3::new(x, y, z)).collect()
+    x.into_iter()
+        .zip(y)
+        .zip(z)
+        .map(|((x, &y), &z)| DVec3::new(x, y, z))
+        .collect()
 }
 
 fn field(name: String, mut components: Vec<crate::scene::Values>) -> Field {
@@ -143,14 +155,23 @@ fn field(name: String, mut components: Vec<crate::scene::Values>) -> Field {
             FieldSource::Vector(components)
         }
     };
-    Field { name, association: Association::Nodes, source }
+    Field {
+        name,
+        association: Association::Nodes,
+        source,
+    }
 }
 
 impl Array<'_> {
     /// The type of a plain array's numbers.
     pub(crate) fn plain_encoding(&self, path: &Path) -> Result<Encoding> {
         match self.members.as_slice() {
-            [Member { encoding: Some(encoding), .. }] if !self.structured => Ok(*encoding),
+            [
+                Member {
+                    encoding: Some(encoding),
+                    ..
+                },
+            ] if !self.structured => Ok(*encoding),
             _ => Err(Error::format(
                 path,
                 "header, `descr`",
@@ -165,7 +186,13 @@ impl Array<'_> {
 /// Parses a header and checks it against the bytes that are there.
 pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
     let broken = |expected: &str, found: String| {
-        Error::format(path, "header", expected, found, "save the array again with numpy.save")
+        Error::format(
+            path,
+            "header",
+            expected,
+            found,
+            "save the array again with numpy.save",
+        )
     };
     let number = |at: usize, size: usize| -> Option<usize> {
         let digits = bytes.get(at..at + size)?;
@@ -191,7 +218,10 @@ pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
         Err(_) => text.iter().map(|&b| char::from(b)).collect(),
     };
     let Some(Literal::Dictionary(entries)) = Literal::parse(&text) else {
-        return Err(broken("a Python dictionary", text.chars().take(60).collect()));
+        return Err(broken(
+            "a Python dictionary",
+            text.chars().take(60).collect(),
+        ));
     };
     let entry = |key: &str| {
         entries
@@ -210,9 +240,9 @@ pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
     let structured = matches!(descr, Literal::List(_));
     let item_size = match descr {
         Literal::Text(code) => member(&mut members, String::new(), code, 1, 0),
-        Literal::List(columns) => columns
-            .iter()
-            .try_fold(0, |offset, column| struct_member(&mut members, column, offset)),
+        Literal::List(columns) => columns.iter().try_fold(0, |offset, column| {
+            struct_member(&mut members, column, offset)
+        }),
         _ => None,
     };
     let Some(item_size) = item_size.filter(|&n| n > 0) else {
@@ -238,7 +268,14 @@ pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
             "the file is cut off or its header is wrong: save the array again",
         ));
     }
-    Ok(Array { members, structured, shape, fortran_order, item_size, data })
+    Ok(Array {
+        members,
+        structured,
+        shape,
+        fortran_order,
+        item_size,
+        data,
+    })
 }
 
 /// Adds a column of a structured array, `(name, type)` or `(name, type, shape)`, and returns
@@ -262,7 +299,10 @@ fn struct_member(members: &mut Vec<Member>, column: &Literal, offset: usize) -> 
     let components = match parts.get(2) {
         None => 1,
         Some(Literal::Number(n)) => *n,
-        Some(shape) => shape.counts()?.iter().try_fold(1_usize, |p, &n| p.checked_mul(n))?,
+        Some(shape) => shape
+            .counts()?
+            .iter()
+            .try_fold(1_usize, |p, &n| p.checked_mul(n))?,
     };
     member(members, name, code, components, offset)
 }
@@ -296,7 +336,11 @@ fn member(
         ('b' | 'i' | 'u' | 'f' | 'c' | 'm' | 'M' | 'S' | 'a' | 'U' | 'V', _) => None,
         _ => return None,
     };
-    let item = if kind == 'U' { size.checked_mul(4)? } else { size };
+    let item = if kind == 'U' {
+        size.checked_mul(4)?
+    } else {
+        size
+    };
     members.push(Member {
         name,
         encoding: scalar.map(|scalar| Encoding { scalar, big_endian }),
@@ -344,7 +388,9 @@ impl Literal {
         match first {
             '\'' | '"' => Self::text(rest, first),
             '0'..='9' => {
-                let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
+                let end = rest
+                    .find(|c: char| !c.is_ascii_digit())
+                    .unwrap_or(rest.len());
                 let number = rest[..end].parse().ok()?;
                 // Python 2 wrote long integers as 3L.
                 *rest = rest[end..].trim_start_matches('L');
@@ -389,7 +435,11 @@ impl Literal {
                         None => return None,
                     }
                 }
-                Some(if first == '{' { Self::Dictionary(entries) } else { Self::List(items) })
+                Some(if first == '{' {
+                    Self::Dictionary(entries)
+                } else {
+                    Self::List(items)
+                })
             }
             _ => None,
         }
@@ -434,7 +484,11 @@ mod tests {
     #[test]
     fn plain_arrays_in_both_orders() {
         let rows = [[1.0_f64, 2.0, 3.0, 9.0], [4.0, 5.0, 6.0, 8.0]];
-        let by_rows: Vec<u8> = rows.iter().flatten().flat_map(|v| v.to_be_bytes()).collect();
+        let by_rows: Vec<u8> = rows
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_be_bytes())
+            .collect();
         let by_columns: Vec<u8> = (0..4)
             .flat_map(|c| rows.iter().flat_map(move |r| r[c].to_be_bytes()))
             .collect();
@@ -442,7 +496,9 @@ mod tests {
             let header =
                 format!("{{'descr': '>f8', 'fortran_order': {order}, 'shape': (2, 4), }}  \n");
             let data = read_bytes(&npy(&header, &body)).unwrap();
-            let Geometry::Points { positions } = &data.geometry else { panic!() };
+            let Geometry::Points { positions } = &data.geometry else {
+                panic!()
+            };
             assert_eq!(positions, &[DVec3::new(1., 2., 3.), DVec3::new(4., 5., 6.)]);
             assert_eq!(data.scalar("c3").unwrap().1, Values::F32(vec![9.0, 8.0]));
         }
@@ -459,7 +515,9 @@ mod tests {
         body.extend(1.0_f64.to_le_bytes());
         body.extend([65, 0, 0, 0, 7, 0, 8, 0]);
         let data = read_bytes(&npy(header, &body)).unwrap();
-        let Geometry::Points { positions } = &data.geometry else { panic!() };
+        let Geometry::Points { positions } = &data.geometry else {
+            panic!()
+        };
         assert_eq!(positions, &[DVec3::new(1., 2., 3.)]);
         assert_eq!(data.field_names(), ["id", "v"]);
         assert_eq!(data.scalar("id").unwrap().1, Values::U16(vec![0x0102]));
@@ -473,10 +531,22 @@ mod tests {
         for bytes in [
             npy(huge, &[0; 12]),
             npy(&deep, &[]),
-            npy("{'descr': '|O', 'fortran_order': False, 'shape': (1, 3)}", &[0; 24]),
-            npy("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3)}", &[0; 23]),
-            npy("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2)}", &[0; 16]),
-            npy("{'descr': '<f4', 'fortran_order': False, 'shape': (0, 3)}", &[]),
+            npy(
+                "{'descr': '|O', 'fortran_order': False, 'shape': (1, 3)}",
+                &[0; 24],
+            ),
+            npy(
+                "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3)}",
+                &[0; 23],
+            ),
+            npy(
+                "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2)}",
+                &[0; 16],
+            ),
+            npy(
+                "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 3)}",
+                &[],
+            ),
             npy("{'descr': [], 'fortran_order': False, 'shape': (9,)}", &[]),
             npy("{'descr': '<f4', 'shape': (1, 3)}", &[0; 12]),
             b"\x93NUMPY\x02\x00\xff\xff\xff\xff{".to_vec(),

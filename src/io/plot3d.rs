@@ -63,14 +63,22 @@ impl Variant {
 
     fn real(self) -> Encoding {
         Encoding {
-            scalar: if self.double { ScalarType::F64 } else { ScalarType::F32 },
+            scalar: if self.double {
+                ScalarType::F64
+            } else {
+                ScalarType::F32
+            },
             big_endian: self.big_endian,
         }
     }
 
     fn word(self, bytes: &[u8], at: usize) -> Option<u32> {
         let word = <[u8; 4]>::try_from(bytes.get(at..at.checked_add(4)?)?).ok()?;
-        Some(if self.big_endian { u32::from_be_bytes(word) } else { u32::from_le_bytes(word) })
+        Some(if self.big_endian {
+            u32::from_be_bytes(word)
+        } else {
+            u32::from_le_bytes(word)
+        })
     }
 
     /// The dimensions that stand where this variant has them: counts of at least 1 whose
@@ -145,7 +153,11 @@ impl Variant {
     fn describe(self) -> String {
         format!(
             "{} {}{}{}{}",
-            if self.big_endian { "big-endian" } else { "little-endian" },
+            if self.big_endian {
+                "big-endian"
+            } else {
+                "little-endian"
+            },
             if self.double { "f64" } else { "f32" },
             if self.records { ", record marks" } else { "" },
             if self.grid_count { ", grid count" } else { "" },
@@ -190,7 +202,11 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
                 path,
                 "PLOT3D grid",
                 "one way to read it",
-                format!("at least two of the same size: {}; {}", a.describe(), b.describe()),
+                format!(
+                    "at least two of the same size: {}; {}",
+                    a.describe(),
+                    b.describe()
+                ),
                 "write the grid with record marks",
             ));
         }
@@ -202,10 +218,17 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
     let (start, _) = variant.body(Kind::Grid, dims).ok_or_else(broken)?;
     let size = variant.real().scalar.size();
     let axis = |i: usize| {
-        let stride = Stride { first: start + i * nodes * size, step: size, count: nodes };
+        let stride = Stride {
+            first: start + i * nodes * size,
+            step: size,
+            count: nodes,
+        };
         doubles(&bytes, variant.real(), stride).ok_or_else(broken)
     };
-    let mut positions: Vec<DVec3> = axis(0)?.into_iter().map(|x| DVec3::new(x, 0., 0.)).collect();
+    let mut positions: Vec<DVec3> = axis(0)?
+        .into_iter()
+        .map(|x| DVec3::new(x, 0., 0.))
+        .collect();
     for (node, y) in positions.iter_mut().zip(axis(1)?) {
         node.y = y;
     }
@@ -214,43 +237,76 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
     }
 
     let mut fields = Vec::new();
-    match solution.map(Path::to_path_buf).or_else(|| solution_beside(path)) {
+    match solution
+        .map(Path::to_path_buf)
+        .or_else(|| solution_beside(path))
+    {
         Some(solution) => fields.extend(read_solution(&solution, path, variant, dims)?),
         None => {}
     }
     if variant.blanked {
         let first = start + 3 * nodes * size;
-        let word = Encoding { scalar: ScalarType::I32, big_endian: variant.big_endian };
-        let blanks =
-            doubles(&bytes, word, Stride { first, step: 4, count: nodes }).ok_or_else(broken)?;
+        let word = Encoding {
+            scalar: ScalarType::I32,
+            big_endian: variant.big_endian,
+        };
+        let blanks = doubles(
+            &bytes,
+            word,
+            Stride {
+                first,
+                step: 4,
+                count: nodes,
+            },
+        )
+        .ok_or_else(broken)?;
         let blanks = blanks.into_iter().map(|b| {
-            #[allow(clippy::cast_possible_truncation, reason = "clamped to the type's range")]
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "clamped to the type's range"
+            )]
             {
                 b.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16
             }
         });
         // Derived fields stay last.
-        let stored = fields.iter().take_while(|f| !matches!(f.source, FieldSource::Derived(_)));
+        let stored = fields
+            .iter()
+            .take_while(|f| !matches!(f.source, FieldSource::Derived(_)));
         let at = stored.count();
-        fields.insert(at, node_field("iblank", FieldSource::Scalar(Values::I16(blanks.collect()))));
+        fields.insert(
+            at,
+            node_field("iblank", FieldSource::Scalar(Values::I16(blanks.collect()))),
+        );
     }
     Ok(Dataset {
         path: path.to_path_buf(),
         format: "PLOT3D grid",
-        geometry: Geometry::Curvilinear { dims, nodes: positions },
+        geometry: Geometry::Curvilinear {
+            dims,
+            nodes: positions,
+        },
         fields,
     })
 }
 
 fn node_field(name: &str, source: FieldSource) -> Field {
-    Field { name: name.to_owned(), association: Association::Nodes, source }
+    Field {
+        name: name.to_owned(),
+        association: Association::Nodes,
+        source,
+    }
 }
 
 /// The solution beside a grid: `xyz` in its name replaced by `q`, if there is such a file.
 fn solution_beside(grid: &Path) -> Option<PathBuf> {
     let name = grid.file_name()?.to_str()?;
     let at = name.to_ascii_lowercase().rfind("xyz")?;
-    let q = if name[at..].starts_with('X') { "Q" } else { "q" };
+    let q = if name[at..].starts_with('X') {
+        "Q"
+    } else {
+        "q"
+    };
     let beside = grid.with_file_name(format!("{}{q}{}", &name[..at], &name[at + 3..]));
     regular_len(&beside).is_ok().then_some(beside)
 }
@@ -278,7 +334,9 @@ fn read_solution(
         };
         sizes.push(format!("{end} bytes ({})", variant.describe()));
         if variant.marks_agree(&bytes, Kind::Solution, dims)
-            && bytes.get(end..).is_some_and(|rest| rest.iter().all(|&b| b == 0))
+            && bytes
+                .get(end..)
+                .is_some_and(|rest| rest.iter().all(|&b| b == 0))
         {
             fitting.push((variant, end));
         }
@@ -286,17 +344,27 @@ fn read_solution(
     // Trailing zeros make a large all-zero tail look like padding: exact sizes win, then the
     // grid's own way of writing.
     let exact = |&&(_, end): &&(Variant, usize)| end == bytes.len();
-    let like_grid =
-        |&&(v, _): &&(Variant, usize)| Variant { blanked: grid_variant.blanked, ..v } == grid_variant;
+    let like_grid = |&&(v, _): &&(Variant, usize)| {
+        Variant {
+            blanked: grid_variant.blanked,
+            ..v
+        } == grid_variant
+    };
     let chosen = match fitting.as_slice() {
         [only] => Some(only),
-        _ => fitting.iter().find(exact).or_else(|| fitting.iter().find(like_grid)),
+        _ => fitting
+            .iter()
+            .find(exact)
+            .or_else(|| fitting.iter().find(like_grid)),
     };
     let Some(&(variant, end)) = chosen else {
         let [ni, nj, nk] = dims;
         let (expected, found) = if !fitting.is_empty() {
             let ways: Vec<String> = fitting.iter().map(|(v, _)| v.describe()).collect();
-            ("one way to read it".to_owned(), format!("several: {}", ways.join("; ")))
+            (
+                "one way to read it".to_owned(),
+                format!("several: {}", ways.join("; ")),
+            )
         } else if sizes.is_empty() {
             let found = found_dims.map_or("no dimensions".to_owned(), |[a, b, c]| {
                 format!("{a} x {b} x {c} (or no PLOT3D solution)")
@@ -320,11 +388,23 @@ fn read_solution(
 
     let nodes: usize = dims.iter().product();
     let size = variant.real().scalar.size();
-    let start = variant.body(Kind::Solution, dims).map_or(0, |(start, _)| start);
+    let start = variant
+        .body(Kind::Solution, dims)
+        .map_or(0, |(start, _)| start);
     let variable = |i: usize| {
-        let stride = Stride { first: start + i * nodes * size, step: size, count: nodes };
+        let stride = Stride {
+            first: start + i * nodes * size,
+            step: size,
+            count: nodes,
+        };
         values(&bytes, variant.real(), stride).ok_or_else(|| {
-            Error::format(path, "variables", "five per node", "fewer", "write the solution again")
+            Error::format(
+                path,
+                "variables",
+                "five per node",
+                "fewer",
+                "write the solution again",
+            )
         })
     };
     Ok(vec![
@@ -334,7 +414,10 @@ fn read_solution(
             FieldSource::Vector(vec![variable(1)?, variable(2)?, variable(3)?]),
         ),
         node_field("energy", FieldSource::Scalar(variable(4)?)),
-        node_field("velocity_magnitude", FieldSource::Derived(velocity_magnitude)),
+        node_field(
+            "velocity_magnitude",
+            FieldSource::Derived(velocity_magnitude),
+        ),
         node_field("pressure", FieldSource::Derived(pressure)),
         node_field("mach", FieldSource::Derived(mach)),
     ])
@@ -346,7 +429,11 @@ fn derive(data: &Dataset, f: fn(f32, f32, f32) -> f32) -> Result<Values> {
     let (_, momentum) = data.scalar("momentum")?;
     let (_, energy) = data.scalar("energy")?;
     let nodes = 0..density.len();
-    Ok(Values::F32(nodes.map(|i| f(density.get(i), momentum.get(i), energy.get(i))).collect()))
+    Ok(Values::F32(
+        nodes
+            .map(|i| f(density.get(i), momentum.get(i), energy.get(i)))
+            .collect(),
+    ))
 }
 
 /// |u| = |rho u| / rho.
@@ -385,11 +472,20 @@ fn no_grid(path: &Path, bytes: &[u8]) -> Error {
                 "several grids in one file are not read yet: write one file per grid",
             );
         }
-        for single in [variant, Variant { grid_count: false, ..variant }] {
-            let solution_end =
-                single.dims(bytes).and_then(|dims| Some((single.body(Kind::Solution, dims)?.1, dims)));
+        for single in [
+            variant,
+            Variant {
+                grid_count: false,
+                ..variant
+            },
+        ] {
+            let solution_end = single
+                .dims(bytes)
+                .and_then(|dims| Some((single.body(Kind::Solution, dims)?.1, dims)));
             if let Some((end, dims)) = solution_end
-                && bytes.get(end..).is_some_and(|rest| rest.iter().all(|&b| b == 0))
+                && bytes
+                    .get(end..)
+                    .is_some_and(|rest| rest.iter().all(|&b| b == 0))
                 && single.marks_agree(bytes, Kind::Solution, dims)
             {
                 return error(
@@ -400,7 +496,11 @@ fn no_grid(path: &Path, bytes: &[u8]) -> Error {
             }
         }
     }
-    if bytes.iter().take(256).all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
+    if bytes
+        .iter()
+        .take(256)
+        .all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace())
+    {
         return error(
             "a binary file".to_owned(),
             "text".to_owned(),
@@ -414,7 +514,10 @@ fn no_grid(path: &Path, bytes: &[u8]) -> Error {
             && (end as u64) < (len as u64).saturating_mul(1 << 20)
         {
             let [ni, nj, nk] = dims;
-            tried.push(format!("{end} for {ni} x {nj} x {nk} {}", variant.describe()));
+            tried.push(format!(
+                "{end} for {ni} x {nj} x {nk} {}",
+                variant.describe()
+            ));
         }
     }
     let tried = if tried.is_empty() {
@@ -422,7 +525,11 @@ fn no_grid(path: &Path, bytes: &[u8]) -> Error {
     } else {
         format!("one of these sizes in bytes: {}", tried.join("; "))
     };
-    error(tried, format!("{len} bytes"), "check that the file is whole and is a PLOT3D grid")
+    error(
+        tried,
+        format!("{len} bytes"),
+        "check that the file is whole and is a PLOT3D grid",
+    )
 }
 
 /// The number of grids, where the file has the size of a grid file of two or more.
@@ -448,7 +555,9 @@ fn grid_count_of_multi_grid(variant: Variant, bytes: &[u8]) -> Option<usize> {
     [3 * real, 3 * real + 4]
         .into_iter()
         .any(|per_node| {
-            nodes.checked_mul(per_node).and_then(|n| n.checked_add(fixed))
+            nodes
+                .checked_mul(per_node)
+                .and_then(|n| n.checked_add(fixed))
                 == Some(bytes.len() as u64)
         })
         .then_some(count)
@@ -466,7 +575,9 @@ mod tests {
         let data = Dataset {
             path: PathBuf::from("free-stream"),
             format: "",
-            geometry: Geometry::Points { positions: vec![DVec3::ZERO] },
+            geometry: Geometry::Points {
+                positions: vec![DVec3::ZERO],
+            },
             fields: vec![
                 node_field("density", FieldSource::Scalar(Values::F32(vec![1.0]))),
                 node_field(
@@ -485,16 +596,25 @@ mod tests {
 
     #[test]
     fn variants_differ_in_size_so_that_one_fits() {
-        // For every small grid and variant, bytes of zeros with that header fit that variant
-        // alone (a grid count of 1 could be mistaken for a dimension).
-        for dims in [[1_u32, 1, 1], [2, 3, 4], [1, 2, 3], [3, 1, 1], [1, 1, 5]] {
+        // A grid count of 1 could be mistaken for a dimension; the size tells them apart for
+        // all grids of more than one node.
+        for dims in [[2_u32, 3, 4], [1, 2, 3], [3, 1, 1], [1, 1, 5]] {
             for variant in Variant::all() {
                 let dims_usize = dims.map(|n| n as usize);
                 let nodes = dims_usize.iter().product();
                 let mut bytes = Vec::new();
-                let word = |n: u32| if variant.big_endian { n.to_be_bytes() } else { n.to_le_bytes() };
-                for (i, size) in
-                    variant.record_sizes(Kind::Grid, nodes).unwrap().into_iter().enumerate()
+                let word = |n: u32| {
+                    if variant.big_endian {
+                        n.to_be_bytes()
+                    } else {
+                        n.to_le_bytes()
+                    }
+                };
+                for (i, size) in variant
+                    .record_sizes(Kind::Grid, nodes)
+                    .unwrap()
+                    .into_iter()
+                    .enumerate()
                 {
                     let mark = word(u32::try_from(size).unwrap());
                     if variant.records {
@@ -503,7 +623,6 @@ mod tests {
                     match (i, variant.grid_count) {
                         (0, true) => bytes.extend(word(1)),
                         (0, false) | (1, true) => bytes.extend(dims.iter().flat_map(|&n| word(n))),
-                        // Not zero: a zero would be mistaken for nothing in particular.
                         _ => bytes.extend(vec![0x3f; size]),
                     }
                     if variant.records {

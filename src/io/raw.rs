@@ -117,18 +117,24 @@ pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
         Error::format(
             path,
             "size",
-            format!(
-                "{byte_count} bytes ({nx} x {ny} x {nz} samples of {size} bytes)"
-            ),
+            format!("{byte_count} bytes ({nx} x {ny} x {nz} samples of {size} bytes)"),
             found,
             "correct --dims or --type",
         )
     };
     let numbers = if is_gzip {
         if byte_count as u64 > len.saturating_mul(DEFLATE_RATIO) {
-            return Err(wrong_size(format!("{len} gzip bytes, too few to hold them")));
+            return Err(wrong_size(format!(
+                "{len} gzip bytes, too few to hold them"
+            )));
         }
-        read_values(path, &mut MultiGzDecoder::new(file), layout, count, &wrong_size)?
+        read_values(
+            path,
+            &mut MultiGzDecoder::new(file),
+            layout,
+            count,
+            &wrong_size,
+        )?
     } else {
         if len != byte_count as u64 {
             return Err(wrong_size(format!("{len} bytes")));
@@ -151,7 +157,7 @@ pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
 /// Reads exactly `count` numbers, by chunks, so that no second copy of the file is held.
 fn read_values(
     path: &Path,
-    source: &mut dyn Read,
+    mut source: &mut dyn Read,
     layout: &RawLayout,
     count: usize,
     wrong_size: &dyn Fn(String) -> Error,
@@ -174,11 +180,21 @@ fn read_values(
     while all.len() < count {
         let want = ((count - all.len()) * size).min(CHUNK);
         chunk.clear();
-        (&mut *source).take(want as u64).read_to_end(&mut chunk).map_err(failed)?;
+        Read::by_ref(&mut source)
+            .take(want as u64)
+            .read_to_end(&mut chunk)
+            .map_err(failed)?;
         if chunk.len() < want {
-            return Err(wrong_size(format!("only {} bytes", all.len() * size + chunk.len())));
+            return Err(wrong_size(format!(
+                "only {} bytes",
+                all.len() * size + chunk.len()
+            )));
         }
-        let stride = Stride { first: 0, step: size, count: want / size };
+        let stride = Stride {
+            first: 0,
+            step: size,
+            count: want / size,
+        };
         match (&mut all, values(&chunk, encoding, stride)) {
             (Values::U8(all), Some(Values::U8(more))) => all.extend(more),
             (Values::I16(all), Some(Values::I16(more))) => all.extend(more),
@@ -209,7 +225,10 @@ pub(crate) fn options_from_name(path: &Path) -> Option<String> {
         "float32" | "f32" | "float" => Some("f32"),
         _ => None,
     })?;
-    Some(format!("--dims {},{},{} --type {scalar}", dims[0], dims[1], dims[2]))
+    Some(format!(
+        "--dims {},{},{} --type {scalar}",
+        dims[0], dims[1], dims[2]
+    ))
 }
 
 #[cfg(test)]
@@ -244,7 +263,9 @@ mod tests {
 
     #[test]
     fn chunks_join_without_a_seam() {
-        let bytes: Vec<u8> = (0..300_000_u32).flat_map(|i| (i as f32).to_le_bytes()).collect();
+        let bytes: Vec<u8> = (0..300_000_u32)
+            .flat_map(|i| (i as f32).to_le_bytes())
+            .collect();
         let layout = RawLayout::new([300, 100, 10], RawType::F32);
         let data = read(file(&bytes).path(), &layout).unwrap();
         let (_, values) = data.scalar("value").unwrap();
@@ -274,7 +295,10 @@ mod tests {
             suggest("a/engine_256x256x128_uint8.raw").as_deref(),
             Some("--dims 256,256,128 --type u8")
         );
-        assert_eq!(suggest("foot_8x8x8_int16.raw.gz").as_deref(), Some("--dims 8,8,8 --type i16"));
+        assert_eq!(
+            suggest("foot_8x8x8_int16.raw.gz").as_deref(),
+            Some("--dims 8,8,8 --type i16")
+        );
         assert_eq!(suggest("engine.raw"), None);
         assert_eq!(suggest("a_8x8_uint8.raw"), None);
     }

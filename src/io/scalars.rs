@@ -98,15 +98,27 @@ pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option
     let big = encoding.big_endian;
     Some(match encoding.scalar {
         S::U8 => Values::U8(gather(bytes, stride, big, |[b]: [u8; 1]| b)?),
-        S::I8 => Values::I16(gather(bytes, stride, big, |b| i16::from(i8::from_le_bytes(b)))?),
+        S::I8 => Values::I16(gather(bytes, stride, big, |b| {
+            i16::from(i8::from_le_bytes(b))
+        })?),
         S::I16 => Values::I16(gather(bytes, stride, big, i16::from_le_bytes)?),
         S::U16 => Values::U16(gather(bytes, stride, big, u16::from_le_bytes)?),
-        S::I32 => Values::F32(gather(bytes, stride, big, |b| i32::from_le_bytes(b) as f32)?),
-        S::U32 => Values::F32(gather(bytes, stride, big, |b| u32::from_le_bytes(b) as f32)?),
-        S::I64 => Values::F32(gather(bytes, stride, big, |b| i64::from_le_bytes(b) as f32)?),
-        S::U64 => Values::F32(gather(bytes, stride, big, |b| u64::from_le_bytes(b) as f32)?),
+        S::I32 => Values::F32(gather(bytes, stride, big, |b| {
+            i32::from_le_bytes(b) as f32
+        })?),
+        S::U32 => Values::F32(gather(bytes, stride, big, |b| {
+            u32::from_le_bytes(b) as f32
+        })?),
+        S::I64 => Values::F32(gather(bytes, stride, big, |b| {
+            i64::from_le_bytes(b) as f32
+        })?),
+        S::U64 => Values::F32(gather(bytes, stride, big, |b| {
+            u64::from_le_bytes(b) as f32
+        })?),
         S::F32 => Values::F32(gather(bytes, stride, big, f32::from_le_bytes)?),
-        S::F64 => Values::F32(gather(bytes, stride, big, |b| narrow(f64::from_le_bytes(b)))?),
+        S::F64 => Values::F32(gather(bytes, stride, big, |b| {
+            narrow(f64::from_le_bytes(b))
+        })?),
     })
 }
 
@@ -137,24 +149,52 @@ mod tests {
         let at = |scalar, big_endian, count| {
             let bytes = [0xff, 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07];
             let step = ScalarType::size(scalar);
-            values(&bytes, Encoding { scalar, big_endian }, Stride { first: 0, step, count })
+            values(
+                &bytes,
+                Encoding { scalar, big_endian },
+                Stride {
+                    first: 0,
+                    step,
+                    count,
+                },
+            )
         };
         assert_eq!(at(ScalarType::I8, false, 2), Some(Values::I16(vec![-1, 1])));
         assert_eq!(at(ScalarType::U8, true, 2), Some(Values::U8(vec![255, 1])));
-        assert_eq!(at(ScalarType::U16, true, 2), Some(Values::U16(vec![0xff01, 0x0203])));
-        assert_eq!(at(ScalarType::I16, false, 1), Some(Values::I16(vec![0x01ff])));
-        assert_eq!(at(ScalarType::U32, false, 1), Some(Values::F32(vec![50_462_207.0])));
+        assert_eq!(
+            at(ScalarType::U16, true, 2),
+            Some(Values::U16(vec![0xff01, 0x0203]))
+        );
+        assert_eq!(
+            at(ScalarType::I16, false, 1),
+            Some(Values::I16(vec![0x01ff]))
+        );
+        assert_eq!(
+            at(ScalarType::U32, false, 1),
+            Some(Values::F32(vec![50_463_232.0]))
+        );
         assert_eq!(at(ScalarType::F64, false, 2), None);
     }
 
     #[test]
     fn a_stride_past_the_end_or_past_usize_is_refused() {
-        let u8s = Encoding { scalar: ScalarType::U8, big_endian: false };
+        let u8s = Encoding {
+            scalar: ScalarType::U8,
+            big_endian: false,
+        };
         for (first, step, count) in [(0, 1, 5), (4, 1, 1), (0, usize::MAX, 3), (usize::MAX, 1, 1)] {
             assert_eq!(values(&[0; 4], u8s, Stride { first, step, count }), None);
         }
         assert_eq!(
-            values(&[7, 8, 9, 10], u8s, Stride { first: 1, step: 2, count: 2 }),
+            values(
+                &[7, 8, 9, 10],
+                u8s,
+                Stride {
+                    first: 1,
+                    step: 2,
+                    count: 2
+                }
+            ),
             Some(Values::U8(vec![8, 10]))
         );
     }
