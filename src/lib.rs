@@ -3,6 +3,7 @@
 pub mod error;
 pub mod image;
 pub mod io;
+pub mod sample;
 pub mod scene;
 
 pub use error::{Error, Result};
