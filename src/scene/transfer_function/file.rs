@@ -420,8 +420,8 @@ mod tests {
     }
 
     /// Extinction per unit distance back to opacity.
-    fn opacity(t: &TransferFunction, value: f32) -> f32 {
-        1.0 - (-f64::from(t.classify(value)[3]) * t.unit_distance()).exp() as f32
+    fn opacity(t: &TransferFunction, value: f32) -> f64 {
+        -(-f64::from(t.classify(value)[3]) * t.unit_distance()).exp_m1()
     }
 
     #[test]

@@ -1,0 +1,391 @@
+//! Curvilinear grids: one anisotropic kernel per node or cell.
+//!
+//! V = kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), mass from the volume of the node's own part of
+//! the grid: the eighths of the cells around it. Cells are trilinear, and both F and the
+//! volumes come from the 2 x 2 x 2 Gauss points of each cell, one in each eighth: the
+//! determinant of a trilinear map is quadratic in each index, so the volumes add up to the
+//! volume of the grid exactly. F is the mean over the node's Gauss points, weighted by volume:
+//! central differences inside, and sound on a singular line, where the differences at the node
+//! itself vanish.
+//!
+//! A kernel lies at the centroid of its part, not at the node. Measured in one dimension at
+//! width .6, as the rms error of a uniform density from .6 spacings inside the boundary on: half
+//! cells at the boundary with half-width kernels at the node 7.8 %, full-width at the node
+//! 4.5 %, half-width at the centroid 4.7 %, full-width at the centroid 2.2 % (.3 % from one
+//! spacing on). The last is used: boundary parts have half the volume and the full F. Where
+//! the spacing changes 2:1 at once, the greatest error falls from 22 % to 12 % with centroids,
+//! and from 4.6 % to 2.8 % at a stretching of 1.3 per cell; nothing more is done about it.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::{
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, index_u32, keep,
+    lower_factor, narrowed, nothing_left, take_scalar,
+};
+use crate::error::{Error, Result};
+use crate::io::{Association, Dataset, Geometry};
+use crate::scene::{Particles, Values};
+
+/// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+
+/// Two boundary planes are one seam if no pair of nodes is farther apart than this times the
+/// spacing across the seam. Single precision closes a circle of 100 nodes to about 1e-5.
+const SEAM_TOLERANCE: f64 = 1e-4;
+
+/// A cell is degenerate if its volume is below this share of the box of its longest edges. Real
+/// cells of boundary layers are thin, not sheared to nothing: they stay above 1e-3.
+const DEGENERATE_VOLUME: f64 = 1e-9;
+
+/// A grid of nodes, i fastest.
+struct Grid<'a> {
+    dims: [usize; 3],
+    nodes: &'a [DVec3],
+    /// Whether the first and the last plane along each index are one.
+    periodic: [bool; 3],
+    /// Sign of the determinant of most of the grid.
+    handedness: f64,
+}
+
+/// A kernel before narrowing.
+#[derive(Clone, Copy)]
+struct Part {
+    volume: f64,
+    centroid: DVec3,
+    jacobian: DMat3,
+}
+
+/// Why a sample gives no particle.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum LeftOut {
+    NonFinitePosition,
+    NonFiniteValue,
+    Blanked,
+    Degenerate,
+    Seam,
+    BeyondSinglePrecision,
+}
+
+const REASONS: [(LeftOut, &str); 6] = [
+    (LeftOut::NonFinitePosition, "position not finite"),
+    (LeftOut::NonFiniteValue, "value not finite"),
+    (LeftOut::Blanked, "blanked (iblank 0)"),
+    (LeftOut::Degenerate, "no volume"),
+    (
+        LeftOut::Seam,
+        "on a periodic seam, the same as the first plane",
+    ),
+    (
+        LeftOut::BeyondSinglePrecision,
+        "shape or volume beyond single precision; rescale the grid",
+    ),
+];
+
+pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    let taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let blank = dataset
+        .fields
+        .iter()
+        .find(|f| f.name.eq_ignore_ascii_case("iblank"))
+        .map(|f| Ok::<_, Error>((f.association, dataset.field_scalar(f)?)))
+        .transpose()?;
+    let Geometry::Curvilinear { dims, nodes } = &dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let dims = *dims;
+    if dims.iter().any(|&n| n < 2) {
+        return Err(Error::format(
+            &dataset.path,
+            "dimensions",
+            "at least two nodes along each index",
+            format!("{} x {} x {}", dims[0], dims[1], dims[2]),
+            "a surface has no volume to render",
+        ));
+    }
+    let node_count = dims.iter().product::<usize>();
+    check_count(&dataset, node_count)?;
+    if nodes.len() != node_count {
+        return Err(Error::format(
+            &dataset.path,
+            "nodes",
+            format!("{node_count} positions"),
+            format!("{} positions", nodes.len()),
+            "the file is damaged",
+        ));
+    }
+    let of_nodes = taken.association == Association::Nodes;
+    let sample_dims = if of_nodes { dims } else { dims.map(|n| n - 1) };
+    let sample_count = sample_dims.iter().product::<usize>();
+    check_len(&dataset, &taken, sample_count)?;
+
+    let mut report = SampleReport {
+        field: Some(taken.name),
+        sample_count,
+        ..SampleReport::default()
+    };
+    let grid = Grid::new(dims, nodes, &mut report);
+    let values = &taken.values;
+    let blanked = |[i, j, k]: [usize; 3]| match &blank {
+        None => false,
+        Some((Association::Nodes, b)) if of_nodes => is_blank(b, grid.node_index([i, j, k])),
+        Some((Association::Nodes, b)) => {
+            corners([i, j, k]).any(|node| is_blank(b, grid.node_index(node)))
+        }
+        Some((Association::Cells, b)) if !of_nodes => is_blank(b, grid.cell_index([i, j, k])),
+        Some((Association::Cells, _)) => false,
+    };
+    let kernel = |index: usize| -> Result<(DVec3, [f32; 6], f32), LeftOut> {
+        let [ni, nj, _] = sample_dims;
+        let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
+        if blanked(ijk) {
+            return Err(LeftOut::Blanked);
+        }
+        let part = if of_nodes {
+            if (0..3).any(|d| grid.periodic[d] && ijk[d] + 1 == dims[d]) {
+                return Err(LeftOut::Seam);
+            }
+            if !nodes[index].is_finite() {
+                return Err(LeftOut::NonFinitePosition);
+            }
+            grid.node_part(ijk)
+        } else {
+            if corners(ijk).any(|c| !nodes[grid.node_index(c)].is_finite()) {
+                return Err(LeftOut::NonFinitePosition);
+            }
+            grid.cell_part(ijk)
+        };
+        if !values.get(index).is_finite() {
+            return Err(LeftOut::NonFiniteValue);
+        }
+        let part = part.ok_or(LeftOut::Degenerate)?;
+        let factor = lower_factor(part.jacobian * options.kernel_width).map(narrowed);
+        let volume = narrowed(part.volume);
+        let sound = factor.iter().all(|l| l.is_finite())
+            && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
+            && volume.is_finite()
+            && volume >= f32::MIN_POSITIVE;
+        if sound {
+            Ok((part.centroid, factor, volume))
+        } else {
+            Err(LeftOut::BeyondSinglePrecision)
+        }
+    };
+    let kernels: Vec<_> = (0..sample_count).into_par_iter().map(kernel).collect();
+
+    let noun = if of_nodes { "nodes" } else { "cells" };
+    for (reason, text) in REASONS {
+        let count = kernels.iter().filter(|k| k.err() == Some(reason)).count();
+        report.leave_out(count, noun, text);
+    }
+    let count = kernels.iter().filter(|k| k.is_ok()).count();
+    let mut kept = Vec::with_capacity(count);
+    let mut positions = Vec::with_capacity(count);
+    let mut factors = Vec::with_capacity(count);
+    let mut volumes = Vec::with_capacity(count);
+    for (index, kernel) in kernels.into_iter().enumerate() {
+        if let Ok((position, factor, volume)) = kernel {
+            kept.push(index_u32(index));
+            positions.push(position);
+            factors.push(factor);
+            volumes.push(volume);
+        }
+    }
+    if kept.is_empty() {
+        return Err(nothing_left(&dataset, &report));
+    }
+    let total: f64 = volumes.iter().copied().map(f64::from).sum();
+    let mean_spacing = (total / count as f64).cbrt();
+    classified(
+        Particles::Anisotropic { positions, factors },
+        volumes,
+        keep(taken.values, &kept),
+        report,
+        mean_spacing,
+        options,
+    )
+}
+
+fn is_blank(iblank: &Values, index: usize) -> bool {
+    // PLOT3D: 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
+    index < iblank.len() && iblank.get(index).abs() < 0.5
+}
+
+/// The eight corners of a cell, i fastest.
+fn corners([i, j, k]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    (0..8).map(move |c| [i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)])
+}
+
+/// Position and Jacobian ∂x/∂(i, j, k) of a trilinear cell at `s`, each 0..1.
+fn trilinear(corners: &[DVec3; 8], s: [f64; 3]) -> (DVec3, DMat3) {
+    let mix = |a: DVec3, b: DVec3, s: f64| a + (b - a) * s;
+    let [c000, c100, c010, c110, c001, c101, c011, c111] = *corners;
+    let [si, sj, sk] = s;
+    let (e00, e10) = (mix(c000, c100, si), mix(c010, c110, si));
+    let (e01, e11) = (mix(c001, c101, si), mix(c011, c111, si));
+    let (f0, f1) = (mix(e00, e10, sj), mix(e01, e11, sj));
+    let di = mix(
+        mix(c100 - c000, c110 - c010, sj),
+        mix(c101 - c001, c111 - c011, sj),
+        sk,
+    );
+    let dj = mix(e10 - e00, e11 - e01, sk);
+    (mix(f0, f1, sk), DMat3::from_cols(di, dj, f1 - f0))
+}
+
+impl<'a> Grid<'a> {
+    fn new(dims: [usize; 3], nodes: &'a [DVec3], report: &mut SampleReport) -> Self {
+        let mut grid = Self {
+            dims,
+            nodes,
+            periodic: [false; 3],
+            handedness: 1.0,
+        };
+        grid.periodic = [0, 1, 2].map(|d| grid.is_seam(d));
+        let cell_count = dims.iter().map(|n| n - 1).product::<usize>();
+        let [ci, cj, _] = dims.map(|n| n - 1);
+        let volumes: Vec<f64> = (0..cell_count)
+            .into_par_iter()
+            .map(|c| grid.signed_volume([c % ci, c / ci % cj, c / (ci * cj)]))
+            .collect();
+        // Degenerate cells have volume 0 here.
+        let sum: f64 = volumes.iter().filter(|v| v.is_finite()).sum();
+        grid.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
+        let count = |f: &dyn Fn(f64) -> bool| volumes.iter().filter(|&&v| f(v)).count();
+        report.note(
+            count(&|v| v.abs() <= 0.0),
+            "cells",
+            "degenerate: they have no volume and add nothing to their nodes",
+        );
+        report.note(
+            count(&|v| v * grid.handedness < 0.0),
+            "cells",
+            "inverted against the rest of the grid; drawn with the absolute value of their volume",
+        );
+        grid
+    }
+
+    fn node_index(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.dims[0] * (j + self.dims[1] * k)
+    }
+
+    fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + (self.dims[0] - 1) * (j + (self.dims[1] - 1) * k)
+    }
+
+    fn cell_corners(&self, cell: [usize; 3]) -> [DVec3; 8] {
+        let [i, j, k] = cell;
+        std::array::from_fn(|c| {
+            self.nodes[self.node_index([i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)])]
+        })
+    }
+
+    /// Whether the first and last plane along index `d` coincide (an O-grid's seam).
+    fn is_seam(&self, d: usize) -> bool {
+        let n = self.dims[d];
+        // Three cells or more: two would have no inside.
+        if n < 4 {
+            return false;
+        }
+        let [a, b] = [(d + 1) % 3, (d + 2) % 3];
+        let mut crossed = false;
+        for p in 0..self.dims[a] {
+            for q in 0..self.dims[b] {
+                let at = |along: usize| {
+                    let mut ijk = [0; 3];
+                    (ijk[d], ijk[a], ijk[b]) = (along, p, q);
+                    self.nodes[self.node_index(ijk)]
+                };
+                let spacing = at(0).distance(at(1)).max(at(n - 2).distance(at(n - 1)));
+                // Phrased so that NaN says no.
+                let closed = at(0).distance(at(n - 1)) <= SEAM_TOLERANCE * spacing;
+                if !closed {
+                    return false;
+                }
+                crossed |= spacing > 0.0;
+            }
+        }
+        crossed
+    }
+
+    /// The volume of a cell with the sign of its determinant; 0 if degenerate.
+    fn signed_volume(&self, cell: [usize; 3]) -> f64 {
+        let corners = self.cell_corners(cell);
+        let volume: f64 = (0..8)
+            .map(|g| {
+                let s = [g & 1, g >> 1 & 1, g >> 2].map(|s: usize| GAUSS[s]);
+                trilinear(&corners, s).1.determinant() / 8.0
+            })
+            .sum();
+        if volume.abs() <= DEGENERATE_VOLUME * longest_edges(&corners) {
+            0.0
+        } else {
+            volume
+        }
+    }
+
+    /// The part of the grid that belongs to a node: `None` if it has no volume.
+    fn node_part(&self, ijk: [usize; 3]) -> Option<Part> {
+        let origin = self.nodes[self.node_index(ijk)];
+        let mut volume = 0.0;
+        let mut moment = DVec3::ZERO;
+        let mut jacobian = DMat3::ZERO;
+        'cells: for side in 0..8usize {
+            let mut cell = [0; 3];
+            let mut s = [0.0; 3];
+            for d in 0..3 {
+                let last = self.dims[d] - 1;
+                // Above the node its cell starts there; below, it ends there.
+                let above = side >> d & 1 == 1;
+                cell[d] = match (above, ijk[d]) {
+                    (true, i) if i < last => i,
+                    (false, i) if i > 0 => i - 1,
+                    (false, _) if self.periodic[d] => last - 1,
+                    _ => continue 'cells,
+                };
+                s[d] = if above { GAUSS[0] } else { GAUSS[1] };
+            }
+            // Relative to the node, so that a far origin costs no digits. Across a seam the
+            // cell's own end is the node, within the seam's tolerance.
+            let corners = self.cell_corners(cell).map(|c| c - origin);
+            let (point, derivative) = trilinear(&corners, s);
+            let weight = (derivative.determinant() / 8.0).abs();
+            if weight.is_finite() && weight > DEGENERATE_VOLUME / 8.0 * longest_edges(&corners) {
+                volume += weight;
+                moment += point * weight;
+                jacobian += derivative * weight;
+            }
+        }
+        let part = Part {
+            volume,
+            centroid: origin + moment / volume,
+            jacobian: jacobian * (1.0 / volume),
+        };
+        (volume > 0.0 && volume.is_finite()).then_some(part)
+    }
+
+    /// A whole cell: its centre, the Jacobian there and its volume; `None` if degenerate.
+    fn cell_part(&self, cell: [usize; 3]) -> Option<Part> {
+        let volume = self.signed_volume(cell).abs();
+        let (centroid, jacobian) = trilinear(&self.cell_corners(cell), [0.5; 3]);
+        let part = Part {
+            volume,
+            centroid,
+            jacobian,
+        };
+        (volume > 0.0 && volume.is_finite()).then_some(part)
+    }
+}
+
+/// The product of a cell's longest edges along i, j and k.
+fn longest_edges(c: &[DVec3; 8]) -> f64 {
+    [1, 2, 4]
+        .map(|step: usize| {
+            (0..8)
+                .filter(|i| i & step == 0)
+                .map(|i| c[i].distance(c[i + step]))
+                .fold(0.0, f64::max)
+        })
+        .iter()
+        .product()
+}

@@ -1,0 +1,88 @@
+//! Regular and rectilinear lattices.
+
+use glam::DVec3;
+
+use super::{
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
+};
+use crate::error::Result;
+use crate::io::{Association, Dataset, Geometry};
+use crate::scene::{Lattice, LatticeSpacing, Particles};
+
+pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    let taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let Geometry::Lattice(nodes) = &dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let lattice = match taken.association {
+        Association::Nodes => nodes.clone(),
+        Association::Cells => cell_centres(nodes),
+    };
+    check_count(&dataset, lattice.len())?;
+    check_len(&dataset, &taken, lattice.len())?;
+    let mut report = SampleReport {
+        field: Some(taken.name),
+        sample_count: lattice.len(),
+        ..SampleReport::default()
+    };
+    report.note(
+        taken.values.non_finite_count(),
+        "values",
+        "not finite; NaN is drawn as transparent, infinity as the end of the range",
+    );
+    let mean_spacing = mean_spacing(&lattice);
+    let particles = Particles::Lattice {
+        lattice,
+        kernel_width: options.kernel_width,
+    };
+    classified(
+        particles,
+        Vec::new(),
+        taken.values,
+        report,
+        mean_spacing,
+        options,
+    )
+}
+
+/// The lattice of cell centres. An axis of one node has one layer of cells, at the node.
+fn cell_centres(nodes: &Lattice) -> Lattice {
+    let dims = nodes.dims.map(|n| n.max(2) - 1);
+    let spacing = match &nodes.spacing {
+        LatticeSpacing::Uniform { origin, step } => {
+            let half = |n: usize| if n > 1 { 0.5 } else { 0.0 };
+            let [i, j, k] = nodes.dims.map(half);
+            LatticeSpacing::Uniform {
+                origin: *origin + *step * DVec3::new(i, j, k),
+                step: *step,
+            }
+        }
+        LatticeSpacing::Rectilinear { coordinates } => LatticeSpacing::Rectilinear {
+            coordinates: coordinates.each_ref().map(|c| match c.as_slice() {
+                [one] => vec![*one],
+                many => many.windows(2).map(|w| 0.5 * (w[0] + w[1])).collect(),
+            }),
+        },
+    };
+    Lattice { dims, spacing }
+}
+
+/// The cube root of the mean cell volume; a rectilinear axis of one sample counts as spaced
+/// by 1.
+fn mean_spacing(lattice: &Lattice) -> f64 {
+    let volume = match &lattice.spacing {
+        LatticeSpacing::Uniform { step, .. } => step.determinant().abs(),
+        LatticeSpacing::Rectilinear { coordinates } => coordinates
+            .iter()
+            .map(|c| match c.as_slice() {
+                [first, .., last] => (last - first) / (c.len() - 1) as f64,
+                _ => 1.0,
+            })
+            .product(),
+    };
+    if volume > 0.0 && volume.is_finite() {
+        volume.cbrt()
+    } else {
+        1.0
+    }
+}

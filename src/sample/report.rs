@@ -1,0 +1,69 @@
+//! What was chosen and what was left out.
+
+/// How a data set was sampled.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SampleReport {
+    /// The scalar shown; `None` where masses and colours come from the file.
+    pub field: Option<String>,
+    /// Its least and greatest finite value.
+    pub value_range: Option<[f32; 2]>,
+    /// The length \[world units\] over which opacities are stated.
+    pub unit_distance: f64,
+    /// Samples in the file.
+    pub sample_count: usize,
+    /// Particles made of them.
+    pub particle_count: usize,
+    /// What was found on the way, in the order of the work.
+    pub findings: Vec<Finding>,
+}
+
+/// Samples with something about them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finding {
+    /// How many.
+    pub count: usize,
+    /// What they are: "nodes", "cells", "particles", "values".
+    pub noun: &'static str,
+    /// What was found and done about it.
+    pub reason: &'static str,
+    /// Whether they were left out.
+    pub left_out: bool,
+}
+
+impl SampleReport {
+    /// Notes samples that were left out, if there are any.
+    pub(super) fn leave_out(&mut self, count: usize, noun: &'static str, reason: &'static str) {
+        self.find(count, noun, reason, true);
+    }
+
+    /// Notes samples that were kept all the same, if there are any.
+    pub(super) fn note(&mut self, count: usize, noun: &'static str, reason: &'static str) {
+        self.find(count, noun, reason, false);
+    }
+
+    fn find(&mut self, count: usize, noun: &'static str, reason: &'static str, left_out: bool) {
+        if count > 0 {
+            self.findings.push(Finding {
+                count,
+                noun,
+                reason,
+                left_out,
+            });
+        }
+    }
+
+    /// How many samples were left out.
+    pub fn left_out_count(&self) -> usize {
+        let left_out = self.findings.iter().filter(|f| f.left_out);
+        left_out.map(|f| f.count).sum()
+    }
+
+    /// One line for each finding, for people.
+    pub fn warnings(&self) -> Vec<String> {
+        let line = |f: &Finding| {
+            let left_out = if f.left_out { " left out" } else { "" };
+            format!("{} {}{left_out}: {}", f.count, f.noun, f.reason)
+        };
+        self.findings.iter().map(line).collect()
+    }
+}
