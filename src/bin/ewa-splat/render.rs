@@ -138,7 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     progress.set_message("writing");
-    write_image(&arguments.out, renderer.image())?;
+    write_image(&arguments.out, renderer.image(), None)?;
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
     }
