@@ -43,20 +43,46 @@ impl Image {
     }
 }
 
-/// The linear value of an sRGB-encoded one, 0..1 (IEC 61966-2-1).
-pub fn linear_from_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.040_45 {
-        encoded / 12.92
+/// The sRGB code value, 0 to 1, of a linear one (IEC 61966-2-1).
+///
+/// Values outside 0 to 1 follow the same curve, mirrored about 0.
+pub fn srgb_from_linear(linear: f32) -> f32 {
+    let x = linear.abs();
+    let code = if x <= 0.003_130_8 {
+        12.92 * x
     } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
+        1.055 * x.powf(1.0 / 2.4) - 0.055
+    };
+    code.copysign(linear)
 }
 
-/// The sRGB-encoded value of a linear one, 0..1 (IEC 61966-2-1).
-pub fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        linear * 12.92
+/// The linear value of an sRGB code value, 0 to 1 (IEC 61966-2-1): the inverse of
+/// [`srgb_from_linear`].
+pub fn linear_from_srgb(code: f32) -> f32 {
+    let x = code.abs();
+    let linear = if x <= 0.040_45 {
+        x / 12.92
     } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
+        ((x + 0.055) / 1.055).powf(2.4)
+    };
+    linear.copysign(code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_has_its_known_values_and_survives_a_round_trip() {
+        assert_eq!(linear_from_srgb(0.0), 0.0);
+        assert_eq!(linear_from_srgb(1.0), 1.0);
+        // The standard's mid grey: code 0.5 is linear 0.214041.
+        assert!((linear_from_srgb(0.5) - 0.214_041_14).abs() < 1e-6);
+        for i in 0..=255_u8 {
+            let code = f32::from(i) / 255.0;
+            // Two powers of f32 with exponents up to 2.4, each good to a few roundings.
+            assert!((srgb_from_linear(linear_from_srgb(code)) - code).abs() < 2e-6);
+        }
+        assert!(srgb_from_linear(f32::NAN).is_nan());
     }
 }

@@ -1,10 +1,101 @@
-//! EWA splatting of unstructured point volumes.
+//! EWA splatting of unstructured point volumes: curvilinear grids, lattices and particles of
+//! arbitrary shape are rendered as they are, without resampling.
+//!
+//! A particle is a Gaussian kernel with a variance matrix of its own that emits and absorbs light.
+//! Projected to the image and convolved with the pixel's low-pass filter it becomes an ellipse,
+//! its footprint (Zwicker et al. 2001, *EWA Volume Splatting*; Chen et al. 2004,
+//! *Hardware-Accelerated Adaptive EWA Volume Splatting*). Footprints are sorted by depth and
+//! composited front to back.
+//!
+//! ```
+//! use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+//! use ewa_splat::view::Camera;
+//! use ewa_splat::{Renderer, Settings};
+//! use glam::DVec3;
+//!
+//! # fn main() -> ewa_splat::Result<()> {
+//! let needle = PointVolume {
+//!     particles: Particles::Anisotropic {
+//!         positions: vec![DVec3::ZERO],
+//!         factors: vec![[0.5, 0.3, 0.05, 0.0, 0.0, 0.1]],
+//!     },
+//!     strength: Strength::Mass(vec![0.5]),
+//!     colour: Colour::Uniform([1.0, 0.6, 0.2]),
+//!     values: None,
+//!     transfer_function: None,
+//! };
+//! let eye = DVec3::new(0.0, -5.0, 1.0);
+//! let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [320, 240]);
+//! let mut renderer = Renderer::new(vec![needle])?;
+//! let image = renderer.render(&camera, &Settings::default())?;
+//! assert!(image.pixel(160, 120)[3] > 0.5);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # From files
+//!
+//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::volume`] turns that and a field
+//! into a [`scene::PointVolume`], [`Renderer`] draws it, [`io::write_image`] writes the picture.
+//!
+//! # Rooms
+//!
+//! Imports run down this list, never up.
+//!
+//! | module | what lives there |
+//! |---|---|
+//! | [`error`], [`constants`], [`image`] | errors, numbers with one home, pictures |
+//! | [`math`] | factors of variances, special functions |
+//! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
+//! | [`io`] | readers and writers, one file per format |
+//! | [`sample`] | data sets to particles with variances and masses |
+//! | [`view`] | cameras |
+//! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
+//! | [`layout`] | the structs that stages exchange |
+//! | [`blocks`] | particles in blocks, culling |
+//! | [`cpu`] | the stages of a frame on the CPU |
+//! | [`render`] | scene + camera + settings to frame |
+//! | [`measure`] | how far one picture is from another |
+//!
+//! # Conventions
+//!
+//! - The world is right-handed. Camera space: x right, y down, z forward; pixel =
+//!   (fx x/z + cx, fy y/z + cy); the centre of pixel (i, j) is (i + 0.5, j + 0.5).
+//! - Kernels have unit integral; a particle has a mass g = extinction x volume \[length²\];
+//!   tau = g x (line integral of the kernel), dimensionless; opacity = 1 - exp(-tau).
+//! - A shape is stored as a factor L of the variance V = L Lᵀ, never as V.
+//! - Colours are linear and premultiplied inside; PNG is sRGB, EXR, PFM and NPY are linear.
+//! - Transfer-function opacity is per unit distance: extinction = -ln(1 - opacity) / unit_distance.
+//!
+//! # Glossary
+//!
+//! | the papers' | here |
+//! |---|---|
+//! | V''_k, V'_k, V_k | factors of the variance in object, camera and ray space: [`scene::Particles`], [`math::Factor`], [`splat::ScreenFactor`] |
+//! | W | `camera_from_world` |
+//! | J | folded into [`splat::project_kernel`] |
+//! | u_k, x_k | `centre` (camera space), `centre_px` |
+//! | h, V_h | `low_pass_variance_px2` |
+//! | q_k, rho_k | [`layout::Footprint`]: the resampling filter, times the mass |
+//! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
+//! | classify | apply the transfer function |
+//! | choose | pick a filter path: [`splat::needs_exact`] |
 
+pub mod blocks;
+pub mod constants;
+pub mod cpu;
 pub mod error;
 pub mod image;
 pub mod io;
+pub mod layout;
+pub mod math;
+pub mod measure;
+pub mod render;
 pub mod sample;
 pub mod scene;
+pub mod splat;
+pub mod view;
 
 pub use error::{Error, Result};
 pub use image::{DepthImage, Image};
+pub use render::{Renderer, Settings};

@@ -1,5 +1,201 @@
 //! Files in and out, one file of code per format.
+//!
+//! [`open`] recognises a data file by its content, then by its name; [`write_image`],
+//! [`write_depth`] and [`read_image`] go by extension. Every reader checks what a header
+//! claims against the bytes that are there before it allocates, and every writer writes to a
+//! temporary file that is renamed when complete.
 
+mod atomic;
+mod csv;
 mod dataset;
+mod file;
+mod image_file;
+mod npy;
+mod plot3d;
+mod raw;
+mod scalars;
+mod table;
+mod vti;
+mod vtk_xml;
 
+use std::path::{Path, PathBuf};
+
+pub use atomic::write_bytes_atomically;
 pub use dataset::{Association, Dataset, Field, FieldSource, Geometry};
+pub use image_file::{read_image, write_depth, write_image};
+pub use raw::{RawLayout, RawType};
+
+use crate::error::{Error, Result};
+
+/// What files do not say about themselves.
+#[derive(Debug, Clone, Default)]
+pub struct OpenOptions {
+    /// How raw volumes are laid out; other formats ignore it.
+    pub raw: Option<RawLayout>,
+    /// The solution of a PLOT3D grid; without it, one beside the grid is taken. Other formats
+    /// ignore it.
+    pub solution: Option<PathBuf>,
+}
+
+/// Formats that are recognised in order to be refused by name: the bytes they start with, and
+/// what to do.
+const NOT_READ: &[(&[u8], &str, &str)] = &[
+    (
+        b"# vtk DataFile",
+        "a legacy VTK file",
+        "save it as VTK XML (.vti)",
+    ),
+    (b"ply\n", "a PLY file", "export the particles as CSV or NPY"),
+    (b"ply\r", "a PLY file", "export the particles as CSV or NPY"),
+    (
+        b"glTF",
+        "a binary glTF file",
+        "give a volume or a particle table",
+    ),
+    (
+        b"\x89HDF",
+        "an HDF5 file",
+        "export the particles as CSV or NPY",
+    ),
+    (
+        b"CDF\x01",
+        "a netCDF or Exodus file",
+        "save it as VTK XML (.vti), or export CSV",
+    ),
+    (
+        b"CDF\x02",
+        "a netCDF or Exodus file",
+        "save it as VTK XML (.vti), or export CSV",
+    ),
+    (
+        b"NRRD",
+        "an NRRD file",
+        "use its raw data with --dims and --type",
+    ),
+    (
+        b"PK\x03\x04",
+        "a ZIP archive (.npz is one)",
+        "unpack it and give the file inside",
+    ),
+    (
+        b"\x89PNG",
+        "a PNG image",
+        "an image holds no volume: give a data file",
+    ),
+    (
+        b"PF\n",
+        "a PFM image",
+        "an image holds no volume: give a data file",
+    ),
+    (
+        b"\x76\x2f\x31\x01",
+        "an EXR image",
+        "an image holds no volume: give a data file",
+    ),
+];
+
+/// Formats of `NOT_READ` that carry no magic number.
+const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
+    ("obj", "a Wavefront OBJ file"),
+    ("gltf", "a glTF file"),
+    ("splat", "a .splat file"),
+    ("spz", "an SPZ file"),
+];
+
+/// Reads a data file.
+///
+/// | recognised by | format |
+/// |---|---|
+/// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
+/// | `<VTKFile type="ImageData"` | VTK image data |
+/// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
+/// | text whose first line names x, y and z, or `.csv` | CSV particle table |
+/// | size and first words | PLOT3D grid, with its solution |
+///
+/// # Errors
+/// The file cannot be read, is of no known format, or breaks its format's rules.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
+    /// Enough for every magic number and for a line of column names.
+    const HEAD: usize = 4096;
+    let (head, len) = file::read_head(path, HEAD)?;
+    let extension = extension(path);
+    let extension = extension.as_str();
+
+    if head.starts_with(npy::MAGIC) {
+        return npy::read(path);
+    }
+    if vtk_xml::looks_like(&head) {
+        return vti::read(path);
+    }
+    let is_table = matches!(extension, "csv" | "tsv");
+    if let (Some(layout), false) = (&options.raw, is_table) {
+        return raw::read(path, layout);
+    }
+    if extension == "raw" || (extension == "gz" && stem_extension(path) == "raw") {
+        let advice = raw::options_from_name(path).map_or_else(
+            || "add --dims X,Y,Z --type u8|i16|u16|f32".to_owned(),
+            |suggested| {
+                format!("its name suggests {suggested}: add these options if they are right")
+            },
+        );
+        return Err(Error::format(
+            path,
+            "raw volume",
+            "its dimensions and type from the command line",
+            "no --dims",
+            advice,
+        ));
+    }
+    let refuse = |name: &str, advice: &str| {
+        Error::format(
+            path,
+            "format",
+            "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+            format!("{name}, which is not read yet"),
+            advice,
+        )
+    };
+    if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
+        return Err(refuse(name, advice));
+    }
+    if let Some((_, name)) = NOT_READ_EXTENSIONS.iter().find(|(e, _)| *e == extension) {
+        return Err(refuse(name, "convert it to one of these formats"));
+    }
+    if head.starts_with(b"\x1f\x8b") {
+        let advice =
+            "unpack it with gunzip (raw volumes may stay compressed: add --dims and --type)";
+        return Err(refuse("a gzip archive", advice));
+    }
+    if is_table {
+        return csv::read(path);
+    }
+    let is_plot3d = matches!(extension, "xyz" | "x" | "p3d" | "p3dx" | "q");
+    let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());
+    if is_text && (!is_plot3d || csv::names_positions(&head)) {
+        return csv::read(path);
+    }
+    if is_plot3d || extension == "bin" || plot3d::looks_like_grid(&head, len) {
+        return plot3d::read(path, options.solution.as_deref());
+    }
+    Err(Error::format(
+        path,
+        "format",
+        "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+        "none of these",
+        "convert it to one of them; if it is a raw volume, add --dims and --type",
+    ))
+}
+
+/// The extension in lower case, or nothing.
+fn extension(path: &Path) -> String {
+    path.extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default()
+}
+
+/// The extension before the last one, as in `volume.raw.gz`.
+fn stem_extension(path: &Path) -> String {
+    path.file_stem()
+        .map(|stem| extension(Path::new(stem)))
+        .unwrap_or_default()
+}

@@ -2,11 +2,13 @@
 
 mod lattice;
 mod point_volume;
+mod requirements;
 mod transfer_function;
 mod values;
 
 pub use lattice::{Lattice, LatticeSpacing};
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
+pub use requirements::Requirements;
 pub use transfer_function::{
     CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint, MAX_OPACITY,
     TransferDefaults, TransferFunction,

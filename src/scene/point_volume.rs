@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::{Lattice, TransferFunction, Values};
+use crate::error::{Error, Result};
 
 /// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
 /// times a mass g = extinction x volume \[length²\].
@@ -85,5 +86,60 @@ impl Particles {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+}
+
+impl PointVolume {
+    /// Whether a transfer function gives masses or colours.
+    pub fn is_classified(&self) -> bool {
+        matches!(self.strength, Strength::Classified { .. }) || self.colour == Colour::Classified
+    }
+
+    /// Checks that every array has one entry per particle and that what is classified can be.
+    ///
+    /// # Errors
+    /// The first array of another length, or the missing one.
+    pub fn validate(&self) -> Result<()> {
+        let count = self.particles.len();
+        let is_lattice = matches!(self.particles, Particles::Lattice { .. });
+        let check = |name: &str, len: usize| {
+            if len == count {
+                return Ok(());
+            }
+            Err(Error::format(
+                "point volume",
+                name,
+                format!("one per particle, {count}"),
+                len.to_string(),
+                "give one entry for each particle",
+            ))
+        };
+        match &self.particles {
+            Particles::Lattice { .. } => {}
+            Particles::Isotropic { sigmas, .. } => check("standard deviations", sigmas.len())?,
+            Particles::Anisotropic { factors, .. } => check("factors", factors.len())?,
+        }
+        match &self.strength {
+            Strength::Classified { volumes } if is_lattice && volumes.is_empty() => {}
+            Strength::Classified { volumes } => check("cell volumes", volumes.len())?,
+            Strength::Mass(masses) => check("masses", masses.len())?,
+        }
+        if let Colour::PerParticle(colours) = &self.colour {
+            check("colours", colours.len())?;
+        }
+        let classified = self.is_classified();
+        if classified || self.values.is_some() {
+            check("values", self.values.as_ref().map_or(0, Values::len))?;
+        }
+        if classified && self.transfer_function.is_none() {
+            return Err(Error::format(
+                "point volume",
+                "transfer function",
+                "one, because masses or colours are classified",
+                "none",
+                "give a transfer function, or masses and colours",
+            ));
+        }
+        Ok(())
     }
 }

@@ -1,1 +1,47 @@
-fn main() {}
+//! The command line: `render`, `info`, `compare`.
+
+mod compare;
+mod info;
+mod input;
+mod parse;
+mod render;
+mod viewpoint;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Renders curvilinear grids, lattices and particles by EWA splatting.
+#[derive(Parser)]
+#[command(version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render data to an image
+    Render(Box<render::Arguments>),
+    /// Say what a file holds and what rendering it requires
+    Info(Box<info::Arguments>),
+    /// Print how far one image is from another
+    Compare(compare::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // One line, whatever a library put into its message.
+            let text = error.to_string().replace('\n', " ");
+            eprintln!("error: {text}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Values of command-line options.
+
+use glam::DVec3;
+
+/// `x,y,z`
+pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
+    numbers(text).map(DVec3::from)
+}
+
+/// `r,g,b`
+pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
+    let [r, g, b] = numbers(text)?;
+    Ok([r as f32, g as f32, b as f32])
+}
+
+fn numbers(text: &str) -> Result<[f64; 3], String> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
+    match parsed.ok().and_then(|v| <[f64; 3]>::try_from(v).ok()) {
+        Some(v) if v.iter().all(|x| x.is_finite()) => Ok(v),
+        _ => Err("three finite numbers with commas between, such as 1,0.5,-2".into()),
+    }
+}
+
+/// `WxH`
+pub(crate) fn size(text: &str) -> Result<[usize; 2], String> {
+    let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| {
+        Some([w.trim().parse().ok()?, h.trim().parse().ok()?])
+    });
+    match parsed {
+        Some([w, h]) if (1..=65_535).contains(&w) && (1..=65_535).contains(&h) => Ok([w, h]),
+        _ => Err("a width and a height from 1 to 65535, such as 1024x768".into()),
+    }
+}
+
+/// `X,Y,Z` counts
+pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
+    let parsed: Result<Vec<usize>, _> = text.split([',', 'x']).map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[usize; 3]>::try_from(v).ok()) {
+        Some(v) if v.iter().all(|&n| n > 0) => Ok(v),
+        _ => Err("three positive counts, such as 256,256,128".into()),
+    }
+}
+
+/// A finite number above zero.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("a finite number above 0".into()),
+    }
+}
+
+/// A finite number.
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err("a finite number".into()),
+    }
+}
+
+/// A field of view in degrees.
+pub(crate) fn fov(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if (1.0..=179.0).contains(&v) => Ok(v),
+        _ => Err("degrees from 1 to 179".into()),
+    }
+}
+
+/// A tolerance.
+pub(crate) fn tolerance(text: &str) -> Result<f32, String> {
+    let value = match text.split_once('/') {
+        Some((a, b)) => a.parse::<f32>().ok().zip(b.parse::<f32>().ok()).map(|(a, b)| a / b),
+        None => text.parse::<f32>().ok(),
+    };
+    match value {
+        Some(v) if v > 0.0 && v < 1.0 => Ok(v),
+        _ => Err("a number between 0 and 1, such as 0.004 or 1/255".into()),
+    }
+}
+
+/// A cut-off radius.
+pub(crate) fn cutoff(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v <= 7.0 => Ok(v),
+        _ => Err("standard deviations, above 0 and at most 7".into()),
+    }
+}
+
+/// A variance in square pixels.
+pub(crate) fn variance(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v >= 0.0 && v.is_finite() => Ok(v),
+        _ => Err("a finite number from 0 up".into()),
+    }
+}

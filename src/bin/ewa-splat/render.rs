@@ -1,0 +1,246 @@
+//! `ewa-splat render`
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
+use ewa_splat::io::{write_bytes_atomically, write_depth, write_image};
+use ewa_splat::render::{FrameCounts, StageTimes};
+use ewa_splat::splat::Filter;
+use ewa_splat::{Error, Renderer, Result, Settings};
+use glam::DVec3;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::input::DataOptions;
+use crate::parse;
+use crate::viewpoint::CameraOptions;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to render together
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Image to write: png, exr, pfm or npy
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Width and height in pixels [default: 1024x1024]
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    size: Option<[usize; 2]>,
+    /// What renders
+    #[arg(long, value_enum, default_value = "auto")]
+    backend: Backend,
+    #[command(flatten)]
+    camera: CameraOptions,
+    #[command(flatten)]
+    data: DataOptions,
+    #[command(flatten)]
+    method: Method,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Backend {
+    /// The fastest this build has: the CPU
+    Auto,
+    Cpu,
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Method")]
+struct Method {
+    /// Largest error in linear colour that an approximation may add [default: 1/255]
+    #[arg(long, value_name = "T", value_parser = parse::tolerance)]
+    tolerance: Option<f32>,
+    /// Which footprint draws a kernel; adaptive takes the affine one where it fits the tolerance
+    #[arg(long, value_enum, default_value = "adaptive")]
+    filter: FilterName,
+    /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
+    #[arg(long, value_enum, default_value = "exponential")]
+    opacity: Opacity,
+    /// Variance of the low-pass filter in square pixels [default: 1]
+    #[arg(long, value_name = "VARIANCE_PX2", value_parser = parse::variance)]
+    low_pass: Option<f32>,
+    /// Cut-off radius in standard deviations [default: from the tolerance]
+    #[arg(long, value_name = "R", value_parser = parse::cutoff)]
+    cutoff: Option<f32>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum FilterName {
+    Adaptive,
+    Exact,
+    Ewa,
+    Reconstruction,
+    LowPass,
+    Isotropic,
+    UniformScaling,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Opacity {
+    Exponential,
+    Linear,
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Output")]
+struct Output {
+    /// Linear colour behind everything [default: none, the image stays transparent]
+    #[arg(long, value_name = "r,g,b", value_parser = parse::colour)]
+    background: Option<[f32; 3]>,
+    /// Write counts, memory and times as JSON
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    /// Write the depth at which half the light is gone: exr, pfm or npy
+    #[arg(long, value_name = "FILE")]
+    depth: Option<PathBuf>,
+    /// Render the frame N times after a warm-up and report median times
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    // Hidden where standard error is no terminal.
+    let progress = ProgressBar::new_spinner();
+    progress.enable_steady_tick(Duration::from_millis(100));
+
+    let read_start = Instant::now();
+    let mut scene = Vec::new();
+    for path in &arguments.inputs {
+        progress.set_message(format!("reading {}", path.display()));
+        let sampled = arguments.data.sample(arguments.data.open(path)?)?;
+        for line in sampled.report.warnings() {
+            progress.suspend(|| eprintln!("{}: {line}", path.display()));
+        }
+        scene.push(sampled.volume);
+    }
+    let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
+
+    progress.set_message("sorting into blocks");
+    let prepare_start = Instant::now();
+    let mut renderer = Renderer::new(scene)?;
+    let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
+
+    let camera = arguments.camera.camera(bounds(&renderer, arguments)?, arguments.size)?;
+    let settings = arguments.settings();
+    progress.set_message("rendering");
+    renderer.render(&camera, &settings)?;
+    let mut times = vec![renderer.times()];
+    if let Some(frames) = arguments.output.frames {
+        times.clear();
+        progress.set_length(u64::from(frames));
+        for _ in 0..frames {
+            renderer.render(&camera, &settings)?;
+            times.push(renderer.times());
+            progress.inc(1);
+        }
+    }
+    progress.set_message("writing");
+    write_image(&arguments.out, renderer.image())?;
+    if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
+        write_depth(path, depth)?;
+    }
+    if let Some(path) = &arguments.output.stats {
+        let stats = stats(&renderer, &times, read_ms, prepare_ms);
+        write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+    }
+    progress.finish_and_clear();
+    if renderer.counts().footprints == 0 {
+        eprintln!("nothing visible: no particle reaches the image with an opacity above zero");
+    }
+    Ok(())
+}
+
+impl Arguments {
+    fn settings(&self) -> Settings {
+        let defaults = Settings::default();
+        Settings {
+            tolerance: self.method.tolerance.unwrap_or(defaults.tolerance),
+            filter: match self.method.filter {
+                FilterName::Adaptive => Filter::Adaptive,
+                FilterName::Exact => Filter::Exact,
+                FilterName::Ewa => Filter::Ewa,
+                FilterName::Reconstruction => Filter::Reconstruction,
+                FilterName::LowPass => Filter::LowPass,
+                FilterName::Isotropic => Filter::Isotropic,
+                FilterName::UniformScaling => Filter::UniformScaling,
+            },
+            linear_opacity: self.method.opacity == Opacity::Linear,
+            low_pass_variance_px2: self.method.low_pass.unwrap_or(defaults.low_pass_variance_px2),
+            cutoff: self.method.cutoff,
+            background: self.output.background,
+            depth: self.output.depth.is_some(),
+            simd: defaults.simd,
+        }
+    }
+}
+
+/// Bounds of everything, for the camera.
+fn bounds(renderer: &Renderer, arguments: &Arguments) -> Result<(DVec3, DVec3)> {
+    let all = renderer.volumes().iter().filter_map(|v| v.bounds());
+    all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).ok_or_else(|| {
+        let names: Vec<_> = arguments.inputs.iter().map(|p| p.display().to_string()).collect();
+        Error::format(
+            names.join(" "),
+            "particles",
+            "at least one",
+            "none",
+            "see `ewa-splat info` for what was left out",
+        )
+    })
+}
+
+fn stats(
+    renderer: &Renderer,
+    times: &[StageTimes],
+    read_ms: f64,
+    prepare_ms: f64,
+) -> serde_json::Value {
+    let counts: FrameCounts = renderer.counts();
+    let particles: usize = renderer.volumes().iter().map(|v| v.particle_count()).sum();
+    let bytes: f64 = renderer
+        .volumes()
+        .iter()
+        .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
+        .sum();
+    let median = |stage: fn(&StageTimes) -> f64| {
+        let mut all: Vec<f64> = times.iter().map(stage).collect();
+        all.sort_by(f64::total_cmp);
+        let middle = all.len() / 2;
+        if all.len() % 2 == 1 { all[middle] } else { (all[middle - 1] + all[middle]) / 2.0 }
+    };
+    json!({
+        "particles": particles,
+        "surfels": 0,
+        "blocks": { "total": counts.blocks, "culled": counts.blocks_culled },
+        "classified": counts.classified,
+        "footprints": counts.footprints,
+        "footprint_paths": {
+            "affine": counts.footprints - counts.footprints_exact - counts.footprints_near,
+            "exact": counts.footprints_exact,
+            "near": counts.footprints_near,
+        },
+        "tile_entries": counts.tile_entries,
+        "splat_pixels": counts.splat_pixels,
+        "bytes_per_particle": bytes / particles.max(1) as f64,
+        "requirements": renderer.requirements(),
+        "backend": "cpu",
+        "adapter": format!("{} threads, {:?}", rayon::current_num_threads(),
+                           ewa_splat::cpu::SimdLevel::best()),
+        "times_ms": {
+            "read": read_ms,
+            "prepare": prepare_ms,
+            "cull": median(|t| t.cull),
+            "classify": median(|t| t.classify),
+            "project": median(|t| t.project),
+            "sort": median(|t| t.sort),
+            "bin": median(|t| t.bin),
+            "rasterise": median(|t| t.rasterise),
+            "resolve": median(|t| t.resolve),
+            "frame": median(|t| t.frame),
+        },
+        "frames": times.len(),
+    })
+}

@@ -1,0 +1,79 @@
+//! Options that place the camera.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use ewa_splat::Result;
+use ewa_splat::view::{Camera, Lens, Viewpoint, read_camera};
+use glam::DVec3;
+
+use crate::parse;
+
+#[derive(Args)]
+#[command(next_help_heading = "Camera")]
+pub(crate) struct CameraOptions {
+    /// Camera in JSON: eye, target, up and fov_deg or ortho_height, or a calibrated one
+    #[arg(long, value_name = "FILE", conflicts_with_all =
+          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom"])]
+    camera: Option<PathBuf>,
+    /// Position of the eye; without it the camera is fitted to the data
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
+          conflicts_with_all = ["azimuth", "elevation", "zoom"])]
+    eye: Option<DVec3>,
+    /// Point looked at [default: the data's centre]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
+          requires = "eye")]
+    target: Option<DVec3>,
+    /// Direction that points up in the image [default: 0,0,1]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
+          requires = "eye")]
+    up: Option<DVec3>,
+    /// Vertical field of view in degrees, 1 to 179 [default: 35]
+    #[arg(long, value_name = "DEG", value_parser = parse::fov)]
+    fov: Option<f64>,
+    /// Orthographic projection of this height in world units
+    #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
+    ortho: Option<f64>,
+    /// Fitted camera: degrees around z; 0 looks along +y [default: 30]
+    #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
+    azimuth: Option<f64>,
+    /// Fitted camera: degrees above the horizon [default: 25]
+    #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
+    elevation: Option<f64>,
+    /// Fitted camera: magnification
+    #[arg(long, value_name = "F", value_parser = parse::positive)]
+    zoom: Option<f64>,
+}
+
+impl CameraOptions {
+    /// The camera for data within `bounds`.
+    pub(crate) fn camera(
+        &self,
+        bounds: (DVec3, DVec3),
+        size: Option<[usize; 2]>,
+    ) -> Result<Camera> {
+        if let Some(path) = &self.camera {
+            return read_camera(path, size);
+        }
+        let size = size.unwrap_or([1024, 1024]);
+        let fov = self.fov.unwrap_or(35.0);
+        if let Some(eye) = self.eye {
+            let target = self.target.unwrap_or((bounds.0 + bounds.1) / 2.0);
+            let up = self.up.unwrap_or(DVec3::Z);
+            return Ok(match self.ortho {
+                Some(height) => Camera::orthographic(eye, target, up, height, size),
+                None => Camera::perspective(eye, target, up, fov, size),
+            });
+        }
+        let viewpoint = Viewpoint {
+            azimuth_deg: self.azimuth.unwrap_or(30.0),
+            elevation_deg: self.elevation.unwrap_or(25.0),
+            zoom: self.zoom.unwrap_or(1.0),
+        };
+        let lens = match self.ortho {
+            Some(height) => Lens::OrthoHeight(Some(height)),
+            None => Lens::FovDeg(fov),
+        };
+        Ok(viewpoint.camera(bounds.0, bounds.1, lens, size))
+    }
+}

@@ -1,0 +1,201 @@
+//! Blocks of a lattice: bricks of neighbouring cells. Positions, shapes and volumes follow from
+//! indices, so that a voxel costs its value and a share of its brick.
+
+use glam::{DVec3, Mat3, Vec3};
+use rayon::prelude::*;
+
+use super::{Block, EMPTY_RANGE, value_range};
+use crate::constants::BRICK;
+use crate::math::Factor;
+use crate::scene::{Lattice, LatticeSpacing, Values};
+
+/// A lattice cut into bricks of [`BRICK`] cells.
+#[derive(Debug, Clone)]
+pub struct BrickGrid {
+    lattice: Lattice,
+    kernel_width: f64,
+    bricks: [usize; 3],
+    /// For a rectilinear lattice, the width of each cell along each axis.
+    widths: Option<[Vec<f32>; 3]>,
+}
+
+impl BrickGrid {
+    /// Cuts a lattice into bricks.
+    pub(super) fn new(lattice: Lattice, kernel_width: f64) -> Self {
+        let bricks = [0, 1, 2].map(|a| lattice.dims[a].div_ceil(BRICK[a]));
+        let widths = match &lattice.spacing {
+            LatticeSpacing::Uniform { .. } => None,
+            LatticeSpacing::Rectilinear { coordinates } => {
+                Some([0, 1, 2].map(|a| cell_widths(&coordinates[a])))
+            }
+        };
+        Self { lattice, kernel_width, bricks, widths }
+    }
+
+    /// The lattice.
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// Standard deviation over spacing.
+    pub fn kernel_width(&self) -> f64 {
+        self.kernel_width
+    }
+
+    /// First cell and one past the last cell of a brick along each axis.
+    #[inline]
+    pub fn cells(&self, brick: u32) -> [[usize; 2]; 3] {
+        let b = brick as usize;
+        let [bx, by, _] = self.bricks;
+        let at = [b % bx, b / bx % by, b / (bx * by)];
+        [0, 1, 2].map(|a| {
+            let first = at[a] * BRICK[a];
+            [first, (first + BRICK[a]).min(self.lattice.dims[a])]
+        })
+    }
+
+    /// Index of a cell in the lattice's order.
+    #[inline]
+    pub fn index(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.lattice.dims[0] * (j + self.lattice.dims[1] * k)
+    }
+
+    /// Cell `local` of the brick whose first cell is `corner`.
+    #[inline]
+    pub fn cell(corner: [usize; 3], local: u32) -> [usize; 3] {
+        let l = local as usize;
+        [
+            corner[0] + l % BRICK[0],
+            corner[1] + l / BRICK[0] % BRICK[1],
+            corner[2] + l / (BRICK[0] * BRICK[1]),
+        ]
+    }
+
+    /// The inverse of [`BrickGrid::cell`].
+    #[inline]
+    pub fn local(corner: [usize; 3], cell: [usize; 3]) -> u32 {
+        let [x, y, z] = [0, 1, 2].map(|a| cell[a] - corner[a]);
+        (x + BRICK[0] * (y + BRICK[1] * z)) as u32
+    }
+
+    /// Position of a cell relative to `origin`, world units.
+    #[inline]
+    pub fn offset(&self, cell: [usize; 3], origin: DVec3) -> Vec3 {
+        (self.lattice.position(cell) - origin).as_vec3()
+    }
+
+    /// The factor that all kernels share: none for a rectilinear lattice.
+    pub fn shared_factor(&self) -> Option<Mat3> {
+        match &self.lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => Some((*step * self.kernel_width).as_mat3()),
+            LatticeSpacing::Rectilinear { .. } => None,
+        }
+    }
+
+    /// Rotated factor of a rectilinear lattice's cell.
+    #[inline]
+    pub fn cell_factor(&self, rotation: &Mat3, cell: [usize; 3]) -> Factor {
+        let w = self.cell_width(cell) * self.kernel_width as f32;
+        Factor::from_matrix(*rotation * Mat3::from_diagonal(w))
+    }
+
+    /// The volume that all cells share, world units cubed: none for a rectilinear lattice.
+    pub fn uniform_volume(&self) -> Option<f32> {
+        match &self.lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => Some(step.determinant().abs() as f32),
+            LatticeSpacing::Rectilinear { .. } => None,
+        }
+    }
+
+    /// Volume of a rectilinear lattice's cell, world units cubed.
+    #[inline]
+    pub fn cell_volume(&self, cell: [usize; 3]) -> f32 {
+        self.cell_width(cell).element_product()
+    }
+
+    #[inline]
+    fn cell_width(&self, [i, j, k]: [usize; 3]) -> Vec3 {
+        self.widths
+            .as_ref()
+            .map_or(Vec3::ONE, |[x, y, z]| Vec3::new(x[i], y[j], z[k]))
+    }
+
+    /// One block per brick.
+    pub(super) fn blocks(&self, values: Option<&Values>) -> Vec<Block> {
+        let count: usize = self.bricks.iter().product();
+        let uniform_sigma = self.shared_factor().map(|m| {
+            let columns = [m.x_axis, m.y_axis, m.z_axis];
+            columns.iter().map(|c| c.length_squared()).sum::<f32>().sqrt()
+        });
+        let block = |brick: u32| {
+            let cells = self.cells(brick);
+            let [x, y, z] = cells;
+            let lower = self.lattice.position([x[0], y[0], z[0]]);
+            let upper = self.lattice.position([x[1] - 1, y[1] - 1, z[1] - 1]);
+            // A sheared lattice's bricks are bounded by the sum of their edges.
+            let half_extent = match &self.lattice.spacing {
+                LatticeSpacing::Uniform { step, .. } => cells
+                    .iter()
+                    .zip([step.x_axis, step.y_axis, step.z_axis])
+                    .map(|([first, end], s)| s.abs() * ((end - 1 - first) as f64 / 2.0))
+                    .sum::<DVec3>()
+                    .as_vec3(),
+                LatticeSpacing::Rectilinear { .. } => ((upper - lower) / 2.0).as_vec3().abs(),
+            };
+            let max_sigma = uniform_sigma.unwrap_or_else(|| {
+                let widest = self.widths.as_ref().map_or(0.0, |widths| {
+                    (0..3)
+                        .flat_map(|a| widths[a][cells[a][0]..cells[a][1]].iter().copied())
+                        .fold(0.0, f32::max)
+                });
+                widest * self.kernel_width as f32
+            });
+            let value_range = values.map_or(EMPTY_RANGE, |v| self.brick_range(v, cells));
+            Block {
+                origin: (lower + upper) / 2.0,
+                half_extent: half_extent * (1.0 + f32::EPSILON),
+                max_sigma,
+                first: brick,
+                count: cells.iter().map(|[a, b]| (b - a) as u32).product(),
+                value_range,
+            }
+        };
+        (0..u32::try_from(count).unwrap_or(u32::MAX))
+            .into_par_iter()
+            .with_min_len(64)
+            .map(block)
+            .collect()
+    }
+
+    fn brick_range(&self, values: &Values, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
+        let rows = (z[0]..z[1]).flat_map(|k| (y[0]..y[1]).map(move |j| (j, k)));
+        let mut range = EMPTY_RANGE;
+        for (j, k) in rows {
+            let first = self.index([x[0], j, k]);
+            let row = first..first + (x[1] - x[0]);
+            let [lo, hi] = match values {
+                Values::U8(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                Values::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                Values::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                Values::F32(v) => value_range(v[row].iter().copied()),
+            };
+            range = [range[0].min(lo), range[1].max(hi)];
+        }
+        range
+    }
+}
+
+/// Half the distance between a sample's neighbours; at the ends, the distance to the one
+/// neighbour. One sample alone has width 1.
+fn cell_widths(x: &[f64]) -> Vec<f32> {
+    let n = x.len();
+    (0..n)
+        .map(|i| {
+            if n == 1 {
+                return 1.0;
+            }
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+            ((x[b] - x[a]) / (b - a) as f64).abs() as f32
+        })
+        .collect()
+}

@@ -1,0 +1,144 @@
+//! Which blocks a frame sees.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Block, BlockedVolume};
+use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
+use crate::layout::BlockView;
+use crate::scene::Strength;
+use crate::view::{Camera, Projection};
+
+/// The five planes that bound what a camera sees: the sides, widened by the reach of the low-pass
+/// filter, and the plane of the eye.
+#[derive(Debug, Clone, Copy)]
+pub struct Frustum {
+    /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
+    planes: [(DVec3, f64); 5],
+}
+
+impl Frustum {
+    /// The frustum of a camera whose low-pass filter reaches `margin_px` pixels beyond the image.
+    pub fn new(camera: &Camera, margin_px: f64) -> Self {
+        let lower = (-camera.centre_px - margin_px) / camera.focal_px;
+        let size = glam::DVec2::new(camera.width as f64, camera.height as f64);
+        let upper = (size - camera.centre_px + margin_px) / camera.focal_px;
+        let side = |axis: DVec3, sign: f64, bound: f64| match camera.projection {
+            Projection::Perspective => ((axis - DVec3::Z * bound).normalize() * sign, 0.0),
+            Projection::Orthographic => (axis * sign, -bound * sign),
+        };
+        Self {
+            planes: [
+                side(DVec3::X, 1.0, lower.x),
+                side(DVec3::X, -1.0, upper.x),
+                side(DVec3::Y, 1.0, lower.y),
+                side(DVec3::Y, -1.0, upper.y),
+                (DVec3::Z, 0.0),
+            ],
+        }
+    }
+
+    /// Whether a box (camera-space centre, half extents along the world's axes) grown by
+    /// `radius` may reach inside. Conservative.
+    pub fn sees(&self, camera: &Camera, centre: DVec3, half_extent: DVec3, radius: f64) -> bool {
+        self.planes.iter().all(|(n, d)| {
+            let world_normal = camera.camera_from_world.transpose() * *n;
+            n.dot(centre) + d + world_normal.abs().dot(half_extent) + radius >= 0.0
+        })
+    }
+}
+
+/// The blocks that may reach the image and hold something visible, in their own order.
+/// Keys and counts are left to later stages.
+pub fn cull(volume: &BlockedVolume, camera: &Camera, frustum: &Frustum, views: &mut Vec<BlockView>) {
+    views.clear();
+    views.par_extend(volume.blocks.par_iter().enumerate().filter_map(|(i, block)| {
+        let centre = camera.camera_point(block.origin);
+        let half = block.half_extent.as_dvec3();
+        let radius = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
+        if is_transparent(volume, block) || !frustum.sees(camera, centre, half, radius) {
+            return None;
+        }
+        let (distance, _) = distance_interval(camera, block);
+        Some(BlockView {
+            origin_camera: centre.as_vec3().into(),
+            origin_distance: distance as f32,
+            block: u32::try_from(i).unwrap_or(u32::MAX),
+            first: 0,
+            count: 0,
+            key: 0,
+        })
+    }));
+}
+
+/// Whether the transfer function leaves nothing of a block's value range.
+fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
+    match (&volume.strength, &volume.transfer_function) {
+        (Strength::Classified { .. }, Some(transfer)) => {
+            let [lo, hi] = block.value_range;
+            // No value at all (lo > hi): nothing is classified, nothing is visible.
+            lo > hi || transfer.max_extinction(lo, hi) <= 0.0
+        }
+        _ => false,
+    }
+}
+
+/// The distances that a frame's depth keys span.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthRange {
+    near: f64,
+    keys_per_unit: f64,
+}
+
+impl DepthRange {
+    /// The range from the nearest to the farthest of some (distance, radius) intervals.
+    ///
+    /// Only what is visible counts, so that a far outlier outside the picture costs no bits.
+    pub fn of(intervals: impl Iterator<Item = (f64, f64)>) -> Self {
+        let (near, far) = intervals.fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), (d, r)| {
+            (near.min(d - r), far.max(d + r))
+        });
+        let span = (far - near).max(f64::MIN_POSITIVE);
+        Self {
+            near,
+            // Four keys of slack for roundings at either end.
+            keys_per_unit: (((1_u64 << DEPTH_KEY_BITS) - 8) as f64 / span).min(f64::from(f32::MAX)),
+        }
+    }
+
+    /// The key of a distance: smaller is nearer.
+    pub fn key(&self, distance: f64) -> u32 {
+        // A float to integer cast saturates; NaN gives 0.
+        ((distance - self.near) * self.keys_per_unit) as u32 + 4
+    }
+
+    /// Keys per unit of distance.
+    pub fn keys_per_unit(&self) -> f32 {
+        self.keys_per_unit as f32
+    }
+}
+
+/// Distance of a block's origin and the radius of its centres, as depth keys measure them.
+pub fn distance_interval(camera: &Camera, block: &Block) -> (f64, f64) {
+    let centre = camera.camera_point(block.origin);
+    let distance = match camera.projection {
+        Projection::Perspective => centre.length(),
+        Projection::Orthographic => centre.z,
+    };
+    (distance, block.half_extent.as_dvec3().length())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_keep_the_order_of_depths_that_tie_in_f32() {
+        // The `depth_key_ties` case: six depths at 1e6 that are two numbers in f32.
+        let depths = [1000000.03, 1000000.01, 1000000.02, 1000000.01, 999999.99, 1000000.04];
+        let range = DepthRange::of(depths.iter().map(|&d| (d, 0.0)));
+        let mut order: Vec<usize> = (0..depths.len()).collect();
+        order.sort_by_key(|&i| (range.key(depths[i]), i));
+        assert_eq!(order, [4, 1, 3, 2, 0, 5]);
+    }
+}

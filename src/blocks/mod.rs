@@ -1,0 +1,139 @@
+//! Particles reordered into blocks, so that a frame can reject many at once.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `build.rs` | blocks of a point set, from an obvhs BVH |
+//! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
+//! | `cull.rs` | which blocks a frame sees |
+
+mod brick;
+mod build;
+mod cull;
+
+use glam::{DVec3, Vec3};
+
+use crate::scene::{Colour, Lattice, PointVolume, Strength, TransferFunction, Values};
+
+pub use brick::BrickGrid;
+pub use cull::{DepthRange, Frustum, cull, distance_interval};
+
+/// A point volume made ready for rendering: its particles in blocks of at most
+/// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
+#[derive(Debug, Clone)]
+pub struct BlockedVolume {
+    /// The blocks.
+    pub blocks: Vec<Block>,
+    /// Positions and shapes in block order.
+    pub particles: BlockedParticles,
+    /// Where masses come from, in block order.
+    pub strength: Strength,
+    /// Where colours come from, in block order.
+    pub colour: Colour,
+    /// Values in block order (a lattice's stay in the lattice's order).
+    pub values: Option<Values>,
+    /// The transfer function, where something is classified.
+    pub transfer_function: Option<TransferFunction>,
+}
+
+/// Positions and shapes of a [`BlockedVolume`].
+#[derive(Debug, Clone)]
+pub enum BlockedParticles {
+    /// Particle `local` of brick `block` is a cell of the lattice.
+    Lattice(BrickGrid),
+    /// Spheres: offsets from the block's origin and standard deviations.
+    Isotropic {
+        /// World units, relative to the block's origin.
+        offsets: Vec<[f32; 3]>,
+        /// World units.
+        sigmas: Vec<f32>,
+    },
+    /// Ellipsoids: offsets from the block's origin and lower-triangular factors.
+    Anisotropic {
+        /// World units, relative to the block's origin.
+        offsets: Vec<[f32; 3]>,
+        /// l00, l10, l11, l20, l21, l22, world units.
+        factors: Vec<[f32; 6]>,
+    },
+}
+
+/// A run of particles and what bounds them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Block {
+    /// World position that the particles' offsets are relative to: the middle of their bounds.
+    pub origin: DVec3,
+    /// Half the extent of the particles' centres.
+    pub half_extent: Vec3,
+    /// No kernel's standard deviation exceeds this in any direction.
+    pub max_sigma: f32,
+    /// The first particle (points) or the brick's index (lattice).
+    pub first: u32,
+    /// Number of particles.
+    pub count: u32,
+    /// Least and greatest finite value; reversed where there is none.
+    pub value_range: [f32; 2],
+}
+
+/// No value: contains nothing.
+pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+impl BlockedVolume {
+    /// Sorts a volume's particles into blocks.
+    pub fn new(volume: PointVolume) -> Self {
+        build::build(volume)
+    }
+
+    /// Bytes kept per particle, blocks included.
+    pub fn bytes_per_particle(&self) -> f64 {
+        let count = self.particle_count().max(1) as f64;
+        let per_particle = match &self.particles {
+            BlockedParticles::Lattice(_) => 0,
+            BlockedParticles::Isotropic { .. } => 16,
+            BlockedParticles::Anisotropic { .. } => 36,
+        };
+        let masses = match &self.strength {
+            Strength::Classified { volumes } => volumes.len() * 4,
+            Strength::Mass(masses) => masses.len() * 4,
+        };
+        let colours = match &self.colour {
+            Colour::PerParticle(c) => c.len() * 12,
+            _ => 0,
+        };
+        let values = self.values.as_ref().map_or(0, |v| v.len() * v.bytes_per_value());
+        let blocks = self.blocks.len() * size_of::<Block>();
+        (masses + colours + values + blocks) as f64 / count + f64::from(per_particle)
+    }
+
+    /// How many particles there are.
+    pub fn particle_count(&self) -> usize {
+        match &self.particles {
+            BlockedParticles::Lattice(grid) => grid.lattice().len(),
+            BlockedParticles::Isotropic { offsets, .. }
+            | BlockedParticles::Anisotropic { offsets, .. } => offsets.len(),
+        }
+    }
+
+    /// Bounds of the particles' centres, world units; `None` of an empty volume.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let first = self.blocks.first()?;
+        let start = (first.origin, first.origin);
+        Some(self.blocks.iter().fold(start, |(lower, upper), b| {
+            let half = b.half_extent.as_dvec3();
+            (lower.min(b.origin - half), upper.max(b.origin + half))
+        }))
+    }
+
+    /// The lattice, where the particles are one's.
+    pub fn lattice(&self) -> Option<&Lattice> {
+        match &self.particles {
+            BlockedParticles::Lattice(grid) => Some(grid.lattice()),
+            _ => None,
+        }
+    }
+}
+
+/// Least and greatest finite value among `values`.
+pub(crate) fn value_range(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values
+        .filter(|v| v.is_finite())
+        .fold(EMPTY_RANGE, |[lo, hi], v| [lo.min(v), hi.max(v)])
+}

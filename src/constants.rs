@@ -1,0 +1,32 @@
+//! Numbers with one home.
+
+/// Side of a raster tile in pixels.
+pub const TILE_SIZE: usize = 16;
+
+/// Pixels of a raster tile.
+pub const TILE_PIXELS: usize = TILE_SIZE * TILE_SIZE;
+
+/// Particles in a block at most.
+pub const BLOCK_CAPACITY: usize = 256;
+
+/// Cells of a lattice block along x, y and z; their product is [`BLOCK_CAPACITY`].
+pub const BRICK: [usize; 3] = [8, 8, 4];
+
+/// Bits of a depth key. One bit less than a word, so that the signed difference between a
+/// particle's key and its block's fits an `i32`.
+pub const DEPTH_KEY_BITS: u32 = 31;
+
+/// The largest cut-off radius in standard deviations, whatever the tolerance and the optical
+/// depth: exp(-7²/2) = 2e-11 of the peak lies outside.
+pub const MAX_CUTOFF: f32 = 7.0;
+
+/// The default tolerance: one grey level of 255, linear colour.
+pub const DEFAULT_TOLERANCE: f32 = 1.0 / 255.0;
+
+/// The default low-pass variance \[px²\]: the papers' identity matrix. The image of a constant
+/// then ripples by 4 exp(-2 pi² h²) = 1e-8 between pixel centres.
+pub const DEFAULT_LOW_PASS_VARIANCE_PX2: f32 = 1.0;
+
+/// A tile stops when what still shines through is below this share of the tolerance: small
+/// against the cut-off's share, and deep enough that stopping is rarely late.
+pub const TERMINATION_SHARE: f32 = 1.0 / 16.0;

@@ -1,0 +1,29 @@
+//! The CPU back end: one file per stage, each a function from slices to slices.
+//!
+//! | stage | reads | writes |
+//! |---|---|---|
+//! | `classify.rs` | blocks in view, values, transfer function | visible particles |
+//! | `project.rs` | visible particles, camera | footprints |
+//! | `sort.rs` | footprints | their order, front to back |
+//! | `bin.rs` | footprints in order | lists per tile |
+//! | `rasterise.rs` | lists, footprints | tiles |
+//! | `resolve.rs` | tiles | image, depth |
+//!
+//! Cull comes first and is shared: [`crate::blocks::cull`]. `lanes.rs` is the rasteriser's inner
+//! loop.
+
+mod bin;
+mod classify;
+mod lanes;
+mod project;
+mod rasterise;
+mod resolve;
+mod sort;
+
+pub use bin::{Bins, bin, for_each_tile};
+pub use classify::{classify, count_classified};
+pub use lanes::{SimdLevel, Tile};
+pub use project::{ProjectOutput, project};
+pub use rasterise::{RasteriseSettings, rasterise};
+pub use resolve::{resolve, resolve_depth};
+pub use sort::sort;

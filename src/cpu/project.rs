@@ -1,0 +1,353 @@
+//! Stage: from particles to footprints.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use glam::{Mat3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use crate::constants::{MAX_CUTOFF, TILE_SIZE};
+use crate::layout::{
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
+    PATH_HALF_LINE, PATH_NEAR, ViewUniform, pack_range,
+};
+use crate::math::Factor;
+use crate::splat::{
+    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, exact_extent,
+    exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
+};
+
+/// What the projection of one frame writes besides footprints.
+#[derive(Debug, Default)]
+pub struct ProjectOutput {
+    near: Mutex<Vec<NearTerms>>,
+    any_exact: AtomicBool,
+}
+
+impl ProjectOutput {
+    /// Forgets the last frame.
+    pub fn clear(&mut self) {
+        self.near.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+        *self.any_exact.get_mut() = false;
+    }
+
+    /// Terms of the kernels that cross the camera plane; few, in no particular order.
+    pub fn near(&mut self) -> &[NearTerms] {
+        self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether any footprint is on the exact path.
+    pub fn any_exact(&self) -> bool {
+        self.any_exact.load(Ordering::Relaxed)
+    }
+}
+
+/// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
+/// be empty where no filter of the frame asks for it).
+pub fn project(
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    classified: &[ClassifiedParticle],
+    view: &ViewUniform,
+    rotation: Mat3,
+    footprints: &mut [Footprint],
+    exact: &mut [ExactTerms],
+    output: &ProjectOutput,
+) {
+    /// Particles per parallel task: a few blocks.
+    const GRAIN: usize = 2048;
+    let shapes = Shapes::new(volume, rotation);
+    let task = |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
+        let mut any_exact = false;
+        let mut run = None;
+        for (i, particle) in particles.iter().enumerate() {
+            let block = &views[particle.view as usize];
+            // Particles of a block follow one another: what they share is found once.
+            let shapes = match &run {
+                Some((view, shapes)) if *view == particle.view => shapes,
+                _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
+            };
+            let (offset, factor) = shapes.get(particle.local);
+            let origin = Vec3::from(block.origin_camera);
+            let kernel = Kernel { centre: origin + offset, factor, mass: particle.mass };
+            let key = depth_key(view, block, origin, offset);
+            let mut terms = None;
+            out[i] = footprint(view, &kernel, particle.colour, key, &mut terms, &output.near);
+            if let Some(terms) = terms {
+                exact[i] = terms;
+                any_exact = true;
+            }
+        }
+        if any_exact {
+            output.any_exact.store(true, Ordering::Relaxed);
+        }
+    };
+    if exact.is_empty() {
+        footprints
+            .par_chunks_mut(GRAIN)
+            .zip(classified.par_chunks(GRAIN))
+            .for_each(|(out, particles)| task(particles, out, &mut []));
+    } else {
+        footprints
+            .par_chunks_mut(GRAIN)
+            .zip(exact.par_chunks_mut(GRAIN))
+            .zip(classified.par_chunks(GRAIN))
+            .for_each(|((out, exact), particles)| task(particles, out, exact));
+    }
+}
+
+/// Positions and factors of a volume's particles, rotated into camera space.
+struct Shapes<'a> {
+    volume: &'a BlockedVolume,
+    rotation: Mat3,
+    shared: Option<Factor>,
+}
+
+impl<'a> Shapes<'a> {
+    fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
+        let shared = match &volume.particles {
+            BlockedParticles::Lattice(grid) => grid
+                .shared_factor()
+                .map(|f| Factor::from_matrix(rotation * f)),
+            _ => None,
+        };
+        Self { volume, rotation, shared }
+    }
+
+    fn of_block(&self, block: u32) -> BlockShapes<'_> {
+        let corner = match &self.volume.particles {
+            BlockedParticles::Lattice(grid) => grid.cells(block).map(|[first, _]| first),
+            _ => [0; 3],
+        };
+        BlockShapes { shapes: self, block: &self.volume.blocks[block as usize], corner }
+    }
+}
+
+/// The shapes of one block's particles.
+struct BlockShapes<'a> {
+    shapes: &'a Shapes<'a>,
+    block: &'a Block,
+    /// A brick's first cell.
+    corner: [usize; 3],
+}
+
+impl BlockShapes<'_> {
+    /// Offset from the block's origin and factor, camera space.
+    #[inline]
+    fn get(&self, local: u32) -> (Vec3, Factor) {
+        let Shapes { volume, rotation, shared } = self.shapes;
+        let i = (self.block.first + local) as usize;
+        match &volume.particles {
+            BlockedParticles::Lattice(grid) => {
+                let cell = BrickGrid::cell(self.corner, local);
+                let factor = shared.unwrap_or_else(|| grid.cell_factor(rotation, cell));
+                (*rotation * grid.offset(cell, self.block.origin), factor)
+            }
+            BlockedParticles::Isotropic { offsets, sigmas } => {
+                (*rotation * Vec3::from(offsets[i]), Factor::sphere(sigmas[i]))
+            }
+            BlockedParticles::Anisotropic { offsets, factors } => {
+                (*rotation * Vec3::from(offsets[i]), Factor::rotated(rotation, &factors[i]))
+            }
+        }
+    }
+}
+
+/// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
+/// plus a difference that f32 holds to 24 bits of the block's size.
+#[inline]
+fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
+    let delta = if view.orthographic != 0 {
+        offset.z
+    } else {
+        let sum = (origin + offset).length() + origin.length();
+        if sum > 0.0 { offset.dot(origin * 2.0 + offset) / sum } else { 0.0 }
+    };
+    let keys = (delta * view.key_scale).round_ties_even() as i32;
+    block.key.saturating_add_signed(keys)
+}
+
+/// Kernels are integrated directly from this multiple of the cut-off in front of the camera plane:
+/// at 1 the outline of the exact footprint reaches infinity, and its bounds are differences of
+/// large numbers.
+const NEAR_MARGIN: f32 = 1.2;
+
+/// The footprint of one kernel; invisible where it reaches no pixel.
+#[inline]
+pub(crate) fn footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    colour: [f32; 3],
+    key: u32,
+    exact: &mut Option<ExactTerms>,
+    near: &Mutex<Vec<NearTerms>>,
+) -> Footprint {
+    let mut out = Footprint {
+        centre_px: [0.0; 2],
+        form_p: [0.0; 2],
+        form_r: [0.0; 2],
+        tau: 0.0,
+        cutoff_squared: 0.0,
+        colour,
+        depth: kernel.centre.z,
+        path: PATH_AFFINE,
+        columns: 0,
+        rows: 0,
+        key,
+    };
+    let h2 = view.low_pass_variance_px2;
+    let reach = kernel.factor.z.length();
+    if kernel.centre.z < -MAX_CUTOFF * reach {
+        return out;
+    }
+    let orthographic = view.orthographic != 0;
+    if kernel.centre.z <= 0.0 && !orthographic {
+        near_footprint(view, kernel, near, &mut out);
+        return out;
+    }
+    let screen = project_kernel(view, kernel);
+    let filter = Filter::ALL[view.filter as usize];
+    let image = screen.filtered(filter, h2);
+    if !(image.tau > 0.0 && image.tau.is_finite()) {
+        // A singular footprint (no low-pass filter), or numbers beyond f32.
+        return out;
+    }
+    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    if kernel.centre.z <= NEAR_MARGIN * r * reach {
+        if orthographic {
+            half_line_footprint(view, kernel, near, &mut out, &screen, &image, r);
+        } else {
+            near_footprint(view, kernel, near, &mut out);
+        }
+        return out;
+    }
+    if needs_exact(view, &screen, &image) {
+        let Some((middle, half)) = exact_extent(&screen, h2, r) else {
+            return out;
+        };
+        *exact = Some(exact_terms(&screen, h2, image.determinant));
+        affine_part(&mut out, &screen, &image, r);
+        out.path = PATH_EXACT;
+        // |D| is evaluated per pixel; |D0| goes here.
+        out.tau /= screen.ray_length;
+        set_bounds(view, &mut out, screen.centre_px + middle, half);
+    } else {
+        affine_part(&mut out, &screen, &image, r);
+        let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+        set_bounds(view, &mut out, screen.centre_px, half);
+    }
+    out
+}
+
+#[inline]
+fn affine_part(out: &mut Footprint, screen: &ScreenFactor, image: &ImageKernel, r: f32) {
+    let [p, q] = image.triangular_form();
+    out.centre_px = screen.centre_px.into();
+    out.form_p = p;
+    out.form_r = q;
+    out.tau = image.tau / cutoff_share(r);
+    out.cutoff_squared = r * r;
+}
+
+/// Pixels whose centres lie within `half` of `centre`.
+#[inline]
+fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2) {
+    let range = |centre: f32, half: f32, size: u32| {
+        // Casts saturate, and NaN gives 0: an empty range.
+        let first = (centre - half - 0.5).ceil().max(0.0) as u32;
+        let end = ((centre + half - 0.5).floor() + 1.0).max(0.0) as u32;
+        (first < end.min(size)).then(|| pack_range(first, end.min(size)))
+    };
+    if let (Some(columns), Some(rows)) =
+        (range(centre.x, half.x, view.size[0]), range(centre.y, half.y, view.size[1]))
+    {
+        out.columns = columns;
+        out.rows = rows;
+    }
+}
+
+fn push(near: &Mutex<Vec<NearTerms>>, terms: NearTerms, path: u32) -> u32 {
+    let mut near = near.lock().unwrap_or_else(PoisonError::into_inner);
+    near.push(terms);
+    (near.len() - 1) as u32 * 4 + path
+}
+
+/// An orthographic kernel that reaches behind the eye's plane.
+fn half_line_footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    near: &Mutex<Vec<NearTerms>>,
+    out: &mut Footprint,
+    screen: &ScreenFactor,
+    image: &ImageKernel,
+    r: f32,
+) {
+    affine_part(out, screen, image, r);
+    let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    set_bounds(view, out, screen.centre_px, half);
+    if out.is_visible() {
+        let moments = [image.a, image.b, image.c, image.determinant];
+        out.path = push(near, half_line_terms(view, kernel, moments), PATH_HALF_LINE);
+    }
+}
+
+/// A perspective kernel that reaches the camera plane.
+fn near_footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    near: &Mutex<Vec<NearTerms>>,
+    out: &mut Footprint,
+) {
+    let Some((terms, weight)) = near_terms(view, kernel) else {
+        return;
+    };
+    // A bound of the optical depth in any direction: 1/sqrt(DᵀKD) <= sqrt(trace V / det V).
+    let trace = kernel.factor.columns().iter().map(|c| c.length_squared()).sum::<f32>();
+    let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
+    let highest = weight * (trace / unit2).sqrt() / terms.sigma;
+    let r = cutoff_radius(highest, view.tolerance, view.cutoff);
+    // A flat kernel's bound is infinite, and NaN must not shrink anything.
+    let r = if r.is_finite() { r } else { MAX_CUTOFF };
+    let h = view.low_pass_variance_px2.sqrt();
+    let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
+    let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
+    if let (Some(columns), Some(rows)) = (columns, rows) {
+        out.columns = columns;
+        out.rows = rows;
+        out.tau = weight / cutoff_share(r);
+        out.cutoff_squared = r * r;
+        out.path = push(near, terms, PATH_NEAR);
+    }
+}
+
+/// The pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: all between
+/// the first and the last slab that neither bounding plane separates from it.
+fn near_range(
+    kernel: &Kernel,
+    axis: Vec3,
+    row: Vec3,
+    view: &ViewUniform,
+    i: usize,
+    r: f32,
+    h: f32,
+) -> Option<u32> {
+    let size = view.size[i];
+    let tile = TILE_SIZE as u32;
+    let slope_at = |px: f32| (px - view.centre_px[i]) / view.focal_px[i];
+    // Support of the ellipsoid beyond the plane x = X z, on either side of it.
+    let side = |slope: f32| {
+        let centre = kernel.centre.dot(axis) - slope * kernel.centre.z;
+        let reach = r * (row - kernel.factor.z * slope).length();
+        (centre - reach, centre + reach)
+    };
+    let reaches = |t: u32| {
+        let (_, highest) = side(slope_at((t * tile) as f32 - r * h));
+        let (lowest, _) = side(slope_at(((t + 1) * tile) as f32 + r * h));
+        highest >= 0.0 && lowest <= 0.0
+    };
+    let tiles = size.div_ceil(tile);
+    let first = (0..tiles).find(|&t| reaches(t))?;
+    let last = (first..tiles).rev().find(|&t| reaches(t))?;
+    Some(pack_range(first * tile, ((last + 1) * tile).min(size)))
+}

@@ -1,0 +1,187 @@
+//! Stage: from lists of footprints to tiles of pixels, front to back.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::bin::Bins;
+use super::lanes::{Mode, Patch, SimdLevel, Tile, splat};
+use crate::constants::{TERMINATION_SHARE, TILE_SIZE};
+use crate::layout::{
+    ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, ViewUniform,
+};
+use crate::math::normal_cdf;
+use crate::splat::evaluate_near;
+
+/// What specialises the rasteriser.
+#[derive(Debug, Clone, Copy)]
+pub struct RasteriseSettings {
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    pub linear_opacity: bool,
+    /// Whether depths are wanted.
+    pub depth: bool,
+    /// Whether any footprint is on the exact path and needs the rays' lengths.
+    pub exact: bool,
+    /// The instruction set of the inner loop.
+    pub level: SimdLevel,
+}
+
+/// Footprints between two looks at whether the tile is already opaque.
+const TERMINATION_INTERVAL: usize = 16;
+
+/// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
+/// evaluated at pixel centres within their cut-off.
+pub fn rasterise(
+    view: &ViewUniform,
+    settings: RasteriseSettings,
+    footprints: &[Footprint],
+    exact: &[ExactTerms],
+    near: &[NearTerms],
+    bins: &Bins,
+    columns: usize,
+    tiles: &mut [Tile],
+) -> u64 {
+    tiles
+        .par_iter_mut()
+        .enumerate()
+        .map(|(t, tile)| {
+            let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
+            let raster = TileRaster { view, settings, origin };
+            raster.clear(tile);
+            let transparent = view.tolerance * TERMINATION_SHARE;
+            let mut splat_pixels = 0_u64;
+            for (n, i) in bins.tile(t).enumerate() {
+                if n % TERMINATION_INTERVAL == TERMINATION_INTERVAL - 1
+                    && raster.least_alpha(tile) >= 1.0 - transparent
+                {
+                    break;
+                }
+                let i = i as usize;
+                splat_pixels += u64::from(raster.add(tile, &footprints[i], exact.get(i), near));
+            }
+            splat_pixels
+        })
+        .sum()
+}
+
+struct TileRaster<'a> {
+    view: &'a ViewUniform,
+    settings: RasteriseSettings,
+    /// The tile's first pixel.
+    origin: [usize; 2],
+}
+
+impl TileRaster<'_> {
+    fn clear(&self, tile: &mut Tile) {
+        tile.alpha.fill(0.0);
+        tile.red.fill(0.0);
+        tile.green.fill(0.0);
+        tile.blue.fill(0.0);
+        if self.settings.depth {
+            tile.depth.fill(f32::INFINITY);
+        }
+        if self.settings.exact {
+            for (i, length) in tile.ray_length.iter_mut().enumerate() {
+                *length = self.ray(i % TILE_SIZE, i / TILE_SIZE).length();
+            }
+        }
+    }
+
+    /// The ray D = (X, Y, 1) through the centre of a pixel of the tile.
+    fn ray(&self, x: usize, y: usize) -> Vec3 {
+        let slope = |i: usize, px: usize| {
+            let px = (self.origin[i] + px) as f32 + 0.5;
+            (px - self.view.centre_px[i]) / self.view.focal_px[i]
+        };
+        Vec3::new(slope(0, x), slope(1, y), 1.0)
+    }
+
+    fn least_alpha(&self, tile: &Tile) -> f32 {
+        // Only pixels of the image count.
+        let width = (self.view.size[0] as usize - self.origin[0]).min(TILE_SIZE);
+        let height = (self.view.size[1] as usize - self.origin[1]).min(TILE_SIZE);
+        let mut least = [f32::INFINITY; TILE_SIZE];
+        for row in tile.alpha.chunks_exact(TILE_SIZE).take(height) {
+            for (least, alpha) in least.iter_mut().zip(row) {
+                *least = if *alpha < *least { *alpha } else { *least };
+            }
+        }
+        least[..width].iter().copied().fold(f32::INFINITY, f32::min)
+    }
+
+    fn add(
+        &self,
+        tile: &mut Tile,
+        footprint: &Footprint,
+        exact: Option<&ExactTerms>,
+        near: &[NearTerms],
+    ) -> u32 {
+        let clip = |(first, end): (u32, u32), i: usize| {
+            let first = (first as usize).max(self.origin[i]) - self.origin[i];
+            let end = (end as usize).min(self.origin[i] + TILE_SIZE);
+            [first, end.saturating_sub(self.origin[i])]
+        };
+        let patch = Patch {
+            first_px: [self.origin[0] as f32 + 0.5, self.origin[1] as f32 + 0.5],
+            columns: clip(footprint.column_range(), 0),
+            rows: clip(footprint.row_range(), 1),
+        };
+        let mode = Mode { linear: self.settings.linear_opacity, depth: self.settings.depth };
+        let terms = near.get((footprint.path >> 2) as usize);
+        match (footprint.path & 3, terms) {
+            (PATH_NEAR, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
+                evaluate_near(terms, footprint.tau, self.ray(x, y), footprint.cutoff_squared)
+            }),
+            (PATH_HALF_LINE, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
+                let dx = patch.first_px[0] + x as f32 - footprint.centre_px[0];
+                let dy = patch.first_px[1] + y as f32 - footprint.centre_px[1];
+                let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+                let q = (px * dx + py * dy).powi(2) + (rx * dx + ry * dy).powi(2);
+                if !(q <= footprint.cutoff_squared) {
+                    return 0.0;
+                }
+                let [gx, gy, z] = terms.depth;
+                let z = z + gx * dx + gy * dy;
+                let in_front = normal_cdf(z / terms.sigma.max(f32::MIN_POSITIVE));
+                footprint.tau * (-0.5 * q).exp() * in_front
+            }),
+            (path, _) => {
+                let exact = if path == PATH_EXACT { exact } else { None };
+                splat(self.settings.level, mode, tile, footprint, exact, patch)
+            }
+        }
+    }
+
+    /// The rare paths: one pixel at a time.
+    fn add_per_pixel(
+        &self,
+        tile: &mut Tile,
+        footprint: &Footprint,
+        patch: Patch,
+        optical_depth: impl Fn(usize, usize) -> f32,
+    ) -> u32 {
+        let mut inside = 0;
+        for y in patch.rows[0]..patch.rows[1] {
+            for x in patch.columns[0]..patch.columns[1] {
+                let tau = optical_depth(x, y);
+                if !(tau > 0.0) {
+                    continue;
+                }
+                inside += 1;
+                let opacity =
+                    if self.settings.linear_opacity { tau.min(1.0) } else { -(-tau).exp_m1() };
+                let i = y * TILE_SIZE + x;
+                let before = tile.alpha[i];
+                let weight = opacity * (1.0 - before);
+                tile.alpha[i] = before + weight;
+                tile.red[i] += weight * footprint.colour[0];
+                tile.green[i] += weight * footprint.colour[1];
+                tile.blue[i] += weight * footprint.colour[2];
+                if self.settings.depth && before < 0.5 && tile.alpha[i] >= 0.5 {
+                    // Within a kernel that holds the eye, the centre may lie behind.
+                    tile.depth[i] = footprint.depth.max(0.0);
+                }
+            }
+        }
+        inside
+    }
+}

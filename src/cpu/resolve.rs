@@ -1,0 +1,47 @@
+//! Stage: from tiles to an image.
+
+use rayon::prelude::*;
+
+use super::lanes::Tile;
+use crate::constants::TILE_SIZE;
+use crate::image::{DepthImage, Image};
+
+/// Writes the tiles' pixels, over a background where there is one, into an image whose size is
+/// set.
+pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) {
+    let width = image.width;
+    if width == 0 {
+        return;
+    }
+    let columns = width.div_ceil(TILE_SIZE);
+    image.pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        let band = y / TILE_SIZE * columns;
+        for (t, pixels) in row.chunks_mut(TILE_SIZE).enumerate() {
+            let tile = &tiles[band + t];
+            let start = y % TILE_SIZE * TILE_SIZE;
+            for (i, pixel) in (start..).zip(pixels) {
+                let alpha = tile.alpha[i];
+                *pixel = [tile.red[i], tile.green[i], tile.blue[i], alpha];
+                if let Some(background) = background {
+                    for (channel, b) in pixel.iter_mut().zip(background) {
+                        *channel += (1.0 - alpha) * b;
+                    }
+                    pixel[3] = 1.0;
+                }
+            }
+        }
+    });
+}
+
+/// Writes the tiles' depths.
+pub fn resolve_depth(tiles: &[Tile], width: usize, height: usize) -> DepthImage {
+    let columns = width.div_ceil(TILE_SIZE);
+    let depths = (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
+            tile.depth[y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE]
+        })
+        .collect();
+    DepthImage { width, height, depths }
+}

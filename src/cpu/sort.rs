@@ -1,0 +1,20 @@
+//! Stage: the footprints' order, front to back.
+
+use rdst::RadixSort;
+
+use crate::layout::Footprint;
+
+/// Writes the indices of visible footprints in order of their depth keys, ties by index: the low
+/// half of each word. The high half is the key.
+///
+/// Key and index form one word, so any radix sort gives the one stable order.
+pub fn sort(footprints: &[Footprint], order: &mut Vec<u64>) {
+    order.clear();
+    order.extend(
+        (0_u64..)
+            .zip(footprints)
+            .filter(|(_, f)| f.is_visible())
+            .map(|(i, f)| u64::from(f.key) << 32 | i),
+    );
+    order.radix_sort_unstable();
+}

@@ -1,0 +1,534 @@
+//! Image files, in and out, by extension.
+//!
+//! | extension | numbers | colour |
+//! |---|---|---|
+//! | `.png` | 8-bit RGBA (RGB over a background) | sRGB, alpha not multiplied in |
+//! | `.exr` | f32 R, G, B, A; depth: Z | linear, premultiplied |
+//! | `.pfm` | f32 RGB, little-endian, rows from the bottom; depth: one channel | linear, over the background or black |
+//! | `.npy` | f32 (height, width, 4); depth: (height, width) | linear, premultiplied |
+//!
+//! PFM: the lines `PF` (colour) or `Pf` (grey), `width height`, and a scale whose sign gives
+//! the byte order (negative: little-endian), then the numbers.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::prelude as exr;
+use exr::{Encoding as ExrEncoding, SpecificChannels, WritableImage};
+use image::codecs::openexr::OpenExrDecoder;
+use image::codecs::png::PngDecoder;
+use image::{DynamicImage, ImageDecoder, Limits};
+
+use super::atomic::write_bytes_atomically;
+use super::file::read_all;
+use super::npy;
+use super::raw::DEFLATE_RATIO;
+use super::scalars::{Encoding, ScalarType, Stride, values};
+use crate::error::{Error, Result};
+use crate::image::{DepthImage, Image, linear_from_srgb, srgb_from_linear};
+use crate::scene::Values;
+
+/// Writes an image in the format that the extension names: `png`, `exr`, `pfm` or `npy`.
+///
+/// `background`, linear RGB, is put behind the image and makes it opaque; without one, alpha
+/// is kept (in a `pfm`, which has none, the background is black).
+///
+/// # Errors
+/// An unknown extension, an image without pixels, or what [`write_bytes_atomically`] says.
+pub fn write_image(path: &Path, image: &Image, background: Option<[f32; 3]>) -> Result<()> {
+    check_size(path, image.width, image.height, image.pixels.len())?;
+    let over;
+    let image = match background {
+        None => image,
+        Some(background) => {
+            over = Image {
+                width: image.width,
+                height: image.height,
+                pixels: image
+                    .pixels
+                    .iter()
+                    .map(|&p| over_background(p, background))
+                    .collect(),
+            };
+            &over
+        }
+    };
+    let bytes = match super::extension(path).as_str() {
+        "png" => png_bytes(path, image, background.is_some())?,
+        "exr" => exr_bytes(path, image)?,
+        "pfm" => {
+            let rows = image.pixels.chunks(image.width).rev();
+            pfm_bytes(
+                "PF",
+                image.width,
+                image.height,
+                rows.flatten().flat_map(|p| &p[..3]),
+            )
+        }
+        "npy" => npy_bytes(
+            path,
+            &[image.height, image.width, 4],
+            image.pixels.iter().flatten().copied(),
+        )?,
+        _ => return Err(unknown_extension(path, "png, exr, pfm or npy")),
+    };
+    write_bytes_atomically(path, &bytes)
+}
+
+/// Writes a depth image in the format that the extension names: `exr` (channel Z), `pfm` or
+/// `npy`.
+///
+/// # Errors
+/// As [`write_image`].
+pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
+    let (width, height) = (depth.width, depth.height);
+    check_size(path, width, height, depth.depths.len())?;
+    let bytes = match super::extension(path).as_str() {
+        "exr" => {
+            let channels = SpecificChannels::build()
+                .with_channel("Z")
+                .with_pixel_fn(|at: exr::Vec2<usize>| (depth.depths[at.y() * width + at.x()],));
+            let layer = exr::Layer::new(
+                (width, height),
+                exr::LayerAttributes::named("depth"),
+                ExrEncoding::FAST_LOSSLESS,
+                channels,
+            );
+            let mut bytes = Vec::new();
+            exr::Image::from_layer(layer)
+                .write()
+                .non_parallel()
+                .to_buffered(Cursor::new(&mut bytes))
+                .map_err(|e| encoding_failed(path, &e))?;
+            bytes
+        }
+        "pfm" => pfm_bytes(
+            "Pf",
+            width,
+            height,
+            depth.depths.chunks(width).rev().flatten(),
+        ),
+        "npy" => npy_bytes(path, &[height, width], depth.depths.iter().copied())?,
+        _ => return Err(unknown_extension(path, "exr, pfm or npy")),
+    };
+    write_bytes_atomically(path, &bytes)
+}
+
+/// Reads an image that [`write_image`] or another program wrote: `png`, `exr`, `pfm` or
+/// `npy` (shape (height, width, 3 or 4)).
+///
+/// # Errors
+/// An unknown extension or a damaged file.
+pub fn read_image(path: &Path) -> Result<Image> {
+    let extension = super::extension(path);
+    if !matches!(extension.as_str(), "png" | "exr" | "pfm" | "npy") {
+        return Err(unknown_extension(path, "png, exr, pfm or npy"));
+    }
+    let bytes = read_all(path)?;
+    match extension.as_str() {
+        "png" => read_png(path, &bytes),
+        "exr" => read_exr(path, &bytes),
+        "pfm" => read_pfm(path, &bytes),
+        _ => read_npy(path, &bytes),
+    }
+}
+
+/// One premultiplied pixel over an opaque background.
+fn over_background([r, g, b, a]: [f32; 4], background: [f32; 3]) -> [f32; 4] {
+    let rest = 1.0 - a;
+    [
+        r + rest * background[0],
+        g + rest * background[1],
+        b + rest * background[2],
+        1.0,
+    ]
+}
+
+fn check_size(path: &Path, width: usize, height: usize, count: usize) -> Result<()> {
+    let fits = [width, height]
+        .iter()
+        .all(|&n| n > 0 && i32::try_from(n).is_ok());
+    if fits && width.checked_mul(height) == Some(count) {
+        return Ok(());
+    }
+    Err(Error::format(
+        path,
+        "image size",
+        "width x height pixels, at least one",
+        format!("{width} x {height} with {count} pixels"),
+        "give a size of at least 1x1",
+    ))
+}
+
+fn unknown_extension(path: &Path, known: &str) -> Error {
+    let found = super::extension(path);
+    let found = if found.is_empty() {
+        "none".to_owned()
+    } else {
+        format!("`{found}`")
+    };
+    Error::format(
+        path,
+        "file extension",
+        known,
+        found,
+        "name the file with one of these",
+    )
+}
+
+fn encoding_failed(path: &Path, error: &dyn std::fmt::Display) -> Error {
+    Error::format(
+        path,
+        "encoding",
+        "an image that the format can hold",
+        error.to_string(),
+        "choose another format",
+    )
+}
+
+fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
+    Error::format(
+        path,
+        "image",
+        expected,
+        found,
+        "the file is damaged or of another format: write it again",
+    )
+}
+
+/// A value in 0..=1 as a byte; NaN becomes 0.
+fn byte(x: f32) -> u8 {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped, and float casts saturate"
+    )]
+    {
+        (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+    }
+}
+
+fn png_bytes(path: &Path, image: &Image, opaque: bool) -> Result<Vec<u8>> {
+    let colour = |p: &[f32; 4]| {
+        let a = if p[3] > 0.0 { p[3] } else { 1.0 };
+        [0, 1, 2].map(|c| byte(srgb_from_linear(p[c] / a)))
+    };
+    let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+    let picture = if opaque {
+        let bytes = image.pixels.iter().flat_map(colour).collect();
+        image::RgbImage::from_raw(size[0], size[1], bytes).map(DynamicImage::from)
+    } else {
+        let rgba = |p: &[f32; 4]| {
+            let [r, g, b] = colour(p);
+            [r, g, b, byte(p[3])]
+        };
+        let bytes = image.pixels.iter().flat_map(rgba).collect();
+        image::RgbaImage::from_raw(size[0], size[1], bytes).map(DynamicImage::from)
+    };
+    let mut bytes = Vec::new();
+    picture
+        .ok_or_else(|| encoding_failed(path, &"another number of pixels"))?
+        .write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png)
+        .map_err(|e| encoding_failed(path, &e))?;
+    Ok(bytes)
+}
+
+fn exr_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+    let channels = SpecificChannels::rgba(|at: exr::Vec2<usize>| {
+        let [r, g, b, a] = image.pixel(at.x(), at.y());
+        (r, g, b, a)
+    });
+    let mut bytes = Vec::new();
+    exr::Image::from_channels((image.width, image.height), channels)
+        .write()
+        .non_parallel()
+        .to_buffered(Cursor::new(&mut bytes))
+        .map_err(|e| encoding_failed(path, &e))?;
+    Ok(bytes)
+}
+
+fn pfm_bytes<'a>(
+    magic: &str,
+    width: usize,
+    height: usize,
+    numbers: impl Iterator<Item = &'a f32>,
+) -> Vec<u8> {
+    let mut bytes = format!("{magic}\n{width} {height}\n-1.0\n").into_bytes();
+    bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
+    bytes
+}
+
+fn npy_bytes(path: &Path, shape: &[usize], numbers: impl Iterator<Item = f32>) -> Result<Vec<u8>> {
+    use npyz::WriterBuilder;
+    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
+    let mut bytes = Vec::new();
+    let write = || -> std::io::Result<()> {
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(&shape)
+            .writer(&mut bytes)
+            .begin_nd()?;
+        writer.extend(numbers)?;
+        writer.finish()
+    };
+    write().map_err(|e| encoding_failed(path, &e))?;
+    Ok(bytes)
+}
+
+fn read_png(path: &Path, bytes: &[u8]) -> Result<Image> {
+    let broken = |e: image::ImageError| damaged(path, "a PNG image", e.to_string());
+    let mut limits = Limits::default();
+    // At its best, deflate packs this many bytes into one; some more for small images.
+    limits.max_alloc = Some(
+        (bytes.len() as u64)
+            .saturating_mul(DEFLATE_RATIO)
+            .saturating_add(1 << 20),
+    );
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
+    check_claim(path, bytes.len(), decoder.dimensions())?;
+    let picture = DynamicImage::from_decoder(decoder)
+        .map_err(broken)?
+        .into_rgba16();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let pixels = picture
+        .pixels()
+        .map(|p| {
+            let [r, g, b, a] = p.0.map(|x| f32::from(x) / f32::from(u16::MAX));
+            [
+                linear_from_srgb(r) * a,
+                linear_from_srgb(g) * a,
+                linear_from_srgb(b) * a,
+                a,
+            ]
+        })
+        .collect();
+    Ok(Image {
+        width,
+        height,
+        pixels,
+    })
+}
+
+fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
+    let broken = |e: image::ImageError| damaged(path, "an EXR image", e.to_string());
+    let decoder =
+        OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(true)).map_err(broken)?;
+    check_claim(path, bytes.len(), decoder.dimensions())?;
+    let picture = DynamicImage::from_decoder(decoder)
+        .map_err(broken)?
+        .into_rgba32f();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Ok(Image {
+        width,
+        height,
+        pixels: picture.pixels().map(|p| p.0).collect(),
+    })
+}
+
+/// Refuses dimensions that the file's bytes cannot hold, even as compressed as can be (one
+/// bit per pixel, deflated).
+fn check_claim(path: &Path, len: usize, (width, height): (u32, u32)) -> Result<()> {
+    let most = (len as u64).saturating_mul(8 * DEFLATE_RATIO);
+    let claimed = u64::from(width) * u64::from(height);
+    if claimed > most || claimed == 0 {
+        let found = format!("{width} x {height} in {len} bytes");
+        return Err(damaged(path, "as many pixels as the file can hold", found));
+    }
+    Ok(())
+}
+
+fn read_pfm(path: &Path, bytes: &[u8]) -> Result<Image> {
+    let broken = || {
+        damaged(
+            path,
+            "`PF` or `Pf`, width, height, scale and as many f32",
+            format!("{} bytes of something else", bytes.len()),
+        )
+    };
+    let mut rest = bytes;
+    let mut word = || -> Option<&str> {
+        rest = rest.trim_ascii_start();
+        let end = rest.iter().position(u8::is_ascii_whitespace)?;
+        let (word, after) = rest.split_at(end);
+        // Exactly one white-space character ends a word; the numbers may follow it.
+        rest = &after[1..];
+        std::str::from_utf8(word).ok()
+    };
+    let channels = match word() {
+        Some("PF") => 3,
+        Some("Pf") => 1,
+        _ => return Err(broken()),
+    };
+    let mut count = || word()?.parse().ok().filter(|&n: &usize| n > 0);
+    let (Some(width), Some(height)) = (count(), count()) else {
+        return Err(broken());
+    };
+    let scale: f32 = word().and_then(|w| w.parse().ok()).ok_or_else(broken)?;
+    let expected = width
+        .checked_mul(height)
+        .and_then(|n| n.checked_mul(channels))
+        .filter(|n| n.checked_mul(4) == Some(rest.len()))
+        .ok_or_else(|| {
+            let expected = format!("{width} x {height} pixels of {channels} f32");
+            damaged(path, &expected, format!("{} bytes of them", rest.len()))
+        })?;
+    let encoding = Encoding {
+        scalar: ScalarType::F32,
+        big_endian: scale > 0.0,
+    };
+    let stride = Stride {
+        first: 0,
+        step: 4,
+        count: expected,
+    };
+    let numbers = values(rest, encoding, stride).ok_or_else(broken)?;
+    let mut image = Image {
+        width,
+        height,
+        pixels: Vec::with_capacity(width * height),
+    };
+    for y in (0..height).rev() {
+        for x in 0..width {
+            let at = (y * width + x) * channels;
+            let channel = |c: usize| numbers.get(at + c.min(channels - 1));
+            image.pixels.push([channel(0), channel(1), channel(2), 1.0]);
+        }
+    }
+    Ok(image)
+}
+
+fn read_npy(path: &Path, bytes: &[u8]) -> Result<Image> {
+    let array = npy::parse(path, bytes)?;
+    let encoding = array.plain_encoding(path)?;
+    let &[height, width, channels @ (3 | 4)] = array.shape.as_slice() else {
+        let found = format!("shape {:?}", array.shape);
+        return Err(damaged(
+            path,
+            "an array of shape (height, width, 3 or 4)",
+            found,
+        ));
+    };
+    if height == 0 || width == 0 {
+        return Err(damaged(
+            path,
+            "at least one pixel",
+            format!("{width} x {height}"),
+        ));
+    }
+    let count = width * height;
+    let size = encoding.scalar.size();
+    let column = |c: usize| -> Result<Values> {
+        let stride = if array.fortran_order {
+            Stride {
+                first: c * count * size,
+                step: size,
+                count,
+            }
+        } else {
+            Stride {
+                first: c * size,
+                step: channels * size,
+                count,
+            }
+        };
+        values(array.data, encoding, stride)
+            .ok_or_else(|| damaged(path, "whole pixels", "fewer bytes"))
+    };
+    let columns = (0..channels).map(column).collect::<Result<Vec<_>>>()?;
+    let mut pixels = Vec::with_capacity(count);
+    for y in 0..height {
+        for x in 0..width {
+            let i = if array.fortran_order {
+                x * height + y
+            } else {
+                y * width + x
+            };
+            let channel = |c: usize| columns.get(c).map_or(1.0, |v| v.get(i));
+            pixels.push([channel(0), channel(1), channel(2), channel(3)]);
+        }
+    }
+    Ok(Image {
+        width,
+        height,
+        pixels,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pfm_rows_run_from_the_bottom() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pfm");
+        let image = Image {
+            width: 1,
+            height: 2,
+            pixels: vec![[1., 2., 3., 1.], [4., 5., 6., 1.]],
+        };
+        write_image(&path, &image, None).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let mut expected = b"PF\n1 2\n-1.0\n".to_vec();
+        expected.extend(
+            [4., 5., 6., 1., 2., 3.]
+                .iter()
+                .flat_map(|x: &f32| x.to_le_bytes()),
+        );
+        assert_eq!(bytes, expected);
+        assert_eq!(read_image(&path).unwrap(), image);
+    }
+
+    #[test]
+    fn a_png_holds_straight_srgb() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        // Half-transparent mid grey, premultiplied; NaN and overflow must not break it.
+        let grey = linear_from_srgb(128.0 / 255.0);
+        let image = Image {
+            width: 3,
+            height: 1,
+            pixels: vec![
+                [grey * 0.2, 0.0, 0.2, 0.2],
+                [f32::NAN, 9.0, -1.0, 1.0],
+                [0.0; 4],
+            ],
+        };
+        write_image(&path, &image, None).unwrap();
+        let picture = image::open(&path).unwrap();
+        assert_eq!(
+            picture.into_rgba8().into_raw(),
+            [128, 0, 255, 51, 0, 255, 0, 255, 0, 0, 0, 0]
+        );
+        write_image(&path, &image, Some([0.0, 1.0, 0.0])).unwrap();
+        let picture = image::open(&path).unwrap();
+        assert_eq!(picture.color(), image::ColorType::Rgb8);
+        assert_eq!(picture.into_rgb8().get_pixel(2, 0).0, [0, 255, 0]);
+    }
+
+    #[test]
+    fn sizes_that_disagree_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        for (width, height, count) in [(0, 0, 0), (2, 2, 3), (usize::MAX, 2, 1)] {
+            let image = Image {
+                width,
+                height,
+                pixels: vec![[0.0; 4]; count],
+            };
+            let depth = DepthImage {
+                width,
+                height,
+                depths: vec![0.0; count],
+            };
+            for name in ["a.png", "a.exr", "a.pfm", "a.npy"] {
+                let path = folder.path().join(name);
+                assert!(write_image(&path, &image, None).is_err());
+                assert!(write_depth(&path, &depth).is_err());
+            }
+        }
+        let image = Image::new(1, 1);
+        assert!(write_image(&folder.path().join("a.jpg"), &image, None).is_err());
+        assert!(write_image(&folder.path().join("a"), &image, None).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,305 @@
+//! Raw volumes: numbers without a header, as the Open SciVis data sets have them.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | all | `dims[0] * dims[1] * dims[2]` numbers, x fastest, then y, then z |
+//!
+//! Nothing in the file says its dimensions, type or byte order: the user does. The size must
+//! match exactly. A gzip-compressed file (`.raw.gz`) is inflated while it is read, never
+//! beyond the bytes that the dimensions ask for.
+
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::MultiGzDecoder;
+use glam::DVec3;
+
+use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::file::open_regular;
+use super::scalars::{Encoding, ScalarType, Stride, values};
+use crate::error::{Error, Result};
+use crate::scene::{Lattice, Values};
+
+/// The most bytes that one byte of a deflate stream can stand for: a match of 258 bytes
+/// coded in two bits.
+pub(crate) const DEFLATE_RATIO: u64 = 1032;
+
+/// Scalar types of raw volumes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RawType {
+    /// Unsigned bytes.
+    U8,
+    /// Signed 16-bit integers.
+    I16,
+    /// Unsigned 16-bit integers.
+    U16,
+    /// Single-precision floats.
+    F32,
+}
+
+impl RawType {
+    fn scalar(self) -> ScalarType {
+        match self {
+            Self::U8 => ScalarType::U8,
+            Self::I16 => ScalarType::I16,
+            Self::U16 => ScalarType::U16,
+            Self::F32 => ScalarType::F32,
+        }
+    }
+}
+
+/// What a raw volume does not say about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawLayout {
+    /// Samples along x, y and z.
+    pub dims: [usize; 3],
+    /// Distance from one sample to the next along each axis, world units.
+    pub spacing: DVec3,
+    /// Position of the first sample, world units.
+    pub origin: DVec3,
+    /// The type of the numbers.
+    pub scalar: RawType,
+    /// Whether the most significant byte comes first.
+    pub big_endian: bool,
+}
+
+impl RawLayout {
+    /// A little-endian volume of unit spacing at the origin.
+    pub fn new(dims: [usize; 3], scalar: RawType) -> Self {
+        Self {
+            dims,
+            spacing: DVec3::ONE,
+            origin: DVec3::ZERO,
+            scalar,
+            big_endian: false,
+        }
+    }
+}
+
+/// Reads a raw volume, gzip-compressed or not. Samples lie at origin + index x spacing; the
+/// field is named `value`.
+///
+/// # Errors
+/// A layout that makes no sense, or a size that differs from it.
+pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
+    let [nx, ny, nz] = layout.dims;
+    let size = layout.scalar.scalar().size();
+    let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz));
+    let byte_count = count.and_then(|n| n.checked_mul(size));
+    let (Some(count), Some(byte_count)) = (count.filter(|&n| n > 0), byte_count) else {
+        return Err(Error::format(
+            path,
+            "--dims",
+            "three counts of at least 1 whose product fits into memory",
+            format!("{nx},{ny},{nz}"),
+            "correct --dims",
+        ));
+    };
+    let spacing_is_usable = layout.spacing.is_finite() && layout.spacing.cmpne(DVec3::ZERO).all();
+    if !spacing_is_usable || !layout.origin.is_finite() {
+        return Err(Error::format(
+            path,
+            "--spacing and --origin",
+            "finite numbers, and no spacing of zero",
+            format!("spacing {}, origin {}", layout.spacing, layout.origin),
+            "correct the option",
+        ));
+    }
+
+    let (mut file, len) = open_regular(path)?;
+    let mut magic = [0; 2];
+    let is_gzip = len != byte_count as u64
+        && len > 18
+        && file.read_exact(&mut magic).is_ok()
+        && magic == [0x1f, 0x8b];
+    let (mut file, len) = open_regular(path)?;
+    let wrong_size = |found: String| {
+        Error::format(
+            path,
+            "size",
+            format!("{byte_count} bytes ({nx} x {ny} x {nz} samples of {size} bytes)"),
+            found,
+            "correct --dims or --type",
+        )
+    };
+    let numbers = if is_gzip {
+        if byte_count as u64 > len.saturating_mul(DEFLATE_RATIO) {
+            return Err(wrong_size(format!(
+                "{len} gzip bytes, too few to hold them"
+            )));
+        }
+        read_values(
+            path,
+            &mut MultiGzDecoder::new(file),
+            layout,
+            count,
+            &wrong_size,
+        )?
+    } else {
+        if len != byte_count as u64 {
+            return Err(wrong_size(format!("{len} bytes")));
+        }
+        read_values(path, &mut file, layout, count, &wrong_size)?
+    };
+
+    Ok(Dataset {
+        path: path.to_path_buf(),
+        format: "raw volume",
+        geometry: Geometry::Lattice(Lattice::uniform(layout.dims, layout.origin, layout.spacing)),
+        fields: vec![Field {
+            name: "value".to_owned(),
+            association: Association::Nodes,
+            source: FieldSource::Scalar(numbers),
+        }],
+    })
+}
+
+/// Reads exactly `count` numbers, by chunks, so that no second copy of the file is held.
+fn read_values(
+    path: &Path,
+    mut source: &mut dyn Read,
+    layout: &RawLayout,
+    count: usize,
+    wrong_size: &dyn Fn(String) -> Error,
+) -> Result<Values> {
+    /// A multiple of every scalar's size.
+    const CHUNK: usize = 1 << 18;
+    let encoding = Encoding {
+        scalar: layout.scalar.scalar(),
+        big_endian: layout.big_endian,
+    };
+    let size = encoding.scalar.size();
+    let failed = |e| Error::io(path, "reading the values", e, "check the file and the disk");
+    let mut all = match layout.scalar {
+        RawType::U8 => Values::U8(Vec::new()),
+        RawType::I16 => Values::I16(Vec::new()),
+        RawType::U16 => Values::U16(Vec::new()),
+        RawType::F32 => Values::F32(Vec::new()),
+    };
+    let mut chunk = Vec::with_capacity(CHUNK);
+    while all.len() < count {
+        let want = ((count - all.len()) * size).min(CHUNK);
+        chunk.clear();
+        Read::by_ref(&mut source)
+            .take(want as u64)
+            .read_to_end(&mut chunk)
+            .map_err(failed)?;
+        if chunk.len() < want {
+            return Err(wrong_size(format!(
+                "only {} bytes",
+                all.len() * size + chunk.len()
+            )));
+        }
+        let stride = Stride {
+            first: 0,
+            step: size,
+            count: want / size,
+        };
+        match (&mut all, values(&chunk, encoding, stride)) {
+            (Values::U8(all), Some(Values::U8(more))) => all.extend(more),
+            (Values::I16(all), Some(Values::I16(more))) => all.extend(more),
+            (Values::U16(all), Some(Values::U16(more))) => all.extend(more),
+            (Values::F32(all), Some(Values::F32(more))) => all.extend(more),
+            _ => return Err(wrong_size("another type".to_owned())),
+        }
+    }
+    let mut beyond = [0];
+    if source.read(&mut beyond).map_err(failed)? > 0 {
+        return Err(wrong_size("more bytes than that".to_owned()));
+    }
+    Ok(all)
+}
+
+/// The options that a name such as `engine_256x256x128_uint8.raw` suggests.
+pub(crate) fn options_from_name(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+    let words: Vec<&str> = name.split(|c: char| !c.is_ascii_alphanumeric()).collect();
+    let dims = words.iter().find_map(|word| {
+        let counts: Option<Vec<u32>> = word.split('x').map(|n| n.parse().ok()).collect();
+        counts.filter(|c| c.len() == 3)
+    })?;
+    let scalar = words.iter().find_map(|&word| match word {
+        "uint8" | "u8" | "uchar" | "byte" => Some("u8"),
+        "int16" | "i16" | "short" => Some("i16"),
+        "uint16" | "u16" | "ushort" => Some("u16"),
+        "float32" | "f32" | "float" => Some("f32"),
+        _ => None,
+    })?;
+    Some(format!(
+        "--dims {},{},{} --type {scalar}",
+        dims[0], dims[1], dims[2]
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(bytes).unwrap();
+        file
+    }
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        gz.write_all(bytes).unwrap();
+        gz.finish().unwrap()
+    }
+
+    #[test]
+    fn numbers_come_in_their_type_and_byte_order() {
+        let bytes = [1, 2, 3, 4, 5, 6, 7, 8];
+        let mut layout = RawLayout::new([2, 2, 1], RawType::U16);
+        layout.big_endian = true;
+        for bytes in [bytes.to_vec(), gzip(&bytes)] {
+            let data = read(file(&bytes).path(), &layout).unwrap();
+            let (_, values) = data.scalar("value").unwrap();
+            assert_eq!(values, Values::U16(vec![0x0102, 0x0304, 0x0506, 0x0708]));
+        }
+    }
+
+    #[test]
+    fn chunks_join_without_a_seam() {
+        let bytes: Vec<u8> = (0..300_000_u32)
+            .flat_map(|i| (i as f32).to_le_bytes())
+            .collect();
+        let layout = RawLayout::new([300, 100, 10], RawType::F32);
+        let data = read(file(&bytes).path(), &layout).unwrap();
+        let (_, values) = data.scalar("value").unwrap();
+        assert!((0..300_000).all(|i| values.get(i) == i as f32));
+    }
+
+    #[test]
+    fn sizes_must_match() {
+        for (bytes, dims) in [
+            (vec![0; 7], [2, 2, 2]),
+            (vec![0; 9], [2, 2, 2]),
+            (gzip(&[0; 70]), [71, 1, 1]),
+            (gzip(&[0; 71]), [70, 1, 1]),
+            (gzip(&[0; 70]), [usize::MAX, 1, 1]),
+            (vec![0; 8], [usize::MAX, 3, 3]),
+            (vec![0; 8], [0, 3, 3]),
+        ] {
+            let err = read(file(&bytes).path(), &RawLayout::new(dims, RawType::U8)).unwrap_err();
+            assert!(matches!(err, Error::Format { .. }), "{err}");
+        }
+    }
+
+    #[test]
+    fn the_name_suggests_options() {
+        let suggest = |name: &str| options_from_name(Path::new(name));
+        assert_eq!(
+            suggest("a/engine_256x256x128_uint8.raw").as_deref(),
+            Some("--dims 256,256,128 --type u8")
+        );
+        assert_eq!(
+            suggest("foot_8x8x8_int16.raw.gz").as_deref(),
+            Some("--dims 8,8,8 --type i16")
+        );
+        assert_eq!(suggest("engine.raw"), None);
+        assert_eq!(suggest("a_8x8_uint8.raw"), None);
+    }
+}

@@ -1,0 +1,201 @@
+//! Numbers as files hold them: ten scalar types, two byte orders, narrowed to [`Values`].
+
+use crate::scene::Values;
+
+/// The scalar types of binary files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ScalarType {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl ScalarType {
+    /// Bytes per number.
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+}
+
+/// A scalar type in a byte order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Encoding {
+    pub(crate) scalar: ScalarType,
+    pub(crate) big_endian: bool,
+}
+
+/// Where the numbers of one component stand in a block of bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stride {
+    /// Byte of the first number.
+    pub(crate) first: usize,
+    /// Bytes from one number to the next.
+    pub(crate) step: usize,
+    /// How many numbers.
+    pub(crate) count: usize,
+}
+
+impl Stride {
+    /// Whether all numbers, of `size` bytes each, lie within `len` bytes.
+    fn fits(self, size: usize, len: usize) -> bool {
+        self.count == 0
+            || (self.count - 1)
+                .checked_mul(self.step)
+                .and_then(|n| n.checked_add(self.first))
+                .and_then(|n| n.checked_add(size))
+                .is_some_and(|end| end <= len)
+    }
+}
+
+fn gather<const N: usize, T>(
+    bytes: &[u8],
+    stride: Stride,
+    big_endian: bool,
+    from_le: impl Fn([u8; N]) -> T,
+) -> Option<Vec<T>> {
+    if !stride.fits(N, bytes.len()) {
+        return None;
+    }
+    let number = |i: usize| {
+        let at = stride.first + i * stride.step;
+        let mut number = [0; N];
+        number.copy_from_slice(&bytes[at..at + N]);
+        if big_endian {
+            number.reverse();
+        }
+        from_le(number)
+    };
+    Some((0..stride.count).map(number).collect())
+}
+
+/// `f64` to the `f32` that [`Values`] holds.
+pub(crate) fn narrow(x: f64) -> f32 {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "fields are single precision by design; overflow becomes infinity, which is counted"
+    )]
+    {
+        x as f32
+    }
+}
+
+/// The numbers of one component, narrowed: 8-bit and 16-bit integers stay integers (`i8` as
+/// `i16`), everything else becomes `f32`. `None` where they do not lie within `bytes`.
+pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Values> {
+    use ScalarType as S;
+    let big = encoding.big_endian;
+    Some(match encoding.scalar {
+        S::U8 => Values::U8(gather(bytes, stride, big, |[b]: [u8; 1]| b)?),
+        S::I8 => Values::I16(gather(bytes, stride, big, |b| {
+            i16::from(i8::from_le_bytes(b))
+        })?),
+        S::I16 => Values::I16(gather(bytes, stride, big, i16::from_le_bytes)?),
+        S::U16 => Values::U16(gather(bytes, stride, big, u16::from_le_bytes)?),
+        S::I32 => Values::F32(gather(bytes, stride, big, |b| {
+            i32::from_le_bytes(b) as f32
+        })?),
+        S::U32 => Values::F32(gather(bytes, stride, big, |b| {
+            u32::from_le_bytes(b) as f32
+        })?),
+        S::I64 => Values::F32(gather(bytes, stride, big, |b| {
+            i64::from_le_bytes(b) as f32
+        })?),
+        S::U64 => Values::F32(gather(bytes, stride, big, |b| {
+            u64::from_le_bytes(b) as f32
+        })?),
+        S::F32 => Values::F32(gather(bytes, stride, big, f32::from_le_bytes)?),
+        S::F64 => Values::F32(gather(bytes, stride, big, |b| {
+            narrow(f64::from_le_bytes(b))
+        })?),
+    })
+}
+
+/// The numbers of one component in double precision, for positions.
+pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Vec<f64>> {
+    use ScalarType as S;
+    let big = encoding.big_endian;
+    match encoding.scalar {
+        S::U8 => gather(bytes, stride, big, |[b]: [u8; 1]| f64::from(b)),
+        S::I8 => gather(bytes, stride, big, |b| f64::from(i8::from_le_bytes(b))),
+        S::I16 => gather(bytes, stride, big, |b| f64::from(i16::from_le_bytes(b))),
+        S::U16 => gather(bytes, stride, big, |b| f64::from(u16::from_le_bytes(b))),
+        S::I32 => gather(bytes, stride, big, |b| f64::from(i32::from_le_bytes(b))),
+        S::U32 => gather(bytes, stride, big, |b| f64::from(u32::from_le_bytes(b))),
+        S::I64 => gather(bytes, stride, big, |b| i64::from_le_bytes(b) as f64),
+        S::U64 => gather(bytes, stride, big, |b| u64::from_le_bytes(b) as f64),
+        S::F32 => gather(bytes, stride, big, |b| f64::from(f32::from_le_bytes(b))),
+        S::F64 => gather(bytes, stride, big, f64::from_le_bytes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_integers_keep_their_type_and_the_rest_is_narrowed() {
+        let at = |scalar, big_endian, count| {
+            let bytes = [0xff, 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07];
+            let step = ScalarType::size(scalar);
+            values(
+                &bytes,
+                Encoding { scalar, big_endian },
+                Stride {
+                    first: 0,
+                    step,
+                    count,
+                },
+            )
+        };
+        assert_eq!(at(ScalarType::I8, false, 2), Some(Values::I16(vec![-1, 1])));
+        assert_eq!(at(ScalarType::U8, true, 2), Some(Values::U8(vec![255, 1])));
+        assert_eq!(
+            at(ScalarType::U16, true, 2),
+            Some(Values::U16(vec![0xff01, 0x0203]))
+        );
+        assert_eq!(
+            at(ScalarType::I16, false, 1),
+            Some(Values::I16(vec![0x01ff]))
+        );
+        assert_eq!(
+            at(ScalarType::U32, false, 1),
+            Some(Values::F32(vec![50_463_232.0]))
+        );
+        assert_eq!(at(ScalarType::F64, false, 2), None);
+    }
+
+    #[test]
+    fn a_stride_past_the_end_or_past_usize_is_refused() {
+        let u8s = Encoding {
+            scalar: ScalarType::U8,
+            big_endian: false,
+        };
+        for (first, step, count) in [(0, 1, 5), (4, 1, 1), (0, usize::MAX, 3), (usize::MAX, 1, 1)] {
+            assert_eq!(values(&[0; 4], u8s, Stride { first, step, count }), None);
+        }
+        assert_eq!(
+            values(
+                &[7, 8, 9, 10],
+                u8s,
+                Stride {
+                    first: 1,
+                    step: 2,
+                    count: 2
+                }
+            ),
+            Some(Values::U8(vec![8, 10]))
+        );
+    }
+}

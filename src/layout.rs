@@ -1,0 +1,167 @@
+//! The structs that the stages of a frame exchange: plain words, so that any back end can fill
+//! and read them.
+//!
+//! | struct | written by | read by |
+//! |---|---|---|
+//! | [`ViewUniform`] | the frame's set-up | project, rasterise |
+//! | [`BlockView`] | cull, classify (counts) | classify, project |
+//! | [`ClassifiedParticle`] | classify | project |
+//! | [`Footprint`] | project | sort, bin, rasterise |
+//! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
+//! | [`NearTerms`] | project, for kernels that cross the camera plane | bin, rasterise |
+
+use bytemuck::{Pod, Zeroable};
+
+/// What a frame's stages need of the camera and the settings, in f32.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ViewUniform {
+    /// (fx, fy), pixels per unit of slope or per world unit.
+    pub focal_px: [f32; 2],
+    /// (cx, cy), pixels.
+    pub centre_px: [f32; 2],
+    /// Image size, pixels.
+    pub size: [u32; 2],
+    /// 1 for an orthographic camera, 0 for a perspective one.
+    pub orthographic: u32,
+    /// The filter, as [`crate::splat::Filter`] numbers them.
+    pub filter: u32,
+    /// Variance of the low-pass filter, px².
+    pub low_pass_variance_px2: f32,
+    /// The tolerance that `adaptive` and the cut-off follow.
+    pub tolerance: f32,
+    /// A cut-off radius given by hand, standard deviations; 0 follows the tolerance.
+    pub cutoff: f32,
+    /// Depth keys per unit of distance.
+    pub key_scale: f32,
+}
+
+/// A visible block of particles as one frame sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BlockView {
+    /// The block's origin in camera space, subtracted in f64.
+    pub origin_camera: [f32; 3],
+    /// Distance from the eye to the block's origin (depth, for an orthographic camera).
+    pub origin_distance: f32,
+    /// Which block of its volume.
+    pub block: u32,
+    /// Where its classified particles begin.
+    pub first: u32,
+    /// How many there are.
+    pub count: u32,
+    /// Depth key of the block's origin.
+    pub key: u32,
+}
+
+/// A particle that the transfer function leaves visible.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ClassifiedParticle {
+    /// Which [`BlockView`] of its volume.
+    pub view: u32,
+    /// Which particle of the block.
+    pub local: u32,
+    /// g = extinction x volume \[length²\].
+    pub mass: f32,
+    /// Linear RGB.
+    pub colour: [f32; 3],
+}
+
+/// A kernel's footprint on the image: sixteen words.
+///
+/// Optical depth at offset d = (dx, dy) px from the centre, for an affine footprint:
+/// tau exp(-Q/2) with Q = (p . d)² + (r . d)², cut off at Q > `cutoff_squared`.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Footprint {
+    /// x_k, pixels.
+    pub centre_px: [f32; 2],
+    /// First row p of the triangular form of the inverse variance, 1/px. One of its two numbers
+    /// is zero.
+    pub form_p: [f32; 2],
+    /// Second row r.
+    pub form_r: [f32; 2],
+    /// Optical depth at the centre. On the exact path: divided by |D0|. For near kernels:
+    /// g/(2 pi), in the units of its terms.
+    pub tau: f32,
+    /// Square of the cut-off radius.
+    pub cutoff_squared: f32,
+    /// Linear RGB.
+    pub colour: [f32; 3],
+    /// Camera-space z of the centre.
+    pub depth: f32,
+    /// What evaluates it: one of the `PATH_` constants, in the low two bits; above them, the
+    /// index of its [`NearTerms`]. Exact terms lie at the footprint's own index.
+    pub path: u32,
+    /// First and one-past-last pixel column, low and high half word.
+    pub columns: u32,
+    /// First and one-past-last pixel row, low and high half word. An empty range marks a kernel
+    /// that reaches no pixel.
+    pub rows: u32,
+    /// Depth key: smaller is nearer.
+    pub key: u32,
+}
+
+/// Affine footprint: EWA and everything cheaper.
+pub const PATH_AFFINE: u32 = 0;
+/// Exact perspective: [`ExactTerms`].
+pub const PATH_EXACT: u32 = 1;
+/// Perspective kernel that crosses the camera plane: [`NearTerms`].
+pub const PATH_NEAR: u32 = 2;
+/// Orthographic kernel that crosses the camera plane: affine times a half-line factor, its
+/// numbers in the first four `half_line` words of [`NearTerms`].
+pub const PATH_HALF_LINE: u32 = 3;
+
+/// The five floats that make an affine footprint exact under perspective:
+/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy².
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ExactTerms {
+    /// Gradient of w at the centre, 1/px.
+    pub gradient: [f32; 2],
+    /// hxx, hxy, hyy \[1/px²\].
+    pub hessian: [f32; 3],
+}
+
+/// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1):
+/// Q = DᵀN D / DᵀK D, z* = D . k / DᵀK D, sigma_z = sigma / sqrt(DᵀK D), all in units of a
+/// length of the kernel's own.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct NearTerms {
+    /// N = sum over factor columns f of (f x u)(f x u)ᵀ: xx, xy, xz, yy, yz, zz.
+    pub miss: [f32; 6],
+    /// K = adj(V): xx, xy, xz, yy, yz, zz.
+    pub adjugate: [f32; 6],
+    /// k = K u. On the half-line path: dz/dx, dz/dy \[1/px\] and z at the centre.
+    pub depth: [f32; 3],
+    /// sqrt(det V). On the half-line path: the standard deviation of z along the ray.
+    pub sigma: f32,
+}
+
+impl Footprint {
+    /// First and one-past-last pixel column.
+    #[inline]
+    pub fn column_range(&self) -> (u32, u32) {
+        (self.columns & 0xffff, self.columns >> 16)
+    }
+
+    /// First and one-past-last pixel row.
+    #[inline]
+    pub fn row_range(&self) -> (u32, u32) {
+        (self.rows & 0xffff, self.rows >> 16)
+    }
+
+    /// Whether it reaches any pixel.
+    #[inline]
+    pub fn is_visible(&self) -> bool {
+        self.rows != 0
+    }
+}
+
+/// Packs a half-open pixel range into a word.
+#[inline]
+pub fn pack_range(first: u32, end: u32) -> u32 {
+    first | end << 16
+}

@@ -1,0 +1,87 @@
+//! Error figures between two images of linear f32.
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+use crate::image::Image;
+
+/// Differences between two images over red, green, blue and alpha, linear premultiplied,
+/// full scale 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ImageErrors {
+    /// Root mean square over pixels and channels.
+    pub rmse: f64,
+    /// Largest absolute difference.
+    pub max: f64,
+    /// The absolute difference, largest channel of a pixel, that 99.9 % of pixels stay below.
+    pub p999: f64,
+    /// Peak signal-to-noise ratio, dB, of full scale 1; `None` (JSON null) for equal images.
+    pub psnr: Option<f64>,
+    /// Mean of (second - first): a bias that the others hide.
+    pub mean_difference: f64,
+}
+
+/// Compares two images of one size.
+///
+/// # Errors
+/// Different sizes, or a pixel that is not finite.
+pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
+    let refuse = |expected: String, found: String, advice: &str| {
+        Err(Error::format("comparison", "images", expected, found, advice))
+    };
+    if (first.width, first.height) != (second.width, second.height) {
+        return refuse(
+            format!("two images of {} x {}", first.width, first.height),
+            format!("{} x {}", second.width, second.height),
+            "render both at one size",
+        );
+    }
+    let channels = first.pixels.len() as f64 * 4.0;
+    let mut sum = 0.0;
+    let mut squares = 0.0;
+    let mut per_pixel = Vec::with_capacity(first.pixels.len());
+    for (a, b) in first.pixels.iter().zip(&second.pixels) {
+        let mut largest = 0.0_f64;
+        for (a, b) in a.iter().zip(b) {
+            let difference = f64::from(*b) - f64::from(*a);
+            if !difference.is_finite() {
+                let found = format!("{a} and {b}");
+                return refuse("finite pixels".into(), found, "see where it came from");
+            }
+            sum += difference;
+            squares += difference * difference;
+            largest = largest.max(difference.abs());
+        }
+        per_pixel.push(largest);
+    }
+    per_pixel.sort_unstable_by(f64::total_cmp);
+    let rank = (per_pixel.len() as f64 * 0.999).ceil() as usize;
+    let mean_square = if channels > 0.0 { squares / channels } else { 0.0 };
+    Ok(ImageErrors {
+        rmse: mean_square.sqrt(),
+        max: per_pixel.last().copied().unwrap_or(0.0),
+        p999: per_pixel.get(rank.saturating_sub(1)).copied().unwrap_or(0.0),
+        psnr: (mean_square > 0.0).then(|| -10.0 * mean_square.log10()),
+        mean_difference: if channels > 0.0 { sum / channels } else { 0.0 },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wrong_pixel_in_a_thousand() {
+        let a = Image::new(100, 20);
+        let mut b = a.clone();
+        b.pixels[7] = [0.5, 0.0, 0.0, 0.0];
+        let e = compare(&a, &b).unwrap();
+        assert_eq!((e.max, e.p999), (0.5, 0.0));
+        assert!((e.rmse - 0.5 / 8000_f64.sqrt()).abs() < 1e-12);
+        assert!((e.psnr.unwrap() + 20.0 * e.rmse.log10()).abs() < 1e-9);
+        assert_eq!(compare(&a, &a).unwrap().psnr, None);
+        assert!(compare(&a, &Image::new(20, 100)).is_err());
+        b.pixels[8][3] = f32::NAN;
+        assert!(compare(&a, &b).is_err());
+    }
+}

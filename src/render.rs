@@ -1,0 +1,364 @@
+//! Scene + camera + settings -> frame.
+
+use std::time::Instant;
+
+use crate::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+use crate::constants::{
+    DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE,
+};
+use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
+use crate::error::{Error, Result};
+use crate::image::{DepthImage, Image};
+use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform};
+use crate::scene::{PointVolume, Requirements};
+use crate::splat::Filter;
+use crate::view::{Camera, Projection};
+
+/// How a frame is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// The largest error in linear colour, as a fraction of full scale, that one approximation
+    /// may add to a pixel.
+    pub tolerance: f32,
+    /// Which footprint draws a kernel.
+    pub filter: Filter,
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    pub linear_opacity: bool,
+    /// Variance of the low-pass filter, px².
+    pub low_pass_variance_px2: f32,
+    /// Cut-off radius in standard deviations; `None` follows the tolerance.
+    pub cutoff: Option<f32>,
+    /// Linear RGB behind everything; `None` leaves the image transparent.
+    pub background: Option<[f32; 3]>,
+    /// Whether a depth image is wanted.
+    pub depth: bool,
+    /// The instruction set of the rasteriser.
+    pub simd: SimdLevel,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            tolerance: DEFAULT_TOLERANCE,
+            filter: Filter::Adaptive,
+            linear_opacity: false,
+            low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
+            cutoff: None,
+            background: None,
+            depth: false,
+            simd: SimdLevel::best(),
+        }
+    }
+}
+
+/// What a frame counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameCounts {
+    /// Blocks of all volumes.
+    pub blocks: usize,
+    /// Blocks outside the view or transparent.
+    pub blocks_culled: usize,
+    /// Particles that the transfer function leaves visible, in the blocks that are left.
+    pub classified: usize,
+    /// Footprints that reach the image.
+    pub footprints: usize,
+    /// Of these, on the exact path.
+    pub footprints_exact: usize,
+    /// Of these, kernels that cross the camera plane.
+    pub footprints_near: usize,
+    /// Entries of the tiles' lists.
+    pub tile_entries: usize,
+    /// Kernels evaluated at pixel centres within their cut-off.
+    pub splat_pixels: u64,
+}
+
+/// Milliseconds per stage of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[allow(missing_docs, reason = "each is the stage of its name")]
+pub struct StageTimes {
+    pub cull: f64,
+    pub classify: f64,
+    pub project: f64,
+    pub sort: f64,
+    pub bin: f64,
+    pub rasterise: f64,
+    pub resolve: f64,
+    /// The whole frame.
+    pub frame: f64,
+}
+
+/// A scene made ready, and the memory of its frames: after the first frame of a size, a frame
+/// allocates nothing of note.
+#[derive(Debug)]
+pub struct Renderer {
+    volumes: Vec<BlockedVolume>,
+    requirements: Vec<Requirements>,
+    views: Vec<Vec<BlockView>>,
+    classified: Vec<ClassifiedParticle>,
+    footprints: Vec<Footprint>,
+    exact: Vec<ExactTerms>,
+    project_output: ProjectOutput,
+    order: Vec<u64>,
+    bins: Bins,
+    tiles: Vec<Tile>,
+    image: Image,
+    depth: Option<DepthImage>,
+    counts: FrameCounts,
+    times: StageTimes,
+}
+
+/// Images at most this wide and high: pixel ranges are half words.
+const MAX_IMAGE_SIZE: usize = 65_535;
+
+impl Renderer {
+    /// Sorts the volumes' particles into blocks.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name, or a volume that says it is classified and
+    /// has no values or no transfer function.
+    pub fn new(scene: Vec<PointVolume>) -> Result<Self> {
+        let total: usize = scene.iter().map(|v| v.particles.len()).sum();
+        if u32::try_from(total).is_err() {
+            return Err(Error::format(
+                "scene",
+                "particles",
+                "at most 4,294,967,295 particles",
+                total.to_string(),
+                "render a part of the data",
+            ));
+        }
+        for volume in &scene {
+            volume.validate()?;
+        }
+        let requirements = scene.iter().map(Requirements::of).collect();
+        let volumes: Vec<_> = scene.into_iter().map(BlockedVolume::new).collect();
+        Ok(Self {
+            requirements,
+            views: vec![Vec::new(); volumes.len()],
+            volumes,
+            classified: Vec::new(),
+            footprints: Vec::new(),
+            exact: Vec::new(),
+            project_output: ProjectOutput::default(),
+            order: Vec::new(),
+            bins: Bins::default(),
+            tiles: Vec::new(),
+            image: Image::new(0, 0),
+            depth: None,
+            counts: FrameCounts::default(),
+            times: StageTimes::default(),
+        })
+    }
+
+    /// Draws a frame; [`Renderer::image`] and the others hold its results until the next.
+    ///
+    /// # Errors
+    /// An image of no pixels or of more than 65,535 along a side; settings out of range.
+    pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        check(camera, settings)?;
+        let frame_start = Instant::now();
+        let mut times = StageTimes::default();
+        let mut counts = FrameCounts {
+            blocks: self.volumes.iter().map(|v| v.blocks.len()).sum(),
+            ..FrameCounts::default()
+        };
+        let mut clock = Clock(Instant::now());
+
+        // Cull, and the range of depth keys over what is left.
+        let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
+        let frustum = Frustum::new(camera, margin);
+        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
+            cull(volume, camera, &frustum, views);
+        }
+        let visible = || self.volumes.iter().zip(&self.views).flat_map(|(volume, views)| {
+            views.iter().map(|v| distance_interval(camera, &volume.blocks[v.block as usize]))
+        });
+        let range = DepthRange::of(visible());
+        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
+            for view in views {
+                let (distance, _) = distance_interval(camera, &volume.blocks[view.block as usize]);
+                view.key = range.key(distance);
+            }
+        }
+        counts.blocks_culled = counts.blocks - self.views.iter().map(Vec::len).sum::<usize>();
+        let uniform = view_uniform(camera, settings, &range);
+        times.cull = clock.lap();
+
+        // Classify.
+        let mut totals = Vec::with_capacity(self.volumes.len());
+        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
+            totals.push(cpu::count_classified(volume, views));
+        }
+        counts.classified = totals.iter().sum();
+        resize(&mut self.classified, counts.classified);
+        let mut rest = self.classified.as_mut_slice();
+        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
+            let (out, others) = rest.split_at_mut(total);
+            cpu::classify(volume, views, out);
+            rest = others;
+        }
+        times.classify = clock.lap();
+
+        // Project.
+        resize(&mut self.footprints, counts.classified);
+        let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
+            && camera.projection == Projection::Perspective;
+        resize(&mut self.exact, if may_be_exact { counts.classified } else { 0 });
+        self.project_output.clear();
+        let rotation = camera.camera_from_world.as_mat3();
+        let mut first = 0;
+        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
+            let range = first..first + total;
+            cpu::project(
+                volume,
+                views,
+                &self.classified[range.clone()],
+                &uniform,
+                rotation,
+                &mut self.footprints[range.clone()],
+                self.exact.get_mut(range).unwrap_or_default(),
+                &self.project_output,
+            );
+            first += total;
+        }
+        times.project = clock.lap();
+
+        cpu::sort(&self.footprints, &mut self.order);
+        counts.footprints = self.order.len();
+        times.sort = clock.lap();
+
+        let columns = camera.width.div_ceil(TILE_SIZE);
+        let rows = camera.height.div_ceil(TILE_SIZE);
+        cpu::bin(&self.footprints, &self.exact, &self.order, [columns, rows], &mut self.bins);
+        counts.tile_entries = self.bins.len();
+        times.bin = clock.lap();
+
+        self.tiles.resize_with(columns * rows, Tile::default);
+        let any_exact = self.project_output.any_exact();
+        let near = self.project_output.near();
+        let raster = RasteriseSettings {
+            linear_opacity: settings.linear_opacity,
+            depth: settings.depth,
+            exact: any_exact,
+            level: settings.simd,
+        };
+        counts.splat_pixels = cpu::rasterise(
+            &uniform,
+            raster,
+            &self.footprints,
+            &self.exact,
+            near,
+            &self.bins,
+            columns,
+            &mut self.tiles,
+        );
+        counts.footprints_near = near.len();
+        times.rasterise = clock.lap();
+
+        if (self.image.width, self.image.height) != (camera.width, camera.height) {
+            self.image = Image::new(camera.width, camera.height);
+        }
+        cpu::resolve(&self.tiles, settings.background, &mut self.image);
+        self.depth = settings
+            .depth
+            .then(|| cpu::resolve_depth(&self.tiles, camera.width, camera.height));
+        times.resolve = clock.lap();
+        times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
+
+        counts.footprints_exact = self
+            .order
+            .iter()
+            .filter(|&&i| self.footprints[i as u32 as usize].path == PATH_EXACT)
+            .count();
+        self.counts = counts;
+        self.times = times;
+        Ok(&self.image)
+    }
+
+    /// The last frame's image.
+    pub fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// The last frame's depths, where the settings asked for them.
+    pub fn depth(&self) -> Option<&DepthImage> {
+        self.depth.as_ref()
+    }
+
+    /// What the last frame counted.
+    pub fn counts(&self) -> FrameCounts {
+        self.counts
+    }
+
+    /// How long the last frame's stages took.
+    pub fn times(&self) -> StageTimes {
+        self.times
+    }
+
+    /// What each volume of the scene requires.
+    pub fn requirements(&self) -> &[Requirements] {
+        &self.requirements
+    }
+
+    /// The volumes in blocks.
+    pub fn volumes(&self) -> &[BlockedVolume] {
+        &self.volumes
+    }
+}
+
+struct Clock(Instant);
+
+impl Clock {
+    /// Milliseconds since the last lap.
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        let elapsed = (now - self.0).as_secs_f64() * 1e3;
+        self.0 = now;
+        elapsed
+    }
+}
+
+/// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
+fn resize<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
+    buffer.resize(len, T::zeroed());
+}
+
+fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> ViewUniform {
+    ViewUniform {
+        focal_px: camera.focal_px.as_vec2().into(),
+        centre_px: camera.centre_px.as_vec2().into(),
+        // `check` has bounded both.
+        size: [camera.width as u32, camera.height as u32],
+        orthographic: u32::from(camera.projection == Projection::Orthographic),
+        filter: settings.filter as u32,
+        low_pass_variance_px2: settings.low_pass_variance_px2,
+        tolerance: settings.tolerance,
+        cutoff: settings.cutoff.unwrap_or(0.0),
+        key_scale: range.keys_per_unit(),
+    }
+}
+
+fn check(camera: &Camera, settings: &Settings) -> Result<()> {
+    let refuse = |place: &str, expected: &str, found: String| {
+        Err(Error::format("settings", place, expected, found, "change it"))
+    };
+    if !(1..=MAX_IMAGE_SIZE).contains(&camera.width) || !(1..=MAX_IMAGE_SIZE).contains(&camera.height)
+    {
+        let found = format!("{} x {}", camera.width, camera.height);
+        return refuse("image size", "1 to 65,535 pixels along each side", found);
+    }
+    let h2 = settings.low_pass_variance_px2;
+    if !(h2 >= 0.0 && h2.is_finite()) {
+        return refuse("low-pass variance", "a number from 0 up", h2.to_string());
+    }
+    let tolerance = settings.tolerance;
+    if !(tolerance > 0.0 && tolerance < 1.0) {
+        return refuse("tolerance", "a number between 0 and 1", tolerance.to_string());
+    }
+    if let Some(r) = settings.cutoff
+        && !(r > 0.0 && r <= MAX_CUTOFF)
+    {
+        return refuse("cut-off radius", "a number above 0, at most 7", r.to_string());
+    }
+    Ok(())
+}

@@ -1,0 +1,47 @@
+//! What a scene requires of storage and code: decided once, read by whoever lays out memory.
+
+use serde::Serialize;
+
+use super::{Colour, Particles, PointVolume, Strength};
+
+/// What one volume makes the renderer store and run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Requirements {
+    /// Whether positions are stored; a lattice's follow from indices.
+    pub positions: bool,
+    /// Floats of shape stored per particle: 0 (shared or per axis), 1 (spheres) or 6 (factors).
+    pub shape_floats: usize,
+    /// The type of the stored values: `none`, `u8`, `i16`, `u16` or `f32`.
+    pub values: &'static str,
+    /// Whether a transfer function is applied every frame.
+    pub classification: bool,
+    /// Floats of mass or cell volume stored per particle.
+    pub strength_floats: usize,
+    /// Floats of colour stored per particle.
+    pub colour_floats: usize,
+}
+
+impl Requirements {
+    /// What `volume` requires.
+    pub fn of(volume: &PointVolume) -> Self {
+        let (positions, shape_floats) = match volume.particles {
+            Particles::Lattice { .. } => (false, 0),
+            Particles::Isotropic { .. } => (true, 1),
+            Particles::Anisotropic { .. } => (true, 6),
+        };
+        Self {
+            positions,
+            shape_floats,
+            values: volume.values.as_ref().map_or("none", |v| v.type_name()),
+            classification: volume.is_classified(),
+            strength_floats: match &volume.strength {
+                Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
+                Strength::Mass(_) => 1,
+            },
+            colour_floats: match volume.colour {
+                Colour::PerParticle(_) => 3,
+                _ => 0,
+            },
+        }
+    }
+}

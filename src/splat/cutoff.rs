@@ -1,0 +1,41 @@
+//! Where a kernel ends.
+
+use crate::constants::MAX_CUTOFF;
+
+/// The cut-off radius r = sqrt(2 ln(max(tau, 1) / tolerance)), in standard deviations.
+///
+/// The step at the edge and the mass lost are both exp(-r²/2) of the kernel: at most the
+/// tolerance, relative to the kernel's own depth where that is below 1 (many faint kernels add
+/// up), absolute above. `tau` is the optical depth at the centre; `by_hand` replaces the rule
+/// where it is positive. The mass lost is given back by [`cutoff_share`].
+#[inline]
+pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
+    if by_hand > 0.0 {
+        return by_hand.min(MAX_CUTOFF);
+    }
+    // `min` takes the other argument when one is NaN.
+    (2.0 * (tau.max(1.0) / tolerance).ln()).max(1.0).sqrt().min(MAX_CUTOFF)
+}
+
+/// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
+#[inline]
+pub fn cutoff_share(r: f32) -> f32 {
+    -(-0.5 * r * r).exp_m1()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn follows_the_table() {
+        // 1 - exp(-r²/2) lost at r = 1, 2, 3.33: .61, .135, .0039.
+        for (r, lost) in [(1.0_f32, 0.6065), (2.0, 0.1353), (3.33, 0.00391)] {
+            assert!((1.0 - cutoff_share(r) - lost).abs() < 1e-4);
+        }
+        assert!((cutoff_radius(0.5, 1.0 / 255.0, 0.0) - 3.329).abs() < 1e-3);
+        assert!(cutoff_radius(10.0, 1.0 / 255.0, 0.0) > 3.9);
+        assert_eq!(cutoff_radius(f32::MAX, 1e-9, 0.0), MAX_CUTOFF);
+        assert_eq!(cutoff_radius(1.0, 0.01, 2.0), 2.0);
+    }
+}

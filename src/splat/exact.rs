@@ -1,0 +1,64 @@
+//! Exact perspective: five floats on top of the affine footprint.
+//!
+//! With D = D0 + (dx/fx, dy/fy, 0) the ray through the pixel at offset d from the centre,
+//! w(d) = DᵀKD / D0ᵀKD0 for K = adj(V + low-pass), and the line integral of the kernel is
+//! q = q0 |D|/|D0| w^(-1/2) exp(-Q/(2w)), Q the affine form. Verified to 2e-12 in f64 and to
+//! 6e-6 of the peak in f32.
+
+use glam::Vec2;
+
+use super::footprint::ScreenFactor;
+use crate::layout::ExactTerms;
+
+/// The coefficients of w(d).
+///
+/// Per pair of factor columns, D . (f_i x f_j) is m + dx a + dy b with m, a, b minors of the
+/// 3-row matrix (T; s), s the relative depth: w is a sum of squares of these over the
+/// determinant. The low-pass filter adds the columns (h, 0, 0) and (0, h, 0).
+///
+/// - `h2`: low-pass variance, px².
+/// - `determinant`: of the low-passed footprint.
+#[inline]
+pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
+    let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
+    let (m, a, b) = (x.cross(y), y.cross(s), s.cross(x));
+    let inv = 1.0 / determinant;
+    let low_pass = h2 * s.length_squared();
+    ExactTerms {
+        gradient: [
+            2.0 * inv * (m.dot(a) - h2 * x.dot(s)),
+            2.0 * inv * (m.dot(b) - h2 * y.dot(s)),
+        ],
+        hessian: [
+            inv * (a.length_squared() + low_pass),
+            inv * 2.0 * a.dot(b),
+            inv * (b.length_squared() + low_pass),
+        ],
+    }
+}
+
+/// The outline of the cut-off ellipsoid on the image: the middle of its bounding box, relative
+/// to the kernel's centre, and the box's half extents, pixels.
+///
+/// C = r² V - u uᵀ, x-range (C02 ± sqrt(C02² - C00 C22))/C22, rewritten relative to the centre so
+/// that nothing cancels. `None` where the ellipsoid reaches the camera plane (r |s| >= 1): its
+/// outline is unbounded.
+#[inline]
+pub fn exact_extent(screen: &ScreenFactor, h2: f32, r: f32) -> Option<(Vec2, Vec2)> {
+    let s = screen.relative_depth;
+    let ss = s.length_squared();
+    let in_front = 1.0 - r * r * ss;
+    // Phrased so that NaN gives none.
+    if !(in_front > 1e-6) {
+        return None;
+    }
+    let axis = |row: glam::Vec3| {
+        let spread = row.length_squared() + h2;
+        let miss = row.cross(s).length_squared() + h2 * ss;
+        let half = r * (spread - r * r * miss).max(0.0).sqrt() / in_front;
+        (-r * r * s.dot(row) / in_front, half)
+    };
+    let (x, half_x) = axis(screen.row_x);
+    let (y, half_y) = axis(screen.row_y);
+    Some((Vec2::new(x, y), Vec2::new(half_x, half_y)))
+}

@@ -1,0 +1,76 @@
+//! Which approximation draws a kernel.
+
+use super::bounds::{affine_error, opacity_amplification};
+use super::exact::exact_terms;
+use super::footprint::{ImageKernel, ScreenFactor};
+use crate::layout::ViewUniform;
+
+/// The ways to draw a kernel. Kernels that cross the camera plane are integrated along the half
+/// line in front of it whatever the filter: an affine footprint means nothing there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Filter {
+    /// Per particle the affine footprint where its error bound fits the tolerance, the exact one
+    /// elsewhere.
+    #[default]
+    Adaptive = 0,
+    /// The exact line integral of the low-passed kernel under perspective.
+    Exact = 1,
+    /// The resampling filter of Zwicker et al. 2001: affine projection, low-pass filter added.
+    Ewa = 2,
+    /// The projected reconstruction kernel alone: aliases where it falls below a pixel.
+    Reconstruction = 3,
+    /// The low-pass filter alone: breaks into dots where kernels exceed a pixel.
+    LowPass = 4,
+    /// A round footprint of half the trace of the projected variance.
+    Isotropic = 5,
+    /// Swan's anti-aliasing, the comparison method of the 2001 paper: the kernel enlarged as a
+    /// whole until its minor radius reaches the low-pass filter's.
+    UniformScaling = 6,
+}
+
+impl Filter {
+    /// All filters, in the order of their numbers.
+    pub const ALL: [Self; 7] = [
+        Self::Adaptive,
+        Self::Exact,
+        Self::Ewa,
+        Self::Reconstruction,
+        Self::LowPass,
+        Self::Isotropic,
+        Self::UniformScaling,
+    ];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Adaptive => "adaptive",
+            Self::Exact => "exact",
+            Self::Ewa => "ewa",
+            Self::Reconstruction => "reconstruction",
+            Self::LowPass => "low-pass",
+            Self::Isotropic => "isotropic",
+            Self::UniformScaling => "uniform-scaling",
+        }
+    }
+}
+
+/// The one place that chooses between affine and exact.
+///
+/// An orthographic projection is affine, so nothing is ever gained there.
+#[inline]
+pub fn needs_exact(view: &ViewUniform, screen: &ScreenFactor, kernel: &ImageKernel) -> bool {
+    if view.orthographic != 0 {
+        return false;
+    }
+    if view.filter == Filter::Exact as u32 {
+        return true;
+    }
+    if view.filter != Filter::Adaptive as u32 {
+        return false;
+    }
+    let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
+    let error = affine_error(view, screen, kernel, &terms) * opacity_amplification(kernel.tau);
+    // Phrased so that NaN takes the safe side.
+    !(error <= view.tolerance)
+}

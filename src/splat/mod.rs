@@ -1,0 +1,24 @@
+//! From a kernel to its footprint on the image: pure functions.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `filter.rs` | the filter paths a user can name, and the choice among them |
+//! | `footprint.rs` | eq. 20 and 25 of Zwicker et al. 2001 in factored form |
+//! | `exact.rs` | the five floats of w(d), exact bounds |
+//! | `near.rs` | kernels that cross the camera plane |
+//! | `cutoff.rs` | where a kernel ends |
+//! | `bounds.rs` | what the affine approximation costs |
+
+mod bounds;
+mod cutoff;
+mod exact;
+mod filter;
+mod footprint;
+mod near;
+
+pub use bounds::{affine_error, opacity_amplification};
+pub use cutoff::{cutoff_radius, cutoff_share};
+pub use exact::{exact_extent, exact_terms};
+pub use filter::{Filter, needs_exact};
+pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
+pub use near::{evaluate_near, half_line_terms, near_terms};

@@ -1,0 +1,133 @@
+//! The camera and what it does to a point.
+
+use glam::{DMat3, DVec2, DVec3};
+
+/// How camera space is mapped to the image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Projection {
+    /// pixel = focal_px * (x/z, y/z) + centre_px.
+    Perspective,
+    /// pixel = focal_px * (x, y) + centre_px.
+    Orthographic,
+}
+
+/// A camera in f64: positions are subtracted from the eye in f64 before anything is narrowed,
+/// so that data 1e7 from the origin renders the same picture as at the origin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    /// Perspective or orthographic.
+    pub projection: Projection,
+    /// The eye, world units. An orthographic camera sees what lies in front of the plane
+    /// through it.
+    pub eye: DVec3,
+    /// Rotation W: rows are the camera's right, down and forward in the world.
+    pub camera_from_world: DMat3,
+    /// (fx, fy): pixels per unit of slope (perspective) or per world unit (orthographic).
+    pub focal_px: DVec2,
+    /// (cx, cy): the pixel coordinate of the optical axis.
+    pub centre_px: DVec2,
+    /// Width of the image in pixels.
+    pub width: usize,
+    /// Height of the image in pixels.
+    pub height: usize,
+}
+
+impl Camera {
+    /// A perspective camera.
+    ///
+    /// - `eye`, `target`, `up`: world units; `up` need not be perpendicular to the view, and
+    ///   is replaced where it is parallel to it.
+    /// - `vertical_fov_deg`: the whole angle seen from the top to the bottom of the image.
+    /// - `size`: width and height in pixels.
+    pub fn perspective(
+        eye: DVec3,
+        target: DVec3,
+        up: DVec3,
+        vertical_fov_deg: f64,
+        size: [usize; 2],
+    ) -> Self {
+        let focal = size[1] as f64 / (2.0 * (vertical_fov_deg.to_radians() / 2.0).tan());
+        Self {
+            projection: Projection::Perspective,
+            eye,
+            camera_from_world: look(target - eye, up),
+            focal_px: DVec2::splat(focal),
+            centre_px: DVec2::new(size[0] as f64, size[1] as f64) / 2.0,
+            width: size[0],
+            height: size[1],
+        }
+    }
+
+    /// An orthographic camera whose image is `height_world` world units high.
+    ///
+    /// - `eye`, `target`, `up`: as for [`Camera::perspective`].
+    /// - `size`: width and height in pixels.
+    pub fn orthographic(
+        eye: DVec3,
+        target: DVec3,
+        up: DVec3,
+        height_world: f64,
+        size: [usize; 2],
+    ) -> Self {
+        Self {
+            projection: Projection::Orthographic,
+            focal_px: DVec2::splat(size[1] as f64 / height_world),
+            ..Self::perspective(eye, target, up, 90.0, size)
+        }
+    }
+
+    /// A world point in camera space.
+    pub fn camera_point(&self, world: DVec3) -> DVec3 {
+        self.camera_from_world * (world - self.eye)
+    }
+
+    /// The pixel coordinate of a world point, or `None` where a perspective camera has none:
+    /// in or behind the camera plane.
+    pub fn project(&self, world: DVec3) -> Option<DVec2> {
+        let u = self.camera_point(world);
+        match self.projection {
+            Projection::Perspective if u.z <= 0.0 => None,
+            Projection::Perspective => Some(self.focal_px * u.truncate() / u.z + self.centre_px),
+            Projection::Orthographic => Some(self.focal_px * u.truncate() + self.centre_px),
+        }
+    }
+
+    /// The direction of view in the world, unit length.
+    pub fn forward(&self) -> DVec3 {
+        self.camera_from_world.row(2)
+    }
+}
+
+/// The rotation whose third row looks along `forward`, and whose second is as far down as it
+/// can be.
+fn look(forward: DVec3, up: DVec3) -> DMat3 {
+    let forward = forward.try_normalize().unwrap_or(DVec3::Y);
+    let right = forward.cross(up.try_normalize().unwrap_or(DVec3::Z));
+    let right = if right.length() > 1e-9 {
+        right.normalize()
+    } else {
+        forward.any_orthonormal_vector()
+    };
+    let down = forward.cross(right);
+    DMat3::from_cols(right, down, forward).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_right_down_forward() {
+        let camera = Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, 90.0, [200, 100]);
+        assert_eq!(camera.project(DVec3::new(0.0, 2.0, 0.0)), Some(DVec2::new(100.0, 50.0)));
+        let right_and_up = camera.project(DVec3::new(1.0, 2.0, 0.5)).unwrap();
+        assert!((right_and_up - DVec2::new(125.0, 37.5)).length() < 1e-12);
+        assert!((camera.camera_from_world.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn up_along_the_view_still_gives_a_rotation() {
+        let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, DVec3::Z, 60.0, [10, 10]);
+        assert!((camera.camera_from_world.determinant() - 1.0).abs() < 1e-12);
+    }
+}

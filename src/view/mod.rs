@@ -1,0 +1,13 @@
+//! Cameras: from world space to camera space to pixels.
+//!
+//! The world is right-handed. Camera space is the papers': x right, y down, z forward,
+//! projection plane z = 1. A pixel coordinate is (fx x/z + cx, fy y/z + cy), and the centre of
+//! pixel (i, j) is (i + 0.5, j + 0.5).
+
+mod camera;
+mod camera_file;
+mod fit;
+
+pub use camera::{Camera, Projection};
+pub use camera_file::read_camera;
+pub use fit::{Lens, Viewpoint};

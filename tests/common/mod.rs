@@ -1,0 +1,373 @@
+//! What several test files share.
+#![allow(dead_code, unreachable_pub, reason = "each test file uses a part, as a module of its own")]
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::unwrap_used,
+    reason = "judges narrow on purpose; a test fails by panicking"
+)]
+
+use ewa_splat::layout::ViewUniform;
+use ewa_splat::math::Factor;
+use ewa_splat::splat::{Filter, Kernel};
+use glam::{DMat3, DVec3, Vec3};
+use serde_json::Value;
+
+/// A JSON file of `fixtures/`.
+pub fn fixture(name: &str) -> Value {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// The number at a JSON pointer.
+pub fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer}"))
+}
+
+/// The numbers at a JSON pointer.
+pub fn numbers(value: &Value, pointer: &str) -> Vec<f64> {
+    let list = value.pointer(pointer).and_then(Value::as_array);
+    let list = list.unwrap_or_else(|| panic!("no {pointer}"));
+    list.iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+/// A kernel from camera-space rows of its factor.
+pub fn kernel(centre: [f32; 3], rows: [[f32; 3]; 3], mass: f32) -> Kernel {
+    let [x, y, z] = rows.map(Vec3::from);
+    Kernel { centre: Vec3::from(centre), factor: Factor { x, y, z }, mass }
+}
+
+/// A perspective view of 1024 x 768.
+pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
+    ViewUniform {
+        focal_px,
+        centre_px,
+        size: [1024, 768],
+        orthographic: 0,
+        filter: Filter::Exact as u32,
+        low_pass_variance_px2: h2,
+        tolerance: 1.0 / 255.0,
+        cutoff: 0.0,
+        key_scale: 1.0,
+    }
+}
+
+/// One splat's evaluation at a pixel in its plainest form, f32: what the rasteriser's vector loop
+/// must equal.
+pub mod scalar {
+    use ewa_splat::layout::{ExactTerms, ViewUniform};
+    use ewa_splat::splat::{ImageKernel, ScreenFactor};
+    use glam::{Vec2, Vec3};
+
+    /// (Q, tau) of the affine footprint.
+    pub fn affine(screen: &ScreenFactor, image: &ImageKernel, pixel: Vec2) -> (f32, f32) {
+        let d = pixel - screen.centre_px;
+        let [p, r] = image.triangular_form().map(Vec2::from);
+        let q = p.dot(d).powi(2) + r.dot(d).powi(2);
+        (q, image.tau * (-0.5 * q).exp())
+    }
+
+    /// (w, tau) of the exact footprint.
+    pub fn exact(
+        view: &ViewUniform,
+        screen: &ScreenFactor,
+        image: &ImageKernel,
+        terms: &ExactTerms,
+        pixel: Vec2,
+    ) -> (f32, f32) {
+        let d = pixel - screen.centre_px;
+        let [hxx, hxy, hyy] = terms.hessian;
+        let w = 1.0
+            + Vec2::from(terms.gradient).dot(d)
+            + hxx * d.x * d.x
+            + hxy * d.x * d.y
+            + hyy * d.y * d.y;
+        let (q, _) = affine(screen, image, pixel);
+        let slope = (pixel - Vec2::from(view.centre_px)) / Vec2::from(view.focal_px);
+        let ray = Vec3::new(slope.x, slope.y, 1.0).length();
+        (w, image.tau * ray / screen.ray_length / w.sqrt() * (-0.5 * q / w).exp())
+    }
+}
+
+/// SplitMix64 (Steele et al. 2014): seeded, so that a failure can be met again.
+pub struct Random(u64);
+
+impl Random {
+    /// A generator of the sequence number `seed`.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    /// Uniform in \[low, high).
+    pub fn range(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Uniform in the logarithm.
+    pub fn log_range(&mut self, low: f64, high: f64) -> f64 {
+        self.range(low.ln(), high.ln()).exp()
+    }
+
+    /// Below `count`.
+    pub fn index(&mut self, count: usize) -> usize {
+        (self.bits() % count as u64) as usize
+    }
+
+    /// Uniform in a cube.
+    pub fn point(&mut self, half_side: f64) -> DVec3 {
+        let mut x = || self.range(-half_side, half_side);
+        DVec3::new(x(), x(), x())
+    }
+
+    /// A rotation, uniform enough: two random directions, orthonormalised.
+    pub fn rotation(&mut self) -> DMat3 {
+        loop {
+            let (a, b) = (self.point(1.0), self.point(1.0));
+            if a.length() < 1.0 && a.length() > 0.1 && a.cross(b).length() > 0.05 {
+                let x = a.normalize();
+                let z = a.cross(b).normalize();
+                return DMat3::from_cols(x, z.cross(x), z);
+            }
+        }
+    }
+
+    /// A factor with the largest standard deviation `largest`, the smallest `largest / ratio`
+    /// and one between, in a random direction.
+    pub fn factor(&mut self, largest: f64, ratio: f64) -> DMat3 {
+        let sigmas = DVec3::new(largest, largest / self.log_range(1.0, ratio), largest / ratio);
+        self.rotation() * DMat3::from_diagonal(sigmas) * self.rotation()
+    }
+}
+
+/// The lower-triangular L with L Lᵀ = F Fᵀ, packed as the particles store it: Gram-Schmidt on
+/// the rows of F, so that no variance is formed.
+pub fn lower_factor(f: &DMat3) -> [f32; 6] {
+    let (r0, r1, r2) = (f.row(0), f.row(1), f.row(2));
+    let l00 = r0.length();
+    let e0 = r0.normalize_or_zero();
+    let l10 = r1.dot(e0);
+    let rest = r1 - e0 * l10;
+    let l11 = rest.length();
+    let e1 = rest.normalize_or_zero();
+    let (l20, l21) = (r2.dot(e0), r2.dot(e1));
+    let l22 = (r2 - e0 * l20 - e1 * l21).length();
+    [l00, l10, l11, l20, l21, l22].map(|l| l as f32)
+}
+
+/// What the formulas should give, in f64 and by other roads than theirs: variances are formed,
+/// matrices inverted, integrals summed. Good to about 1e-16 times the square of the axis ratio.
+pub mod judge {
+    use ewa_splat::layout::ViewUniform;
+    use ewa_splat::splat::Kernel;
+    use glam::{DMat2, DMat3, DVec2, DVec3};
+
+    /// A kernel in camera space with its variance.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Body {
+        /// u_k.
+        pub centre: DVec3,
+        /// V, no filter added.
+        pub variance: DMat3,
+        /// g.
+        pub mass: f64,
+    }
+
+    impl Body {
+        /// The very numbers of an f32 kernel.
+        pub fn of(kernel: &Kernel) -> Self {
+            let f = &kernel.factor;
+            let rows = [f.x, f.y, f.z].map(glam::Vec3::as_dvec3);
+            let f = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
+            Self {
+                centre: kernel.centre.as_dvec3(),
+                variance: f * f.transpose(),
+                mass: f64::from(kernel.mass),
+            }
+        }
+
+        /// V + depth² diag(h²/fx², h²/fy², 0), the low-pass filter in three dimensions.
+        pub fn low_passed(&self, focal: DVec2, h2: f64, depth: f64) -> Self {
+            let slope = DVec2::splat(depth) / focal;
+            let added = DMat3::from_diagonal((slope * slope * h2).extend(0.0));
+            Self { variance: self.variance + added, ..*self }
+        }
+
+        /// g times the integral of the Gaussian along the whole line t D, Euclidean arc length.
+        pub fn line_integral(&self, d: DVec3) -> f64 {
+            let adjugate = adjugate(&self.variance);
+            let c = self.centre.cross(d);
+            let across = d.dot(adjugate * d);
+            let q = c.dot(self.variance * c) / across;
+            self.mass * d.length() / (std::f64::consts::TAU * across.sqrt()) * (-0.5 * q).exp()
+        }
+
+        /// The largest value of any line integral along z.
+        pub fn line_integral_orthographic(&self) -> f64 {
+            let v = &self.variance;
+            let determinant = v.x_axis.x * v.y_axis.y - v.x_axis.y * v.x_axis.y;
+            self.mass / (std::f64::consts::TAU * determinant.sqrt())
+        }
+
+        /// g times the integral along the half line start + t D, t > 0, by Simpson's rule on the
+        /// Gaussian itself.
+        pub fn half_line_integral(&self, start: DVec3, d: DVec3) -> f64 {
+            let inverse = self.variance.inverse();
+            let u = self.centre - start;
+            let (mean, sigma) = {
+                let curvature = d.dot(inverse * d);
+                (d.dot(inverse * u) / curvature, curvature.sqrt().recip())
+            };
+            let (from, to) = ((mean - 9.0 * sigma).max(0.0), mean + 9.0 * sigma);
+            if to <= from {
+                return 0.0;
+            }
+            const STEPS: usize = 400;
+            let step = (to - from) / STEPS as f64;
+            let sum: f64 = (0..=STEPS)
+                .map(|i| {
+                    let x = d * (from + step * i as f64) - u;
+                    let weight = if i == 0 || i == STEPS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                    weight * (-0.5 * x.dot(inverse * x)).exp()
+                })
+                .sum();
+            let peak = (std::f64::consts::TAU.powi(3) * self.variance.determinant()).sqrt().recip();
+            self.mass * d.length() * peak * sum * step / 3.0
+        }
+
+        /// The footprint's variance in px² by the printed Jacobian of a perspective camera.
+        pub fn projected(&self, focal: DVec2) -> DMat2 {
+            let u = self.centre;
+            let x = DVec3::new(focal.x / u.z, 0.0, -focal.x * u.x / (u.z * u.z));
+            let y = DVec3::new(0.0, focal.y / u.z, -focal.y * u.y / (u.z * u.z));
+            let (vx, vy) = (self.variance * x, self.variance * y);
+            DMat2::from_cols(DVec2::new(x.dot(vx), x.dot(vy)), DVec2::new(x.dot(vy), y.dot(vy)))
+        }
+    }
+
+    /// adj(V) of a symmetric V.
+    pub fn adjugate(v: &DMat3) -> DMat3 {
+        DMat3::from_cols(
+            v.y_axis.cross(v.z_axis),
+            v.z_axis.cross(v.x_axis),
+            v.x_axis.cross(v.y_axis),
+        )
+    }
+
+    /// The lower-triangular factor of a 2x2 variance, by columns.
+    pub fn cholesky(v: &DMat2) -> DMat2 {
+        let l0 = v.x_axis.x.sqrt();
+        let l1 = v.x_axis.y / l0;
+        let l2 = (v.y_axis.y - l1 * l1).max(0.0).sqrt();
+        DMat2::from_cols(DVec2::new(l0, l1), DVec2::new(0.0, l2))
+    }
+
+    /// Smaller and larger eigenvalue of a 2x2 variance.
+    pub fn eigenvalues(v: &DMat2) -> (f64, f64) {
+        let (a, b, c) = (v.x_axis.x, v.x_axis.y, v.y_axis.y);
+        let large = 0.5 * (a + c) + (0.5 * (a - c)).hypot(b);
+        ((a * c - b * b) / large, large)
+    }
+
+    /// Focal lengths of a view.
+    pub fn focal(view: &ViewUniform) -> DVec2 {
+        DVec2::new(f64::from(view.focal_px[0]), f64::from(view.focal_px[1]))
+    }
+}
+
+/// Scenes and cameras in few words.
+pub mod scene {
+    use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+    use ewa_splat::view::{Camera, Projection};
+    use ewa_splat::{Image, Renderer, Settings};
+    use glam::{DMat3, DVec2, DVec3};
+
+    /// One particle in the world.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Particle {
+        pub position: DVec3,
+        /// A factor F of the variance F Fᵀ.
+        pub factor: DMat3,
+        pub mass: f32,
+        pub colour: [f32; 3],
+    }
+
+    impl Particle {
+        /// A white sphere.
+        pub fn sphere(position: DVec3, sigma: f64, mass: f64) -> Self {
+            Self {
+                position,
+                factor: DMat3::from_diagonal(DVec3::splat(sigma)),
+                mass: mass as f32,
+                colour: [1.0; 3],
+            }
+        }
+
+        /// The same in another colour.
+        pub fn coloured(self, colour: [f32; 3]) -> Self {
+            Self { colour, ..self }
+        }
+    }
+
+    /// An anisotropic volume.
+    pub fn volume(particles: &[Particle]) -> PointVolume {
+        PointVolume {
+            particles: Particles::Anisotropic {
+                positions: particles.iter().map(|p| p.position).collect(),
+                factors: particles.iter().map(|p| super::lower_factor(&p.factor)).collect(),
+            },
+            strength: Strength::Mass(particles.iter().map(|p| p.mass).collect()),
+            colour: Colour::PerParticle(particles.iter().map(|p| p.colour).collect()),
+            values: None,
+            transfer_function: None,
+        }
+    }
+
+    /// A camera at the origin that looks along +z with x to the right and y down.
+    pub fn camera(projection: Projection, focal: [f64; 2], size: [usize; 2]) -> Camera {
+        Camera {
+            projection,
+            eye: DVec3::ZERO,
+            camera_from_world: DMat3::IDENTITY,
+            focal_px: DVec2::from(focal),
+            centre_px: DVec2::new(size[0] as f64, size[1] as f64) / 2.0,
+            width: size[0],
+            height: size[1],
+        }
+    }
+
+    /// The optical depths tau themselves in the alpha channel (for tau below 1), the kernels in
+    /// full.
+    pub fn linear() -> Settings {
+        Settings { linear_opacity: true, cutoff: Some(7.0), ..Settings::default() }
+    }
+
+    /// Renders once.
+    pub fn render(scene: Vec<PointVolume>, camera: &Camera, settings: &Settings) -> Image {
+        let mut renderer = Renderer::new(scene).unwrap();
+        renderer.render(camera, settings).unwrap();
+        renderer.image().clone()
+    }
+
+    /// The largest difference in any channel of any pixel; NaN counts as infinite.
+    pub fn difference(a: &Image, b: &Image) -> f32 {
+        assert_eq!((a.width, a.height), (b.width, b.height));
+        let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+        channels.fold(0.0, |most, (x, y)| {
+            let d = (x - y).abs();
+            if d <= most { most } else if d.is_nan() { f32::INFINITY } else { d }
+        })
+    }
+
+    /// Sum of alpha over the pixels.
+    pub fn alpha_sum(image: &Image) -> f64 {
+        image.pixels.iter().map(|p| f64::from(p[3])).sum()
+    }
+}
