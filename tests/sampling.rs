@@ -30,7 +30,7 @@ fn dataset(geometry: Geometry, fields: Vec<Field>) -> Dataset {
 }
 
 fn sample(dataset: Dataset) -> Sampled {
-    let sampled = volume(dataset, &SampleOptions::default()).unwrap();
+    let sampled = volume(dataset, &SampleOptions::default()).expect("samples");
     check(&sampled);
     sampled
 }
