@@ -31,7 +31,7 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
     };
-    let (order, runs) = block_order(&positions);
+    let (order, runs) = finite_block_order(&positions);
     // The Frobenius norm of the factor bounds its largest singular value.
     let sigma = |i: u32| match &sigmas {
         Ok(sigmas) => sigmas[i as usize],
@@ -95,6 +95,21 @@ fn block(
             value_range(members.iter().map(|&i| v.get(i as usize)))
         }),
     }
+}
+
+/// [`block_order`] of the particles whose positions are numbers; the others, which would take
+/// the bounds of their block with them, are in no block.
+fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
+    if positions.par_iter().all(|p| p.is_finite()) {
+        return block_order(positions);
+    }
+    let (kept, finite): (Vec<u32>, Vec<DVec3>) =
+        (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
+    let (mut order, runs) = block_order(&finite);
+    for i in &mut order {
+        *i = kept[*i as usize];
+    }
+    (order, runs)
 }
 
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a

@@ -371,3 +371,111 @@ pub mod scene {
         image.pixels.iter().map(|p| f64::from(p[3])).sum()
     }
 }
+
+/// A frame taken apart into its stages, up to the sorted order.
+pub mod frame {
+    use ewa_splat::Settings;
+    use ewa_splat::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+    use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
+    use ewa_splat::cpu::{self, Bins, ProjectOutput};
+    use ewa_splat::layout::{
+        BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform,
+    };
+    use ewa_splat::scene::PointVolume;
+    use ewa_splat::splat::Filter;
+    use ewa_splat::view::{Camera, Projection};
+
+    /// What the stages of one frame of one volume hand to each other.
+    #[derive(Debug)]
+    pub struct Frame {
+        pub volume: BlockedVolume,
+        pub camera: Camera,
+        pub settings: Settings,
+        pub frustum: Frustum,
+        pub views: Vec<BlockView>,
+        pub uniform: ViewUniform,
+        pub classified: Vec<ClassifiedParticle>,
+        pub footprints: Vec<Footprint>,
+        pub exact: Vec<ExactTerms>,
+        pub near: Vec<NearTerms>,
+        pub any_exact: bool,
+        pub order: Vec<u64>,
+        /// Tiles along x and y.
+        pub tiles: [usize; 2],
+    }
+
+    impl Frame {
+        /// Runs cull, classify, project and sort.
+        pub fn new(volume: PointVolume, camera: &Camera, settings: &Settings) -> Self {
+            let volume = BlockedVolume::new(volume);
+            let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
+            let frustum = Frustum::new(camera, margin);
+            let mut views = Vec::new();
+            cull(&volume, camera, &frustum, &mut views);
+            let interval =
+                |v: &BlockView| distance_interval(camera, &volume.blocks[v.block as usize]);
+            let range = DepthRange::of(views.iter().map(interval));
+            for v in &mut views {
+                v.key = range.key(distance_interval(camera, &volume.blocks[v.block as usize]).0);
+            }
+            let uniform = ViewUniform {
+                focal_px: camera.focal_px.as_vec2().into(),
+                centre_px: camera.centre_px.as_vec2().into(),
+                size: [camera.width as u32, camera.height as u32],
+                orthographic: u32::from(camera.projection == Projection::Orthographic),
+                filter: settings.filter as u32,
+                low_pass_variance_px2: settings.low_pass_variance_px2,
+                tolerance: settings.tolerance,
+                cutoff: settings.cutoff.unwrap_or(0.0),
+                key_scale: range.keys_per_unit(),
+            };
+            let total = cpu::count_classified(&volume, &mut views);
+            let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];
+            cpu::classify(&volume, &views, &mut classified);
+            let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
+                && camera.projection == Projection::Perspective;
+            let mut frame = Self {
+                footprints: vec![bytemuck::Zeroable::zeroed(); total],
+                exact: vec![ExactTerms::default(); if may_be_exact { total } else { 0 }],
+                near: Vec::new(),
+                any_exact: false,
+                order: Vec::new(),
+                tiles: [camera.width.div_ceil(TILE_SIZE), camera.height.div_ceil(TILE_SIZE)],
+                camera: camera.clone(),
+                settings: settings.clone(),
+                volume,
+                frustum,
+                views,
+                uniform,
+                classified,
+            };
+            frame.project();
+            cpu::sort(&frame.footprints, &mut frame.order);
+            frame
+        }
+
+        /// The projection alone, again.
+        pub fn project(&mut self) {
+            let mut output = ProjectOutput::default();
+            cpu::project(
+                &self.volume,
+                &self.views,
+                &self.classified,
+                &self.uniform,
+                self.camera.camera_from_world.as_mat3(),
+                &mut self.footprints,
+                &mut self.exact,
+                &output,
+            );
+            self.any_exact = output.any_exact();
+            self.near = output.near().to_vec();
+        }
+
+        /// The tiles' lists.
+        pub fn bins(&self) -> Bins {
+            let mut bins = Bins::default();
+            cpu::bin(&self.footprints, &self.exact, &self.order, self.tiles, &mut bins);
+            bins
+        }
+    }
+}
