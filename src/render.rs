@@ -300,6 +300,12 @@ impl Renderer {
         &self.requirements
     }
 
+    /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
+    /// world units.
+    pub fn visible_boxes(&self) -> impl Iterator<Item = (glam::DVec3, glam::DVec3)> + Clone {
+        self.volumes.iter().flat_map(BlockedVolume::visible_boxes)
+    }
+
     /// The volumes in blocks.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes

@@ -72,7 +72,7 @@ pub fn cull(volume: &BlockedVolume, camera: &Camera, frustum: &Frustum, views: &
 }
 
 /// Whether the transfer function leaves nothing of a block's value range.
-fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
+pub(super) fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
     match (&volume.strength, &volume.transfer_function) {
         (Strength::Classified { .. }, Some(transfer)) => {
             let [lo, hi] = block.value_range;

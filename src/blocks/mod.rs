@@ -12,7 +12,7 @@ mod cull;
 
 use glam::{DVec3, Vec3};
 
-use crate::scene::{Colour, Lattice, PointVolume, Strength, TransferFunction, Values};
+use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
 pub use brick::BrickGrid;
 pub use cull::{DepthRange, Frustum, cull, distance_interval};
@@ -112,22 +112,13 @@ impl BlockedVolume {
         }
     }
 
-    /// Bounds of the particles' centres, world units; `None` of an empty volume.
-    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let first = self.blocks.first()?;
-        let start = (first.origin, first.origin);
-        Some(self.blocks.iter().fold(start, |(lower, upper), b| {
-            let half = b.half_extent.as_dvec3();
-            (lower.min(b.origin - half), upper.max(b.origin + half))
-        }))
-    }
-
-    /// The lattice, where the particles are one's.
-    pub fn lattice(&self) -> Option<&Lattice> {
-        match &self.particles {
-            BlockedParticles::Lattice(grid) => Some(grid.lattice()),
-            _ => None,
-        }
+    /// Middles and half extents of the blocks that the transfer function leaves visible, grown
+    /// by one standard deviation; world units.
+    pub fn visible_boxes(&self) -> impl Iterator<Item = (DVec3, DVec3)> + Clone {
+        self.blocks
+            .iter()
+            .filter(|block| !cull::is_transparent(self, block))
+            .map(|b| (b.origin, (b.half_extent + b.max_sigma).as_dvec3()))
     }
 }
 
