@@ -56,7 +56,11 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
         let w = 1.0 + g.element_sum() + h.element_sum();
         let w_error = 8.0 * EPS * (1.0 + g.abs().element_sum() + h.abs().element_sum());
         if w <= 0.0 {
-            return Depth { tau: 0.0, error: 0.0, edge: if w > -w_error { tau } else { 0.0 } };
+            return Depth {
+                tau: 0.0,
+                error: 0.0,
+                edge: if w > -w_error { tau } else { 0.0 },
+            };
         }
         let focal = word(frame.uniform.focal_px);
         let slope = (pixel - word(frame.uniform.centre_px)) / focal;
@@ -77,11 +81,19 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
         q_error += (8.0 * EPS * size / sigma).min(1.0);
     }
     let value = tau * (-0.5 * q).exp();
-    let edge = if (q - cutoff).abs() <= q_error + 1e-6 * cutoff { value } else { 0.0 };
+    let edge = if (q - cutoff).abs() <= q_error + 1e-6 * cutoff {
+        value
+    } else {
+        0.0
+    };
     let inside = q <= cutoff;
     Depth {
         tau: if inside { value } else { 0.0 },
-        error: if inside { value * (relative + 0.5 * q_error) } else { 0.0 },
+        error: if inside {
+            value * (relative + 0.5 * q_error)
+        } else {
+            0.0
+        },
         edge,
     }
 }
@@ -97,8 +109,12 @@ struct Pixel {
 
 fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
     let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-    let mut out =
-        Pixel { rgba: [0.0; 4], allowed: 0.0, depth: f32::INFINITY, depth_open: false };
+    let mut out = Pixel {
+        rgba: [0.0; 4],
+        allowed: 0.0,
+        depth: f32::INFINITY,
+        depth_open: false,
+    };
     let slope = |i: usize, at: usize| {
         (at as f32 + 0.5 - frame.uniform.centre_px[i]) / frame.uniform.focal_px[i]
     };
@@ -113,18 +129,30 @@ fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
             // that range against brute force. Beyond it Q, of the whole line, may still be small.
             let within = |(first, end): (u32, u32), at: usize| (first..end).contains(&(at as u32));
             let drawn = within(f.column_range(), x) && within(f.row_range(), y);
-            Depth { tau: if drawn { tau } else { 0.0 }, error: 1e-6 * tau, edge: 0.0 }
+            Depth {
+                tau: if drawn { tau } else { 0.0 },
+                error: 1e-6 * tau,
+                edge: 0.0,
+            }
         } else {
             evaluate(frame, f, frame.exact.get(i), pixel)
         };
         let opacity = |tau: f64| {
-            if frame.settings.linear_opacity { tau.min(1.0) } else { -(-tau).exp_m1() }
+            if frame.settings.linear_opacity {
+                tau.min(1.0)
+            } else {
+                -(-tau).exp_m1()
+            }
         };
         let before = out.rgba[3];
         let weight = opacity(depth.tau) * (1.0 - before);
         let after = before + weight;
         // d opacity / d tau = exp(-tau) at most 1; and the opacity's own 8e-7.
-        let slope = if frame.settings.linear_opacity { 1.0 } else { (-depth.tau).exp() };
+        let slope = if frame.settings.linear_opacity {
+            1.0
+        } else {
+            (-depth.tau).exp()
+        };
         out.allowed += (1.0 - before)
             * (depth.error * slope + 8e-7 * opacity(depth.tau) + opacity(depth.edge))
             + 2.0 * EPS * after * f64::from(u8::from(weight > 0.0));
@@ -157,7 +185,11 @@ fn particles(seed: u64) -> Vec<Particle> {
             let position = if near {
                 random.point(0.3)
             } else {
-                DVec3::new(random.range(-2.0, 2.0), random.range(-2.0, 2.0), random.range(0.4, 4.0))
+                DVec3::new(
+                    random.range(-2.0, 2.0),
+                    random.range(-2.0, 2.0),
+                    random.range(0.4, 4.0),
+                )
             };
             Particle {
                 position,
@@ -200,7 +232,10 @@ fn every_level_is_the_plain_loop() {
                 let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
                 let mut images = Vec::new();
                 for &simd in &levels {
-                    let settings = Settings { simd, ..settings.clone() };
+                    let settings = Settings {
+                        simd,
+                        ..settings.clone()
+                    };
                     renderer.render(&camera, &settings).unwrap();
                     images.push((renderer.image().clone(), renderer.depth().unwrap().clone()));
                 }
@@ -253,8 +288,11 @@ fn every_level_is_the_plain_loop() {
 fn with(good: &[Particle], poison: &[(DVec3, [f32; 6], f32)]) -> PointVolume {
     use ewa_splat::scene::Particles;
     let mut all = volume(good);
-    let (Particles::Anisotropic { positions, factors }, Strength::Mass(masses), Colour::PerParticle(colours)) =
-        (&mut all.particles, &mut all.strength, &mut all.colour)
+    let (
+        Particles::Anisotropic { positions, factors },
+        Strength::Mass(masses),
+        Colour::PerParticle(colours),
+    ) = (&mut all.particles, &mut all.strength, &mut all.colour)
     else {
         panic!("an anisotropic volume of masses")
     };
@@ -273,7 +311,12 @@ fn good() -> Vec<Particle> {
 }
 
 fn all_finite(renderer: &Renderer) -> bool {
-    renderer.image().pixels.iter().flatten().all(|c| c.is_finite())
+    renderer
+        .image()
+        .pixels
+        .iter()
+        .flatten()
+        .all(|c| c.is_finite())
 }
 
 /// Renders with and without the poison, under every filter, projection and level, and hands both
@@ -286,7 +329,12 @@ fn poisoned(poison: &[(DVec3, [f32; 6], f32)], check: impl Fn(Filter, f32)) {
         let camera = scene::camera(projection, [31.0, 27.0], [37, 33]);
         for filter in Filter::ALL {
             for simd in SimdLevel::available() {
-                let settings = Settings { filter, simd, depth: true, ..Settings::default() };
+                let settings = Settings {
+                    filter,
+                    simd,
+                    depth: true,
+                    ..Settings::default()
+                };
                 let name = format!("{projection:?}, {filter:?}, {simd:?}");
                 clean.render(&camera, &settings).unwrap();
                 dirty.render(&camera, &settings).unwrap();
@@ -304,8 +352,9 @@ const INF: f32 = f32::INFINITY;
 fn poisoned_masses_and_shapes_draw_nothing() {
     let at = good()[3].position;
     let sphere = [0.1, 0.0, 0.1, 0.0, 0.0, 0.1];
-    let mut poison: Vec<_> =
-        [NAN, -NAN, INF, -INF, 0.0, -0.0, -1.0, 1e-45].map(|mass| (at, sphere, mass)).to_vec();
+    let mut poison: Vec<_> = [NAN, -NAN, INF, -INF, 0.0, -0.0, -1.0, 1e-45]
+        .map(|mass| (at, sphere, mass))
+        .to_vec();
     for l in [NAN, INF, -INF, 1e30, f32::MAX] {
         // A needle of 1e30 units along z would be visible by right: its depth is that across it.
         let places = if l.is_finite() { 0..1 } else { 0..6 };
@@ -320,7 +369,10 @@ fn poisoned_masses_and_shapes_draw_nothing() {
     // in the same block, of the same origin: nothing moves. Only the low-pass filter alone does not
     // ask for a shape.
     poisoned(&poison, |filter, error| {
-        assert!(error < 1e-7 || filter == Filter::LowPass, "{filter:?}: {error:e}");
+        assert!(
+            error < 1e-7 || filter == Filter::LowPass,
+            "{filter:?}: {error:e}"
+        );
     });
 }
 
@@ -361,7 +413,9 @@ fn move_nothing(far: &[f64]) {
         .map(|p| (p, sphere, 1e-3))
         .to_vec();
         // None of these lies in the image.
-        poisoned(&poison, |filter, error| assert!(error < 1e-6, "{x}: {filter:?}: {error:e}"));
+        poisoned(&poison, |filter, error| {
+            assert!(error < 1e-6, "{x}: {filter:?}: {error:e}")
+        });
     }
 }
 
@@ -372,7 +426,11 @@ fn every_level_counts_the_same_splat_pixels() {
     let mut counts = Vec::new();
     for simd in SimdLevel::available() {
         let mut renderer = Renderer::new(vec![volume(&particles(3))]).unwrap();
-        let settings = Settings { simd, tolerance: 1e-3, ..Settings::default() };
+        let settings = Settings {
+            simd,
+            tolerance: 1e-3,
+            ..Settings::default()
+        };
         renderer.render(&camera, &settings).unwrap();
         counts.push(renderer.counts().splat_pixels);
     }
