@@ -3,6 +3,12 @@
 //! Small files of every format are cut, flipped and spliced. `EWA_BAD_INPUT_SCALE` multiplies
 //! the number of cases.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic, and its numbers are small"
+)]
+
 mod support;
 
 use std::sync::OnceLock;

@@ -1,5 +1,11 @@
 //! Round trips: files of every encoding, written by the tests, read by the library.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic, and its numbers are small"
+)]
+
 mod support;
 
 use std::path::PathBuf;
@@ -75,7 +81,7 @@ fn vti_in_every_encoding() {
         let attributes = "WholeExtent=\"1 2 -1 1 5 6\" Origin=\"0 0 0.5\" Spacing=\"1 2 4\"";
         let data = folder.open(
             "a.vti",
-            &support::vti(encoding, attributes, &[piece.clone()]),
+            &support::vti(encoding, attributes, std::slice::from_ref(&piece)),
         );
         let Geometry::Lattice(lattice) = &data.geometry else {
             panic!("{encoding:?}");

@@ -2,6 +2,12 @@
 //!
 //! A missing file is a skipped test, unless `EWA_REQUIRE_DATA=1`.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic, and its numbers are small"
+)]
+
 use std::path::{Path, PathBuf};
 
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, RawLayout, RawType, open};
