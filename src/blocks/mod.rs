@@ -98,7 +98,10 @@ impl BlockedVolume {
             Colour::PerParticle(c) => c.len() * 12,
             _ => 0,
         };
-        let values = self.values.as_ref().map_or(0, |v| v.len() * v.bytes_per_value());
+        let values = self
+            .values
+            .as_ref()
+            .map_or(0, |v| v.len() * v.bytes_per_value());
         let blocks = self.blocks.len() * size_of::<Block>();
         (masses + colours + values + blocks) as f64 / count + f64::from(per_particle)
     }

@@ -148,7 +148,13 @@ impl ImageKernel {
     /// Q keeps its relative accuracy; the larger variance is eliminated first.
     #[inline]
     pub fn triangular_form(&self) -> [[f32; 2]; 2] {
-        let Self { a, b, c, determinant, .. } = *self;
+        let Self {
+            a,
+            b,
+            c,
+            determinant,
+            ..
+        } = *self;
         if a >= c {
             let s = (a / determinant).sqrt();
             [[1.0 / a.sqrt(), 0.0], [-(b / a) * s, s]]

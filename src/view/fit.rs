@@ -43,7 +43,10 @@ impl Viewpoint {
         lens: Lens,
         size: [usize; 2],
     ) -> Option<Camera> {
-        let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
+        let (azimuth, elevation) = (
+            self.azimuth_deg.to_radians(),
+            self.elevation_deg.to_radians(),
+        );
         let forward = DVec3::new(
             -azimuth.sin() * elevation.cos(),
             azimuth.cos() * elevation.cos(),
@@ -58,10 +61,13 @@ impl Viewpoint {
         let (right, down) = (forward.cross(up), -up);
         // Least and greatest n . p over all boxes.
         let extent = |n: DVec3| {
-            boxes.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), (middle, half)| {
-                let (centre, reach) = (n.dot(middle), n.abs().dot(half));
-                (least.min(centre - reach), most.max(centre + reach))
-            })
+            boxes.clone().fold(
+                (f64::INFINITY, f64::NEG_INFINITY),
+                |(least, most), (middle, half)| {
+                    let (centre, reach) = (n.dot(middle), n.abs().dot(half));
+                    (least.min(centre - reach), most.max(centre + reach))
+                },
+            )
         };
         let (near, far) = extent(forward);
         if !(near <= far) {
@@ -80,8 +86,14 @@ impl Viewpoint {
                 let (x, z_x) = side(right, tan * aspect);
                 let (y, z_y) = side(down, tan);
                 // A single point is looked at from some distance.
-                let z = z_x.min(z_y).min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
-                let z = if near - z > far.abs() * 1e-9 { z } else { near - far.abs().max(1.0) };
+                let z = z_x
+                    .min(z_y)
+                    .min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
+                let z = if near - z > far.abs() * 1e-9 {
+                    z
+                } else {
+                    near - far.abs().max(1.0)
+                };
                 let eye = place([x, y, z]);
                 Camera::perspective(eye, eye + forward, up, fov, size)
             }
@@ -110,9 +122,17 @@ mod tests {
             (DVec3::new(0.5, 1.5, 7.0), DVec3::new(3.5, 0.5, 2.0)),
             (DVec3::new(9.0, -4.0, 1.0), DVec3::new(0.1, 2.0, 0.3)),
         ];
-        for lens in [Lens::FovDeg(40.0), Lens::FovDeg(120.0), Lens::OrthoHeight(None)] {
+        for lens in [
+            Lens::FovDeg(40.0),
+            Lens::FovDeg(120.0),
+            Lens::OrthoHeight(None),
+        ] {
             for (azimuth_deg, elevation_deg) in [(0.0, 0.0), (30.0, 20.0), (200.0, -90.0)] {
-                let view = Viewpoint { azimuth_deg, elevation_deg, zoom: 1.0 };
+                let view = Viewpoint {
+                    azimuth_deg,
+                    elevation_deg,
+                    zoom: 1.0,
+                };
                 let camera = view.camera(boxes.into_iter(), lens, [300, 200]).unwrap();
                 let (mut lower, mut upper) = (glam::DVec2::INFINITY, glam::DVec2::NEG_INFINITY);
                 for (middle, half) in boxes {
@@ -125,7 +145,10 @@ mod tests {
                     }
                 }
                 let fill = (upper - lower).max_element() / 2.0;
-                assert!((fill - FILL).abs() < 1e-9, "{lens:?} {azimuth_deg}: {lower} {upper}");
+                assert!(
+                    (fill - FILL).abs() < 1e-9,
+                    "{lens:?} {azimuth_deg}: {lower} {upper}"
+                );
                 assert!(upper.max_element() < 0.93 && lower.min_element() > -0.93);
             }
         }
@@ -133,7 +156,11 @@ mod tests {
 
     #[test]
     fn a_point_is_seen_and_nothing_gives_no_camera() {
-        let view = Viewpoint { azimuth_deg: 10.0, elevation_deg: 20.0, zoom: 2.0 };
+        let view = Viewpoint {
+            azimuth_deg: 10.0,
+            elevation_deg: 20.0,
+            zoom: 2.0,
+        };
         for lens in [Lens::FovDeg(30.0), Lens::OrthoHeight(None)] {
             let point = DVec3::new(1e7, 5.0, -3.0);
             let camera = view.camera(std::iter::once((point, DVec3::ZERO)), lens, [64, 48]);

@@ -124,7 +124,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = Renderer::new(scene)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
-    let camera = arguments.camera.camera(renderer.visible_boxes(), arguments.size)?;
+    let camera = arguments
+        .camera
+        .camera(renderer.visible_boxes(), arguments.size)?;
     let camera = camera.unwrap_or_else(|| unfitted(arguments.size));
     let settings = arguments.settings();
     progress.set_message("rendering");
@@ -170,7 +172,10 @@ impl Arguments {
                 FilterName::UniformScaling => Filter::UniformScaling,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
-            low_pass_variance_px2: self.method.low_pass.unwrap_or(defaults.low_pass_variance_px2),
+            low_pass_variance_px2: self
+                .method
+                .low_pass
+                .unwrap_or(defaults.low_pass_variance_px2),
             cutoff: self.method.cutoff,
             background: self.output.background,
             depth: self.output.depth.is_some(),
@@ -181,7 +186,13 @@ impl Arguments {
 
 /// A camera for an empty picture: nothing is visible that it could be fitted to.
 fn unfitted(size: Option<[usize; 2]>) -> Camera {
-    Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, 35.0, size.unwrap_or(DEFAULT_SIZE))
+    Camera::perspective(
+        DVec3::ZERO,
+        DVec3::Y,
+        DVec3::Z,
+        35.0,
+        size.unwrap_or(DEFAULT_SIZE),
+    )
 }
 
 fn stats(
@@ -201,7 +212,11 @@ fn stats(
         let mut all: Vec<f64> = times.iter().map(stage).collect();
         all.sort_by(f64::total_cmp);
         let middle = all.len() / 2;
-        if all.len() % 2 == 1 { all[middle] } else { (all[middle - 1] + all[middle]) / 2.0 }
+        if all.len() % 2 == 1 {
+            all[middle]
+        } else {
+            (all[middle - 1] + all[middle]) / 2.0
+        }
     };
     json!({
         "particles": particles,
