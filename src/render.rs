@@ -284,7 +284,7 @@ impl Renderer {
         counts.footprints_exact = self
             .order
             .iter()
-            .filter(|&&i| self.footprints[i as u32 as usize].path == PATH_EXACT)
+            .filter(|&&i| self.footprints[cpu::footprint_index(i)].path == PATH_EXACT)
             .count();
         self.counts = counts;
         self.times = times;
@@ -350,7 +350,7 @@ fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> Vie
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
         // `check` has bounded both.
-        size: [camera.width as u32, camera.height as u32],
+        size: [camera.width, camera.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         filter: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,

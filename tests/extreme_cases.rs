@@ -1,5 +1,10 @@
 //! The 40 extreme cases of `fixtures/extreme_cases.json` (digits from 60-digit arithmetic)
 //! through the f32 formulas.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic; the path under test is f32"
+)]
 
 mod common;
 

@@ -6,6 +6,11 @@
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `cull.rs` | which blocks a frame sees |
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "positions become f32 offsets here by design, and counts were checked to fit u32"
+)]
+
 mod brick;
 mod build;
 mod cull;

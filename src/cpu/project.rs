@@ -48,6 +48,10 @@ impl ProjectOutput {
 
 /// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
 /// be empty where no filter of the frame asks for it).
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a stage takes the slices it reads and writes"
+)]
 pub fn project(
     volume: &BlockedVolume,
     views: &[BlockView],

@@ -30,6 +30,10 @@ const TERMINATION_INTERVAL: usize = 16;
 
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a stage takes the slices it reads and writes"
+)]
 pub fn rasterise(
     view: &ViewUniform,
     settings: RasteriseSettings,

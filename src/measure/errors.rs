@@ -61,7 +61,7 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
         per_pixel.push(largest);
     }
     per_pixel.sort_unstable_by(f64::total_cmp);
-    let rank = (per_pixel.len() as f64 * 0.999).ceil() as usize;
+    let rank = (per_pixel.len() * 999).div_ceil(1000);
     let mean_square = if channels > 0.0 {
         squares / channels
     } else {
