@@ -42,7 +42,7 @@ fn wake() -> ([usize; 3], Vec<DVec3>, Vec<Vec<f32>>) {
     assert_eq!((xyz.len(), q.len()), (3 * n, 5 * n));
     let at = |i: usize| DVec3::new(xyz[i].into(), xyz[n + i].into(), xyz[2 * n + i].into());
     (
-        (dims),
+        dims,
         (0..n).map(at).collect(),
         q.chunks(n).map(<[f32]>::to_vec).collect(),
     )
@@ -52,8 +52,8 @@ fn wake() -> ([usize; 3], Vec<DVec3>, Vec<Vec<f32>>) {
 fn the_wake_is_an_o_grid_with_a_sound_flow() {
     let (dims, nodes, q) = wake();
     let mach_free = 0.5f64;
-    for i in 0..nodes.len() {
-        let [rho, mu, mv, mw, e] = [0, 1, 2, 3, 4].map(|v| f64::from(q[v][i]));
+    let state = |i: usize| [0, 1, 2, 3, 4].map(|v| f64::from(q[v][i]));
+    for [rho, mu, mv, mw, e] in (0..nodes.len()).map(state) {
         let kinetic = 0.5 * (mu * mu + mv * mv + mw * mw) / rho;
         let pressure = 0.4 * (e - kinetic);
         assert!(rho > 0.3 && rho < 1.2 && pressure > 0.0, "{rho} {pressure}");

@@ -45,7 +45,9 @@ impl TransferFunction {
     /// - Extinction: in proportion to worth, such that a line of (value count)^(1/3) samples,
     ///   each `unit_distance` long, has an optical depth of 1.5 on average over all values;
     ///   at most 3 per unit distance.
-    /// - Colours: inferno where the background is at the low end, else viridis.
+    /// - Colours: inferno where the background lies in the lowest tenth of the range, inferno
+    ///   from bright to dark where in the highest, so that what is far from it is bright; else
+    ///   viridis.
     ///
     /// `defaults.range` is used where no value is finite. Constant data get a uniform haze.
     ///
@@ -66,12 +68,18 @@ impl TransferFunction {
             / sorted.len() as f64;
         // Depth per unit distance of a value worth 1.
         let peak = (MEAN_DEPTH / (path * mean.max(f64::MIN_POSITIVE))).min(MAX_DEPTH_PER_UNIT);
-        let map = colour_map(if worth.background_is_low() {
-            "inferno"
-        } else {
-            "viridis"
-        });
-        let fraction = over_range(range);
+        let place = worth.background_place();
+        let at_an_end = !(0.1..=0.9).contains(&place);
+        let map = colour_map(if at_an_end { "inferno" } else { "viridis" });
+        let over_range = over_range(range);
+        let fraction = |value: f32| {
+            let fraction = over_range(value);
+            if place > 0.9 {
+                1.0 - fraction
+            } else {
+                fraction
+            }
+        };
         Self::from_curves(
             |value| {
                 map.as_ref()
@@ -217,8 +225,9 @@ impl Worth {
         ((worth - VISIBLE_WEIGHT) / (1.0 - VISIBLE_WEIGHT)).max(0.0)
     }
 
-    fn background_is_low(&self) -> bool {
-        self.background - self.lo < 0.1 * (self.hi - self.lo)
+    /// Where in the range the background lies, 0..1; 0 for constant data.
+    fn background_place(&self) -> f64 {
+        (self.background - self.lo) / (self.hi - self.lo).max(f64::MIN_POSITIVE)
     }
 }
 
