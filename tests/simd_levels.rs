@@ -169,7 +169,7 @@ fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
     let transparent = f64::from(frame.settings.tolerance * TERMINATION_SHARE);
     if 1.0 - out.rgba[3] <= 2.0 * transparent + out.allowed {
         // The tile may have stopped early.
-        out.allowed += transparent + out.allowed;
+        out.allowed = 2.0 * out.allowed + transparent;
     }
     out
 }
@@ -246,15 +246,15 @@ fn every_level_is_the_plain_loop() {
                         open += usize::from(judged.depth_open);
                         for (level, (image, depth)) in levels.iter().zip(&images) {
                             let got = image.pixel(x, y);
-                            for c in 0..4 {
-                                let error = (f64::from(got[c]) - judged.rgba[c]).abs();
+                            for (c, value) in got.into_iter().enumerate() {
+                                let error = (f64::from(value) - judged.rgba[c]).abs();
                                 let allowed = judged.allowed + 1e-7;
                                 assert!(
                                     error <= allowed,
                                     "{level:?}, {projection:?}, {filter:?}, linear \
                                      {linear_opacity}, ({x}, {y}) channel {c}: {} for {}, \
                                      allowed {allowed:e}",
-                                    got[c],
+                                    value,
                                     judged.rgba[c]
                                 );
                                 worst = worst.max(error);
