@@ -1,12 +1,8 @@
 //! One benchmark per stage of a frame: 200,000 random ellipsoids of about 2 px at 512 x 512.
 #![allow(
-    clippy::cast_possible_truncation,
-    reason = "the path under test is f32"
-)]
-#![allow(
     missing_docs,
-    clippy::unwrap_used,
-    reason = "criterion's macros write the entry point; a benchmark fails by panicking"
+    clippy::cast_possible_truncation,
+    reason = "criterion's macros write the entry point; inputs are narrowed on purpose"
 )]
 
 #[path = "../tests/common/mod.rs"]

@@ -229,8 +229,19 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
             off_axis_deg: 60.0,
             h2,
         };
-        let (v, k) = draw(&mut random, from);
-        let r = random.range(1.0, 3.4);
+        let (v, mut k) = draw(&mut random, from);
+        let mut r = random.range(1.0, 3.4);
+        if i % 3 == 0 {
+            // A needle along the ray, a pixel across and long in depth: the low-pass filter is
+            // most of its outline.
+            let u = k.centre.as_dvec3();
+            let side = u.normalize().any_orthonormal_vector() * (u.z / judge::focal(&v).x);
+            let other = u.normalize().cross(side);
+            let factor = DMat3::from_cols(u * random.range(0.1, 0.28), side, other);
+            let rows = [0, 1, 2].map(|i| factor.row(i).as_vec3().to_array());
+            k = kernel(k.centre.to_array(), rows, 1.0);
+            r = 3.4;
+        }
         let screen = project_kernel(&v, &k);
         let Some((middle, half)) = exact_extent(&screen, h2, r as f32) else {
             panic!("in front of the camera, and yet no outline")
@@ -270,10 +281,18 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
         let (middle, half) = (middle.as_dvec2(), half.as_dvec2());
         for axis in 0..2 {
             let (low, high) = (middle[axis] - half[axis], middle[axis] + half[axis]);
-            // Some sixteen roundings, times the loss in 1 - r²s².
+            // Some sixteen roundings, times the loss in 1 - r²s²; and the rounding of T, a difference
+            // that for a needle along the ray is far smaller than its terms.
             let in_front = 1.0 - r * r * f64::from(screen.relative_depth.length_squared());
-            let slack = 2e-6 / in_front * (half[axis] + middle[axis].abs());
-            assert!(lowest[axis] >= low - slack && highest[axis] <= high + slack);
+            let depth = f64::from(screen.relative_depth.length() * screen.ray_length);
+            let row = 2.0 * EPS * judge::focal(&v)[axis] * depth;
+            let slack = (2e-6 * (half[axis] + middle[axis].abs()) + r * r * row) / in_front;
+            assert!(
+                lowest[axis] >= low - slack && highest[axis] <= high + slack,
+                "[{}, {}] reaches beyond [{low}, {high}] by more than {slack:e}: {k:?}, h² {h2}, {v:?}",
+                lowest[axis],
+                highest[axis]
+            );
             // Directions 1/4 degree apart miss the farthest point by 1e-5 of the extent where the
             // outline is an ellipse about the centre, by more where it is lopsided.
             let width = high - low;
@@ -554,7 +573,12 @@ fn rows() -> impl Strategy<Value = ([f32; 3], [f32; 3])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2_000) })]
+    // A fixed seed: a run that passes once passes always.
+    #![proptest_config(ProptestConfig {
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2001),
+        ..ProptestConfig::with_cases(2_000)
+    })]
 
     /// Every filter spreads the whole weight: 2 pi sqrt(a c - b²) tau = weight, the determinant
     /// taken from the variance itself in f64.
@@ -567,9 +591,10 @@ proptest! {
             let image = s.filtered(filter, h2);
             let [a, b, c] = [image.a, image.b, image.c].map(f64::from);
             let determinant = a * c - b * b;
-            // a, b, c are rounded to EPS of themselves: their determinant to that times a c.
+            // a, b, c and the squared factor of uniform scaling are each rounded a few times: the
+            // determinant to some sixteen EPS of a c.
             let error = (f64::from(image.determinant) - determinant).abs();
-            prop_assert!(error <= 8.0 * EPS * a * c, "{filter:?}: {image:?}");
+            prop_assert!(error <= 16.0 * EPS * a * c, "{filter:?}: {image:?}");
             let mass = std::f64::consts::TAU
                 * f64::from(image.determinant).sqrt()
                 * f64::from(image.tau);
@@ -608,9 +633,10 @@ proptest! {
         if scale == 1.0 {
             prop_assert!(close([sa, sb, sc], [a, b, c]), "untouched");
         }
-        // The smaller eigenvalue through det / larger is good to EPS of itself, and the scale
-        // with it: 12 roundings, a tenfold slack for the near-round case h2 = small.
-        let shape = 2e-6 * scale * (a + c);
+        // The smaller eigenvalue is det / larger, and det a cross product squared, whose terms
+        // cancel by the axis ratio: twice six roundings of those.
+        let relative = 12.0 * EPS * (1.0 + (large / small).sqrt());
+        let shape = relative * scale * (a + c);
         prop_assert!((sa - scale * a).abs() <= shape);
         prop_assert!((sb - scale * b).abs() <= shape);
         prop_assert!((sc - scale * c).abs() <= shape);
@@ -619,7 +645,9 @@ proptest! {
                 DVec2::new(sa, sb),
                 DVec2::new(sb, sc),
             )).1;
-        prop_assert!((minor / small.max(h2_f64) - 1.0).abs() < 2e-6, "minor {minor}");
+        // The judge's own determinant cancels by the square of the ratio, in f64.
+        let minor_error = (minor / small.max(h2_f64) - 1.0).abs();
+        prop_assert!(minor_error < relative, "minor {minor}");
     }
 
     /// The triangular form is the inverse variance, for axis ratios to 1e6.

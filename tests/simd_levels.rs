@@ -246,14 +246,16 @@ fn every_level_is_the_plain_loop() {
                         open += usize::from(judged.depth_open);
                         for (level, (image, depth)) in levels.iter().zip(&images) {
                             let got = image.pixel(x, y);
-                            for (c, (got, judge)) in got.into_iter().zip(judged.rgba).enumerate() {
-                                let error = (f64::from(got) - judge).abs();
+                            for (c, value) in got.into_iter().enumerate() {
+                                let error = (f64::from(value) - judged.rgba[c]).abs();
                                 let allowed = judged.allowed + 1e-7;
                                 assert!(
                                     error <= allowed,
                                     "{level:?}, {projection:?}, {filter:?}, linear \
-                                     {linear_opacity}, ({x}, {y}) channel {c}: {got} for \
-                                     {judge}, allowed {allowed:e}"
+                                     {linear_opacity}, ({x}, {y}) channel {c}: {} for {}, \
+                                     allowed {allowed:e}",
+                                    value,
+                                    judged.rgba[c]
                                 );
                                 worst = worst.max(error);
                                 worst_share = worst_share.max(error / allowed);
@@ -434,6 +436,26 @@ fn every_level_counts_the_same_splat_pixels() {
     }
     println!("splat-pixels by level: {counts:?}");
     // A pixel on the edge of a cut-off may fall on either side: one in a thousand.
+    let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
+    assert!(most - least <= most / 1000, "{counts:?}");
+}
+
+#[test]
+#[ignore = "known: vectors count pixels beyond the right border as splat-pixels"]
+fn every_level_counts_the_same_splat_pixels_at_the_border() {
+    let camera = scene::camera(Projection::Perspective, [31.0, 27.0], [65, 48]);
+    let mut counts = Vec::new();
+    for simd in SimdLevel::available() {
+        let mut renderer = Renderer::new(vec![volume(&particles(3))]).unwrap();
+        let settings = Settings {
+            simd,
+            tolerance: 1e-3,
+            ..Settings::default()
+        };
+        renderer.render(&camera, &settings).unwrap();
+        counts.push(renderer.counts().splat_pixels);
+    }
+    println!("splat-pixels by level: {counts:?}");
     let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
     assert!(most - least <= most / 1000, "{counts:?}");
 }

@@ -191,6 +191,40 @@ fn every_tile_inside_a_cutoff_lists_the_footprint() {
 }
 
 #[test]
+fn lopsided_outlines_of_strong_perspective_miss_no_tile() {
+    // A wide angle and kernels that reach half way to the eye: the outline's middle lies far from
+    // the centre.
+    let mut random = Random::new(8);
+    let particles: Vec<Particle> = (0..400)
+        .map(|_| {
+            let depth = random.range(0.3, 2.0);
+            let slope = random.point(2.0).truncate();
+            let (size, ratio) = (random.log_range(0.05, 0.25), random.log_range(1.0, 8.0));
+            Particle {
+                position: (slope * depth).extend(depth),
+                factor: random.factor(size * depth, ratio),
+                mass: (0.1 * (size * depth).powi(2) / ratio) as f32,
+                colour: [1.0; 3],
+            }
+        })
+        .collect();
+    let camera = scene::camera(Projection::Perspective, [60.0, 50.0], [253, 201]);
+    let settings = Settings {
+        filter: Filter::Exact,
+        ..Settings::default()
+    };
+    let frame = Frame::new(volume(&particles), &camera, &settings);
+    let exact = frame
+        .order
+        .iter()
+        .filter(|&&w| frame.footprints[w as u32 as usize].path == PATH_EXACT);
+    assert!(exact.count() > 150);
+    let (entries, needed) = check_lists(&frame);
+    println!("strong perspective: {entries} entries, {needed} needed");
+    assert!(entries < needed * 5 / 4, "{entries} entries for {needed}");
+}
+
+#[test]
 fn many_footprints_keep_their_order_in_every_tile() {
     // More than one chunk of the sorted footprints.
     let camera = scene::camera(Projection::Perspective, [61.0, 47.0], [115, 83]);

@@ -1,5 +1,7 @@
 //! Blocks of a point set: the subtrees of a BVH that hold few enough particles.
 
+use std::ops::Range;
+
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
@@ -40,7 +42,7 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
     };
-    let (order, runs) = finite_block_order(&positions);
+    let (mut order, runs) = finite_block_order(&positions);
     // The Frobenius norm of the factor bounds its largest singular value.
     let sigma = |i: u32| match &sigmas {
         Ok(sigmas) => sigmas[i as usize],
@@ -50,6 +52,7 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
             .sum::<f32>()
             .sqrt(),
     };
+    let runs = without_outliers(&mut order, runs, &positions, &sigma);
     let blocks: Vec<Block> = runs
         .par_iter()
         .map(|run| {
@@ -99,6 +102,54 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
     }
 }
 
+/// How many times its kernels' width a block may span: 2^14 leaves f32 offsets a thousandth of
+/// a standard deviation.
+const WIDEST_BLOCK: f64 = 16_384.0;
+
+/// Splits blocks that a few far particles stretch, where one gap is most of the width: there
+/// the far ones would take the bits of the near ones' offsets.
+fn without_outliers(
+    order: &mut [u32],
+    runs: Vec<Range<usize>>,
+    positions: &[DVec3],
+    sigma: &impl Fn(u32) -> f32,
+) -> Vec<Range<usize>> {
+    let mut kept = Vec::with_capacity(runs.len());
+    let mut rest: Vec<_> = runs.into_iter().rev().collect();
+    while let Some(run) = rest.pop() {
+        let members = &mut order[run.clone()];
+        let (lower, upper) = members.iter().fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(lower, upper), &i| {
+                (
+                    lower.min(positions[i as usize]),
+                    upper.max(positions[i as usize]),
+                )
+            },
+        );
+        // Halved first: the extent itself may overflow.
+        let half = upper / 2.0 - lower / 2.0;
+        let axis = half.max_position();
+        let widest_kernel = members.iter().map(|&i| sigma(i)).fold(0.0, f32::max);
+        if half[axis] <= WIDEST_BLOCK * f64::from(widest_kernel) {
+            kept.push(run);
+            continue;
+        }
+        let at = |i: u32| positions[i as usize][axis];
+        members.sort_unstable_by(|&a, &b| at(a).total_cmp(&at(b)).then(a.cmp(&b)));
+        let gap = |n: usize| at(members[n]) / 2.0 - at(members[n - 1]) / 2.0;
+        let widest = (1..members.len()).max_by(|&a, &b| gap(a).total_cmp(&gap(b)));
+        match widest {
+            Some(n) if gap(n) > half[axis] / 2.0 => {
+                rest.push(run.start + n..run.end);
+                rest.push(run.start..run.start + n);
+            }
+            _ => kept.push(run),
+        }
+    }
+    kept
+}
+
 fn block(
     members: &[u32],
     first: usize,
@@ -125,7 +176,7 @@ fn block(
 
 /// [`block_order`] of the particles whose positions are numbers; the others, which would take
 /// the bounds of their block with them, are in no block.
-fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
+fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
     if positions.par_iter().all(|p| p.is_finite()) {
         return block_order(positions);
     }
@@ -140,7 +191,7 @@ fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usi
 
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a
 /// PLOC BVH with at most [`BLOCK_CAPACITY`] particles.
-fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
+fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
     if positions.len() <= BLOCK_CAPACITY {
         let all = 0..positions.len();

@@ -9,8 +9,7 @@ pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
 
 /// `r,g,b`
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
-    let [r, g, b] = numbers(text)?;
-    Ok([r as f32, g as f32, b as f32])
+    Ok(DVec3::from(numbers(text)?).as_vec3().into())
 }
 
 fn numbers(text: &str) -> Result<[f64; 3], String> {
