@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use crate::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
-use crate::constants::{
-    DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE,
-};
+use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image};
-use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform};
+use crate::layout::{
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
+};
 use crate::scene::{PointVolume, Requirements};
 use crate::splat::Filter;
 use crate::view::{Camera, Projection};
@@ -170,9 +170,16 @@ impl Renderer {
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
             cull(volume, camera, &frustum, views);
         }
-        let visible = || self.volumes.iter().zip(&self.views).flat_map(|(volume, views)| {
-            views.iter().map(|v| distance_interval(camera, &volume.blocks[v.block as usize]))
-        });
+        let visible = || {
+            self.volumes
+                .iter()
+                .zip(&self.views)
+                .flat_map(|(volume, views)| {
+                    views
+                        .iter()
+                        .map(|v| distance_interval(camera, &volume.blocks[v.block as usize]))
+                })
+        };
         let range = DepthRange::of(visible());
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
             for view in views {
@@ -203,7 +210,10 @@ impl Renderer {
         resize(&mut self.footprints, counts.classified);
         let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
             && camera.projection == Projection::Perspective;
-        resize(&mut self.exact, if may_be_exact { counts.classified } else { 0 });
+        resize(
+            &mut self.exact,
+            if may_be_exact { counts.classified } else { 0 },
+        );
         self.project_output.clear();
         let rotation = camera.camera_from_world.as_mat3();
         let mut first = 0;
@@ -229,7 +239,13 @@ impl Renderer {
 
         let columns = camera.width.div_ceil(TILE_SIZE);
         let rows = camera.height.div_ceil(TILE_SIZE);
-        cpu::bin(&self.footprints, &self.exact, &self.order, [columns, rows], &mut self.bins);
+        cpu::bin(
+            &self.footprints,
+            &self.exact,
+            &self.order,
+            [columns, rows],
+            &mut self.bins,
+        );
         counts.tile_entries = self.bins.len();
         times.bin = clock.lap();
 
@@ -268,7 +284,7 @@ impl Renderer {
         counts.footprints_exact = self
             .order
             .iter()
-            .filter(|&&i| self.footprints[i as u32 as usize].path == PATH_EXACT)
+            .filter(|&&i| self.footprints[cpu::footprint_index(i)].path == PATH_EXACT)
             .count();
         self.counts = counts;
         self.times = times;
@@ -300,6 +316,12 @@ impl Renderer {
         &self.requirements
     }
 
+    /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
+    /// world units.
+    pub fn visible_boxes(&self) -> impl Iterator<Item = (glam::DVec3, glam::DVec3)> + Clone {
+        self.volumes.iter().flat_map(BlockedVolume::visible_boxes)
+    }
+
     /// The volumes in blocks.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes
@@ -328,7 +350,7 @@ fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> Vie
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
         // `check` has bounded both.
-        size: [camera.width as u32, camera.height as u32],
+        size: [camera.width, camera.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         filter: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
@@ -340,9 +362,16 @@ fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> Vie
 
 fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     let refuse = |place: &str, expected: &str, found: String| {
-        Err(Error::format("settings", place, expected, found, "change it"))
+        Err(Error::format(
+            "settings",
+            place,
+            expected,
+            found,
+            "change it",
+        ))
     };
-    if !(1..=MAX_IMAGE_SIZE).contains(&camera.width) || !(1..=MAX_IMAGE_SIZE).contains(&camera.height)
+    if !(1..=MAX_IMAGE_SIZE).contains(&camera.width)
+        || !(1..=MAX_IMAGE_SIZE).contains(&camera.height)
     {
         let found = format!("{} x {}", camera.width, camera.height);
         return refuse("image size", "1 to 65,535 pixels along each side", found);
@@ -353,12 +382,20 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     }
     let tolerance = settings.tolerance;
     if !(tolerance > 0.0 && tolerance < 1.0) {
-        return refuse("tolerance", "a number between 0 and 1", tolerance.to_string());
+        return refuse(
+            "tolerance",
+            "a number between 0 and 1",
+            tolerance.to_string(),
+        );
     }
     if let Some(r) = settings.cutoff
         && !(r > 0.0 && r <= MAX_CUTOFF)
     {
-        return refuse("cut-off radius", "a number above 0, at most 7", r.to_string());
+        return refuse(
+            "cut-off radius",
+            "a number above 0, at most 7",
+            r.to_string(),
+        );
     }
     Ok(())
 }

@@ -20,7 +20,12 @@ use serde_json::Value;
 /// The case of that name.
 fn case(name: &str) -> Value {
     let all = fixture("analytic_cases.json");
-    let found = all.as_array().unwrap().iter().find(|c| c["name"] == name).cloned();
+    let found = all
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|c| c["name"] == name)
+        .cloned();
     found.unwrap_or_else(|| panic!("no case {name}"))
 }
 
@@ -40,7 +45,11 @@ fn one_pixel(focal: f64, forward: DVec3) -> Camera {
 
 /// No low-pass filter, kernels out to seven standard deviations.
 fn bare() -> Settings {
-    Settings { low_pass_variance_px2: 0.0, cutoff: Some(7.0), ..Settings::default() }
+    Settings {
+        low_pass_variance_px2: 0.0,
+        cutoff: Some(7.0),
+        ..Settings::default()
+    }
 }
 
 #[test]
@@ -67,7 +76,11 @@ fn a_sphere_under_perspective() {
             camera.centre_px = DVec2::splat(0.5) - camera.focal_px * u.truncate() / u.z;
             let particle = Particle::sphere(towards * distance, sigma, g);
             for filter in [Filter::Exact, Filter::Adaptive] {
-                let settings = Settings { filter, tolerance: 1e-6, ..bare() };
+                let settings = Settings {
+                    filter,
+                    tolerance: 1e-6,
+                    ..bare()
+                };
                 let image = scene::render(vec![scene::volume(&[particle])], &camera, &settings);
                 let error = (depth(&image) - expected).abs();
                 worst = worst.max(error);
@@ -92,7 +105,10 @@ fn a_sphere_under_the_affine_approximation() {
     for (tangent, expected) in tangents.into_iter().zip(numbers(&case, "/expected/tau")) {
         let mut camera = one_pixel(300.0, DVec3::Z);
         camera.centre_px = DVec2::new(0.5 - 300.0 * tangent, 0.5);
-        let settings = Settings { filter: Filter::Ewa, ..bare() };
+        let settings = Settings {
+            filter: Filter::Ewa,
+            ..bare()
+        };
         let image = scene::render(vec![scene::volume(&[sphere])], &camera, &settings);
         let error = (depth(&image) - expected).abs();
         // Sixteen roundings of a depth below 1.
@@ -137,8 +153,14 @@ fn a_lattice_slab() {
     let dims = [13, 13, layers];
     let lattice = Lattice::uniform(dims, DVec3::new(-6.0, -6.0, 5.0) * spacing, DVec3::ONE);
     let volume = PointVolume {
-        particles: Particles::Lattice { lattice, kernel_width: number(&case, "/input/rho") },
-        strength: Strength::Mass(vec![number(&case, "/input/g") as f32; dims.iter().product()]),
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width: number(&case, "/input/rho"),
+        },
+        strength: Strength::Mass(vec![
+            number(&case, "/input/g") as f32;
+            dims.iter().product()
+        ]),
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
@@ -158,7 +180,11 @@ fn a_lattice_slab() {
     // The mean over one cell.
     let camera = scene::camera(Projection::Orthographic, [40.0; 2], [40, 40]);
     let image = renderer.render(&camera, &bare()).unwrap();
-    let sum: f64 = image.pixels.iter().map(|p| -(-f64::from(p[3])).ln_1p()).sum();
+    let sum: f64 = image
+        .pixels
+        .iter()
+        .map(|p| -(-f64::from(p[3])).ln_1p())
+        .sum();
     let mean = sum / image.pixels.len() as f64;
     let expected = number(&case, "/expected/tau_mean");
     assert!((mean - expected).abs() < 3e-6, "mean {mean}");
@@ -198,8 +224,15 @@ fn constant_colour_in_any_order_and_split() {
             worst = worst.max(error);
             // A rounding of the accumulated opacity per layer, which wander as sqrt(n): 3e-8
             // times 55; and the tile may stop at a sixteenth of the tolerance below opaque.
-            let stop = if total > 4.0 { f64::from(Settings::default().tolerance) / 16.0 } else { 0.0 };
-            assert!(error < 4e-6 + stop, "tau {total} in {count}: error {error:e}");
+            let stop = if total > 4.0 {
+                f64::from(Settings::default().tolerance) / 16.0
+            } else {
+                0.0
+            };
+            assert!(
+                error < 4e-6 + stop,
+                "tau {total} in {count}: error {error:e}"
+            );
         }
     }
     println!("constant colour, up to 3,000 kernels: worst error {worst:.2e}");
@@ -209,7 +242,10 @@ fn constant_colour_in_any_order_and_split() {
 fn two_separated_kernels_and_two_coincident_ones() {
     let near = case("two_separated_over");
     let tau = numbers(&near, "/input/tau");
-    let colours = numbers(&near, "/input/colors").iter().map(|&c| c as f32).collect::<Vec<_>>();
+    let colours = numbers(&near, "/input/colors")
+        .iter()
+        .map(|&c| c as f32)
+        .collect::<Vec<_>>();
     let intensity = |parts: &[(f64, f64, [f32; 3])]| {
         let (particles, camera) = column(parts);
         let image = scene::render(vec![scene::volume(&particles)], &camera, &bare());
@@ -217,36 +253,60 @@ fn two_separated_kernels_and_two_coincident_ones() {
     };
     // Three roundings of each of two layers.
     let allowed = 6e-7;
-    let parts =
-        [(10.0, tau[0], [colours[0]; 3]), (40.0, tau[1], [colours[1]; 3])];
+    let parts = [
+        (10.0, tau[0], [colours[0]; 3]),
+        (40.0, tau[1], [colours[1]; 3]),
+    ];
     let got = intensity(&parts);
-    assert!((got - number(&near, "/expected/I")).abs() < allowed, "{got}");
-    let swapped = [(40.0, tau[0], [colours[0]; 3]), (10.0, tau[1], [colours[1]; 3])];
+    assert!(
+        (got - number(&near, "/expected/I")).abs() < allowed,
+        "{got}"
+    );
+    let swapped = [
+        (40.0, tau[0], [colours[0]; 3]),
+        (10.0, tau[1], [colours[1]; 3]),
+    ];
     let got = intensity(&swapped);
-    assert!((got - number(&near, "/expected/I_swapped")).abs() < allowed, "{got}");
+    assert!(
+        (got - number(&near, "/expected/I_swapped")).abs() < allowed,
+        "{got}"
+    );
     // The order of the input plays no part.
     assert_eq!(intensity(&parts), intensity(&[parts[1], parts[0]]));
 
     let same = case("two_coincident");
     let tau = numbers(&same, "/input/tau");
-    let colours = numbers(&same, "/input/colors").iter().map(|&c| c as f32).collect::<Vec<_>>();
+    let colours = numbers(&same, "/input/colors")
+        .iter()
+        .map(|&c| c as f32)
+        .collect::<Vec<_>>();
     // A hair apart, either way.
-    for (hair, name) in [(-1e-3, "/expected/I_sorted_first"), (1e-3, "/expected/I_sorted_last")] {
-        let got =
-            intensity(&[(20.0 + hair, tau[0], [colours[0]; 3]), (20.0, tau[1], [colours[1]; 3])]);
+    for (hair, name) in [
+        (-1e-3, "/expected/I_sorted_first"),
+        (1e-3, "/expected/I_sorted_last"),
+    ] {
+        let got = intensity(&[
+            (20.0 + hair, tau[0], [colours[0]; 3]),
+            (20.0, tau[1], [colours[1]; 3]),
+        ]);
         assert!((got - number(&same, name)).abs() < allowed, "{name}: {got}");
     }
     // At the very same depth: one of the two, by the order of the input.
-    let got = intensity(&[(20.0, tau[0], [colours[0]; 3]), (20.0, tau[1], [colours[1]; 3])]);
-    assert!((got - number(&same, "/expected/I_sorted_first")).abs() < allowed, "{got}");
+    let got = intensity(&[
+        (20.0, tau[0], [colours[0]; 3]),
+        (20.0, tau[1], [colours[1]; 3]),
+    ]);
+    assert!(
+        (got - number(&same, "/expected/I_sorted_first")).abs() < allowed,
+        "{got}"
+    );
 }
 
 #[test]
 fn mass_under_zoom() {
     let case = case("mass_under_zoom");
     let u = DVec3::from_slice(&numbers(&case, "/input/u"));
-    let sphere =
-        Particle::sphere(u, number(&case, "/input/sigma"), number(&case, "/input/g"));
+    let sphere = Particle::sphere(u, number(&case, "/input/sigma"), number(&case, "/input/g"));
     let expected = number(&case, "/expected/pixel_sum_over_fxfy");
     for focal in numbers(&case, "/input/fx") {
         let mut camera = scene::camera(Projection::Perspective, [focal; 2], [192, 192]);
@@ -322,7 +382,11 @@ fn a_tilted_sheet_is_denser() {
         let mut camera = scene::camera(Projection::Orthographic, focal, [10, 10]);
         camera.eye = DVec3::ZERO;
         let image = renderer.render(&camera, &bare()).unwrap();
-        let mean: f64 = image.pixels.iter().map(|p| -(-f64::from(p[3])).ln_1p()).sum::<f64>()
+        let mean: f64 = image
+            .pixels
+            .iter()
+            .map(|p| -(-f64::from(p[3])).ln_1p())
+            .sum::<f64>()
             / image.pixels.len() as f64;
         // Some fifty layers that each round; a flat kernel's footprint at 80 degrees loses a
         // factor cos 80 = .17 to the rounding of its rows. exp(2.9) times 3e-7.
@@ -335,16 +399,25 @@ fn a_tilted_sheet_is_denser() {
 fn a_minified_thick_kernel_is_too_opaque() {
     // The published finding that EWA filters tau, not opacity: our value is EWA's.
     let case = case("minified_thick_kernel");
-    let (share, tau0) = (number(&case, "/input/lambda_over_h2"), number(&case, "/input/tau0"));
+    let (share, tau0) = (
+        number(&case, "/input/lambda_over_h2"),
+        number(&case, "/input/tau0"),
+    );
     // Footprint variance `share` px² of kernel before the filter's 1 px².
     let sigma = share.sqrt();
     let sphere = Particle::sphere(DVec3::Z * 5.0, sigma, std::f64::consts::TAU * share * tau0);
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
-    let settings = Settings { cutoff: Some(7.0), ..Settings::default() };
+    let settings = Settings {
+        cutoff: Some(7.0),
+        ..Settings::default()
+    };
     let image = scene::render(vec![scene::volume(&[sphere])], &camera, &settings);
     let alpha = f64::from(image.pixel(0, 0)[3]);
     // Ten roundings.
-    assert!((alpha - number(&case, "/expected/alpha_ewa")).abs() < 1e-7, "{alpha}");
+    assert!(
+        (alpha - number(&case, "/expected/alpha_ewa")).abs() < 1e-7,
+        "{alpha}"
+    );
     assert!(alpha > 3.0 * number(&case, "/expected/alpha_true"));
 }
 
@@ -353,7 +426,10 @@ fn many_faint_layers() {
     let all = fixture("extreme_cases.json");
     let cases = all["cases"].as_array().unwrap();
     let mut tested = 0;
-    for case in cases.iter().filter(|c| c["kind"] == "composite_equal_layers") {
+    for case in cases
+        .iter()
+        .filter(|c| c["kind"] == "composite_equal_layers")
+    {
         tested += 1;
         let layers = number(case, "/input/layers") as usize;
         let tau = number(case, "/input/tau");

@@ -1,5 +1,10 @@
 //! The 40 extreme cases of `fixtures/extreme_cases.json` (digits from 60-digit arithmetic)
 //! through the f32 formulas.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic; the path under test is f32"
+)]
 
 mod common;
 
@@ -18,7 +23,10 @@ const TOLERANCE_OF_PEAK: f64 = 6e-6;
 
 fn cases(kind: &str) -> Vec<Value> {
     let all = fixture("extreme_cases.json");
-    let list: Vec<Value> = all["cases"].as_array().unwrap().iter()
+    let list: Vec<Value> = all["cases"]
+        .as_array()
+        .unwrap()
+        .iter()
         .filter(|c| c["kind"] == kind)
         .cloned()
         .collect();
@@ -40,7 +48,10 @@ fn setup(case: &Value) -> (ViewUniform, Kernel) {
     };
     let c = numbers(case, "/input/mean_cam");
     let centre = [c[0] as f32, c[1] as f32, c[2] as f32];
-    (v, kernel(centre, [row(0), row(1), row(2)], n("/input/mass_g")))
+    (
+        v,
+        kernel(centre, [row(0), row(1), row(2)], n("/input/mass_g")),
+    )
 }
 
 fn pixels(case: &Value) -> Vec<Vec2> {
@@ -66,24 +77,38 @@ fn footprints_affine_and_exact() {
         let determinant = number(&case, "/expected/cov2_det");
         let error = (f64::from(image.determinant) - determinant).abs() / determinant;
         // Products of twelve roundings; the published worst of this path is 2.5e-7.
-        assert!(error < 2e-6, "{name}: determinant {} for {determinant}", image.determinant);
+        assert!(
+            error < 2e-6,
+            "{name}: determinant {} for {determinant}",
+            image.determinant
+        );
 
         // A peak that has underflowed beyond f32's normal range has no relative digits left.
         let allowed = TOLERANCE_OF_PEAK * peak;
         let ewa = numbers(&case, "/expected/tau_ewa");
-        let exact = case["expected"].get("tau_exact").map(|_| numbers(&case, "/expected/tau_exact"));
+        let exact = case["expected"]
+            .get("tau_exact")
+            .map(|_| numbers(&case, "/expected/tau_exact"));
         let terms = exact_terms(&screen, v.low_pass_variance_px2, image.determinant);
         for (i, pixel) in pixels(&case).into_iter().enumerate() {
             let (_, tau) = scalar::affine(&screen, &image, pixel);
             let error = (f64::from(tau) - ewa[i]).abs();
-            assert!(error <= allowed, "{name}: affine pixel {i}: {tau} for {}", ewa[i]);
+            assert!(
+                error <= allowed,
+                "{name}: affine pixel {i}: {tau} for {}",
+                ewa[i]
+            );
             if v.orthographic != 0 {
                 continue;
             }
             if let Some(exact) = &exact {
                 let (w, tau) = scalar::exact(&v, &screen, &image, &terms, pixel);
                 let error = (f64::from(tau) - exact[i]).abs();
-                assert!(error <= allowed, "{name}: exact pixel {i}: {tau} for {}", exact[i]);
+                assert!(
+                    error <= allowed,
+                    "{name}: exact pixel {i}: {tau} for {}",
+                    exact[i]
+                );
                 let expected = numbers(&case, "/expected/w")[i];
                 // w is a sum of terms up to the square of the pixel's distance in widths.
                 let error = (f64::from(w) - expected).abs() / expected.max(1.0);
@@ -100,7 +125,9 @@ fn exact_bounds_of_the_three_sigma_ellipsoid() {
     for case in cases("footprint") {
         let name = case["name"].as_str().unwrap();
         let (v, k) = setup(&case);
-        let Some(bounds) = case["expected"].get("bbox_exact_r3_px") else { continue };
+        let Some(bounds) = case["expected"].get("bbox_exact_r3_px") else {
+            continue;
+        };
         if v.orthographic != 0 {
             continue;
         }
@@ -111,7 +138,9 @@ fn exact_bounds_of_the_three_sigma_ellipsoid() {
         let screen = project_kernel(&v, &k);
         let extent = exact_extent(&screen, v.low_pass_variance_px2, 3.0);
         assert_eq!(extent.is_some(), !bounds.is_null(), "{name}");
-        let Some((middle, half)) = extent else { continue };
+        let Some((middle, half)) = extent else {
+            continue;
+        };
         tested += 1;
         for axis in 0..2 {
             let expected = numbers(&case, &format!("/expected/bbox_exact_r3_px/{axis}"));
@@ -144,7 +173,11 @@ fn kernels_at_and_behind_the_camera_plane() {
             let slope = (pixel - Vec2::from(v.centre_px)) / Vec2::from(v.focal_px);
             let tau = evaluate_near(&terms, weight, Vec3::new(slope.x, slope.y, 1.0), 49.0);
             let error = (f64::from(tau) - expected[i]).abs();
-            assert!(error <= TOLERANCE_OF_PEAK * peak, "{name}: {tau} for {}", expected[i]);
+            assert!(
+                error <= TOLERANCE_OF_PEAK * peak,
+                "{name}: {tau} for {}",
+                expected[i]
+            );
         }
     }
     assert_eq!(tested, 3);
@@ -164,9 +197,15 @@ fn offsets_from_the_origin_are_subtracted_in_f64() {
         );
         camera.focal_px = glam::DVec2::splat(number(&case, "/input/camera/fx"));
         let centre = camera.camera_point(glam::DVec3::from_slice(&mean));
-        assert_eq!(centre.to_array().to_vec(), numbers(&case, "/expected/mean_cam"));
+        assert_eq!(
+            centre.to_array().to_vec(),
+            numbers(&case, "/expected/mean_cam")
+        );
         let pixel = camera.project(glam::DVec3::from_slice(&mean)).unwrap();
-        assert_eq!(pixel.to_array().to_vec(), numbers(&case, "/expected/center_px"));
+        assert_eq!(
+            pixel.to_array().to_vec(),
+            numbers(&case, "/expected/center_px")
+        );
     }
 }
 
@@ -190,7 +229,11 @@ fn quadratic_rows_evaluated_directly() {
             let d = Vec2::new(n("/input/x0") + index as f32, n("/input/dy"));
             let q = p.dot(d).powi(2) + r.dot(d).powi(2);
             let error = (f64::from((-0.5 * q).exp()) - (-0.5 * expected[i]).exp()).abs();
-            assert!(error < TOLERANCE_OF_PEAK, "index {index}: {q} for {}", expected[i]);
+            assert!(
+                error < TOLERANCE_OF_PEAK,
+                "index {index}: {q} for {}",
+                expected[i]
+            );
         }
     }
 }

@@ -44,10 +44,15 @@ fn draw(random: &mut Random, from: Draw) -> (ViewUniform, Kernel) {
         let fy = fx * random.log_range(0.5, 2.0);
         let v = view([fx as f32, fy as f32], [512.0, 384.0], from.h2);
         let distance = random.log_range(1.0, 1000.0);
-        let (angle, around) =
-            (random.range(0.0, from.off_axis_deg).to_radians(), random.range(0.0, 6.3));
-        let direction =
-            DVec3::new(angle.sin() * around.cos(), angle.sin() * around.sin(), angle.cos());
+        let (angle, around) = (
+            random.range(0.0, from.off_axis_deg).to_radians(),
+            random.range(0.0, 6.3),
+        );
+        let direction = DVec3::new(
+            angle.sin() * around.cos(),
+            angle.sin() * around.sin(),
+            angle.cos(),
+        );
         let largest = distance * random.log_range(from.size[0], from.size[1]);
         let ratio = random.log_range(1.0, from.ratio);
         let factor = random.factor(largest, ratio);
@@ -90,8 +95,11 @@ fn exact_tau(
 /// The low-passed body, its footprint's variance and that variance's factor.
 fn judged(v: &ViewUniform, k: &Kernel) -> (Body, glam::DMat2, glam::DMat2) {
     let bare = Body::of(k);
-    let body =
-        bare.low_passed(judge::focal(v), f64::from(v.low_pass_variance_px2), bare.centre.z);
+    let body = bare.low_passed(
+        judge::focal(v),
+        f64::from(v.low_pass_variance_px2),
+        bare.centre.z,
+    );
     let variance = body.projected(judge::focal(v));
     (body, variance, judge::cholesky(&variance))
 }
@@ -100,7 +108,12 @@ fn judged(v: &ViewUniform, k: &Kernel) -> (Body, glam::DMat2, glam::DMat2) {
 fn the_projected_factor_is_the_jacobian_by_finite_differences() {
     let mut random = Random::new(1);
     for _ in 0..2_000 {
-        let from = Draw { ratio: 100.0, size: [1e-4, 0.2], off_axis_deg: 60.0, h2: 0.0 };
+        let from = Draw {
+            ratio: 100.0,
+            size: [1e-4, 0.2],
+            off_axis_deg: 60.0,
+            h2: 0.0,
+        };
         let (v, k) = draw(&mut random, from);
         let screen = project_kernel(&v, &k);
         let focal = judge::focal(&v);
@@ -133,7 +146,12 @@ fn the_exact_path_is_the_line_integral() {
         let (mut worst, mut worst_w) = (0.0_f64, 0.0_f64);
         let mut worst_round = 0.0_f64;
         for _ in 0..4_000 {
-            let from = Draw { ratio, size: [1e-5, 0.25], off_axis_deg: 60.0, h2 };
+            let from = Draw {
+                ratio,
+                size: [1e-5, 0.25],
+                off_axis_deg: 60.0,
+                h2,
+            };
             let (v, k) = draw(&mut random, from);
             let screen = project_kernel(&v, &k);
             let image = screen.filtered(Filter::Exact, h2);
@@ -160,7 +178,10 @@ fn the_exact_path_is_the_line_integral() {
                 // moves the short axis of a footprint by its axis ratio times EPS, seen at up
                 // to four standard deviations.
                 let allowed = 6e-6 + 4.0 * EPS * axis_ratio;
-                assert!(error <= allowed, "{error:e} of the peak at an axis ratio {axis_ratio}");
+                assert!(
+                    error <= allowed,
+                    "{error:e} of the peak at an axis ratio {axis_ratio}"
+                );
                 worst = worst.max(error);
                 if axis_ratio < 30.0 {
                     worst_round = worst_round.max(error);
@@ -172,10 +193,19 @@ fn the_exact_path_is_the_line_integral() {
                 // cancel. Each is a sum of products of minors: some sixteen roundings.
                 let [gx, gy] = terms.gradient.map(f64::from);
                 let [hxx, hxy, hyy] = terms.hessian.map(f64::from);
-                let products = [gx * d.x, gy * d.y, hxx * d.x * d.x, hxy * d.x * d.y, hyy * d.y * d.y];
+                let products = [
+                    gx * d.x,
+                    gy * d.y,
+                    hxx * d.x * d.x,
+                    hxy * d.x * d.y,
+                    hyy * d.y * d.y,
+                ];
                 let sum = 1.0 + products.iter().map(|p| p.abs()).sum::<f64>();
                 let allowed = (16.0 + 4.0 * axis_ratio) * EPS * sum;
-                assert!(error <= allowed, "w {w} for {expected}, axis ratio {axis_ratio}");
+                assert!(
+                    error <= allowed,
+                    "w {w} for {expected}, axis ratio {axis_ratio}"
+                );
             }
         }
         println!(
@@ -193,7 +223,12 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
     let mut tested = 0;
     for i in 0..400 {
         let h2 = [1.0, 0.0][i % 2];
-        let from = Draw { ratio: 30.0, size: [1e-3, 0.25], off_axis_deg: 60.0, h2 };
+        let from = Draw {
+            ratio: 30.0,
+            size: [1e-3, 0.25],
+            off_axis_deg: 60.0,
+            h2,
+        };
         let (v, k) = draw(&mut random, from);
         let r = random.range(1.0, 3.4);
         let screen = project_kernel(&v, &k);
@@ -223,7 +258,11 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
             let mut inner = 0.0;
             for _ in 0..40 {
                 let between = 0.5 * (inner + outer);
-                if q(d * between) < r * r { inner = between } else { outer = between }
+                if q(d * between) < r * r {
+                    inner = between
+                } else {
+                    outer = between
+                }
             }
             lowest = lowest.min(d * inner);
             highest = highest.max(d * inner);
@@ -239,7 +278,11 @@ fn exact_bounds_enclose_the_outline_and_touch_it() {
             // outline is an ellipse about the centre, by more where it is lopsided.
             let width = high - low;
             assert!(lowest[axis] <= low + 2e-3 * width, "{} {low}", lowest[axis]);
-            assert!(highest[axis] >= high - 2e-3 * width, "{} {high}", highest[axis]);
+            assert!(
+                highest[axis] >= high - 2e-3 * width,
+                "{} {high}",
+                highest[axis]
+            );
         }
         tested += 1;
     }
@@ -252,7 +295,12 @@ fn the_affine_error_bound_holds() {
     let mut slacks = Vec::new();
     for i in 0..4_000 {
         let h2 = [1.0, 0.0][i % 2];
-        let from = Draw { ratio: 1e3, size: [1e-4, 0.25], off_axis_deg: 60.0, h2 };
+        let from = Draw {
+            ratio: 1e3,
+            size: [1e-4, 0.25],
+            off_axis_deg: 60.0,
+            h2,
+        };
         let (v, k) = draw(&mut random, from);
         let screen = project_kernel(&v, &k);
         let image = screen.filtered(Filter::Ewa, h2);
@@ -292,7 +340,11 @@ fn the_affine_error_bound_holds() {
             step *= 0.5;
         }
         // Six roundings of the bound's own terms; 1e-9 for the judge's cancellation.
-        assert!(worst.0 <= bound * (1.0 + 1e-5) + 1e-9, "{} exceeds {bound}", worst.0);
+        assert!(
+            worst.0 <= bound * (1.0 + 1e-5) + 1e-9,
+            "{} exceeds {bound}",
+            worst.0
+        );
         if worst.0 > 1e-6 {
             slacks.push(bound / worst.0);
         }
@@ -325,7 +377,11 @@ fn near_kernels_are_integrated_along_the_half_line() {
         for i in 0..3_000 {
             let h2 = [1.0, 0.0][i % 2];
             let fx = random.log_range(100.0, 2000.0);
-            let v = view([fx as f32, (fx * random.range(0.5, 2.0)) as f32], [0.0, 0.0], h2);
+            let v = view(
+                [fx as f32, (fx * random.range(0.5, 2.0)) as f32],
+                [0.0, 0.0],
+                h2,
+            );
             let size = random.log_range(1e-6, 1e6);
             let r = random.log_range(1.0, ratio);
             let factor = random.factor(size, r);
@@ -345,7 +401,11 @@ fn near_kernels_are_integrated_along_the_half_line() {
                     let p = body.centre + factor * random.point(1.5);
                     let slope = p.truncate() / p.z;
                     let anywhere = random.point(1.0).truncate() * 2.0;
-                    let slope = if n % 2 == 0 && p.z > 0.0 { slope } else { anywhere };
+                    let slope = if n % 2 == 0 && p.z > 0.0 {
+                        slope
+                    } else {
+                        anywhere
+                    };
                     slope.as_vec2().extend(1.0)
                 })
                 .collect();
@@ -373,7 +433,12 @@ fn near_and_exact_agree_in_front_of_the_camera() {
     let mut random = Random::new(6);
     let (mut worst, mut slack) = (0.0_f64, 0.0_f64);
     for _ in 0..2_000 {
-        let from = Draw { ratio: 3.0, size: [0.02, 0.1], off_axis_deg: 50.0, h2: 0.0 };
+        let from = Draw {
+            ratio: 3.0,
+            size: [0.02, 0.1],
+            off_axis_deg: 50.0,
+            h2: 0.0,
+        };
         let (v, k) = draw(&mut random, from);
         if k.centre.z < 7.0 * k.factor.z.length() {
             continue;
@@ -399,7 +464,10 @@ fn near_and_exact_agree_in_front_of_the_camera() {
             let inverse = Body::of(&k).variance.inverse();
             let trace = inverse.x_axis.x + inverse.y_axis.y + inverse.z_axis.z;
             let far = f64::from(k.centre.length()) * trace.sqrt();
-            assert!(error < 6e-6 + EPS * far * far, "{near} against {exact} at {far} sigma");
+            assert!(
+                error < 6e-6 + EPS * far * far,
+                "{near} against {exact} at {far} sigma"
+            );
             slack = slack.max(error / (EPS * far * far));
         }
     }
@@ -414,15 +482,21 @@ fn orthographic_kernels_end_at_the_plane_of_the_eye() {
     for i in 0..600 {
         let h2 = [1.0, 0.0][i % 2];
         let focal = DVec2::new(random.range(20.0, 60.0), random.range(20.0, 60.0));
-        let camera =
-            scene::camera(Projection::Orthographic, [focal.x, focal.y], [1, 1]);
+        let camera = scene::camera(Projection::Orthographic, [focal.x, focal.y], [1, 1]);
         // A few pixels wide, so that neighbouring rays differ and h² matters.
         let ratio = random.log_range(1.0, 20.0);
         let factor = random.factor(0.1, ratio);
         let centre = factor * random.point(1.5);
-        let particle =
-            Particle { position: centre, factor, mass: 1e-4, colour: [1.0, 0.5, 0.25] };
-        let settings = Settings { low_pass_variance_px2: h2, ..scene::linear() };
+        let particle = Particle {
+            position: centre,
+            factor,
+            mass: 1e-4,
+            colour: [1.0, 0.5, 0.25],
+        };
+        let settings = Settings {
+            low_pass_variance_px2: h2,
+            ..scene::linear()
+        };
         let image = scene::render(vec![scene::volume(&[particle])], &camera, &settings);
         let body = Body {
             centre,
@@ -439,7 +513,10 @@ fn orthographic_kernels_end_at_the_plane_of_the_eye() {
         worst = worst.max(error);
         // Sixteen roundings; and the rounding of a lower-triangular factor, which moves the short
         // axis by the axis ratio times EPS, up to three standard deviations from the centre.
-        assert!(error < 6e-6 + 4.0 * EPS * ratio, "{alpha} for {expected}, peak {peak}");
+        assert!(
+            error < 6e-6 + 4.0 * EPS * ratio,
+            "{alpha} for {expected}, peak {peak}"
+        );
         assert!((red - alpha).abs() < 1e-7 && (green - 0.5 * alpha).abs() < 1e-7);
     }
     println!("orthographic half line: worst {worst:.2e} of the peak");
@@ -461,7 +538,10 @@ fn screen(row_x: [f32; 3], row_y: [f32; 3]) -> ScreenFactor {
 /// T Tᵀ in f64.
 fn bare_variance(s: &ScreenFactor) -> glam::DMat2 {
     let (x, y) = (s.row_x.as_dvec3(), s.row_y.as_dvec3());
-    glam::DMat2::from_cols(DVec2::new(x.dot(x), x.dot(y)), DVec2::new(x.dot(y), y.dot(y)))
+    glam::DMat2::from_cols(
+        DVec2::new(x.dot(x), x.dot(y)),
+        DVec2::new(x.dot(y), y.dot(y)),
+    )
 }
 
 fn rows() -> impl Strategy<Value = ([f32; 3], [f32; 3])> {

@@ -33,7 +33,13 @@ fn cloud(seed: u64, count: usize) -> Vec<Particle> {
 
 /// A camera that sees the cloud from nearby, off its axes.
 fn beside(size: [usize; 2]) -> Camera {
-    Camera::perspective(DVec3::new(1.7, -2.1, 0.9), DVec3::ZERO, DVec3::Z, 55.0, size)
+    Camera::perspective(
+        DVec3::new(1.7, -2.1, 0.9),
+        DVec3::ZERO,
+        DVec3::Z,
+        55.0,
+        size,
+    )
 }
 
 /// What a change of rounding alone may do to a pixel: the step at a kernel's edge, which a pixel
@@ -44,7 +50,11 @@ fn edge_step(settings: &Settings) -> f32 {
 
 /// Draws every kernel to seven standard deviations, where its edge has no step to speak of.
 fn wide() -> Settings {
-    Settings { cutoff: Some(7.0), filter: Filter::Exact, ..Settings::default() }
+    Settings {
+        cutoff: Some(7.0),
+        filter: Filter::Exact,
+        ..Settings::default()
+    }
 }
 
 fn brightest(image: &Image) -> f32 {
@@ -57,25 +67,41 @@ fn mass_is_conserved_under_zoom_and_under_every_filter() {
     // footprint is narrower than a pixel (4 exp(-2 pi² h²) of ripple).
     let mut random = Random::new(1);
     for focal in [40.0, 80.0, 160.0, 320.0] {
-        for filter in
-            [Filter::Ewa, Filter::LowPass, Filter::Isotropic, Filter::UniformScaling]
-        {
+        for filter in [
+            Filter::Ewa,
+            Filter::LowPass,
+            Filter::Isotropic,
+            Filter::UniformScaling,
+        ] {
             let factor = random.factor(0.04, 3.0);
             let position = DVec3::new(0.4, -0.3, 3.0);
             let mut camera = camera(Projection::Perspective, [focal, focal * 1.3], [128, 128]);
-            camera.centre_px = DVec2::splat(64.2)
-                - camera.focal_px * position.truncate() / position.z;
+            camera.centre_px =
+                DVec2::splat(64.2) - camera.focal_px * position.truncate() / position.z;
             let mass = 0.2 / (focal * focal);
-            let particle = Particle { position, factor, mass: mass as f32, colour: [1.0; 3] };
-            let settings = Settings { filter, ..scene::linear() };
+            let particle = Particle {
+                position,
+                factor,
+                mass: mass as f32,
+                colour: [1.0; 3],
+            };
+            let settings = Settings {
+                filter,
+                ..scene::linear()
+            };
             let image = render(vec![volume(&[particle])], &camera, &settings);
-            let expected = f64::from(particle.mass) * camera.focal_px.x * camera.focal_px.y
+            let expected = f64::from(particle.mass)
+                * camera.focal_px.x
+                * camera.focal_px.y
                 * position.length()
                 / position.z.powi(3);
             let sum = scene::alpha_sum(&image);
             // exp's 4e-7, one-signed, and eight roundings of the amplitude.
             let error = (sum / expected - 1.0).abs();
-            assert!(error < 1.5e-6, "{filter:?}, f {focal}: {sum} for {expected}");
+            assert!(
+                error < 1.5e-6,
+                "{filter:?}, f {focal}: {sum} for {expected}"
+            );
         }
     }
 }
@@ -90,9 +116,17 @@ fn moving_scene_and_camera_together_changes_nothing() {
 
     // 2^23 is 8.4e6: a sum of it and 1 keeps 29 bits below the point in f64.
     let shift = DVec3::new(8_388_608.0, -8_388_608.0, 1.0e7);
-    let moved: Vec<_> =
-        particles.iter().map(|p| Particle { position: p.position + shift, ..*p }).collect();
-    let camera = Camera { eye: view.eye + shift, ..view.clone() };
+    let moved: Vec<_> = particles
+        .iter()
+        .map(|p| Particle {
+            position: p.position + shift,
+            ..*p
+        })
+        .collect();
+    let camera = Camera {
+        eye: view.eye + shift,
+        ..view.clone()
+    };
     let after = render(vec![volume(&moved)], &camera, &settings);
     // Positions move by 1e-9, a ten-millionth of the narrowest kernel's width (5e-4); pixels
     // by less than f32 rounds them.
@@ -105,7 +139,11 @@ fn moving_scene_and_camera_together_changes_nothing() {
         let turn = random.rotation();
         let moved: Vec<_> = particles
             .iter()
-            .map(|p| Particle { position: turn * p.position, factor: turn * p.factor, ..*p })
+            .map(|p| Particle {
+                position: turn * p.position,
+                factor: turn * p.factor,
+                ..*p
+            })
             .collect();
         let camera = Camera {
             eye: turn * view.eye,
@@ -130,7 +168,11 @@ fn order_and_division_of_the_input_play_no_part() {
         let one = render(vec![volume(&particles)], &camera, &settings);
         // Offsets from another block's origin round anew; pixels at a kernel's edge may then
         // flip.
-        let allowed = if settings.cutoff.is_some() { 3e-5 } else { edge_step(&settings) };
+        let allowed = if settings.cutoff.is_some() {
+            3e-5
+        } else {
+            edge_step(&settings)
+        };
 
         let mut shuffled = particles.clone();
         let mut random = Random::new(5);
@@ -176,7 +218,10 @@ fn the_nearer_of_two_covers_the_farther_from_both_sides() {
                 let [red, _, blue, alpha] = image.pixel(15, 15);
                 let seen = [red, blue];
                 // tau of each is near 20: the front one lets 2e-9 through.
-                assert!(seen[order[0]] > 0.9999 && seen[order[1]] < 1e-4, "{seen:?} from {side}");
+                assert!(
+                    seen[order[0]] > 0.9999 && seen[order[1]] < 1e-4,
+                    "{seen:?} from {side}"
+                );
                 assert!(alpha > 0.9999);
             }
         }
@@ -187,14 +232,23 @@ fn the_nearer_of_two_covers_the_farther_from_both_sides() {
 fn particles_behind_the_camera_are_invisible() {
     let behind: Vec<_> = cloud(6, 300)
         .into_iter()
-        .map(|p| Particle { position: p.position - DVec3::Z * 4.0, ..p })
+        .map(|p| Particle {
+            position: p.position - DVec3::Z * 4.0,
+            ..p
+        })
         .collect();
     for projection in [Projection::Perspective, Projection::Orthographic] {
         for filter in Filter::ALL {
-            let settings = Settings { filter, ..Settings::default() };
+            let settings = Settings {
+                filter,
+                ..Settings::default()
+            };
             let camera = camera(projection, [20.0; 2], [40, 40]);
             let image = render(vec![volume(&behind)], &camera, &settings);
-            assert!(image.pixels.iter().all(|p| *p == [0.0; 4]), "{projection:?}, {filter:?}");
+            assert!(
+                image.pixels.iter().all(|p| *p == [0.0; 4]),
+                "{projection:?}, {filter:?}"
+            );
         }
     }
 }
@@ -206,7 +260,11 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
         for filter in Filter::ALL {
             let mut camera = camera(projection, [30.0; 2], [48, 48]);
             camera.eye = DVec3::new(0.1, 0.05, -0.02);
-            let settings = Settings { filter, depth: true, ..Settings::default() };
+            let settings = Settings {
+                filter,
+                depth: true,
+                ..Settings::default()
+            };
             let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
             let image = renderer.render(&camera, &settings).unwrap();
             // The rest of opacity: premultiplied colours stay within it (three roundings).
@@ -217,7 +275,10 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
             };
             assert!(image.pixels.iter().all(legal), "{projection:?}, {filter:?}");
             assert!(brightest(image) > 0.5);
-            assert!(renderer.counts().footprints_near > 0, "{projection:?}, {filter:?}");
+            assert!(
+                renderer.counts().footprints_near > 0,
+                "{projection:?}, {filter:?}"
+            );
         }
     }
 }
@@ -227,7 +288,10 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
 fn largest_step(projection: Projection, filter: Filter, factor: DMat3, beside: f64) -> f32 {
     let mut camera = camera(projection, [20.0; 2], [24, 24]);
     camera.centre_px = DVec2::new(11.7, 12.4);
-    let settings = Settings { filter, ..Settings::default() };
+    let settings = Settings {
+        filter,
+        ..Settings::default()
+    };
     let reach = factor.row(2).length();
     const STEPS: usize = 400;
     let mut last: Option<Image> = None;
@@ -282,7 +346,11 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
         let factor = random.factor(0.3, ratio);
         let reach = factor.row(2).length();
         let filter = [Filter::Exact, Filter::Adaptive][i % 2];
-        let settings = Settings { filter, cutoff: Some(3.5), ..Settings::default() };
+        let settings = Settings {
+            filter,
+            cutoff: Some(3.5),
+            ..Settings::default()
+        };
         let camera = camera(Projection::Perspective, [60.0; 2], [64, 64]);
         let direction = random.point(0.4).truncate();
         let at = |z: f64| {
@@ -299,7 +367,10 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
         };
         let (front, front_counts) = at(3.5 * reach * (1.0 + 1e-4));
         let (behind, behind_counts) = at(3.5 * reach * (1.0 - 1e-4));
-        assert_eq!((front_counts.footprints_near, behind_counts.footprints_near), (0, 1));
+        assert_eq!(
+            (front_counts.footprints_near, behind_counts.footprints_near),
+            (0, 1)
+        );
         worst = worst.max(difference(&front, &behind));
     }
     println!("largest change where the path changes: {worst:.1e}");
@@ -314,12 +385,21 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
 fn any_size_of_image_shows_the_same_pixels() {
     let particles = cloud(9, 500);
     let whole = beside([96, 80]);
-    for settings in [Settings::default(), Settings { depth: true, ..wide() }] {
+    for settings in [
+        Settings::default(),
+        Settings {
+            depth: true,
+            ..wide()
+        },
+    ] {
         let big = render(vec![volume(&particles)], &whole, &settings);
         // Windows of the whole image, moved by centre_px: not multiples of the tile.
-        for (at, size) in
-            [([40, 40], [1, 1]), ([31, 17], [17, 33]), ([3, 30], [64, 1]), ([47, 0], [1, 80])]
-        {
+        for (at, size) in [
+            ([40, 40], [1, 1]),
+            ([31, 17], [17, 33]),
+            ([3, 30], [64, 1]),
+            ([47, 0], [1, 80]),
+        ] {
             let camera = Camera {
                 centre_px: whole.centre_px - DVec2::new(at[0] as f64, at[1] as f64),
                 width: size[0],
@@ -327,14 +407,24 @@ fn any_size_of_image_shows_the_same_pixels() {
                 ..whole.clone()
             };
             let part = render(vec![volume(&particles)], &camera, &settings);
-            assert_eq!((part.width, part.height, part.pixels.len()), (size[0], size[1], size[0] * size[1]));
+            assert_eq!(
+                (part.width, part.height, part.pixels.len()),
+                (size[0], size[1], size[0] * size[1])
+            );
             for y in 0..size[1] {
                 for x in 0..size[0] {
                     let (a, b) = (part.pixel(x, y), big.pixel(x + at[0], y + at[1]));
-                    let error = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                    let error = a
+                        .iter()
+                        .zip(b)
+                        .map(|(a, b)| (a - b).abs())
+                        .fold(0.0, f32::max);
                     // Pixel coordinates round anew; a tile may stop a sixteenth of the tolerance
                     // earlier or later than another.
-                    assert!(error < edge_step(&settings), "{size:?} at ({x}, {y}): {error:e}");
+                    assert!(
+                        error < edge_step(&settings),
+                        "{size:?} at ({x}, {y}): {error:e}"
+                    );
                 }
             }
         }
@@ -356,12 +446,22 @@ fn an_empty_scene_is_the_background() {
     for scene in [vec![], vec![volume(&[])], vec![volume(&[]), volume(&[])]] {
         let image = render(scene.clone(), &camera, &Settings::default());
         assert!(image.pixels.iter().all(|p| *p == [0.0; 4]));
-        let settings =
-            Settings { background: Some([0.25, 0.5, 1.0]), depth: true, ..Settings::default() };
+        let settings = Settings {
+            background: Some([0.25, 0.5, 1.0]),
+            depth: true,
+            ..Settings::default()
+        };
         let mut renderer = Renderer::new(scene).unwrap();
         let image = renderer.render(&camera, &settings).unwrap();
         assert!(image.pixels.iter().all(|p| *p == [0.25, 0.5, 1.0, 1.0]));
-        assert!(renderer.depth().unwrap().depths.iter().all(|d| *d == f32::INFINITY));
+        assert!(
+            renderer
+                .depth()
+                .unwrap()
+                .depths
+                .iter()
+                .all(|d| *d == f32::INFINITY)
+        );
     }
 }
 
@@ -372,20 +472,78 @@ fn settings_out_of_range_are_refused() {
     let good = Settings::default();
     assert!(renderer.render(&camera, &good).is_ok());
     for size in [[0, 8], [8, 0], [70_000, 1]] {
-        let camera = Camera { width: size[0], height: size[1], ..camera.clone() };
+        let camera = Camera {
+            width: size[0],
+            height: size[1],
+            ..camera.clone()
+        };
         let error = renderer.render(&camera, &good).unwrap_err().to_string();
         assert!(error.contains("image size"), "{error}");
     }
     for (settings, word) in [
-        (Settings { tolerance: 0.0, ..good.clone() }, "tolerance"),
-        (Settings { tolerance: f32::NAN, ..good.clone() }, "tolerance"),
-        (Settings { tolerance: 1.0, ..good.clone() }, "tolerance"),
-        (Settings { low_pass_variance_px2: -1.0, ..good.clone() }, "low-pass"),
-        (Settings { low_pass_variance_px2: f32::NAN, ..good.clone() }, "low-pass"),
-        (Settings { low_pass_variance_px2: f32::INFINITY, ..good.clone() }, "low-pass"),
-        (Settings { cutoff: Some(0.0), ..good.clone() }, "cut-off"),
-        (Settings { cutoff: Some(f32::NAN), ..good.clone() }, "cut-off"),
-        (Settings { cutoff: Some(8.0), ..good }, "cut-off"),
+        (
+            Settings {
+                tolerance: 0.0,
+                ..good.clone()
+            },
+            "tolerance",
+        ),
+        (
+            Settings {
+                tolerance: f32::NAN,
+                ..good.clone()
+            },
+            "tolerance",
+        ),
+        (
+            Settings {
+                tolerance: 1.0,
+                ..good.clone()
+            },
+            "tolerance",
+        ),
+        (
+            Settings {
+                low_pass_variance_px2: -1.0,
+                ..good.clone()
+            },
+            "low-pass",
+        ),
+        (
+            Settings {
+                low_pass_variance_px2: f32::NAN,
+                ..good.clone()
+            },
+            "low-pass",
+        ),
+        (
+            Settings {
+                low_pass_variance_px2: f32::INFINITY,
+                ..good.clone()
+            },
+            "low-pass",
+        ),
+        (
+            Settings {
+                cutoff: Some(0.0),
+                ..good.clone()
+            },
+            "cut-off",
+        ),
+        (
+            Settings {
+                cutoff: Some(f32::NAN),
+                ..good.clone()
+            },
+            "cut-off",
+        ),
+        (
+            Settings {
+                cutoff: Some(8.0),
+                ..good
+            },
+            "cut-off",
+        ),
     ] {
         let error = renderer.render(&camera, &settings).unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
@@ -398,7 +556,10 @@ fn a_background_shines_through_what_is_left() {
     let camera = beside([40, 30]);
     let front = render(vec![volume(&particles)], &camera, &Settings::default());
     let background = [0.2, 0.7, 0.4];
-    let settings = Settings { background: Some(background), ..Settings::default() };
+    let settings = Settings {
+        background: Some(background),
+        ..Settings::default()
+    };
     let over = render(vec![volume(&particles)], &camera, &settings);
     for (front, over) in front.pixels.iter().zip(&over.pixels) {
         for (i, b) in background.into_iter().enumerate() {
@@ -417,9 +578,15 @@ fn depth_is_that_of_the_particle_that_makes_half() {
         Particle::sphere(DVec3::new(0.0, 0.0, 5.0), 0.5, 10.0),
         Particle::sphere(DVec3::new(0.0, 0.0, 9.0), 0.5, 10.0),
     ];
-    for (projection, focal) in [(Projection::Perspective, 100.0), (Projection::Orthographic, 20.0)] {
+    for (projection, focal) in [
+        (Projection::Perspective, 100.0),
+        (Projection::Orthographic, 20.0),
+    ] {
         let camera = camera(projection, [focal; 2], [65, 65]);
-        let settings = Settings { depth: true, ..Settings::default() };
+        let settings = Settings {
+            depth: true,
+            ..Settings::default()
+        };
         let mut renderer = Renderer::new(vec![volume(&scene)]).unwrap();
         renderer.render(&camera, &settings).unwrap();
         let depth = renderer.depth().unwrap();
@@ -441,21 +608,29 @@ fn depth_is_that_of_the_particle_that_makes_half() {
 #[test]
 fn linear_opacity_adds_depths_up_to_one() {
     let camera = camera(Projection::Orthographic, [1.0; 2], [1, 1]);
-    let sphere = |z: f64, tau: f64| {
-        Particle::sphere(DVec3::Z * z, 1.0, std::f64::consts::TAU * tau)
+    let sphere =
+        |z: f64, tau: f64| Particle::sphere(DVec3::Z * z, 1.0, std::f64::consts::TAU * tau);
+    let settings = Settings {
+        low_pass_variance_px2: 0.0,
+        ..scene::linear()
     };
-    let settings = Settings { low_pass_variance_px2: 0.0, ..scene::linear() };
     for (taus, expected) in [
         (vec![0.3], 0.3),
         (vec![5.0], 1.0),
         (vec![0.5, 0.5], 0.75),
         (vec![0.2, 0.9, 0.4], 1.0 - 0.8 * 0.1 * 0.6),
     ] {
-        let parts: Vec<_> =
-            taus.iter().enumerate().map(|(i, &t)| sphere(10.0 + 10.0 * i as f64, t)).collect();
+        let parts: Vec<_> = taus
+            .iter()
+            .enumerate()
+            .map(|(i, &t)| sphere(10.0 + 10.0 * i as f64, t))
+            .collect();
         let alpha = f64::from(render(vec![volume(&parts)], &camera, &settings).pixel(0, 0)[3]);
         // The pixel's centre lies on the axis; some ten roundings of each.
-        assert!((alpha - expected).abs() < 1e-6, "{taus:?}: {alpha} for {expected}");
+        assert!(
+            (alpha - expected).abs() < 1e-6,
+            "{taus:?}: {alpha} for {expected}"
+        );
     }
 }
 
@@ -486,7 +661,10 @@ fn a_cutoff_by_hand_ends_the_kernel_there_and_keeps_its_mass() {
         let share = 1.0 - f64::from(-0.5 * r * r).exp();
         let edge = f64::from(-0.5 * r * r).exp() / share / (std::f64::consts::TAU * 64.0);
         let allowed = 3.0 * edge * (8.0 * f64::from(r)).powf(2.0 / 3.0) + 1e-6;
-        assert!((sum - 1.0).abs() < allowed, "r = {r}: sum {sum}, allowed {allowed}");
+        assert!(
+            (sum - 1.0).abs() < allowed,
+            "r = {r}: sum {sum}, allowed {allowed}"
+        );
     }
 }
 
@@ -516,7 +694,12 @@ fn spheres_are_isotropic_ellipsoids() {
 }
 
 /// The particles that a lattice stands for.
-fn explicit(lattice: &Lattice, kernel_width: f64, masses: &[f32], widths: &dyn Fn([usize; 3]) -> DMat3) -> Vec<Particle> {
+fn explicit(
+    lattice: &Lattice,
+    kernel_width: f64,
+    masses: &[f32],
+    widths: &dyn Fn([usize; 3]) -> DMat3,
+) -> Vec<Particle> {
     let [nx, ny, nz] = lattice.dims;
     (0..nx * ny * nz)
         .map(|n| {
@@ -533,7 +716,10 @@ fn explicit(lattice: &Lattice, kernel_width: f64, masses: &[f32], widths: &dyn F
 
 fn lattice_volume(lattice: Lattice, kernel_width: f64, masses: Vec<f32>) -> PointVolume {
     PointVolume {
-        particles: Particles::Lattice { lattice, kernel_width },
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width,
+        },
         strength: Strength::Mass(masses),
         colour: Colour::Uniform([0.8, 0.4, 0.1]),
         values: None,
@@ -545,8 +731,9 @@ fn lattice_volume(lattice: Lattice, kernel_width: f64, masses: Vec<f32>) -> Poin
 fn lattices_are_the_particles_they_stand_for() {
     let mut random = Random::new(13);
     let dims = [19, 10, 7];
-    let masses: Vec<f32> =
-        (0..dims.iter().product()).map(|_| random.log_range(1e-5, 1e-3) as f32).collect();
+    let masses: Vec<f32> = (0..dims.iter().product())
+        .map(|_| random.log_range(1e-5, 1e-3) as f32)
+        .collect();
     let camera = beside([64, 48]);
 
     let sheared = DMat3::from_cols(
@@ -556,9 +743,16 @@ fn lattices_are_the_particles_they_stand_for() {
     );
     for step in [DMat3::from_diagonal(DVec3::new(0.1, 0.15, 0.2)), sheared] {
         let origin = DVec3::new(-0.9, -0.7, -0.6);
-        let lattice = Lattice { dims, spacing: LatticeSpacing::Uniform { origin, step } };
+        let lattice = Lattice {
+            dims,
+            spacing: LatticeSpacing::Uniform { origin, step },
+        };
         let particles = explicit(&lattice, 0.6, &masses, &|_| step);
-        let a = render(vec![lattice_volume(lattice, 0.6, masses.clone())], &camera, &wide());
+        let a = render(
+            vec![lattice_volume(lattice, 0.6, masses.clone())],
+            &camera,
+            &wide(),
+        );
         let b = render(vec![volume(&particles)], &camera, &wide());
         // Other blocks, other origins, other factors of the same variance.
         assert!(difference(&a, &b) < 3e-5, "{:e}", difference(&a, &b));
@@ -573,8 +767,12 @@ fn lattices_are_the_particles_they_stand_for() {
         };
         (0..dims[a]).map(|_| next()).collect::<Vec<f64>>()
     });
-    let lattice =
-        Lattice { dims, spacing: LatticeSpacing::Rectilinear { coordinates: coordinates.clone() } };
+    let lattice = Lattice {
+        dims,
+        spacing: LatticeSpacing::Rectilinear {
+            coordinates: coordinates.clone(),
+        },
+    };
     // A cell is as wide as half the distance of its neighbours, at the ends as its one step.
     let width = |a: usize, i: usize| {
         let x = &coordinates[a];
@@ -599,15 +797,24 @@ fn lattices_are_the_particles_they_stand_for() {
 fn a_hundred_thousand_particles_in_one_place() {
     let count = 100_000;
     let tau = 2.0 / f64::from(count);
-    let particle =
-        Particle::sphere(DVec3::new(0.3, -0.2, 7.0), 1.0, std::f64::consts::TAU * tau);
+    let particle = Particle::sphere(DVec3::new(0.3, -0.2, 7.0), 1.0, std::f64::consts::TAU * tau);
     let mut camera = camera(Projection::Orthographic, [1.0; 2], [4, 4]);
     camera.centre_px = DVec2::new(1.5 - 0.3, 1.5 + 0.2);
-    let settings = Settings { low_pass_variance_px2: 0.0, ..wide() };
-    let image = render(vec![volume(&vec![particle; count as usize])], &camera, &settings);
+    let settings = Settings {
+        low_pass_variance_px2: 0.0,
+        ..wide()
+    };
+    let image = render(
+        vec![volume(&vec![particle; count as usize])],
+        &camera,
+        &settings,
+    );
     // Sum of tau = 2 at the centre, whatever the number; 3e-8 sqrt(1e5) of wandering roundings.
     let alpha = f64::from(image.pixel(1, 1)[3]);
     let expected = -(-2.0_f64).exp_m1();
-    println!("1e5 particles in one place: error {:.1e}", (alpha - expected).abs());
+    println!(
+        "1e5 particles in one place: error {:.1e}",
+        (alpha - expected).abs()
+    );
     assert!((alpha - expected).abs() < 1e-5, "{alpha} for {expected}");
 }

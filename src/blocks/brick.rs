@@ -29,7 +29,12 @@ impl BrickGrid {
                 Some([0, 1, 2].map(|a| cell_widths(&coordinates[a])))
             }
         };
-        Self { lattice, kernel_width, bricks, widths }
+        Self {
+            lattice,
+            kernel_width,
+            bricks,
+            widths,
+        }
     }
 
     /// The lattice.
@@ -125,7 +130,11 @@ impl BrickGrid {
         let count: usize = self.bricks.iter().product();
         let uniform_sigma = self.shared_factor().map(|m| {
             let columns = [m.x_axis, m.y_axis, m.z_axis];
-            columns.iter().map(|c| c.length_squared()).sum::<f32>().sqrt()
+            columns
+                .iter()
+                .map(|c| c.length_squared())
+                .sum::<f32>()
+                .sqrt()
         });
         let block = |brick: u32| {
             let cells = self.cells(brick);

@@ -10,9 +10,18 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
 pub(super) fn build(volume: PointVolume) -> BlockedVolume {
-    let PointVolume { particles, strength, colour, values, transfer_function } = volume;
+    let PointVolume {
+        particles,
+        strength,
+        colour,
+        values,
+        transfer_function,
+    } = volume;
     let (positions, sigmas) = match particles {
-        Particles::Lattice { lattice, kernel_width } => {
+        Particles::Lattice {
+            lattice,
+            kernel_width,
+        } => {
             let grid = BrickGrid::new(lattice, kernel_width);
             let blocks = if grid.lattice().is_empty() {
                 Vec::new()
@@ -31,15 +40,27 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
     };
-    let (order, runs) = block_order(&positions);
+    let (order, runs) = finite_block_order(&positions);
     // The Frobenius norm of the factor bounds its largest singular value.
     let sigma = |i: u32| match &sigmas {
         Ok(sigmas) => sigmas[i as usize],
-        Err(factors) => factors[i as usize].iter().map(|l| l * l).sum::<f32>().sqrt(),
+        Err(factors) => factors[i as usize]
+            .iter()
+            .map(|l| l * l)
+            .sum::<f32>()
+            .sqrt(),
     };
     let blocks: Vec<Block> = runs
         .par_iter()
-        .map(|run| block(&order[run.clone()], run.start, &positions, &sigma, values.as_ref()))
+        .map(|run| {
+            block(
+                &order[run.clone()],
+                run.start,
+                &positions,
+                &sigma,
+                values.as_ref(),
+            )
+        })
         .collect();
     let mut offsets = vec![[0.0_f32; 3]; order.len()];
     for (block, run) in blocks.iter().zip(&runs) {
@@ -51,14 +72,19 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
     let pick = |v: &[f32]| order.iter().map(|&i| v[i as usize]).collect::<Vec<_>>();
     BlockedVolume {
         particles: match sigmas {
-            Ok(sigmas) => BlockedParticles::Isotropic { offsets, sigmas: pick(&sigmas) },
+            Ok(sigmas) => BlockedParticles::Isotropic {
+                offsets,
+                sigmas: pick(&sigmas),
+            },
             Err(factors) => BlockedParticles::Anisotropic {
                 offsets,
                 factors: order.iter().map(|&i| factors[i as usize]).collect(),
             },
         },
         strength: match strength {
-            Strength::Classified { volumes } => Strength::Classified { volumes: pick(&volumes) },
+            Strength::Classified { volumes } => Strength::Classified {
+                volumes: pick(&volumes),
+            },
             Strength::Mass(masses) => Strength::Mass(pick(&masses)),
         },
         colour: match colour {
@@ -97,13 +123,32 @@ fn block(
     }
 }
 
+/// [`block_order`] of the particles whose positions are numbers; the others, which would take
+/// the bounds of their block with them, are in no block.
+fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
+    if positions.par_iter().all(|p| p.is_finite()) {
+        return block_order(positions);
+    }
+    let (kept, finite): (Vec<u32>, Vec<DVec3>) =
+        (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
+    let (mut order, runs) = block_order(&finite);
+    for i in &mut order {
+        *i = kept[*i as usize];
+    }
+    (order, runs)
+}
+
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a
 /// PLOC BVH with at most [`BLOCK_CAPACITY`] particles.
 fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
     if positions.len() <= BLOCK_CAPACITY {
         let all = 0..positions.len();
-        let runs = if all.is_empty() { Vec::new() } else { vec![all] };
+        let runs = if all.is_empty() {
+            Vec::new()
+        } else {
+            vec![all]
+        };
         return ((0..count).collect(), runs);
     }
     // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
@@ -159,7 +204,10 @@ fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
         Node { index: usize, in_run: bool },
         EndRun,
     }
-    let mut stack = vec![Visit::Node { index: 0, in_run: false }];
+    let mut stack = vec![Visit::Node {
+        index: 0,
+        in_run: false,
+    }];
     while let Some(visit) = stack.pop() {
         match visit {
             Visit::EndRun => {
@@ -178,8 +226,14 @@ fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
                     order.extend_from_slice(&bvh.primitive_indices[members]);
                 } else {
                     let in_run = in_run || starts_run;
-                    stack.push(Visit::Node { index: first + 1, in_run });
-                    stack.push(Visit::Node { index: first, in_run });
+                    stack.push(Visit::Node {
+                        index: first + 1,
+                        in_run,
+                    });
+                    stack.push(Visit::Node {
+                        index: first,
+                        in_run,
+                    });
                 }
             }
         }
@@ -213,15 +267,23 @@ mod tests {
             let mut seen = vec![0; positions.len()];
             order.iter().for_each(|&i| seen[i as usize] += 1);
             assert!(seen.iter().all(|&n| n == 1));
-            assert!(runs.iter().all(|r| !r.is_empty() && r.len() <= BLOCK_CAPACITY));
-            assert_eq!(runs.iter().map(ExactSizeIterator::len).sum::<usize>(), order.len());
+            assert!(
+                runs.iter()
+                    .all(|r| !r.is_empty() && r.len() <= BLOCK_CAPACITY)
+            );
+            assert_eq!(
+                runs.iter().map(ExactSizeIterator::len).sum::<usize>(),
+                order.len()
+            );
             assert!(runs.windows(2).all(|w| w[0].end == w[1].start));
         }
     }
 
     #[test]
     fn blocks_bound_their_particles() {
-        let positions = points(3_000, |t| DVec3::new(t.sin(), (t * 0.3).cos(), t * 1e-3) * 50.0);
+        let positions = points(3_000, |t| {
+            DVec3::new(t.sin(), (t * 0.3).cos(), t * 1e-3) * 50.0
+        });
         let sigmas = vec![0.1; positions.len()];
         let volume = BlockedVolume::new(PointVolume {
             particles: Particles::Isotropic { positions, sigmas },

@@ -50,29 +50,40 @@ impl Frustum {
 
 /// The blocks that may reach the image and hold something visible, in their own order.
 /// Keys and counts are left to later stages.
-pub fn cull(volume: &BlockedVolume, camera: &Camera, frustum: &Frustum, views: &mut Vec<BlockView>) {
+pub fn cull(
+    volume: &BlockedVolume,
+    camera: &Camera,
+    frustum: &Frustum,
+    views: &mut Vec<BlockView>,
+) {
     views.clear();
-    views.par_extend(volume.blocks.par_iter().enumerate().filter_map(|(i, block)| {
-        let centre = camera.camera_point(block.origin);
-        let half = block.half_extent.as_dvec3();
-        let radius = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
-        if is_transparent(volume, block) || !frustum.sees(camera, centre, half, radius) {
-            return None;
-        }
-        let (distance, _) = distance_interval(camera, block);
-        Some(BlockView {
-            origin_camera: centre.as_vec3().into(),
-            origin_distance: distance as f32,
-            block: u32::try_from(i).unwrap_or(u32::MAX),
-            first: 0,
-            count: 0,
-            key: 0,
-        })
-    }));
+    views.par_extend(
+        volume
+            .blocks
+            .par_iter()
+            .enumerate()
+            .filter_map(|(i, block)| {
+                let centre = camera.camera_point(block.origin);
+                let half = block.half_extent.as_dvec3();
+                let radius = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
+                if is_transparent(volume, block) || !frustum.sees(camera, centre, half, radius) {
+                    return None;
+                }
+                let (distance, _) = distance_interval(camera, block);
+                Some(BlockView {
+                    origin_camera: centre.as_vec3().into(),
+                    origin_distance: distance as f32,
+                    block: u32::try_from(i).unwrap_or(u32::MAX),
+                    first: 0,
+                    count: 0,
+                    key: 0,
+                })
+            }),
+    );
 }
 
 /// Whether the transfer function leaves nothing of a block's value range.
-fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
+pub(super) fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
     match (&volume.strength, &volume.transfer_function) {
         (Strength::Classified { .. }, Some(transfer)) => {
             let [lo, hi] = block.value_range;
@@ -95,9 +106,10 @@ impl DepthRange {
     ///
     /// Only what is visible counts, so that a far outlier outside the picture costs no bits.
     pub fn of(intervals: impl Iterator<Item = (f64, f64)>) -> Self {
-        let (near, far) = intervals.fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), (d, r)| {
-            (near.min(d - r), far.max(d + r))
-        });
+        let (near, far) = intervals
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), (d, r)| {
+                (near.min(d - r), far.max(d + r))
+            });
         let span = (far - near).max(f64::MIN_POSITIVE);
         Self {
             near,
@@ -135,7 +147,9 @@ mod tests {
     #[test]
     fn keys_keep_the_order_of_depths_that_tie_in_f32() {
         // The `depth_key_ties` case: six depths at 1e6 that are two numbers in f32.
-        let depths = [1000000.03, 1000000.01, 1000000.02, 1000000.01, 999999.99, 1000000.04];
+        let depths = [
+            1000000.03, 1000000.01, 1000000.02, 1000000.01, 999999.99, 1000000.04,
+        ];
         let range = DepthRange::of(depths.iter().map(|&d| (d, 0.0)));
         let mut order: Vec<usize> = (0..depths.len()).collect();
         order.sort_by_key(|&i| (range.key(depths[i]), i));

@@ -6,13 +6,18 @@
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `cull.rs` | which blocks a frame sees |
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "positions become f32 offsets here by design, and counts were checked to fit u32"
+)]
+
 mod brick;
 mod build;
 mod cull;
 
 use glam::{DVec3, Vec3};
 
-use crate::scene::{Colour, Lattice, PointVolume, Strength, TransferFunction, Values};
+use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
 pub use brick::BrickGrid;
 pub use cull::{DepthRange, Frustum, cull, distance_interval};
@@ -98,7 +103,10 @@ impl BlockedVolume {
             Colour::PerParticle(c) => c.len() * 12,
             _ => 0,
         };
-        let values = self.values.as_ref().map_or(0, |v| v.len() * v.bytes_per_value());
+        let values = self
+            .values
+            .as_ref()
+            .map_or(0, |v| v.len() * v.bytes_per_value());
         let blocks = self.blocks.len() * size_of::<Block>();
         (masses + colours + values + blocks) as f64 / count + f64::from(per_particle)
     }
@@ -112,22 +120,13 @@ impl BlockedVolume {
         }
     }
 
-    /// Bounds of the particles' centres, world units; `None` of an empty volume.
-    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let first = self.blocks.first()?;
-        let start = (first.origin, first.origin);
-        Some(self.blocks.iter().fold(start, |(lower, upper), b| {
-            let half = b.half_extent.as_dvec3();
-            (lower.min(b.origin - half), upper.max(b.origin + half))
-        }))
-    }
-
-    /// The lattice, where the particles are one's.
-    pub fn lattice(&self) -> Option<&Lattice> {
-        match &self.particles {
-            BlockedParticles::Lattice(grid) => Some(grid.lattice()),
-            _ => None,
-        }
+    /// Middles and half extents of the blocks that the transfer function leaves visible, grown
+    /// by one standard deviation; world units.
+    pub fn visible_boxes(&self) -> impl Iterator<Item = (DVec3, DVec3)> + Clone {
+        self.blocks
+            .iter()
+            .filter(|block| !cull::is_transparent(self, block))
+            .map(|b| (b.origin, (b.half_extent + b.max_sigma).as_dvec3()))
     }
 }
 

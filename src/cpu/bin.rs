@@ -27,7 +27,9 @@ impl Bins {
     /// The footprints of a tile, front to back.
     pub fn tile(&self, tile: usize) -> impl Iterator<Item = u32> + '_ {
         self.chunks.iter().flat_map(move |c| {
-            c.list[c.starts[tile] as usize..c.starts[tile + 1] as usize].iter().copied()
+            c.list[c.starts[tile] as usize..c.starts[tile + 1] as usize]
+                .iter()
+                .copied()
         })
     }
 
@@ -51,41 +53,55 @@ pub fn bin(
     bins: &mut Bins,
 ) {
     // Enough chunks for the threads to share evenly; each costs a word per tile.
-    let chunk_count = (4 * rayon::current_num_threads()).min(order.len().div_ceil(1024)).max(1);
+    let chunk_count = (4 * rayon::current_num_threads())
+        .min(order.len().div_ceil(1024))
+        .max(1);
     let chunk_len = order.len().div_ceil(chunk_count).max(1);
     bins.chunks.resize_with(chunk_count, ChunkBins::default);
-    bins.chunks.par_iter_mut().enumerate().for_each(|(c, bins)| {
-        let first = (c * chunk_len).min(order.len());
-        let chunk = &order[first..(first + chunk_len).min(order.len())];
-        // Find, count, scan, place. Each footprint is visited once: after the sort they lie
-        // scattered in memory, and reading them is the cost.
-        let ChunkBins { starts, list, found } = bins;
-        found.clear();
-        for &word in chunk {
-            let i = word as u32;
-            for_each_tile(&footprints[i as usize], exact.get(i as usize), tiles[0], |t| {
-                found.push([t as u32, i]);
-            });
-        }
-        starts.clear();
-        starts.resize(tiles[0] * tiles[1] + 1, 0);
-        for &[t, _] in found.iter() {
-            starts[t as usize + 1] += 1;
-        }
-        for t in 1..starts.len() {
-            starts[t] += starts[t - 1];
-        }
-        list.clear();
-        list.resize(found.len(), 0);
-        for &[t, i] in found.iter() {
-            let place = &mut starts[t as usize];
-            list[*place as usize] = i;
-            *place += 1;
-        }
-        // Placing moved every start to its successor's place.
-        starts.rotate_right(1);
-        starts[0] = 0;
-    });
+    bins.chunks
+        .par_iter_mut()
+        .enumerate()
+        .for_each(|(c, bins)| {
+            let first = (c * chunk_len).min(order.len());
+            let chunk = &order[first..(first + chunk_len).min(order.len())];
+            // Find, count, scan, place. Each footprint is visited once: after the sort they lie
+            // scattered in memory, and reading them is the cost.
+            let ChunkBins {
+                starts,
+                list,
+                found,
+            } = bins;
+            found.clear();
+            for &word in chunk {
+                let i = word as u32;
+                for_each_tile(
+                    &footprints[i as usize],
+                    exact.get(i as usize),
+                    tiles[0],
+                    |t| {
+                        found.push([t as u32, i]);
+                    },
+                );
+            }
+            starts.clear();
+            starts.resize(tiles[0] * tiles[1] + 1, 0);
+            for &[t, _] in found.iter() {
+                starts[t as usize + 1] += 1;
+            }
+            for t in 1..starts.len() {
+                starts[t] += starts[t - 1];
+            }
+            list.clear();
+            list.resize(found.len(), 0);
+            for &[t, i] in found.iter() {
+                let place = &mut starts[t as usize];
+                list[*place as usize] = i;
+                *place += 1;
+            }
+            // Placing moved every start to its successor's place.
+            starts.rotate_right(1);
+            starts[0] = 0;
+        });
 }
 
 /// Calls `emit` with the index of every tile that holds a pixel centre within the footprint's

@@ -55,7 +55,12 @@ fn fill(
     for (v, view) in (first_view..).zip(views) {
         visit(volume, table, view.block, |local, mass, colour| {
             if let Some(particle) = out.next() {
-                *particle = ClassifiedParticle { view: v, local, mass, colour };
+                *particle = ClassifiedParticle {
+                    view: v,
+                    local,
+                    mass,
+                    colour,
+                };
             }
         });
     }
@@ -64,9 +69,9 @@ fn fill(
 /// The transfer function at every byte, where values are bytes.
 fn byte_table(volume: &BlockedVolume) -> Vec<[f32; 4]> {
     match (&volume.values, &volume.transfer_function) {
-        (Some(Values::U8(_)), Some(transfer)) => {
-            (0..=u8::MAX).map(|v| transfer.classify(f32::from(v))).collect()
-        }
+        (Some(Values::U8(_)), Some(transfer)) => (0..=u8::MAX)
+            .map(|v| transfer.classify(f32::from(v)))
+            .collect(),
         _ => Vec::new(),
     }
 }

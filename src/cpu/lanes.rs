@@ -111,11 +111,17 @@ pub(super) fn splat(
         // SAFETY: a level is handed out only by `SimdLevel::available`, which asked the
         // processor for these very features.
         #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code, reason = "calls into functions compiled for detected features")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
         SimdLevel::Avx512 => unsafe { splat_avx512(mode, tile, footprint, exact, patch) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code, reason = "calls into functions compiled for detected features")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
         SimdLevel::Avx2 => unsafe { splat_avx2(mode, tile, footprint, exact, patch) },
         _ => dispatch::<false, 8>(mode, tile, footprint, exact, patch),
     }
@@ -156,7 +162,9 @@ fn dispatch<const FMA: bool, const LANES: usize>(
     let none = ExactTerms::default();
     let terms = exact.unwrap_or(&none);
     match (exact.is_some(), mode.depth) {
-        (false, false) => by_opacity::<FMA, LANES, false, false>(mode, tile, footprint, terms, patch),
+        (false, false) => {
+            by_opacity::<FMA, LANES, false, false>(mode, tile, footprint, terms, patch)
+        }
         (false, true) => by_opacity::<FMA, LANES, false, true>(mode, tile, footprint, terms, patch),
         (true, false) => by_opacity::<FMA, LANES, true, false>(mode, tile, footprint, terms, patch),
         (true, true) => by_opacity::<FMA, LANES, true, true>(mode, tile, footprint, terms, patch),
@@ -223,12 +231,24 @@ fn rows<
         let w_slope = madd::<FMA>(dy, hxy, gx);
         for chunk in chunks.clone() {
             let start = y * TILE_SIZE + chunk * LANES;
-            let Some(a_row) = tile.alpha[start..].first_chunk_mut::<LANES>() else { continue };
-            let Some(r_out) = tile.red[start..].first_chunk_mut::<LANES>() else { continue };
-            let Some(g_out) = tile.green[start..].first_chunk_mut::<LANES>() else { continue };
-            let Some(b_out) = tile.blue[start..].first_chunk_mut::<LANES>() else { continue };
-            let Some(z_out) = tile.depth[start..].first_chunk_mut::<LANES>() else { continue };
-            let Some(ray) = tile.ray_length[start..].first_chunk::<LANES>() else { continue };
+            let Some(a_row) = tile.alpha[start..].first_chunk_mut::<LANES>() else {
+                continue;
+            };
+            let Some(r_out) = tile.red[start..].first_chunk_mut::<LANES>() else {
+                continue;
+            };
+            let Some(g_out) = tile.green[start..].first_chunk_mut::<LANES>() else {
+                continue;
+            };
+            let Some(b_out) = tile.blue[start..].first_chunk_mut::<LANES>() else {
+                continue;
+            };
+            let Some(z_out) = tile.depth[start..].first_chunk_mut::<LANES>() else {
+                continue;
+            };
+            let Some(ray) = tile.ray_length[start..].first_chunk::<LANES>() else {
+                continue;
+            };
             let dx_chunk = dx_first + (chunk * LANES) as f32;
             for lane in 0..LANES {
                 let dx = dx_chunk + lane as f32;
@@ -282,7 +302,8 @@ const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
 
 /// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\].
 ///
-/// 2^f - 1 = f P(f): minimax of degree 4 for the relative error on |f| <= 1/2, 4.3e-7.
+/// 2^f - 1 = f P(f): minimax of degree 4 for the relative error on |f| <= 1/2, 4.3e-7; its first
+/// coefficient is ln 2 to the last bit of f32.
 #[inline(always)]
 fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
     let shifted = y + ROUND_TO_EXPONENT;
@@ -292,7 +313,7 @@ fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
     series = madd::<FMA>(series, f, 0.009_666_245);
     series = madd::<FMA>(series, f, 0.055_505_004);
     series = madd::<FMA>(series, f, 0.240_223_51);
-    series = madd::<FMA>(series, f, 0.693_147_1);
+    series = madd::<FMA>(series, f, std::f32::consts::LN_2);
     (power, series * f)
 }
 

@@ -12,6 +12,11 @@
 //! Cull comes first and is shared: [`crate::blocks::cull`]. `lanes.rs` is the rasteriser's inner
 //! loop.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "stages work in f32 and u32 by design; the renderer has checked counts and image sizes"
+)]
+
 mod bin;
 mod classify;
 mod lanes;
@@ -26,4 +31,4 @@ pub use lanes::{SimdLevel, Tile};
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};
 pub use resolve::{resolve, resolve_depth};
-pub use sort::sort;
+pub use sort::{footprint_index, sort};

@@ -28,7 +28,10 @@ pub struct ProjectOutput {
 impl ProjectOutput {
     /// Forgets the last frame.
     pub fn clear(&mut self) {
-        self.near.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+        self.near
+            .get_mut()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clear();
         *self.any_exact.get_mut() = false;
     }
 
@@ -45,6 +48,10 @@ impl ProjectOutput {
 
 /// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
 /// be empty where no filter of the frame asks for it).
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a stage takes the slices it reads and writes"
+)]
 pub fn project(
     volume: &BlockedVolume,
     views: &[BlockView],
@@ -58,31 +65,43 @@ pub fn project(
     /// Particles per parallel task: a few blocks.
     const GRAIN: usize = 2048;
     let shapes = Shapes::new(volume, rotation);
-    let task = |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
-        let mut any_exact = false;
-        let mut run = None;
-        for (i, particle) in particles.iter().enumerate() {
-            let block = &views[particle.view as usize];
-            // Particles of a block follow one another: what they share is found once.
-            let shapes = match &run {
-                Some((view, shapes)) if *view == particle.view => shapes,
-                _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
-            };
-            let (offset, factor) = shapes.get(particle.local);
-            let origin = Vec3::from(block.origin_camera);
-            let kernel = Kernel { centre: origin + offset, factor, mass: particle.mass };
-            let key = depth_key(view, block, origin, offset);
-            let mut terms = None;
-            out[i] = footprint(view, &kernel, particle.colour, key, &mut terms, &output.near);
-            if let Some(terms) = terms {
-                exact[i] = terms;
-                any_exact = true;
+    let task =
+        |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
+            let mut any_exact = false;
+            let mut run = None;
+            for (i, particle) in particles.iter().enumerate() {
+                let block = &views[particle.view as usize];
+                // Particles of a block follow one another: what they share is found once.
+                let shapes = match &run {
+                    Some((view, shapes)) if *view == particle.view => shapes,
+                    _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
+                };
+                let (offset, factor) = shapes.get(particle.local);
+                let origin = Vec3::from(block.origin_camera);
+                let kernel = Kernel {
+                    centre: origin + offset,
+                    factor,
+                    mass: particle.mass,
+                };
+                let key = depth_key(view, block, origin, offset);
+                let mut terms = None;
+                out[i] = footprint(
+                    view,
+                    &kernel,
+                    particle.colour,
+                    key,
+                    &mut terms,
+                    &output.near,
+                );
+                if let Some(terms) = terms {
+                    exact[i] = terms;
+                    any_exact = true;
+                }
             }
-        }
-        if any_exact {
-            output.any_exact.store(true, Ordering::Relaxed);
-        }
-    };
+            if any_exact {
+                output.any_exact.store(true, Ordering::Relaxed);
+            }
+        };
     if exact.is_empty() {
         footprints
             .par_chunks_mut(GRAIN)
@@ -112,7 +131,11 @@ impl<'a> Shapes<'a> {
                 .map(|f| Factor::from_matrix(rotation * f)),
             _ => None,
         };
-        Self { volume, rotation, shared }
+        Self {
+            volume,
+            rotation,
+            shared,
+        }
     }
 
     fn of_block(&self, block: u32) -> BlockShapes<'_> {
@@ -120,7 +143,11 @@ impl<'a> Shapes<'a> {
             BlockedParticles::Lattice(grid) => grid.cells(block).map(|[first, _]| first),
             _ => [0; 3],
         };
-        BlockShapes { shapes: self, block: &self.volume.blocks[block as usize], corner }
+        BlockShapes {
+            shapes: self,
+            block: &self.volume.blocks[block as usize],
+            corner,
+        }
     }
 }
 
@@ -136,7 +163,11 @@ impl BlockShapes<'_> {
     /// Offset from the block's origin and factor, camera space.
     #[inline]
     fn get(&self, local: u32) -> (Vec3, Factor) {
-        let Shapes { volume, rotation, shared } = self.shapes;
+        let Shapes {
+            volume,
+            rotation,
+            shared,
+        } = self.shapes;
         let i = (self.block.first + local) as usize;
         match &volume.particles {
             BlockedParticles::Lattice(grid) => {
@@ -144,12 +175,14 @@ impl BlockShapes<'_> {
                 let factor = shared.unwrap_or_else(|| grid.cell_factor(rotation, cell));
                 (*rotation * grid.offset(cell, self.block.origin), factor)
             }
-            BlockedParticles::Isotropic { offsets, sigmas } => {
-                (*rotation * Vec3::from(offsets[i]), Factor::sphere(sigmas[i]))
-            }
-            BlockedParticles::Anisotropic { offsets, factors } => {
-                (*rotation * Vec3::from(offsets[i]), Factor::rotated(rotation, &factors[i]))
-            }
+            BlockedParticles::Isotropic { offsets, sigmas } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::sphere(sigmas[i]),
+            ),
+            BlockedParticles::Anisotropic { offsets, factors } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::rotated(rotation, &factors[i]),
+            ),
         }
     }
 }
@@ -162,7 +195,11 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
         offset.z
     } else {
         let sum = (origin + offset).length() + origin.length();
-        if sum > 0.0 { offset.dot(origin * 2.0 + offset) / sum } else { 0.0 }
+        if sum > 0.0 {
+            offset.dot(origin * 2.0 + offset) / sum
+        } else {
+            0.0
+        }
     };
     let keys = (delta * view.key_scale).round_ties_even() as i32;
     block.key.saturating_add_signed(keys)
@@ -259,9 +296,10 @@ fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2)
         let end = ((centre + half - 0.5).floor() + 1.0).max(0.0) as u32;
         (first < end.min(size)).then(|| pack_range(first, end.min(size)))
     };
-    if let (Some(columns), Some(rows)) =
-        (range(centre.x, half.x, view.size[0]), range(centre.y, half.y, view.size[1]))
-    {
+    if let (Some(columns), Some(rows)) = (
+        range(centre.x, half.x, view.size[0]),
+        range(centre.y, half.y, view.size[1]),
+    ) {
         out.columns = columns;
         out.rows = rows;
     }
@@ -303,7 +341,12 @@ fn near_footprint(
         return;
     };
     // A bound of the optical depth in any direction: 1/sqrt(DᵀKD) <= sqrt(trace V / det V).
-    let trace = kernel.factor.columns().iter().map(|c| c.length_squared()).sum::<f32>();
+    let trace = kernel
+        .factor
+        .columns()
+        .iter()
+        .map(|c| c.length_squared())
+        .sum::<f32>();
     let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
     let highest = weight * (trace / unit2).sqrt() / terms.sigma;
     let r = cutoff_radius(highest, view.tolerance, view.cutoff);

@@ -30,6 +30,10 @@ const TERMINATION_INTERVAL: usize = 16;
 
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a stage takes the slices it reads and writes"
+)]
 pub fn rasterise(
     view: &ViewUniform,
     settings: RasteriseSettings,
@@ -45,7 +49,11 @@ pub fn rasterise(
         .enumerate()
         .map(|(t, tile)| {
             let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
-            let raster = TileRaster { view, settings, origin };
+            let raster = TileRaster {
+                view,
+                settings,
+                origin,
+            };
             raster.clear(tile);
             let transparent = view.tolerance * TERMINATION_SHARE;
             let mut splat_pixels = 0_u64;
@@ -125,11 +133,19 @@ impl TileRaster<'_> {
             columns: clip(footprint.column_range(), 0),
             rows: clip(footprint.row_range(), 1),
         };
-        let mode = Mode { linear: self.settings.linear_opacity, depth: self.settings.depth };
+        let mode = Mode {
+            linear: self.settings.linear_opacity,
+            depth: self.settings.depth,
+        };
         let terms = near.get((footprint.path >> 2) as usize);
         match (footprint.path & 3, terms) {
             (PATH_NEAR, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
-                evaluate_near(terms, footprint.tau, self.ray(x, y), footprint.cutoff_squared)
+                evaluate_near(
+                    terms,
+                    footprint.tau,
+                    self.ray(x, y),
+                    footprint.cutoff_squared,
+                )
             }),
             (PATH_HALF_LINE, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
                 let dx = patch.first_px[0] + x as f32 - footprint.centre_px[0];
@@ -167,8 +183,11 @@ impl TileRaster<'_> {
                     continue;
                 }
                 inside += 1;
-                let opacity =
-                    if self.settings.linear_opacity { tau.min(1.0) } else { -(-tau).exp_m1() };
+                let opacity = if self.settings.linear_opacity {
+                    tau.min(1.0)
+                } else {
+                    -(-tau).exp_m1()
+                };
                 let i = y * TILE_SIZE + x;
                 let before = tile.alpha[i];
                 let weight = opacity * (1.0 - before);

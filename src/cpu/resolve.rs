@@ -14,23 +14,27 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) 
         return;
     }
     let columns = width.div_ceil(TILE_SIZE);
-    image.pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-        let band = y / TILE_SIZE * columns;
-        for (t, pixels) in row.chunks_mut(TILE_SIZE).enumerate() {
-            let tile = &tiles[band + t];
-            let start = y % TILE_SIZE * TILE_SIZE;
-            for (i, pixel) in (start..).zip(pixels) {
-                let alpha = tile.alpha[i];
-                *pixel = [tile.red[i], tile.green[i], tile.blue[i], alpha];
-                if let Some(background) = background {
-                    for (channel, b) in pixel.iter_mut().zip(background) {
-                        *channel += (1.0 - alpha) * b;
+    image
+        .pixels
+        .par_chunks_mut(width)
+        .enumerate()
+        .for_each(|(y, row)| {
+            let band = y / TILE_SIZE * columns;
+            for (t, pixels) in row.chunks_mut(TILE_SIZE).enumerate() {
+                let tile = &tiles[band + t];
+                let start = y % TILE_SIZE * TILE_SIZE;
+                for (i, pixel) in (start..).zip(pixels) {
+                    let alpha = tile.alpha[i];
+                    *pixel = [tile.red[i], tile.green[i], tile.blue[i], alpha];
+                    if let Some(background) = background {
+                        for (channel, b) in pixel.iter_mut().zip(background) {
+                            *channel += (1.0 - alpha) * b;
+                        }
+                        pixel[3] = 1.0;
                     }
-                    pixel[3] = 1.0;
                 }
             }
-        }
-    });
+        });
 }
 
 /// Writes the tiles' depths.
@@ -43,5 +47,9 @@ pub fn resolve_depth(tiles: &[Tile], width: usize, height: usize) -> DepthImage 
             tile.depth[y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE]
         })
         .collect();
-    DepthImage { width, height, depths }
+    DepthImage {
+        width,
+        height,
+        depths,
+    }
 }

@@ -4,6 +4,12 @@ use rdst::RadixSort;
 
 use crate::layout::Footprint;
 
+/// The footprint that a word of the sorted order names.
+#[inline]
+pub fn footprint_index(word: u64) -> usize {
+    word as u32 as usize
+}
+
 /// Writes the indices of visible footprints in order of their depth keys, ties by index: the low
 /// half of each word. The high half is the key.
 ///

@@ -237,12 +237,11 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
     }
 
     let mut fields = Vec::new();
-    match solution
+    let solution = solution
         .map(Path::to_path_buf)
-        .or_else(|| solution_beside(path))
-    {
-        Some(solution) => fields.extend(read_solution(&solution, path, variant, dims)?),
-        None => {}
+        .or_else(|| solution_beside(path));
+    if let Some(solution) = solution {
+        fields.extend(read_solution(&solution, path, variant, dims)?);
     }
     if variant.blanked {
         let first = start + 3 * nodes * size;
@@ -326,7 +325,11 @@ fn read_solution(
             continue;
         };
         if here != dims {
-            found_dims = found_dims.or(Some(here));
+            // In the wrong byte order, dimensions are far too large for the file.
+            let body = variant.body(Kind::Solution, here);
+            if body.is_some_and(|(_, end)| end <= bytes.len()) {
+                found_dims = found_dims.or(Some(here));
+            }
             continue;
         }
         let Some((_, end)) = variant.body(Kind::Solution, dims) else {

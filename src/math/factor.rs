@@ -19,13 +19,21 @@ impl Factor {
     /// From a matrix F.
     #[inline]
     pub fn from_matrix(m: Mat3) -> Self {
-        Self { x: m.row(0), y: m.row(1), z: m.row(2) }
+        Self {
+            x: m.row(0),
+            y: m.row(1),
+            z: m.row(2),
+        }
     }
 
     /// A sphere of standard deviation `sigma`.
     #[inline]
     pub fn sphere(sigma: f32) -> Self {
-        Self { x: Vec3::X * sigma, y: Vec3::Y * sigma, z: Vec3::Z * sigma }
+        Self {
+            x: Vec3::X * sigma,
+            y: Vec3::Y * sigma,
+            z: Vec3::Z * sigma,
+        }
     }
 
     /// `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).

@@ -27,7 +27,13 @@ pub struct ImageErrors {
 /// Different sizes, or a pixel that is not finite.
 pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
     let refuse = |expected: String, found: String, advice: &str| {
-        Err(Error::format("comparison", "images", expected, found, advice))
+        Err(Error::format(
+            "comparison",
+            "images",
+            expected,
+            found,
+            advice,
+        ))
     };
     if (first.width, first.height) != (second.width, second.height) {
         return refuse(
@@ -55,12 +61,19 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
         per_pixel.push(largest);
     }
     per_pixel.sort_unstable_by(f64::total_cmp);
-    let rank = (per_pixel.len() as f64 * 0.999).ceil() as usize;
-    let mean_square = if channels > 0.0 { squares / channels } else { 0.0 };
+    let rank = (per_pixel.len() * 999).div_ceil(1000);
+    let mean_square = if channels > 0.0 {
+        squares / channels
+    } else {
+        0.0
+    };
     Ok(ImageErrors {
         rmse: mean_square.sqrt(),
         max: per_pixel.last().copied().unwrap_or(0.0),
-        p999: per_pixel.get(rank.saturating_sub(1)).copied().unwrap_or(0.0),
+        p999: per_pixel
+            .get(rank.saturating_sub(1))
+            .copied()
+            .unwrap_or(0.0),
         psnr: (mean_square > 0.0).then(|| -10.0 * mean_square.log10()),
         mean_difference: if channels > 0.0 { sum / channels } else { 0.0 },
     })

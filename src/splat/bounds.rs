@@ -19,7 +19,13 @@ pub fn affine_error(
     kernel: &ImageKernel,
     terms: &ExactTerms,
 ) -> f32 {
-    let ImageKernel { a, b, c, determinant, .. } = *kernel;
+    let ImageKernel {
+        a,
+        b,
+        c,
+        determinant,
+        ..
+    } = *kernel;
     // L lower triangular: (l0 0; l1 l2).
     let l0 = a.sqrt();
     let l1 = b / l0;

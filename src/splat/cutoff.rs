@@ -14,7 +14,10 @@ pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
         return by_hand.min(MAX_CUTOFF);
     }
     // `min` takes the other argument when one is NaN.
-    (2.0 * (tau.max(1.0) / tolerance).ln()).max(1.0).sqrt().min(MAX_CUTOFF)
+    (2.0 * (tau.max(1.0) / tolerance).ln())
+        .max(1.0)
+        .sqrt()
+        .min(MAX_CUTOFF)
 }
 
 /// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).

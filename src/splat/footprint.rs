@@ -123,12 +123,13 @@ impl ScreenFactor {
                 let largest = 0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(x.dot(y));
                 // A kernel without any width is taken for one of a millionth of its length.
                 let smallest = (minors / largest).max(largest * 1e-12);
-                if largest > 0.0 {
+                if largest == 0.0 {
+                    (h2, 0.0, h2, h2 * h2)
+                } else {
+                    // NaN comes here and stays NaN: it draws nothing.
                     let s2 = (h2 / smallest).max(1.0);
                     let determinant = (minors * s2).max(largest * smallest * s2) * s2;
                     (xx * s2, x.dot(y) * s2, yy * s2, determinant)
-                } else {
-                    (h2, 0.0, h2, h2 * h2)
                 }
             }
         };
@@ -147,7 +148,13 @@ impl ImageKernel {
     /// Q keeps its relative accuracy; the larger variance is eliminated first.
     #[inline]
     pub fn triangular_form(&self) -> [[f32; 2]; 2] {
-        let Self { a, b, c, determinant, .. } = *self;
+        let Self {
+            a,
+            b,
+            c,
+            determinant,
+            ..
+        } = *self;
         if a >= c {
             let s = (a / determinant).sqrt();
             [[1.0 / a.sqrt(), 0.0], [-(b / a) * s, s]]

@@ -29,8 +29,7 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
     let scale = 1.0 / unit;
     let u = kernel.centre * scale;
     let (c0, c1, c2) = (c0 * scale, c1 * scale, c2 * scale);
-    let mean_depth =
-        (u.z * u.z + c0.z * c0.z + c1.z * c1.z + c2.z * c2.z).sqrt();
+    let mean_depth = (u.z * u.z + c0.z * c0.z + c1.z * c1.z + c2.z * c2.z).sqrt();
     let h = view.low_pass_variance_px2.sqrt() * mean_depth;
     let columns = [
         c0,
@@ -81,7 +80,8 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     }
     let root = across.sqrt();
     // z*/sigma_z = (D . k / DᵀKD) / (sigma / sqrt(DᵀKD)); a flat kernel lies wholly on one side.
-    let behind = direction.dot(Vec3::from(terms.depth)) / (root * terms.sigma.max(f32::MIN_POSITIVE));
+    let behind =
+        direction.dot(Vec3::from(terms.depth)) / (root * terms.sigma.max(f32::MIN_POSITIVE));
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 
@@ -109,7 +109,14 @@ pub fn half_line_terms(
 
 #[inline]
 fn add_outer(m: &mut [f32; 6], v: Vec3) {
-    let products = [v.x * v.x, v.x * v.y, v.x * v.z, v.y * v.y, v.y * v.z, v.z * v.z];
+    let products = [
+        v.x * v.x,
+        v.x * v.y,
+        v.x * v.z,
+        v.y * v.y,
+        v.y * v.z,
+        v.z * v.z,
+    ];
     for (m, p) in m.iter_mut().zip(products) {
         *m += p;
     }

@@ -119,7 +119,10 @@ mod tests {
     #[test]
     fn axes_are_right_down_forward() {
         let camera = Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, 90.0, [200, 100]);
-        assert_eq!(camera.project(DVec3::new(0.0, 2.0, 0.0)), Some(DVec2::new(100.0, 50.0)));
+        assert_eq!(
+            camera.project(DVec3::new(0.0, 2.0, 0.0)),
+            Some(DVec2::new(100.0, 50.0))
+        );
         let right_and_up = camera.project(DVec3::new(1.0, 2.0, 0.5)).unwrap();
         assert!((right_and_up - DVec2::new(125.0, 37.5)).length() < 1e-12);
         assert!((camera.camera_from_world.determinant() - 1.0).abs() < 1e-12);

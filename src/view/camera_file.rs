@@ -52,7 +52,13 @@ pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
         )
     })?;
     camera(&file, size).map_err(|(place, expected, found)| {
-        Error::format(path, place, expected, found, "see the camera section of the README")
+        Error::format(
+            path,
+            place,
+            expected,
+            found,
+            "see the camera section of the README",
+        )
     })
 }
 
@@ -108,7 +114,10 @@ fn camera(file: &CameraFile, size: Option<[usize; 2]>) -> Result<Camera, Problem
     if let Some(rows) = file.camera_from_world {
         let m = DMat3::from_cols_array_2d(&rows).transpose();
         let deviation = m * m.transpose() - DMat3::IDENTITY;
-        let largest = deviation.to_cols_array().iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let largest = deviation
+            .to_cols_array()
+            .iter()
+            .fold(0.0_f64, |a, b| a.max(b.abs()));
         // 1e-4: rotations written with six digits pass, scaled or mirrored ones do not.
         if !(largest < 1e-4 && m.determinant() > 0.0) {
             return Err(("camera_from_world", "a rotation", format!("{rows:?}")));

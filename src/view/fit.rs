@@ -1,6 +1,6 @@
 //! A camera fitted to the data's bounds.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::camera::Camera;
 
@@ -27,10 +27,26 @@ pub struct Viewpoint {
 /// The share of the image that fitted data may fill.
 const FILL: f64 = 0.92;
 
+/// A box by its middle and its half extents, world units.
+pub type Bounds = (DVec3, DVec3);
+
 impl Viewpoint {
-    /// A camera that sees the box from `lower` to `upper` (world units) as large as it can.
-    pub fn camera(&self, lower: DVec3, upper: DVec3, lens: Lens, size: [usize; 2]) -> Camera {
-        let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
+    /// The camera of this direction that sees all of `boxes` as large and as centred as it can;
+    /// `None` where there is no box.
+    ///
+    /// A perspective eye (ex, ey, ez) in axes of the camera sees a point between the planes
+    /// x - ex = ± t (z - ez). So A + t ez <= ex <= B - t ez with A the greatest x - t z and B the
+    /// least x + t z of the data: ez is the greatest that leaves room, ex the middle.
+    pub fn camera(
+        &self,
+        boxes: impl Iterator<Item = Bounds> + Clone,
+        lens: Lens,
+        size: [usize; 2],
+    ) -> Option<Camera> {
+        let (azimuth, elevation) = (
+            self.azimuth_deg.to_radians(),
+            self.elevation_deg.to_radians(),
+        );
         let forward = DVec3::new(
             -azimuth.sin() * elevation.cos(),
             azimuth.cos() * elevation.cos(),
@@ -42,43 +58,58 @@ impl Viewpoint {
             azimuth.cos() * elevation.sin(),
             elevation.cos(),
         );
-        let centre = (lower + upper) / 2.0;
-        let half = (upper - lower) / 2.0;
-        let radius = half.length().max(f64::MIN_POSITIVE.sqrt());
+        let (right, down) = (forward.cross(up), -up);
+        // Least and greatest n . p over all boxes.
+        let extent = |n: DVec3| {
+            boxes.clone().fold(
+                (f64::INFINITY, f64::NEG_INFINITY),
+                |(least, most), (middle, half)| {
+                    let (centre, reach) = (n.dot(middle), n.abs().dot(half));
+                    (least.min(centre - reach), most.max(centre + reach))
+                },
+            )
+        };
+        let (near, far) = extent(forward);
+        if !(near <= far) {
+            return None;
+        }
+        let place = |[x, y, z]: [f64; 3]| right * x + down * y + forward * z;
         let aspect = size[0] as f64 / size[1] as f64;
-
         let mut camera = match lens {
             Lens::FovDeg(fov) => {
-                let probe = Camera::perspective(centre - forward, centre, up, fov, size);
-                let tan_y = (fov.to_radians() / 2.0).tan() * FILL;
-                let distance = corners(half, probe.camera_from_world)
-                    .map(|c| (c.x.abs() / (tan_y * aspect)).max(c.y.abs() / tan_y) - c.z)
-                    .fold(0.0, f64::max);
-                let distance = distance.max(radius * 1e-3);
-                Camera::perspective(centre - forward * distance, centre, up, fov, size)
+                let tan = (fov.to_radians() / 2.0).tan() * FILL;
+                let side = |axis: DVec3, tan: f64| {
+                    let (_, a) = extent(axis - forward * tan);
+                    let (b, _) = extent(axis + forward * tan);
+                    ((a + b) / 2.0, (b - a) / (2.0 * tan))
+                };
+                let (x, z_x) = side(right, tan * aspect);
+                let (y, z_y) = side(down, tan);
+                // A single point is looked at from some distance.
+                let z = z_x
+                    .min(z_y)
+                    .min(near - (far - near) * 1e-3 - f64::MIN_POSITIVE);
+                let z = if near - z > far.abs() * 1e-9 {
+                    z
+                } else {
+                    near - far.abs().max(1.0)
+                };
+                let eye = place([x, y, z]);
+                Camera::perspective(eye, eye + forward, up, fov, size)
             }
             Lens::OrthoHeight(height) => {
-                let eye = centre - forward * radius * 4.0;
-                let height = height.unwrap_or_else(|| {
-                    let probe = Camera::orthographic(eye, centre, up, 1.0, size);
-                    corners(half, probe.camera_from_world)
-                        .map(|c| (c.x.abs() / aspect).max(c.y.abs()) * 2.0 / FILL)
-                        .fold(radius * 1e-3, f64::max)
-                });
-                Camera::orthographic(eye, centre, up, height, size)
+                let ((x0, x1), (y0, y1)) = (extent(right), extent(down));
+                let fitted = ((x1 - x0) / aspect).max(y1 - y0) / FILL;
+                let fitted = if fitted > 0.0 { fitted } else { 1.0 };
+                // Well before the nearest box, so that no kernel is cut by the eye's plane.
+                let z = near - (far - near) - fitted;
+                let eye = place([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z]);
+                Camera::orthographic(eye, eye + forward, up, height.unwrap_or(fitted), size)
             }
         };
         camera.focal_px *= self.zoom;
-        camera
+        Some(camera)
     }
-}
-
-/// The eight corners of a box of half extents `half`, rotated into camera space.
-fn corners(half: DVec3, camera_from_world: DMat3) -> impl Iterator<Item = DVec3> {
-    (0..8).map(move |i| {
-        let sign = |bit: i32| if i >> bit & 1 == 0 { -1.0 } else { 1.0 };
-        camera_from_world * (half * DVec3::new(sign(0), sign(1), sign(2)))
-    })
 }
 
 #[cfg(test)]
@@ -86,25 +117,57 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_corner_is_seen_and_one_nearly_touches_the_border() {
-        let (lower, upper) = (DVec3::new(-3.0, 1.0, 5.0), DVec3::new(4.0, 2.0, 9.0));
-        for lens in [Lens::FovDeg(40.0), Lens::OrthoHeight(None)] {
+    fn every_corner_is_seen_and_the_picture_is_filled_and_centred() {
+        let boxes = [
+            (DVec3::new(0.5, 1.5, 7.0), DVec3::new(3.5, 0.5, 2.0)),
+            (DVec3::new(9.0, -4.0, 1.0), DVec3::new(0.1, 2.0, 0.3)),
+        ];
+        for lens in [
+            Lens::FovDeg(40.0),
+            Lens::FovDeg(120.0),
+            Lens::OrthoHeight(None),
+        ] {
             for (azimuth_deg, elevation_deg) in [(0.0, 0.0), (30.0, 20.0), (200.0, -90.0)] {
-                let view = Viewpoint { azimuth_deg, elevation_deg, zoom: 1.0 };
-                let camera = view.camera(lower, upper, lens, [300, 200]);
-                let mut fill: f64 = 0.0;
-                for i in 0..8 {
-                    let pick = |b: i32, a: f64, c: f64| if i >> b & 1 == 0 { a } else { c };
-                    let corner = DVec3::new(
-                        pick(0, lower.x, upper.x),
-                        pick(1, lower.y, upper.y),
-                        pick(2, lower.z, upper.z),
-                    );
-                    let p = camera.project(corner).unwrap() - camera.centre_px;
-                    fill = fill.max(p.x.abs() / 150.0).max(p.y.abs() / 100.0);
+                let view = Viewpoint {
+                    azimuth_deg,
+                    elevation_deg,
+                    zoom: 1.0,
+                };
+                let camera = view.camera(boxes.into_iter(), lens, [300, 200]).unwrap();
+                let (mut lower, mut upper) = (glam::DVec2::INFINITY, glam::DVec2::NEG_INFINITY);
+                for (middle, half) in boxes {
+                    for i in 0..8 {
+                        let sign = |bit: i32| if i >> bit & 1 == 0 { -1.0 } else { 1.0 };
+                        let corner = middle + half * DVec3::new(sign(0), sign(1), sign(2));
+                        let p = camera.project(corner).unwrap() - camera.centre_px;
+                        let p = p / glam::DVec2::new(150.0, 100.0);
+                        (lower, upper) = (lower.min(p), upper.max(p));
+                    }
                 }
-                assert!(fill > 0.9 && fill < 0.93, "{lens:?} {azimuth_deg}: {fill}");
+                let fill = (upper - lower).max_element() / 2.0;
+                assert!(
+                    (fill - FILL).abs() < 1e-9,
+                    "{lens:?} {azimuth_deg}: {lower} {upper}"
+                );
+                assert!(upper.max_element() < 0.93 && lower.min_element() > -0.93);
             }
+        }
+    }
+
+    #[test]
+    fn a_point_is_seen_and_nothing_gives_no_camera() {
+        let view = Viewpoint {
+            azimuth_deg: 10.0,
+            elevation_deg: 20.0,
+            zoom: 2.0,
+        };
+        for lens in [Lens::FovDeg(30.0), Lens::OrthoHeight(None)] {
+            let point = DVec3::new(1e7, 5.0, -3.0);
+            let camera = view.camera(std::iter::once((point, DVec3::ZERO)), lens, [64, 48]);
+            let p = camera.unwrap().project(point).unwrap();
+            // 1e7 leaves 2e-9 of a unit in f64, at tens of pixels a unit.
+            assert!((p - glam::DVec2::new(32.0, 24.0)).length() < 1e-5, "{p}");
+            assert_eq!(view.camera(std::iter::empty(), lens, [64, 48]), None);
         }
     }
 }

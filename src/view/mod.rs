@@ -10,4 +10,4 @@ mod fit;
 
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
-pub use fit::{Lens, Viewpoint};
+pub use fit::{Bounds, Lens, Viewpoint};

@@ -1,5 +1,9 @@
 //! What several test files share.
-#![allow(dead_code, unreachable_pub, reason = "each test file uses a part, as a module of its own")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each test file uses a part, as a module of its own"
+)]
 #![allow(
     clippy::cast_possible_truncation,
     clippy::unwrap_used,
@@ -14,13 +18,18 @@ use serde_json::Value;
 
 /// A JSON file of `fixtures/`.
 pub fn fixture(name: &str) -> Value {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name);
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
 /// The number at a JSON pointer.
 pub fn number(value: &Value, pointer: &str) -> f64 {
-    value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer}"))
+    value
+        .pointer(pointer)
+        .and_then(Value::as_f64)
+        .unwrap_or_else(|| panic!("no {pointer}"))
 }
 
 /// The numbers at a JSON pointer.
@@ -33,7 +42,11 @@ pub fn numbers(value: &Value, pointer: &str) -> Vec<f64> {
 /// A kernel from camera-space rows of its factor.
 pub fn kernel(centre: [f32; 3], rows: [[f32; 3]; 3], mass: f32) -> Kernel {
     let [x, y, z] = rows.map(Vec3::from);
-    Kernel { centre: Vec3::from(centre), factor: Factor { x, y, z }, mass }
+    Kernel {
+        centre: Vec3::from(centre),
+        factor: Factor { x, y, z },
+        mass,
+    }
 }
 
 /// A perspective view of 1024 x 768.
@@ -84,7 +97,10 @@ pub mod scalar {
         let (q, _) = affine(screen, image, pixel);
         let slope = (pixel - Vec2::from(view.centre_px)) / Vec2::from(view.focal_px);
         let ray = Vec3::new(slope.x, slope.y, 1.0).length();
-        (w, image.tau * ray / screen.ray_length / w.sqrt() * (-0.5 * q / w).exp())
+        (
+            w,
+            image.tau * ray / screen.ray_length / w.sqrt() * (-0.5 * q / w).exp(),
+        )
     }
 }
 
@@ -142,7 +158,11 @@ impl Random {
     /// A factor with the largest standard deviation `largest`, the smallest `largest / ratio`
     /// and one between, in a random direction.
     pub fn factor(&mut self, largest: f64, ratio: f64) -> DMat3 {
-        let sigmas = DVec3::new(largest, largest / self.log_range(1.0, ratio), largest / ratio);
+        let sigmas = DVec3::new(
+            largest,
+            largest / self.log_range(1.0, ratio),
+            largest / ratio,
+        );
         self.rotation() * DMat3::from_diagonal(sigmas) * self.rotation()
     }
 }
@@ -197,7 +217,10 @@ pub mod judge {
         pub fn low_passed(&self, focal: DVec2, h2: f64, depth: f64) -> Self {
             let slope = DVec2::splat(depth) / focal;
             let added = DMat3::from_diagonal((slope * slope * h2).extend(0.0));
-            Self { variance: self.variance + added, ..*self }
+            Self {
+                variance: self.variance + added,
+                ..*self
+            }
         }
 
         /// g times the integral of the Gaussian along the whole line t D, Euclidean arc length.
@@ -234,11 +257,17 @@ pub mod judge {
             let sum: f64 = (0..=STEPS)
                 .map(|i| {
                     let x = d * (from + step * i as f64) - u;
-                    let weight = if i == 0 || i == STEPS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                    let weight = if i == 0 || i == STEPS {
+                        1.0
+                    } else {
+                        2.0 + 2.0 * (i % 2) as f64
+                    };
                     weight * (-0.5 * x.dot(inverse * x)).exp()
                 })
                 .sum();
-            let peak = (std::f64::consts::TAU.powi(3) * self.variance.determinant()).sqrt().recip();
+            let peak = (std::f64::consts::TAU.powi(3) * self.variance.determinant())
+                .sqrt()
+                .recip();
             self.mass * d.length() * peak * sum * step / 3.0
         }
 
@@ -248,7 +277,10 @@ pub mod judge {
             let x = DVec3::new(focal.x / u.z, 0.0, -focal.x * u.x / (u.z * u.z));
             let y = DVec3::new(0.0, focal.y / u.z, -focal.y * u.y / (u.z * u.z));
             let (vx, vy) = (self.variance * x, self.variance * y);
-            DMat2::from_cols(DVec2::new(x.dot(vx), x.dot(vy)), DVec2::new(x.dot(vy), y.dot(vy)))
+            DMat2::from_cols(
+                DVec2::new(x.dot(vx), x.dot(vy)),
+                DVec2::new(x.dot(vy), y.dot(vy)),
+            )
         }
     }
 
@@ -321,7 +353,10 @@ pub mod scene {
         PointVolume {
             particles: Particles::Anisotropic {
                 positions: particles.iter().map(|p| p.position).collect(),
-                factors: particles.iter().map(|p| super::lower_factor(&p.factor)).collect(),
+                factors: particles
+                    .iter()
+                    .map(|p| super::lower_factor(&p.factor))
+                    .collect(),
             },
             strength: Strength::Mass(particles.iter().map(|p| p.mass).collect()),
             colour: Colour::PerParticle(particles.iter().map(|p| p.colour).collect()),
@@ -346,7 +381,11 @@ pub mod scene {
     /// The optical depths tau themselves in the alpha channel (for tau below 1), the kernels in
     /// full.
     pub fn linear() -> Settings {
-        Settings { linear_opacity: true, cutoff: Some(7.0), ..Settings::default() }
+        Settings {
+            linear_opacity: true,
+            cutoff: Some(7.0),
+            ..Settings::default()
+        }
     }
 
     /// Renders once.
@@ -362,12 +401,149 @@ pub mod scene {
         let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
         channels.fold(0.0, |most, (x, y)| {
             let d = (x - y).abs();
-            if d <= most { most } else if d.is_nan() { f32::INFINITY } else { d }
+            if d <= most {
+                most
+            } else if d.is_nan() {
+                f32::INFINITY
+            } else {
+                d
+            }
         })
     }
 
     /// Sum of alpha over the pixels.
     pub fn alpha_sum(image: &Image) -> f64 {
         image.pixels.iter().map(|p| f64::from(p[3])).sum()
+    }
+}
+
+/// A frame taken apart into its stages, up to the sorted order.
+pub mod frame {
+    use ewa_splat::Settings;
+    use ewa_splat::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+    use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
+    use ewa_splat::cpu::{self, Bins, ProjectOutput};
+    use ewa_splat::layout::{
+        BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform,
+    };
+    use ewa_splat::scene::PointVolume;
+    use ewa_splat::splat::Filter;
+    use ewa_splat::view::{Camera, Projection};
+
+    /// What the stages of one frame of one volume hand to each other.
+    #[derive(Debug)]
+    pub struct Frame {
+        pub volume: BlockedVolume,
+        pub camera: Camera,
+        pub settings: Settings,
+        pub frustum: Frustum,
+        pub views: Vec<BlockView>,
+        pub uniform: ViewUniform,
+        pub classified: Vec<ClassifiedParticle>,
+        pub footprints: Vec<Footprint>,
+        pub exact: Vec<ExactTerms>,
+        pub near: Vec<NearTerms>,
+        pub any_exact: bool,
+        pub order: Vec<u64>,
+        /// Tiles along x and y.
+        pub tiles: [usize; 2],
+    }
+
+    impl Frame {
+        /// Runs cull, classify, project and sort.
+        pub fn new(volume: PointVolume, camera: &Camera, settings: &Settings) -> Self {
+            let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
+            Self::with(volume, camera, settings, Frustum::new(camera, margin))
+        }
+
+        /// The same of all blocks in front of the eye's plane, whatever lies beside the image:
+        /// the frustum of a camera that an enormous margin opens to nearly 180 degrees.
+        pub fn uncut(volume: PointVolume, camera: &Camera, settings: &Settings) -> Self {
+            Self::with(volume, camera, settings, Frustum::new(camera, 1e9))
+        }
+
+        fn with(
+            volume: PointVolume,
+            camera: &Camera,
+            settings: &Settings,
+            frustum: Frustum,
+        ) -> Self {
+            let volume = BlockedVolume::new(volume);
+            let mut views = Vec::new();
+            cull(&volume, camera, &frustum, &mut views);
+            let interval =
+                |v: &BlockView| distance_interval(camera, &volume.blocks[v.block as usize]);
+            let range = DepthRange::of(views.iter().map(interval));
+            for v in &mut views {
+                v.key = range.key(distance_interval(camera, &volume.blocks[v.block as usize]).0);
+            }
+            let uniform = ViewUniform {
+                focal_px: camera.focal_px.as_vec2().into(),
+                centre_px: camera.centre_px.as_vec2().into(),
+                size: [camera.width as u32, camera.height as u32],
+                orthographic: u32::from(camera.projection == Projection::Orthographic),
+                filter: settings.filter as u32,
+                low_pass_variance_px2: settings.low_pass_variance_px2,
+                tolerance: settings.tolerance,
+                cutoff: settings.cutoff.unwrap_or(0.0),
+                key_scale: range.keys_per_unit(),
+            };
+            let total = cpu::count_classified(&volume, &mut views);
+            let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];
+            cpu::classify(&volume, &views, &mut classified);
+            let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
+                && camera.projection == Projection::Perspective;
+            let mut frame = Self {
+                footprints: vec![bytemuck::Zeroable::zeroed(); total],
+                exact: vec![ExactTerms::default(); if may_be_exact { total } else { 0 }],
+                near: Vec::new(),
+                any_exact: false,
+                order: Vec::new(),
+                tiles: [
+                    camera.width.div_ceil(TILE_SIZE),
+                    camera.height.div_ceil(TILE_SIZE),
+                ],
+                camera: camera.clone(),
+                settings: settings.clone(),
+                volume,
+                frustum,
+                views,
+                uniform,
+                classified,
+            };
+            frame.project();
+            cpu::sort(&frame.footprints, &mut frame.order);
+            frame
+        }
+
+        /// The projection alone, again.
+        pub fn project(&mut self) {
+            let mut output = ProjectOutput::default();
+            cpu::project(
+                &self.volume,
+                &self.views,
+                &self.classified,
+                &self.uniform,
+                self.camera.camera_from_world.as_mat3(),
+                &mut self.footprints,
+                &mut self.exact,
+                &output,
+            );
+            self.any_exact = output.any_exact();
+            self.near = output.near().to_vec();
+        }
+
+        /// The tiles' lists.
+        pub fn bins(&self) -> Bins {
+            let mut bins = Bins::default();
+            cpu::bin(
+                &self.footprints,
+                &self.exact,
+                &self.order,
+                self.tiles,
+                &mut bins,
+            );
+            bins
+        }
     }
 }

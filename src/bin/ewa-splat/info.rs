@@ -62,11 +62,19 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         }
         Geometry::Curvilinear { dims, nodes } => {
             let (lower, upper) = bounds(nodes.iter().copied());
-            (json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes.len() }), lower, upper)
+            (
+                json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes.len() }),
+                lower,
+                upper,
+            )
         }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());
-            (json!({ "kind": "points", "count": positions.len() }), lower, upper)
+            (
+                json!({ "kind": "points", "count": positions.len() }),
+                lower,
+                upper,
+            )
         }
     };
     let mut fields = Vec::new();
@@ -95,7 +103,9 @@ fn describe(dataset: &Dataset) -> Result<Value> {
 fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points
         .filter(|p| p.is_finite())
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)))
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| {
+            (a.min(p), b.max(p))
+        })
 }
 
 fn print_table(description: &Value) {
@@ -116,9 +126,14 @@ fn print_table(description: &Value) {
     for line in description["left_out"].as_array().into_iter().flatten() {
         row("note", text(line));
     }
-    let fields = description["fields"].as_array().map_or(&[][..], Vec::as_slice);
+    let fields = description["fields"]
+        .as_array()
+        .map_or(&[][..], Vec::as_slice);
     if !fields.is_empty() {
-        println!("\n{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}", "field", "of", "type", "least", "greatest", "NaN/inf");
+        println!(
+            "\n{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
+            "field", "of", "type", "least", "greatest", "NaN/inf"
+        );
     }
     for field in fields {
         let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), |x| format!("{x:.6}"));

@@ -75,7 +75,13 @@ impl DataOptions {
             },
             big_endian: self.endian == Endian::Big,
         });
-        ewa_splat::io::open(path, &OpenOptions { raw, solution: self.solution.clone() })
+        ewa_splat::io::open(
+            path,
+            &OpenOptions {
+                raw,
+                solution: self.solution.clone(),
+            },
+        )
     }
 
     pub(crate) fn sample(&self, dataset: Dataset) -> Result<Sampled> {

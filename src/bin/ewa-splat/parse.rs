@@ -23,9 +23,9 @@ fn numbers(text: &str) -> Result<[f64; 3], String> {
 
 /// `WxH`
 pub(crate) fn size(text: &str) -> Result<[usize; 2], String> {
-    let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| {
-        Some([w.trim().parse().ok()?, h.trim().parse().ok()?])
-    });
+    let parsed = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some([w.trim().parse().ok()?, h.trim().parse().ok()?]));
     match parsed {
         Some([w, h]) if (1..=65_535).contains(&w) && (1..=65_535).contains(&h) => Ok([w, h]),
         _ => Err("a width and a height from 1 to 65535, such as 1024x768".into()),
@@ -68,7 +68,11 @@ pub(crate) fn fov(text: &str) -> Result<f64, String> {
 /// A tolerance.
 pub(crate) fn tolerance(text: &str) -> Result<f32, String> {
     let value = match text.split_once('/') {
-        Some((a, b)) => a.parse::<f32>().ok().zip(b.parse::<f32>().ok()).map(|(a, b)| a / b),
+        Some((a, b)) => a
+            .parse::<f32>()
+            .ok()
+            .zip(b.parse::<f32>().ok())
+            .map(|(a, b)| a / b),
         None => text.parse::<f32>().ok(),
     };
     match value {

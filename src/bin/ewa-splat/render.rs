@@ -7,14 +7,15 @@ use clap::{Args, ValueEnum};
 use ewa_splat::io::{write_bytes_atomically, write_depth, write_image};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
-use ewa_splat::{Error, Renderer, Result, Settings};
+use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::input::DataOptions;
 use crate::parse;
-use crate::viewpoint::CameraOptions;
+use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -123,7 +124,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = Renderer::new(scene)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
-    let camera = arguments.camera.camera(bounds(&renderer, arguments)?, arguments.size)?;
+    let camera = arguments
+        .camera
+        .camera(renderer.visible_boxes(), arguments.size)?;
+    let camera = camera.unwrap_or_else(|| unfitted(arguments.size));
     let settings = arguments.settings();
     progress.set_message("rendering");
     renderer.render(&camera, &settings)?;
@@ -138,7 +142,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     progress.set_message("writing");
-    write_image(&arguments.out, renderer.image())?;
+    write_image(&arguments.out, renderer.image(), None)?;
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
     }
@@ -168,7 +172,10 @@ impl Arguments {
                 FilterName::UniformScaling => Filter::UniformScaling,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
-            low_pass_variance_px2: self.method.low_pass.unwrap_or(defaults.low_pass_variance_px2),
+            low_pass_variance_px2: self
+                .method
+                .low_pass
+                .unwrap_or(defaults.low_pass_variance_px2),
             cutoff: self.method.cutoff,
             background: self.output.background,
             depth: self.output.depth.is_some(),
@@ -177,19 +184,15 @@ impl Arguments {
     }
 }
 
-/// Bounds of everything, for the camera.
-fn bounds(renderer: &Renderer, arguments: &Arguments) -> Result<(DVec3, DVec3)> {
-    let all = renderer.volumes().iter().filter_map(|v| v.bounds());
-    all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).ok_or_else(|| {
-        let names: Vec<_> = arguments.inputs.iter().map(|p| p.display().to_string()).collect();
-        Error::format(
-            names.join(" "),
-            "particles",
-            "at least one",
-            "none",
-            "see `ewa-splat info` for what was left out",
-        )
-    })
+/// A camera for an empty picture: nothing is visible that it could be fitted to.
+fn unfitted(size: Option<[usize; 2]>) -> Camera {
+    Camera::perspective(
+        DVec3::ZERO,
+        DVec3::Y,
+        DVec3::Z,
+        35.0,
+        size.unwrap_or(DEFAULT_SIZE),
+    )
 }
 
 fn stats(
@@ -209,7 +212,11 @@ fn stats(
         let mut all: Vec<f64> = times.iter().map(stage).collect();
         all.sort_by(f64::total_cmp);
         let middle = all.len() / 2;
-        if all.len() % 2 == 1 { all[middle] } else { (all[middle - 1] + all[middle]) / 2.0 }
+        if all.len() % 2 == 1 {
+            all[middle]
+        } else {
+            (all[middle - 1] + all[middle]) / 2.0
+        }
     };
     json!({
         "particles": particles,

@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
-use ewa_splat::view::{Camera, Lens, Viewpoint, read_camera};
+use ewa_splat::view::{Bounds, Camera, Lens, Viewpoint, read_camera};
 use glam::DVec3;
 
 use crate::parse;
+
+/// Width and height in pixels.
+pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 
 #[derive(Args)]
 #[command(next_help_heading = "Camera")]
@@ -16,7 +19,7 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "FILE", conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom"])]
     camera: Option<PathBuf>,
-    /// Position of the eye; without it the camera is fitted to the data
+    /// Position of the eye; without it the camera is fitted to what is visible
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           conflicts_with_all = ["azimuth", "elevation", "zoom"])]
     eye: Option<DVec3>,
@@ -46,24 +49,27 @@ pub(crate) struct CameraOptions {
 }
 
 impl CameraOptions {
-    /// The camera for data within `bounds`.
+    /// The camera for data within `boxes`; `None` where it would be fitted to nothing.
     pub(crate) fn camera(
         &self,
-        bounds: (DVec3, DVec3),
+        boxes: impl Iterator<Item = Bounds> + Clone,
         size: Option<[usize; 2]>,
-    ) -> Result<Camera> {
+    ) -> Result<Option<Camera>> {
         if let Some(path) = &self.camera {
-            return read_camera(path, size);
+            return read_camera(path, size).map(Some);
         }
-        let size = size.unwrap_or([1024, 1024]);
+        let size = size.unwrap_or(DEFAULT_SIZE);
         let fov = self.fov.unwrap_or(35.0);
         if let Some(eye) = self.eye {
-            let target = self.target.unwrap_or((bounds.0 + bounds.1) / 2.0);
+            let all = boxes.map(|(middle, half)| (middle - half, middle + half));
+            let all = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+            let centre = all.map_or(eye + DVec3::Y, |(lower, upper)| (lower + upper) / 2.0);
+            let target = self.target.unwrap_or(centre);
             let up = self.up.unwrap_or(DVec3::Z);
-            return Ok(match self.ortho {
+            return Ok(Some(match self.ortho {
                 Some(height) => Camera::orthographic(eye, target, up, height, size),
                 None => Camera::perspective(eye, target, up, fov, size),
-            });
+            }));
         }
         let viewpoint = Viewpoint {
             azimuth_deg: self.azimuth.unwrap_or(30.0),
@@ -74,6 +80,6 @@ impl CameraOptions {
             Some(height) => Lens::OrthoHeight(Some(height)),
             None => Lens::FovDeg(fov),
         };
-        Ok(viewpoint.camera(bounds.0, bounds.1, lens, size))
+        Ok(viewpoint.camera(boxes, lens, size))
     }
 }

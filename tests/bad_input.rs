@@ -1,0 +1,274 @@
+//! Damaged files: every reader answers, with a data set or with an error, and never panics.
+//!
+//! Small files of every format are cut, flipped and spliced. `EWA_BAD_INPUT_SCALE` multiplies
+//! the number of cases.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic, and its numbers are small"
+)]
+
+mod support;
+
+use std::sync::OnceLock;
+
+use ewa_splat::Error;
+use ewa_splat::image::Image;
+use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
+use proptest::prelude::*;
+use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
+
+/// Names and contents of sound files.
+fn seeds() -> &'static [(String, Vec<u8>)] {
+    static SEEDS: OnceLock<Vec<(String, Vec<u8>)>> = OnceLock::new();
+    SEEDS.get_or_init(|| {
+        let mut seeds = Vec::new();
+        for encoding in VtkEncoding::all() {
+            let whole = VtkPiece {
+                extent: "0 2 0 2 0 1",
+                point_data: vec![
+                    support::float32("a", 1, &[0.5; 18]),
+                    support::int16("b", 3, &[7; 54]),
+                ],
+                cell_data: vec![support::uint8("c", 1, &[1, 2, 3, 4])],
+            };
+            let attributes = "WholeExtent=\"0 2 0 2 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"";
+            seeds.push(("a.vti".into(), support::vti(encoding, attributes, &[whole])));
+            let half = |extent| VtkPiece {
+                extent,
+                point_data: vec![support::uint16("a", 1, &[1, 2, 3, 4])],
+                cell_data: vec![],
+            };
+            let halves = [half("0 1 0 1 0 0"), half("1 2 0 1 0 0")];
+            let attributes = "WholeExtent=\"0 2 0 1 0 0\"";
+            seeds.push(("b.vti".into(), support::vti(encoding, attributes, &halves)));
+        }
+        for encoding in Plot3dEncoding::all() {
+            let coordinates: Vec<f64> = (0..24).map(f64::from).collect();
+            seeds.push(("a.xyz".into(), encoding.grid([2, 2, 2], &coordinates, None)));
+            seeds.push((
+                "a.xyz".into(),
+                encoding.grid([2, 2, 2], &coordinates, Some(&[1; 8])),
+            ));
+            seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
+        }
+        for _ in 0..16 {
+            let plain = "{'descr': '>f8', 'fortran_order': True, 'shape': (3, 4), }    \n";
+            seeds.push(("a.npy".into(), support::npy(1, plain, &[1; 96])));
+            let named = "{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '<f8'), ('v', '<i2', (2,)), \
+                         ('', '|V4')], 'fortran_order': False, 'shape': (3,), }\n";
+            seeds.push(("b.npy".into(), support::npy(2, named, &[2; 72])));
+            let text = b"# made\nx,y,z,h,name\n1,2,3,0.5,a\n4,5,6,nan,\"b\"\n7,8,9,,c\n";
+            seeds.push(("a.csv".into(), text.to_vec()));
+            seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
+        }
+        seeds
+    })
+}
+
+/// Names and contents of sound images.
+fn image_seeds() -> &'static [(String, Vec<u8>)] {
+    static SEEDS: OnceLock<Vec<(String, Vec<u8>)>> = OnceLock::new();
+    SEEDS.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut image = Image::new(7, 5);
+        for (i, pixel) in image.pixels.iter_mut().enumerate() {
+            *pixel = [0.01 * i as f32, 0.5, 0.0, 1.0];
+        }
+        ["a.png", "a.exr", "a.pfm", "a.npy"]
+            .map(|name| {
+                let path = folder.path().join(name);
+                write_image(&path, &image, None).unwrap();
+                (name.to_owned(), std::fs::read(&path).unwrap())
+            })
+            .into()
+    })
+}
+
+/// One way to damage a file; positions are fractions of its length.
+#[derive(Debug, Clone)]
+enum Damage {
+    Truncate(f64),
+    Flip(f64, u8),
+    /// Overwrite a word with an extreme one.
+    Word(f64, u64, bool),
+    /// Copy a stretch to another place.
+    Splice(f64, f64, usize),
+    Remove(f64, usize),
+    /// Put a digit where there is one.
+    Digit(f64, u8),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let at = 0.0..1.0_f64;
+    let extreme = prop_oneof![
+        Just(u64::MAX),
+        Just(u64::MAX / 2),
+        Just(0),
+        Just(1 << 31),
+        Just(0x7fff_ffff_7fff_ffff),
+        any::<u64>(),
+    ];
+    prop_oneof![
+        at.clone().prop_map(Damage::Truncate),
+        (at.clone(), any::<u8>()).prop_map(|(at, b)| Damage::Flip(at, b)),
+        (at.clone(), extreme, any::<bool>()).prop_map(|(at, w, wide)| Damage::Word(at, w, wide)),
+        (at.clone(), at.clone(), 1..64_usize).prop_map(|(a, b, n)| Damage::Splice(a, b, n)),
+        (at.clone(), 1..64_usize).prop_map(|(at, n)| Damage::Remove(at, n)),
+        (at, b'0'..=b'9').prop_map(|(at, d)| Damage::Digit(at, d)),
+    ]
+}
+
+fn apply(bytes: &mut Vec<u8>, damage: &Damage) {
+    let len = bytes.len();
+    let index = |at: f64| (at * len as f64) as usize;
+    if bytes.is_empty() {
+        return;
+    }
+    match *damage {
+        Damage::Truncate(at) => bytes.truncate(index(at)),
+        Damage::Flip(at, bits) => bytes[index(at)] ^= bits,
+        Damage::Word(at, word, wide) => {
+            let n = if wide { 8 } else { 4 };
+            for (b, w) in bytes[index(at)..].iter_mut().zip(&word.to_le_bytes()[..n]) {
+                *b = *w;
+            }
+        }
+        Damage::Splice(from, to, n) => {
+            let stretch = bytes[index(from)..]
+                .iter()
+                .take(n)
+                .copied()
+                .collect::<Vec<_>>();
+            let at = index(to);
+            bytes.splice(at..at, stretch);
+        }
+        Damage::Remove(at, n) => {
+            let at = index(at);
+            bytes.drain(at..(at + n).min(len));
+        }
+        Damage::Digit(at, digit) => {
+            let at = index(at);
+            if let Some(b) = bytes[at..].iter_mut().find(|b| b.is_ascii_digit()) {
+                *b = digit;
+            }
+        }
+    }
+}
+
+/// An error must name what it found and what to do; a panic fails the test by itself.
+fn check(result: Result<(), Error>) {
+    if let Err(error) = result {
+        let text = error.to_string();
+        assert!(text.contains("; "), "no advice: {text}");
+        assert!(text.len() < 4000, "too long: {text}");
+    }
+}
+
+fn scaled(cases: u32) -> ProptestConfig {
+    let scale = std::env::var("EWA_BAD_INPUT_SCALE")
+        .ok()
+        .and_then(|s| s.parse().ok());
+    ProptestConfig {
+        cases: cases * scale.unwrap_or(1),
+        // The seeds are in the test itself.
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    }
+}
+
+proptest! {
+    #![proptest_config(scaled(1600))]
+
+    #[test]
+    fn damaged_data_files_are_answered(
+        seed in any::<prop::sample::Index>(),
+        damages in prop::collection::vec(damage(), 1..4),
+        with_layout in prop::bool::weighted(0.1),
+    ) {
+        let (name, bytes) = seed.get(seeds());
+        let mut bytes = bytes.clone();
+        damages.iter().for_each(|d| apply(&mut bytes, d));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let mut options = OpenOptions::default();
+        if with_layout || name.ends_with(".raw") {
+            options.raw = Some(RawLayout::new([4, 4, 4], RawType::U8));
+        }
+        if name == "a.q" {
+            // A sound grid beside the damaged solution.
+            let (_, grid) = seeds().iter().find(|(n, _)| n == "a.xyz").unwrap();
+            let grid_path = folder.path().join("a.xyz");
+            std::fs::write(&grid_path, grid).unwrap();
+            check(open(&grid_path, &options).map(drop));
+        }
+        let answer = open(&path, &options);
+        if let Ok(data) = &answer {
+            for name in data.field_names() {
+                prop_assert!(data.scalar(name).is_ok());
+            }
+        }
+        check(answer.map(drop));
+    }
+}
+
+proptest! {
+    #![proptest_config(scaled(400))]
+
+    #[test]
+    fn damaged_images_are_answered(
+        seed in any::<prop::sample::Index>(),
+        damages in prop::collection::vec(damage(), 1..4),
+    ) {
+        let (name, bytes) = seed.get(image_seeds());
+        let mut bytes = bytes.clone();
+        damages.iter().for_each(|d| apply(&mut bytes, d));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        check(read_image(&path).map(drop));
+    }
+}
+
+#[test]
+fn the_sound_files_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in seeds() {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let raw = Some(RawLayout::new([4, 4, 4], RawType::U8)).filter(|_| name.ends_with(".raw"));
+        let answer = open(
+            &path,
+            &OpenOptions {
+                raw,
+                solution: None,
+            },
+        );
+        assert_eq!(answer.is_err(), name == "a.q", "{name}: {answer:?}");
+        std::fs::remove_file(&path).unwrap();
+    }
+}
+
+/// Opening a pipe would wait for a writer for ever.
+#[cfg(unix)]
+#[test]
+fn devices_are_refused_before_they_are_opened() {
+    for device in ["/dev/zero", "/dev/null"] {
+        let path = std::path::Path::new(device);
+        assert!(open(path, &OpenOptions::default()).is_err());
+    }
+    assert!(read_image(std::path::Path::new("/dev/zero")).is_err());
+}
+
+/// Deep nesting must not exhaust the stack.
+#[test]
+fn deeply_nested_xml_is_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep.vti");
+    let deep = "<a>".repeat(200_000) + &"</a>".repeat(200_000);
+    let text = format!("<VTKFile type=\"ImageData\">{deep}</VTKFile>");
+    std::fs::write(&path, text).unwrap();
+    check(open(&path, &OpenOptions::default()).map(drop));
+}

@@ -1,0 +1,434 @@
+//! Round trips: files of every encoding, written by the tests, read by the library.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may panic, and its numbers are small"
+)]
+
+mod support;
+
+use std::path::PathBuf;
+
+use ewa_splat::image::{DepthImage, Image};
+use ewa_splat::io::{
+    Association, Dataset, Geometry, OpenOptions, RawLayout, RawType, open, read_image, write_depth,
+    write_image,
+};
+use ewa_splat::scene::Values;
+use exr::prelude::{ReadChannels, ReadLayers};
+use glam::DVec3;
+use support::{Format, Plot3dEncoding, VtkEncoding, VtkPiece};
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    fn open(&self, name: &str, bytes: &[u8]) -> Dataset {
+        open(&self.file(name, bytes), &OpenOptions::default()).unwrap()
+    }
+
+    fn refuse(&self, name: &str, bytes: &[u8]) -> String {
+        let path = self.file(name, bytes);
+        open(&path, &OpenOptions::default())
+            .unwrap_err()
+            .to_string()
+    }
+}
+
+fn values(data: &Dataset, field: &str) -> Values {
+    data.scalar(field).unwrap().1
+}
+
+#[test]
+fn vti_in_every_encoding() {
+    let folder = Folder::new();
+    let n = 2 * 3 * 2;
+    let numbers = |f: fn(usize) -> i16| (0..n).map(f).collect::<Vec<i16>>();
+    let small: Vec<u8> = (0..n as u8).collect();
+    let signed: Vec<i8> = (0..n as i8).map(|i| i - 5).collect();
+    let wide: Vec<f32> = (0..n).map(|i| i as f32 * 1000.5).collect();
+    let piece = VtkPiece {
+        extent: "1 2 -1 1 5 6",
+        point_data: vec![
+            support::uint8("u8", 1, &small),
+            support::int8("i8", 1, &signed),
+            support::int16("i16", 1, &numbers(|i| -300 * i as i16)),
+            support::uint16("u16", 1, &[65535; 12]),
+            support::int32("i32", 1, &[-70_000; 12]),
+            support::uint32("u32", 1, &[4_000_000_000; 12]),
+            support::int64("i64", 1, &[-5_000_000_000; 12]),
+            support::uint64("u64", 1, &[5_000_000_000; 12]),
+            support::float32("f32", 1, &wide),
+            support::float64(
+                "f64",
+                3,
+                &(0..3 * n).map(|i| i as f64 / 8.0).collect::<Vec<_>>(),
+            ),
+        ],
+        cell_data: vec![support::float32("cells", 1, &[0.25, -0.5])],
+    };
+    for encoding in VtkEncoding::all() {
+        let attributes = "WholeExtent=\"1 2 -1 1 5 6\" Origin=\"0 0 0.5\" Spacing=\"1 2 4\"";
+        let data = folder.open(
+            "a.vti",
+            &support::vti(encoding, attributes, std::slice::from_ref(&piece)),
+        );
+        let Geometry::Lattice(lattice) = &data.geometry else {
+            panic!("{encoding:?}");
+        };
+        assert_eq!(lattice.dims, [2, 3, 2]);
+        assert_eq!(lattice.position([1, 1, 1]), DVec3::new(2.0, 0.0, 24.5));
+        assert_eq!(
+            values(&data, "u8"),
+            Values::U8(small.clone()),
+            "{encoding:?}"
+        );
+        let widened = signed.iter().map(|&i| i16::from(i)).collect();
+        assert_eq!(values(&data, "i8"), Values::I16(widened));
+        assert_eq!(
+            values(&data, "i16"),
+            Values::I16(numbers(|i| -300 * i as i16))
+        );
+        assert_eq!(values(&data, "u16"), Values::U16(vec![65535; 12]));
+        assert_eq!(values(&data, "i32"), Values::F32(vec![-70_000.0; 12]));
+        assert_eq!(values(&data, "u32"), Values::F32(vec![4_000_000_000.0; 12]));
+        assert_eq!(
+            values(&data, "i64"),
+            Values::F32(vec![-5_000_000_000.0; 12])
+        );
+        assert_eq!(values(&data, "u64"), Values::F32(vec![5_000_000_000.0; 12]));
+        assert_eq!(values(&data, "f32"), Values::F32(wide.clone()));
+        let y = (0..n).map(|i| (3 * i + 1) as f32 / 8.0).collect();
+        assert_eq!(values(&data, "f64:y"), Values::F32(y));
+        let cells = data.scalar("cells").unwrap();
+        assert_eq!(cells, (Association::Cells, Values::F32(vec![0.25, -0.5])));
+    }
+}
+
+#[test]
+fn vti_pieces_with_cells_are_put_together() {
+    let folder = Folder::new();
+    let cells = |extent, cell_values: &[u8]| VtkPiece {
+        extent,
+        point_data: vec![],
+        cell_data: vec![support::uint8("c", 1, cell_values)],
+    };
+    let pieces = [cells("0 1 0 1 0 2", &[1, 3]), cells("1 2 0 1 0 2", &[2, 4])];
+    for encoding in VtkEncoding::all() {
+        let file = support::vti(encoding, "WholeExtent=\"0 2 0 1 0 2\"", &pieces);
+        let data = folder.open("a.vti", &file);
+        assert_eq!(
+            data.scalar("c").unwrap(),
+            (Association::Cells, Values::U8(vec![1, 2, 3, 4]))
+        );
+    }
+}
+
+#[test]
+fn other_vtk_types_and_compressors_are_refused_by_name() {
+    let folder = Folder::new();
+    let grid = b"<?xml version=\"1.0\"?><VTKFile type=\"StructuredGrid\"></VTKFile>";
+    assert!(folder.refuse("a.vts", grid).contains("not read yet"));
+    let lz4 = b"<VTKFile type=\"ImageData\" compressor=\"vtkLZ4DataCompressor\"></VTKFile>";
+    assert!(folder.refuse("a.vti", lz4).contains("vtkLZ4DataCompressor"));
+}
+
+#[test]
+fn vti_arrays_may_not_share_bytes() {
+    let folder = Folder::new();
+    let encoding = VtkEncoding {
+        format: Format::AppendedRaw,
+        wide_header: false,
+        compressed: false,
+        big_endian: false,
+    };
+    let piece = VtkPiece {
+        extent: "0 99 0 9 0 0",
+        point_data: vec![support::float64("a", 1, &[1.0; 1000])],
+        cell_data: vec![],
+    };
+    let file = support::vti(encoding, "WholeExtent=\"0 99 0 9 0 0\"", &[piece]);
+    let array: &[u8] = b"<DataArray type=\"Float64\" Name=\"b\" format=\"appended\" offset=\"0\"/>";
+    let at = file.windows(12).position(|w| w == b"</PointData>").unwrap();
+    let file = [&file[..at], array, &file[at..]].concat();
+    assert!(folder.refuse("a.vti", &file).contains("overlap"));
+}
+
+const DIMS: [i32; 3] = [3, 2, 4];
+const NODES: usize = 24;
+
+fn coordinates() -> Vec<f64> {
+    (0..3 * NODES).map(|i| i as f64 / 4.0 - 3.0).collect()
+}
+
+fn variables() -> Vec<f64> {
+    (0..5 * NODES).map(|i| 1.0 + i as f64 / 16.0).collect()
+}
+
+#[test]
+fn plot3d_in_every_encoding() {
+    for encoding in Plot3dEncoding::all() {
+        for (iblank, trailing) in [(None, 0), (Some([-1; NODES]), 484)] {
+            let folder = Folder::new();
+            let grid = encoding.grid(DIMS, &coordinates(), iblank.as_ref().map(|b| &b[..]));
+            let bare = folder.open("fin.xyz", &grid);
+            assert_eq!(bare.fields.len(), usize::from(iblank.is_some()));
+            let mut solution = encoding.solution(DIMS, &variables());
+            solution.extend(vec![0; trailing]);
+            folder.file("fin.q", &solution);
+            let data = folder.open("fin.xyz", &grid);
+            let Geometry::Curvilinear { dims, nodes } = &data.geometry else {
+                panic!("{encoding:?}");
+            };
+            assert_eq!(dims, &[3, 2, 4]);
+            for (i, node) in nodes.iter().enumerate() {
+                let at = |axis: usize| coordinates()[i + axis * NODES];
+                assert_eq!(*node, DVec3::new(at(0), at(1), at(2)), "{encoding:?}");
+            }
+            let variable = |v: usize| {
+                Values::F32(
+                    variables()[v * NODES..][..NODES]
+                        .iter()
+                        .map(|&x| x as f32)
+                        .collect(),
+                )
+            };
+            assert_eq!(values(&data, "density"), variable(0));
+            assert_eq!(values(&data, "momentum:z"), variable(3));
+            assert_eq!(values(&data, "energy"), variable(4));
+            for derived in ["velocity_magnitude", "pressure", "mach"] {
+                assert_eq!(values(&data, derived).len(), NODES);
+            }
+            if iblank.is_some() {
+                assert_eq!(values(&data, "iblank"), Values::I16(vec![-1; NODES]));
+            }
+        }
+    }
+}
+
+#[test]
+fn plot3d_mismatches_are_explained() {
+    let encoding = Plot3dEncoding {
+        double: false,
+        big_endian: true,
+        records: false,
+        grid_count: false,
+    };
+    let folder = Folder::new();
+    let grid = encoding.grid(DIMS, &coordinates(), None);
+
+    let cut = folder.refuse("cut.xyz", &grid[..grid.len() - 4]);
+    assert!(
+        cut.contains("300 for 3 x 2 x 4 big-endian f32") && cut.contains("296 bytes"),
+        "{cut}"
+    );
+
+    folder.file("other.q", &encoding.solution([2, 2, 2], &[1.0; 40]));
+    let other = folder.refuse("other.xyz", &grid);
+    assert!(
+        other.contains("3 x 2 x 4") && other.contains("2 x 2 x 2"),
+        "{other}"
+    );
+
+    let mut tail = encoding.solution(DIMS, &variables());
+    tail.extend([0, 0, 7]);
+    folder.file("tail.q", &tail);
+    let tail = folder.refuse("tail.xyz", &grid);
+    assert!(tail.contains("nothing but zeros"), "{tail}");
+
+    let swapped = folder.refuse("q.bin", &encoding.solution(DIMS, &variables()));
+    assert!(swapped.contains("--solution"), "{swapped}");
+
+    let mut two = encoding.words(&[2, 2, 2, 2, 1, 2, 3]);
+    two.extend(vec![0; 14 * 12]);
+    assert!(folder.refuse("two.xyz", &two).contains("2 grids"));
+
+    assert!(
+        folder
+            .refuse("text.xyz", b"1\n2 2 2\n0 1 0 1\n")
+            .contains("ASCII PLOT3D")
+    );
+}
+
+#[test]
+fn csv_and_npy_are_recognised_by_content() {
+    let folder = Folder::new();
+    let body: Vec<u8> = [1.0_f32, 2.0, 3.0]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 3), }\n";
+    for (name, file) in [
+        ("a.csv", b"x,y,z\n1,2,3\n".to_vec()),
+        ("a.dat", b"# a comment\nx;y;z\n1;2;3\n".to_vec()),
+        ("particles", b"x\ty\tz\n1\t2\t3\n".to_vec()),
+        ("a.xyz", b"x,y,z\n1,2,3\n".to_vec()),
+        ("a.npy", support::npy(1, header, &body)),
+        ("b.dat", support::npy(2, header, &body)),
+    ] {
+        let data = folder.open(name, &file);
+        let Geometry::Points { positions } = &data.geometry else {
+            panic!("{name}");
+        };
+        assert_eq!(positions, &[DVec3::new(1.0, 2.0, 3.0)]);
+    }
+}
+
+/// What this library writes with `npyz`, an outside implementation, it reads with its own.
+#[test]
+fn npy_written_by_another_crate_is_read() {
+    use npyz::WriterBuilder;
+    let folder = Folder::new();
+    let mut file = Vec::new();
+    let mut writer = npyz::WriteOptions::<f64>::new()
+        .default_dtype()
+        .shape(&[2, 4])
+        .writer(&mut file)
+        .begin_nd()
+        .unwrap();
+    writer.extend((0..8).map(f64::from)).unwrap();
+    writer.finish().unwrap();
+    let data = folder.open("a.npy", &file);
+    assert_eq!(values(&data, "c3"), Values::F32(vec![3.0, 7.0]));
+}
+
+#[test]
+fn a_raw_volume_needs_its_layout() {
+    let folder = Folder::new();
+    let path = folder.file("nucleon_2x2x1_int16.raw", &[1, 0, 2, 0, 3, 0, 255, 255]);
+    let err = open(&path, &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(err.contains("--dims 2,2,1 --type i16"), "{err}");
+    let mut layout = RawLayout::new([2, 2, 1], RawType::I16);
+    layout.origin = DVec3::new(1.0, 0.0, 0.0);
+    layout.spacing = DVec3::splat(0.5);
+    let options = OpenOptions {
+        raw: Some(layout),
+        solution: None,
+    };
+    let data = open(&path, &options).unwrap();
+    assert_eq!(values(&data, "value"), Values::I16(vec![1, 2, 3, -1]));
+    let Geometry::Lattice(lattice) = &data.geometry else {
+        panic!()
+    };
+    assert_eq!(lattice.position([1, 1, 0]), DVec3::new(1.5, 0.5, 0.0));
+}
+
+#[test]
+fn what_is_no_data_file_is_refused() {
+    let folder = Folder::new();
+    for (name, bytes, words) in [
+        ("empty.vti", &b""[..], "empty"),
+        ("a.ply", b"ply\nformat ascii 1.0\n", "PLY"),
+        ("a.vtk", b"# vtk DataFile Version 3.0\n", "legacy VTK"),
+        ("a.obj", b"v 0 0 0\n", "OBJ"),
+        ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5"),
+        ("a.foo", b"\x00\x01\x02", "none of these"),
+        ("a.raw", b"\x00\x01\x02", "--dims"),
+        ("a.raw.gz", b"\x1f\x8b\x02", "--dims"),
+        ("a.vtu.gz", b"\x1f\x8b\x02", "gunzip"),
+    ] {
+        let err = folder.refuse(name, bytes);
+        assert!(err.contains(words), "{err}");
+    }
+    let folder_err = open(folder.0.path(), &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(folder_err.contains("a directory"));
+    assert!(open(&folder.0.path().join("none"), &OpenOptions::default()).is_err());
+}
+
+fn picture() -> Image {
+    let mut image = Image::new(5, 3);
+    for (i, pixel) in image.pixels.iter_mut().enumerate() {
+        let a = i as f32 / 14.0;
+        *pixel = [a * 0.9, a * a * 0.5, 0.1 * a, a];
+    }
+    image
+}
+
+#[test]
+fn float_images_come_back_exactly() {
+    let folder = Folder::new();
+    for name in ["a.exr", "a.npy"] {
+        let path = folder.0.path().join(name);
+        write_image(&path, &picture(), None).unwrap();
+        assert_eq!(read_image(&path).unwrap(), picture());
+    }
+    for name in ["a.exr", "a.npy", "a.pfm"] {
+        let path = folder.0.path().join(name);
+        write_image(&path, &picture(), Some([1.0, 0.5, 0.0])).unwrap();
+        let read = read_image(&path).unwrap();
+        for (read, pixel) in read.pixels.iter().zip(&picture().pixels) {
+            let rest = 1.0 - pixel[3];
+            assert_eq!(
+                *read,
+                [pixel[0] + rest, pixel[1] + rest * 0.5, pixel[2], 1.0]
+            );
+        }
+    }
+}
+
+#[test]
+fn png_images_come_back_to_half_a_step() {
+    let folder = Folder::new();
+    let path = folder.0.path().join("a.png");
+    write_image(&path, &picture(), None).unwrap();
+    let read = read_image(&path).unwrap();
+    for (read, pixel) in read.pixels.iter().zip(&picture().pixels) {
+        for c in 0..4 {
+            // Half a step of 1/255 in alpha and, times the curve's greatest slope (2.4 / 1.055),
+            // half a step in colour.
+            assert!(
+                (read[c] - pixel[c]).abs() <= 0.5 / 255.0 * (1.0 + 2.4),
+                "{read:?} {pixel:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn depth_images_keep_infinity() {
+    let folder = Folder::new();
+    let depth = DepthImage {
+        width: 2,
+        height: 2,
+        depths: vec![1.0, f32::INFINITY, 2.5, 3.0],
+    };
+    for name in ["d.exr", "d.pfm", "d.npy"] {
+        write_depth(&folder.0.path().join(name), &depth).unwrap();
+    }
+    let grey = read_image(&folder.0.path().join("d.pfm")).unwrap();
+    assert_eq!(
+        grey.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(),
+        depth.depths
+    );
+    let npy = std::fs::read(folder.0.path().join("d.npy")).unwrap();
+    let npy = npyz::NpyFile::new(&npy[..]).unwrap();
+    assert_eq!(npy.shape(), [2, 2]);
+    assert_eq!(npy.into_vec::<f32>().unwrap(), depth.depths);
+    let exr = std::fs::read(folder.0.path().join("d.exr")).unwrap();
+    let exr = exr::image::read::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(std::io::Cursor::new(exr))
+        .unwrap();
+    let channel = &exr.layer_data.channel_data.list[0];
+    assert_eq!(channel.name.to_string(), "Z");
+    let depths: Vec<f32> = channel.sample_data.values_as_f32().collect();
+    assert_eq!(depths, depth.depths);
+}

@@ -1,0 +1,315 @@
+//! Small files in every format, written for the tests of the readers.
+
+#![allow(dead_code, reason = "each test program uses a part of it")]
+
+use std::io::Write;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+/// How a VTK array is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Format {
+    /// Text.
+    Ascii,
+    /// Base64 in the element.
+    Binary,
+    /// Base64 after the XML.
+    AppendedBase64,
+    /// Bytes after the XML.
+    AppendedRaw,
+}
+
+/// How a VTK file is stored.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct VtkEncoding {
+    pub(crate) format: Format,
+    pub(crate) wide_header: bool,
+    pub(crate) compressed: bool,
+    pub(crate) big_endian: bool,
+}
+
+impl VtkEncoding {
+    /// Every combination.
+    pub(crate) fn all() -> Vec<Self> {
+        use Format::{AppendedBase64, AppendedRaw, Ascii, Binary};
+        let mut all = Vec::new();
+        for format in [Ascii, Binary, AppendedBase64, AppendedRaw] {
+            for bits in 0..8 {
+                let [wide_header, compressed, big_endian] = [1, 2, 4].map(|bit| bits & bit != 0);
+                all.push(Self {
+                    format,
+                    wide_header,
+                    compressed,
+                    big_endian,
+                });
+            }
+        }
+        all
+    }
+
+    fn word(self, n: usize) -> Vec<u8> {
+        let mut bytes = (n as u64).to_le_bytes()[..if self.wide_header { 8 } else { 4 }].to_vec();
+        if self.big_endian {
+            bytes.reverse();
+        }
+        bytes
+    }
+
+    /// Header and data of one array, as VTK's writers lay them out.
+    fn parts(self, bytes: &[u8]) -> Vec<Vec<u8>> {
+        /// Small, so that arrays have several blocks.
+        const BLOCK: usize = 24;
+        if !self.compressed {
+            return vec![[self.word(bytes.len()), bytes.to_vec()].concat()];
+        }
+        let blocks: Vec<Vec<u8>> = bytes.chunks(BLOCK).map(zlib).collect();
+        let mut header = self.word(blocks.len());
+        header.extend(self.word(BLOCK));
+        header.extend(self.word(bytes.len() % BLOCK));
+        for block in &blocks {
+            header.extend(self.word(block.len()));
+        }
+        vec![header, blocks.concat()]
+    }
+
+    fn base64(self, bytes: &[u8]) -> String {
+        self.parts(bytes)
+            .iter()
+            .map(|part| STANDARD.encode(part))
+            .collect()
+    }
+}
+
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// One array of a VTK file: its numbers as little-endian bytes and as text.
+#[derive(Debug, Clone)]
+pub(crate) struct VtkArray {
+    pub(crate) kind: &'static str,
+    pub(crate) name: &'static str,
+    pub(crate) components: usize,
+    pub(crate) size: usize,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) text: String,
+}
+
+macro_rules! vtk_array {
+    ($function:ident, $t:ty, $kind:literal) => {
+        /// An array of this type.
+        pub(crate) fn $function(name: &'static str, components: usize, numbers: &[$t]) -> VtkArray {
+            VtkArray {
+                kind: $kind,
+                name,
+                components,
+                size: size_of::<$t>(),
+                bytes: numbers.iter().flat_map(|n| n.to_le_bytes()).collect(),
+                text: numbers.iter().map(|n| format!("{n} ")).collect(),
+            }
+        }
+    };
+}
+vtk_array!(int8, i8, "Int8");
+vtk_array!(uint8, u8, "UInt8");
+vtk_array!(int16, i16, "Int16");
+vtk_array!(uint16, u16, "UInt16");
+vtk_array!(int32, i32, "Int32");
+vtk_array!(uint32, u32, "UInt32");
+vtk_array!(int64, i64, "Int64");
+vtk_array!(uint64, u64, "UInt64");
+vtk_array!(float32, f32, "Float32");
+vtk_array!(float64, f64, "Float64");
+
+/// A piece of a VTK image.
+#[derive(Debug, Clone)]
+pub(crate) struct VtkPiece {
+    pub(crate) extent: &'static str,
+    pub(crate) point_data: Vec<VtkArray>,
+    pub(crate) cell_data: Vec<VtkArray>,
+}
+
+/// A VTK image file. `attributes` are those of the `ImageData` element.
+pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) -> Vec<u8> {
+    let mut appended = Vec::new();
+    let mut element = |array: &VtkArray| {
+        let mut bytes = array.bytes.clone();
+        if encoding.big_endian {
+            bytes.chunks_mut(array.size).for_each(<[u8]>::reverse);
+        }
+        let VtkArray {
+            kind,
+            name,
+            components,
+            ..
+        } = array;
+        let head = format!(
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\""
+        );
+        let offset = appended.len();
+        match encoding.format {
+            Format::Ascii => format!("{head} format=\"ascii\">\n{}</DataArray>\n", array.text),
+            Format::Binary => {
+                let text = encoding.base64(&bytes);
+                format!("{head} format=\"binary\">\n  {text}\n</DataArray>\n")
+            }
+            Format::AppendedBase64 => {
+                appended.extend(encoding.base64(&bytes).into_bytes());
+                format!("{head} format=\"appended\" offset=\"{offset}\"/>\n")
+            }
+            Format::AppendedRaw => {
+                appended.extend(encoding.parts(&bytes).concat());
+                format!("{head} format=\"appended\" offset=\"{offset}\"/>\n")
+            }
+        }
+    };
+    let mut body = String::new();
+    for piece in pieces {
+        let points: String = piece.point_data.iter().map(&mut element).collect();
+        let cells: String = piece.cell_data.iter().map(&mut element).collect();
+        body += &format!(
+            "<Piece Extent=\"{}\"><PointData>{points}</PointData><CellData>{cells}</CellData>\
+             </Piece>\n",
+            piece.extent
+        );
+    }
+    let order = if encoding.big_endian {
+        "BigEndian"
+    } else {
+        "LittleEndian"
+    };
+    let header = if encoding.wide_header {
+        " header_type=\"UInt64\""
+    } else {
+        ""
+    };
+    let compressor = if encoding.compressed {
+        " compressor=\"vtkZLibDataCompressor\""
+    } else {
+        ""
+    };
+    let mut file = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" \
+         byte_order=\"{order}\"{header}{compressor}>\n<ImageData {attributes}>\n{body}</ImageData>\n"
+    )
+    .into_bytes();
+    let appended_kind = match encoding.format {
+        Format::AppendedBase64 => Some("base64"),
+        Format::AppendedRaw => Some("raw"),
+        _ => None,
+    };
+    if let Some(kind) = appended_kind {
+        file.extend(format!("<AppendedData encoding=\"{kind}\">\n  _").into_bytes());
+        file.extend(appended);
+        file.extend(b"\n</AppendedData>\n");
+    }
+    file.extend(b"</VTKFile>\n");
+    file
+}
+
+/// How a PLOT3D file is stored.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plot3dEncoding {
+    pub(crate) double: bool,
+    pub(crate) big_endian: bool,
+    pub(crate) records: bool,
+    pub(crate) grid_count: bool,
+}
+
+impl Plot3dEncoding {
+    /// Every combination.
+    pub(crate) fn all() -> Vec<Self> {
+        (0..16)
+            .map(|bits| {
+                let [double, big_endian, records, grid_count] =
+                    [1, 2, 4, 8].map(|bit| bits & bit != 0);
+                Self {
+                    double,
+                    big_endian,
+                    records,
+                    grid_count,
+                }
+            })
+            .collect()
+    }
+
+    pub(crate) fn word(self, n: i32) -> Vec<u8> {
+        if self.big_endian {
+            n.to_be_bytes().to_vec()
+        } else {
+            n.to_le_bytes().to_vec()
+        }
+    }
+
+    pub(crate) fn words(self, words: &[i32]) -> Vec<u8> {
+        words.iter().flat_map(|&n| self.word(n)).collect()
+    }
+
+    pub(crate) fn reals(self, reals: &[f64]) -> Vec<u8> {
+        let one = |&x: &f64| match (self.double, self.big_endian) {
+            (true, true) => x.to_be_bytes().to_vec(),
+            (true, false) => x.to_le_bytes().to_vec(),
+            (false, true) => (x as f32).to_be_bytes().to_vec(),
+            (false, false) => (x as f32).to_le_bytes().to_vec(),
+        };
+        reals.iter().flat_map(one).collect()
+    }
+
+    fn file(self, records: &[Vec<u8>]) -> Vec<u8> {
+        let mut file = Vec::new();
+        for record in records {
+            let mark = self.word(i32::try_from(record.len()).unwrap());
+            if self.records {
+                file.extend(&mark);
+            }
+            file.extend(record);
+            if self.records {
+                file.extend(&mark);
+            }
+        }
+        file
+    }
+
+    /// A grid file: all x, all y, all z, and perhaps iblank.
+    pub(crate) fn grid(
+        self,
+        dims: [i32; 3],
+        coordinates: &[f64],
+        iblank: Option<&[i32]>,
+    ) -> Vec<u8> {
+        let mut records = Vec::new();
+        if self.grid_count {
+            records.push(self.word(1));
+        }
+        records.push(self.words(&dims));
+        let blanks = iblank.map(|b| self.words(b)).unwrap_or_default();
+        records.push([self.reals(coordinates), blanks].concat());
+        self.file(&records)
+    }
+
+    /// A solution file: the five variables one after the other.
+    pub(crate) fn solution(self, dims: [i32; 3], variables: &[f64]) -> Vec<u8> {
+        let mut records = Vec::new();
+        if self.grid_count {
+            records.push(self.word(1));
+        }
+        records.push(self.words(&dims));
+        records.push(self.reals(&[2.95, 0.0, 2.1e6, 1.39]));
+        records.push(self.reals(variables));
+        self.file(&records)
+    }
+}
+
+/// An NPY file, version 1 or 2, from its header dictionary and its body.
+pub(crate) fn npy(version: u8, header: &str, body: &[u8]) -> Vec<u8> {
+    let mut file = b"\x93NUMPY".to_vec();
+    file.extend([version, 0]);
+    let len = u32::try_from(header.len()).unwrap().to_le_bytes();
+    file.extend(&len[..if version == 1 { 2 } else { 4 }]);
+    file.extend(header.as_bytes());
+    file.extend(body);
+    file
+}
