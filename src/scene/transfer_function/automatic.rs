@@ -24,8 +24,7 @@ const VISIBLE_WEIGHT: f64 = 0.02;
 
 /// The optical depth aimed at along a line through the data, were its values spread evenly.
 /// Interesting values lie together. Medians over the axis-parallel lines through the middle
-/// quarter of three data sets, by axis: engine (CT) 2.3, 3.2, 1.6; nucleon 4.9, 4.9, 5.0;
-/// density of the blunt fin, whose shock fills one corner, .6, .5, .9 (greatest 6.5).
+/// quarter, by axis: engine (CT) 2.3, 3.2, 1.6; nucleon 4.9, 4.9, 5.0.
 const MEAN_DEPTH: f64 = 1.5;
 
 /// The greatest optical depth per unit distance (opacity .95): beyond it a single sample hides
