@@ -540,7 +540,10 @@ fn bare_positions_get_spheres_and_a_number_density() {
         Geometry::Points { positions: points }
     };
     let sampled = sample(dataset(geometry(0.0), vec![]));
-    assert_eq!(sampled.report.field.as_deref(), Some("number density"));
+    assert_eq!(
+        sampled.report.field.as_deref(),
+        Some("log10 number density")
+    );
     assert_eq!(
         sampled.report.warnings(),
         ["1 particles left out: position not finite"]

@@ -204,9 +204,11 @@ fn nothing_left(dataset: &Dataset, report: &SampleReport) -> Error {
     )
 }
 
-/// The transfer function for `values`; `mean_spacing` stands in for the unit distance.
+/// The transfer function for `values` that stand for `volumes` (empty: all the same);
+/// `mean_spacing` stands in for the unit distance.
 fn transfer_function(
     values: &Values,
+    volumes: &[f32],
     mean_spacing: f64,
     options: &SampleOptions,
 ) -> Result<TransferFunction> {
@@ -215,7 +217,7 @@ fn transfer_function(
         unit_distance: options.unit_distance.unwrap_or(mean_spacing),
     };
     match &options.transfer {
-        TransferChoice::Automatic => TransferFunction::automatic(values, &defaults),
+        TransferChoice::Automatic => TransferFunction::automatic(values, volumes, &defaults),
         TransferChoice::Named(name) => TransferFunction::named(name, &defaults),
         TransferChoice::File(path) => {
             let text = std::fs::read_to_string(path).map_err(|e| {
@@ -239,7 +241,7 @@ fn classified(
     mean_spacing: f64,
     options: &SampleOptions,
 ) -> Result<Sampled> {
-    let transfer_function = transfer_function(&values, mean_spacing, options)?;
+    let transfer_function = transfer_function(&values, &volumes, mean_spacing, options)?;
     report.value_range = values.finite_range();
     report.unit_distance = transfer_function.unit_distance();
     report.particle_count = particles.len();

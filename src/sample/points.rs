@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::factor::{cholesky, principal_sigmas};
+use super::factor::{factor_of_variance, principal_sigmas};
 use super::neighbours::neighbour_volumes;
 use super::{
     SampleOptions, SampleReport, Sampled, TakenScalar, check_count, check_len, index_u32, keep,
@@ -18,8 +18,9 @@ use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength, Values
 /// Variance of the cubic spline kernel (support 2h) per axis, over h².
 const CUBIC_SPLINE_VARIANCE: f64 = 0.3;
 
-/// The name that the report gives to the field computed for bare positions.
-const NUMBER_DENSITY: &str = "number density";
+/// The name that the report gives to the field computed for bare positions. The logarithm,
+/// because clustered points span many decades of density.
+const NUMBER_DENSITY: &str = "log10 number density";
 
 const VARIANCE: [&str; 6] = ["vxx", "vxy", "vxz", "vyy", "vyz", "vzz"];
 const SCALES: [&str; 7] = [
@@ -222,7 +223,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             &kept,
         )),
         _ if computed => {
-            let density = particles.iter().map(|p| narrowed(1.0 / p.volume));
+            let density = particles.iter().map(|p| narrowed(-p.volume.log10()));
             Some(Values::F32(density.collect()))
         }
         _ => None,
@@ -234,8 +235,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         .sum();
     let mean_spacing = Some((total / kept.len() as f64).cbrt()).filter(|s| *s > 0.0);
     let mean_spacing = mean_spacing.unwrap_or(1.0);
+    let volumes: Vec<f32> = particles.iter().map(|p| narrowed(p.volume)).collect();
     let transfer_function = match &values {
-        Some(values) => Some(transfer_function(values, mean_spacing, options)?),
+        Some(values) => Some(transfer_function(values, &volumes, mean_spacing, options)?),
         None => None,
     };
     report.value_range = values.as_ref().and_then(Values::finite_range);
@@ -465,7 +467,7 @@ impl Shape<'_> {
             Self::Sigma(sigma) => return sphere(number(sigma)),
             Self::SmoothingLength(h) => return sphere(CUBIC_SPLINE_VARIANCE.sqrt() * number(h)),
             Self::Neighbours(volumes) => return sphere(kernel_width * volumes[i].cbrt()),
-            Self::Variance(v) => cholesky(v.map(number)).ok_or(LeftOut::Indefinite)?,
+            Self::Variance(v) => factor_of_variance(v.map(number)).ok_or(LeftOut::Indefinite)?,
             Self::ScaleRotation(columns) => {
                 let [sx, sy, sz, w, x, y, z] = columns.map(number);
                 let scales = DVec3::new(sx, sy, sz);

@@ -24,8 +24,7 @@ const VISIBLE_WEIGHT: f64 = 0.02;
 
 /// The optical depth aimed at along a line through the data, were its values spread evenly.
 /// Interesting values lie together. Medians over the axis-parallel lines through the middle
-/// quarter of three data sets, by axis: engine (CT) 2.3, 3.2, 1.6; nucleon 4.9, 4.9, 5.0;
-/// density of the blunt fin, whose shock fills one corner, .6, .5, .9 (greatest 6.5).
+/// quarter, by axis: engine (CT) 2.3, 3.2, 1.6; nucleon 4.9, 4.9, 5.0.
 const MEAN_DEPTH: f64 = 1.5;
 
 /// The greatest optical depth per unit distance (opacity .95): beyond it a single sample hides
@@ -36,36 +35,44 @@ impl TransferFunction {
     /// A transfer function that shows what is rare in the values and far from their background.
     ///
     /// - Range: the finite values less the thousandth at either end.
-    /// - Background: the fullest bin of the histogram (air in a scan, the free stream of a
-    ///   flow), if it holds three times its even share, and else the low end.
+    /// - Background: the bin of the histogram with the greatest volume (air in a scan, the free
+    ///   stream of a flow, what lies around a cloud), if it holds three times its even share, and else the low end.
     /// - Worth of a value: rank² x distance. Distance is from the background, 0 there and
     ///   at most 1 (a shorter side counts as the geometric mean of both sides); rank is the
-    ///   share of the values outside the background that lie no farther from it. What is
+    ///   share of the volume outside the background whose values lie no farther from it. What is
     ///   worth less than .02 is transparent.
-    /// - Extinction: in proportion to worth, such that a line of (value count)^(1/3) samples,
-    ///   each `unit_distance` long, has an optical depth of 1.5 on average over all values;
-    ///   at most 3 per unit distance.
+    /// - Extinction: in proportion to worth, such that a line through the whole volume, as long
+    ///   as its cube root, has an optical depth of 1.5 on average; at most 3 per unit distance.
     /// - Colours: inferno where the background lies in the lowest tenth of the range, inferno
     ///   from bright to dark where in the highest, so that what is far from it is bright; else
     ///   viridis.
     ///
-    /// `defaults.range` is used where no value is finite. Constant data get a uniform haze.
+    /// `volumes` are those that the values stand for \[length³\], one each; if empty, each value
+    /// stands for a cube of the unit distance, as on a lattice. `defaults.range` is used where
+    /// no value is finite. Constant data get a uniform haze.
     ///
     /// # Errors
     /// A unit distance that is not positive.
-    pub fn automatic(values: &Values, defaults: &TransferDefaults) -> Result<Self> {
-        let sorted = sorted_sample(values);
+    pub fn automatic(
+        values: &Values,
+        volumes: &[f32],
+        defaults: &TransferDefaults,
+    ) -> Result<Self> {
+        let sorted = sorted_sample(values, volumes);
         let Some(range) = trimmed_range(&sorted) else {
             return Self::from_curves(|_| [1.0; 3], |_| 0.0, defaults.range, 1.0)?
                 .with_unit_distance(defaults.unit_distance);
         };
         let worth = Worth::new(&sorted, range);
-        let path = (values.len() as f64).cbrt();
-        let mean = sorted
-            .iter()
-            .map(|&v| worth.of(f64::from(v).clamp(worth.lo, worth.hi)))
-            .sum::<f64>()
-            / sorted.len() as f64;
+        let path = if volumes.is_empty() {
+            (values.len() as f64).cbrt()
+        } else {
+            let total: f64 = volumes.iter().copied().map(f64::from).sum();
+            total.cbrt() / defaults.unit_distance
+        };
+        let weighted =
+            |s: &Sample| s.volume * worth.of(f64::from(s.value).clamp(worth.lo, worth.hi));
+        let mean = sorted.iter().map(weighted).sum::<f64>() / worth.total;
         // Depth per unit distance of a value worth 1.
         let peak = (MEAN_DEPTH / (path * mean.max(f64::MIN_POSITIVE))).min(MAX_DEPTH_PER_UNIT);
         let place = worth.background_place();
@@ -98,15 +105,26 @@ impl TransferFunction {
     }
 }
 
+/// A value and the volume it stands for.
+#[derive(Clone, Copy)]
+struct Sample {
+    value: f32,
+    volume: f64,
+}
+
 /// The finite values in rising order: all, or [`SAMPLE_LEN`] spread over them.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "an index below the count of values"
 )]
-fn sorted_sample(values: &Values) -> Vec<f32> {
+fn sorted_sample(values: &Values, volumes: &[f32]) -> Vec<Sample> {
     let n = values.len();
-    let mut sample: Vec<f32> = if n <= SAMPLE_LEN {
-        (0..n).map(|i| values.get(i)).collect()
+    let at = |i: usize| Sample {
+        value: values.get(i),
+        volume: volumes.get(i).copied().map_or(1.0, f64::from),
+    };
+    let mut sample: Vec<Sample> = if n <= SAMPLE_LEN {
+        (0..n).map(at).collect()
     } else {
         // One from each of SAMPLE_LEN equal runs, at a place that hashing picks: a fixed
         // stride would meet the same columns of every row.
@@ -114,12 +132,12 @@ fn sorted_sample(values: &Values) -> Vec<f32> {
             .map(|k| {
                 let first = (u128::from(k) * n as u128 / SAMPLE_LEN as u128) as u64;
                 let next = (u128::from(k + 1) * n as u128 / SAMPLE_LEN as u128) as u64;
-                values.get((first + split_mix(k) % (next - first).max(1)) as usize)
+                at((first + split_mix(k) % (next - first).max(1)) as usize)
             })
             .collect()
     };
-    sample.retain(|v| v.is_finite());
-    sample.sort_unstable_by(f32::total_cmp);
+    sample.retain(|s| s.value.is_finite() && s.volume > 0.0 && s.volume.is_finite());
+    sample.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
     sample
 }
 
@@ -137,14 +155,14 @@ fn split_mix(k: u64) -> u64 {
     clippy::cast_sign_loss,
     reason = "a share of a length"
 )]
-fn trimmed_range(sorted: &[f32]) -> Option<[f32; 2]> {
+fn trimmed_range(sorted: &[Sample]) -> Option<[f32; 2]> {
     let last = sorted.len().checked_sub(1)?;
     let tail = (TAIL * last as f64) as usize;
-    let trimmed = [sorted[tail], sorted[last - tail]];
+    let trimmed = [sorted[tail].value, sorted[last - tail].value];
     Some(if trimmed[0] < trimmed[1] {
         trimmed
     } else {
-        [sorted[0], sorted[last]]
+        [sorted[0].value, sorted[last].value]
     })
 }
 
@@ -153,9 +171,11 @@ struct Worth {
     lo: f64,
     hi: f64,
     background: f64,
-    /// Distances from the background in rising order, one per sample.
-    distances: Vec<f64>,
-    /// Share of the values that are background: nearer to it than half a bin.
+    /// Distances from the background in rising order, each with the volume up to it.
+    distances: Vec<(f64, f64)>,
+    /// The volume of all samples.
+    total: f64,
+    /// Share of the volume that is background: nearer to it than half a bin.
     background_share: f64,
     /// Lengths that count as distance 1, below and above the background.
     scales: [f64; 2],
@@ -167,44 +187,62 @@ impl Worth {
         clippy::cast_sign_loss,
         reason = "a bin's index, within the histogram"
     )]
-    fn new(sorted: &[f32], [lo, hi]: [f32; 2]) -> Self {
+    fn new(sorted: &[Sample], [lo, hi]: [f32; 2]) -> Self {
         let (lo, hi) = (f64::from(lo), f64::from(hi));
+        let clamped = |s: &Sample| f64::from(s.value).clamp(lo, hi);
+        let total: f64 = sorted.iter().map(|s| s.volume).sum();
         let bin_count = (sorted.len() / 32).clamp(16, BIN_COUNT);
         let width = (hi - lo) / bin_count as f64;
-        let mut histogram = vec![0usize; bin_count];
+        let mut histogram = vec![0.0; bin_count];
         if width > 0.0 {
-            for &v in sorted {
-                let bin = ((f64::from(v).clamp(lo, hi) - lo) / width) as usize;
-                histogram[bin.min(bin_count - 1)] += 1;
+            for s in sorted {
+                let bin = ((clamped(s) - lo) / width) as usize;
+                histogram[bin.min(bin_count - 1)] += s.volume;
             }
         }
-        let (fullest, &count) = histogram
-            .iter()
-            .enumerate()
-            .rev()
-            .max_by_key(|&(_, count)| count)
-            .unwrap_or((0, &0));
-        let even_share = sorted.len() as f64 / bin_count as f64;
-        let background = if count as f64 >= BACKGROUND_DOMINANCE * even_share && fullest > 0 {
+        let (fullest, volume) =
+            histogram.iter().enumerate().fold(
+                (0, 0.0),
+                |best, (i, &v)| if v > best.1 { (i, v) } else { best },
+            );
+        let even_share = total / bin_count as f64;
+        let background = if volume >= BACKGROUND_DOMINANCE * even_share && fullest > 0 {
             lo + (fullest as f64 + 0.5) * width
         } else {
             lo
         };
-        let mut distances: Vec<f64> = sorted
+        let mut distances: Vec<(f64, f64)> = sorted
             .iter()
-            .map(|&v| (f64::from(v).clamp(lo, hi) - background).abs())
+            .map(|s| ((clamped(s) - background).abs(), s.volume))
             .collect();
-        distances.sort_unstable_by(f64::total_cmp);
-        let near = distances.partition_point(|&d| d <= 0.5 * width);
+        distances.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut up_to = 0.0;
+        for (_, volume) in &mut distances {
+            up_to += *volume;
+            *volume = up_to;
+        }
         let (below, above) = (background - lo, hi - background);
         let longer = below.max(above);
-        Self {
+        let mut worth = Self {
             lo,
             hi,
             background,
-            background_share: near as f64 / sorted.len() as f64,
             distances,
+            // As the running sum has it, so that the last share is 1.
+            total: up_to,
+            background_share: 0.0,
             scales: [below, above].map(|side| (side * longer).sqrt()),
+        };
+        worth.background_share = worth.share_within(0.5 * width);
+        worth
+    }
+
+    /// The share of the volume whose values lie within a distance of the background.
+    fn share_within(&self, distance: f64) -> f64 {
+        let count = self.distances.partition_point(|d| d.0 <= distance);
+        match count.checked_sub(1) {
+            Some(last) => self.distances[last].1 / self.total,
+            None => 0.0,
         }
     }
 
@@ -217,8 +255,7 @@ impl Worth {
         if scale <= 0.0 || self.background_share >= 1.0 {
             return if distance > 0.0 { 1.0 } else { 0.0 };
         }
-        let nearer = self.distances.partition_point(|&d| d <= distance) as f64;
-        let rank = ((nearer / self.distances.len() as f64 - self.background_share)
+        let rank = ((self.share_within(distance) - self.background_share)
             / (1.0 - self.background_share))
             .max(0.0);
         let worth = rank * rank * (distance / scale).min(1.0);
@@ -240,7 +277,7 @@ mod tests {
             range: [0.0, 1.0],
             unit_distance: 0.5,
         };
-        TransferFunction::automatic(&values, &defaults).unwrap()
+        TransferFunction::automatic(&values, &[], &defaults).unwrap()
     }
 
     /// Mean optical depth of a line through values in random order.
@@ -291,6 +328,25 @@ mod tests {
         assert!(t.classify(0.25)[3] > 0.0);
         assert!(t.classify(4.5)[3] > t.classify(0.25)[3]);
         assert!((depth(&t, &values) - MEAN_DEPTH).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_background_is_what_fills_the_volume() {
+        // Most particles lie in a dense cloud, most of the volume around it.
+        let values = Values::F32(
+            (0..10_000)
+                .map(|i| if i < 9000 { 5.0 } else { 1.0 })
+                .collect(),
+        );
+        let volumes: Vec<f32> = (0..10_000)
+            .map(|i| if i < 9000 { 0.01 } else { 1.0 })
+            .collect();
+        let defaults = TransferDefaults {
+            range: [1.0, 5.0],
+            unit_distance: 0.5,
+        };
+        let t = TransferFunction::automatic(&values, &volumes, &defaults).unwrap();
+        assert!(t.classify(1.0)[3] <= 0.0 && t.classify(5.0)[3] > 0.0);
     }
 
     #[test]
