@@ -86,7 +86,7 @@ fn stages(c: &mut Criterion) {
             cull(
                 &frame.volume,
                 &camera,
-                &frame.frustum,
+                Some(&frame.frustum),
                 black_box(&mut views),
             )
         });

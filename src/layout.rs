@@ -42,8 +42,6 @@ pub struct ViewUniform {
 pub struct BlockView {
     /// The block's origin in camera space, subtracted in f64.
     pub origin_camera: [f32; 3],
-    /// Distance from the eye to the block's origin (depth, for an orthographic camera).
-    pub origin_distance: f32,
     /// Which block of its volume.
     pub block: u32,
     /// Where its classified particles begin.
@@ -109,8 +107,8 @@ pub const PATH_AFFINE: u32 = 0;
 pub const PATH_EXACT: u32 = 1;
 /// Perspective kernel that crosses the camera plane: [`NearTerms`].
 pub const PATH_NEAR: u32 = 2;
-/// Orthographic kernel that crosses the camera plane: affine times a half-line factor, its
-/// numbers in the first four `half_line` words of [`NearTerms`].
+/// Orthographic kernel that crosses the camera plane: affine times a half-line factor
+/// from `half_line` and `sigma` of its [`NearTerms`].
 pub const PATH_HALF_LINE: u32 = 3;
 
 /// The five floats that make an affine footprint exact under perspective:
@@ -124,20 +122,23 @@ pub struct ExactTerms {
     pub hessian: [f32; 3],
 }
 
-/// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1):
-/// Q = DᵀN D / DᵀK D, z* = D . k / DᵀK D, sigma_z = sigma / sqrt(DᵀK D), all in units of a
-/// length of the kernel's own.
+/// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1), in
+/// units of a length of the kernel's own. With five columns f of its factor (the last two the
+/// low-pass filter's): Q = sum (D . (f x u))² / S, S = DᵀKD = sum (D . (f_i x f_j))²,
+/// z* = sum (D . (f_i x f_j)) (u . (f_i x f_j)) / S, sigma_z = sigma / sqrt(S).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct NearTerms {
-    /// N = sum over factor columns f of (f x u)(f x u)ᵀ: xx, xy, xz, yy, yz, zz.
-    pub miss: [f32; 6],
-    /// K = adj(V): xx, xy, xz, yy, yz, zz.
-    pub adjugate: [f32; 6],
-    /// k = K u. On the half-line path: dz/dx, dz/dy \[1/px\] and z at the centre.
-    pub depth: [f32; 3],
+    /// f x u for each column.
+    pub misses: [[f32; 3]; 5],
+    /// f_i x f_j for each pair of columns.
+    pub minors: [[f32; 3]; 10],
+    /// u . (f_i x f_j).
+    pub minor_depths: [f32; 10],
     /// sqrt(det V). On the half-line path: the standard deviation of z along the ray.
     pub sigma: f32,
+    /// Half-line path only: dz/dx, dz/dy \[1/px\] and z at the centre.
+    pub half_line: [f32; 3],
 }
 
 impl Footprint {

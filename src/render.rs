@@ -164,23 +164,21 @@ impl Renderer {
         };
         let mut clock = Clock(Instant::now());
 
-        // Cull, and the range of depth keys over what is left.
+        // Cull, and the range of depth keys over what is left and in view.
         let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
         let frustum = Frustum::new(camera, margin);
+        // Uniform scaling enlarges kernels beyond any reach.
+        let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
-            cull(volume, camera, &frustum, views);
+            cull(volume, camera, cull_by, views);
         }
-        let visible = || {
-            self.volumes
-                .iter()
-                .zip(&self.views)
-                .flat_map(|(volume, views)| {
-                    views
-                        .iter()
-                        .map(|v| distance_interval(camera, &volume.blocks[v.block as usize]))
-                })
-        };
-        let range = DepthRange::of(visible());
+        let in_view = self
+            .volumes
+            .iter()
+            .zip(&self.views)
+            .flat_map(|(volume, views)| views.iter().map(|v| &volume.blocks[v.block as usize]))
+            .filter(|block| frustum.sees(camera, block));
+        let range = DepthRange::of(in_view.map(|block| distance_interval(camera, block)));
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
             for view in views {
                 let (distance, _) = distance_interval(camera, &volume.blocks[view.block as usize]);

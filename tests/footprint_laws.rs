@@ -386,11 +386,11 @@ fn near_kernels_are_integrated_along_the_half_line() {
     for (ratio, allowed) in [
         // Sixteen roundings, and the fit of the normal distribution (3e-7).
         (3.0, 1e-5),
-        // K = adj(V) is formed: its value along a needle is a difference of numbers larger by the
-        // square of the axis ratio, six terms of two roundings; where the ray runs exactly along
-        // the needle, all of it counts.
-        (30.0, 1e-5 + 8.0 * EPS * 30.0 * 30.0),
-        (100.0, 1e-5 + 8.0 * EPS * 100.0 * 100.0),
+        // Along a needle each dot product is a difference of numbers larger by the axis ratio:
+        // some sixteen roundings of those. (At 1:1000 without low-pass filter, looking exactly along
+        // the needle, 3e-3 of the peak was seen.)
+        (30.0, 1e-5 + 16.0 * EPS * 30.0),
+        (100.0, 1e-5 + 16.0 * EPS * 100.0),
     ] {
         let mut worst = 0.0_f64;
         for i in 0..3_000 {
@@ -411,7 +411,7 @@ fn near_kernels_are_integrated_along_the_half_line() {
             }
             let k = kernel(centre.as_vec3().to_array(), rows, (size * size) as f32);
             let bare = Body::of(&k);
-            let depth = (bare.centre.z.powi(2) + bare.variance.z_axis.z).sqrt();
+            let depth = bare.centre.z.abs().max(bare.variance.z_axis.z.sqrt());
             let body = bare.low_passed(judge::focal(&v), f64::from(h2), depth);
             let (terms, weight) = near_terms(&v, &k).unwrap();
             let directions: Vec<Vec3> = (0..16)
@@ -476,21 +476,21 @@ fn near_and_exact_agree_in_front_of_the_camera() {
             let near = evaluate_near(&near, weight, slope.extend(1.0), 49.0);
             let error = f64::from((near - exact).abs() / image.tau);
             worst = worst.max(error);
-            // The direct form sums N u-wise: DᵀND is smaller than its terms by (R/sigma)², R the
-            // distance and sigma the smallest standard deviation. The share behind the camera is
-            // below 1e-11 here.
+            // The direct form's misses are differences of terms larger by R/sigma, R the distance
+            // and sigma the smallest standard deviation. The share behind the camera is below
+            // 1e-11 here.
             // R/sigma from the trace of the inverse variance: between one and sqrt(3) of it.
             let inverse = Body::of(&k).variance.inverse();
             let trace = inverse.x_axis.x + inverse.y_axis.y + inverse.z_axis.z;
             let far = f64::from(k.centre.length()) * trace.sqrt();
             assert!(
-                error < 6e-6 + EPS * far * far,
+                error < 6e-6 + 4.0 * EPS * far,
                 "{near} against {exact} at {far} sigma"
             );
-            slack = slack.max(error / (EPS * far * far));
+            slack = slack.max(error / (EPS * far));
         }
     }
-    println!("near against exact: {worst:.2e} of the peak, {slack:.2} EPS (R/sigma)²");
+    println!("near against exact: {worst:.2e} of the peak, {slack:.2} EPS R/sigma");
     assert!(worst > 0.0);
 }
 

@@ -38,22 +38,25 @@ impl Frustum {
         }
     }
 
-    /// Whether a box (camera-space centre, half extents along the world's axes) grown by
-    /// `radius` may reach inside. Conservative.
-    pub fn sees(&self, camera: &Camera, centre: DVec3, half_extent: DVec3, radius: f64) -> bool {
+    /// Whether a kernel of the block may reach inside. Conservative.
+    pub fn sees(&self, camera: &Camera, block: &Block) -> bool {
+        let centre = camera.camera_point(block.origin);
+        let half_extent = block.half_extent.as_dvec3();
+        let reach = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
         self.planes.iter().all(|(n, d)| {
             let world_normal = camera.camera_from_world.transpose() * *n;
-            n.dot(centre) + d + world_normal.abs().dot(half_extent) + radius >= 0.0
+            n.dot(centre) + d + world_normal.abs().dot(half_extent) + reach >= 0.0
         })
     }
 }
 
-/// The blocks that may reach the image and hold something visible, in their own order.
-/// Keys and counts are left to later stages.
+/// The blocks that may reach the image and hold something visible, in their own order. Without a
+/// frustum (for a filter that enlarges kernels without a bound) only what is transparent is left
+/// out. Keys and counts are left to later stages.
 pub fn cull(
     volume: &BlockedVolume,
     camera: &Camera,
-    frustum: &Frustum,
+    frustum: Option<&Frustum>,
     views: &mut Vec<BlockView>,
 ) {
     views.clear();
@@ -63,16 +66,12 @@ pub fn cull(
             .par_iter()
             .enumerate()
             .filter_map(|(i, block)| {
-                let centre = camera.camera_point(block.origin);
-                let half = block.half_extent.as_dvec3();
-                let radius = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
-                if is_transparent(volume, block) || !frustum.sees(camera, centre, half, radius) {
+                if is_transparent(volume, block) || frustum.is_some_and(|f| !f.sees(camera, block))
+                {
                     return None;
                 }
-                let (distance, _) = distance_interval(camera, block);
                 Some(BlockView {
-                    origin_camera: centre.as_vec3().into(),
-                    origin_distance: distance as f32,
+                    origin_camera: camera.camera_point(block.origin).as_vec3().into(),
                     block: u32::try_from(i).unwrap_or(u32::MAX),
                     first: 0,
                     count: 0,
@@ -121,7 +120,8 @@ impl DepthRange {
     /// The key of a distance: smaller is nearer.
     pub fn key(&self, distance: f64) -> u32 {
         // A float to integer cast saturates; NaN gives 0.
-        ((distance - self.near) * self.keys_per_unit) as u32 + 4
+        let key = ((distance - self.near) * self.keys_per_unit) as u32;
+        key.saturating_add(4).min((1 << DEPTH_KEY_BITS) - 4)
     }
 
     /// Keys per unit of distance.

@@ -222,6 +222,14 @@ fn rows<
     let dx_first = patch.first_px[0] - footprint.centre_px[0];
     let dy_first = patch.first_px[1] - footprint.centre_px[1];
     let chunks = patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1;
+    // Vectors reach beyond the patch; there nothing is within the cut-off.
+    let limits: [f32; TILE_SIZE] = std::array::from_fn(|column| {
+        if (patch.columns[0]..patch.columns[1]).contains(&column) {
+            cutoff
+        } else {
+            -1.0
+        }
+    });
     let mut inside = [0_u32; LANES];
     for y in patch.rows[0]..patch.rows[1] {
         let dy = dy_first + y as f32;
@@ -246,6 +254,9 @@ fn rows<
             let Some(z_out) = tile.depth[start..].first_chunk_mut::<LANES>() else {
                 continue;
             };
+            let Some(limit) = limits[chunk * LANES..].first_chunk::<LANES>() else {
+                continue;
+            };
             let Some(ray) = tile.ray_length[start..].first_chunk::<LANES>() else {
                 continue;
             };
@@ -265,7 +276,7 @@ fn rows<
                     is_inside = w > 0.0;
                 }
                 // NaN compares false, here and above: outside.
-                is_inside &= q <= cutoff;
+                is_inside &= q <= limit[lane];
                 let tau = tau * exp_minus_half::<FMA>(q);
                 let tau = if is_inside { tau } else { 0.0 };
                 let opacity = match OPACITY {

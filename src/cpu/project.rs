@@ -246,7 +246,8 @@ pub(crate) fn footprint(
     let screen = project_kernel(view, kernel);
     let filter = Filter::ALL[view.filter as usize];
     let image = screen.filtered(filter, h2);
-    if !(image.tau > 0.0 && image.tau.is_finite()) {
+    let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
+    if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }

@@ -155,7 +155,7 @@ impl TileRaster<'_> {
                 if !(q <= footprint.cutoff_squared) {
                     return 0.0;
                 }
-                let [gx, gy, z] = terms.depth;
+                let [gx, gy, z] = terms.half_line;
                 let z = z + gx * dx + gy * dy;
                 let in_front = normal_cdf(z / terms.sigma.max(f32::MIN_POSITIVE));
                 footprint.tau * (-0.5 * q).exp() * in_front

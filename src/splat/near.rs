@@ -12,76 +12,80 @@ use crate::math::normal_cdf;
 /// What [`evaluate_near`] needs, and the kernel's weight g/(2 pi) in the same units; `None` where
 /// the kernel has no volume to speak of (a point or a rod without low-pass filter).
 ///
-/// The low-pass filter of such a kernel is that of its root mean square depth,
-/// sqrt(u2² + V_zz), which is u2 again far from the plane.
+/// The low-pass filter of such a kernel is that of its depth u2, as on the exact path, but no
+/// less than that of a standard deviation of its depth: in the plane itself it is not nothing.
 pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32)> {
-    // Units of the kernel's own size: V² would underflow or overflow at the scale of some scenes.
+    // Units of the kernel's own size: squares of it would underflow or overflow at the scale of
+    // some scenes.
     let [c0, c1, c2] = kernel.factor.columns();
-    let unit = c0
-        .abs()
-        .max(c1.abs())
-        .max(c2.abs())
-        .max(kernel.centre.abs())
-        .max_element();
+    let unit = [c0, c1, c2, kernel.centre]
+        .iter()
+        .map(|v| v.abs().max_element())
+        .fold(0.0, f32::max);
     if !(unit > 0.0 && unit.is_finite()) {
         return None;
     }
     let scale = 1.0 / unit;
     let u = kernel.centre * scale;
-    let (c0, c1, c2) = (c0 * scale, c1 * scale, c2 * scale);
-    let mean_depth = (u.z * u.z + c0.z * c0.z + c1.z * c1.z + c2.z * c2.z).sqrt();
-    let h = view.low_pass_variance_px2.sqrt() * mean_depth;
+    let depth = u.z.abs().max(kernel.factor.z.length() * scale);
+    let h = view.low_pass_variance_px2.sqrt() * depth;
     let columns = [
-        c0,
-        c1,
-        c2,
+        c0 * scale,
+        c1 * scale,
+        c2 * scale,
         Vec3::X * (h / view.focal_px[0]),
         Vec3::Y * (h / view.focal_px[1]),
     ];
 
-    // Sums of squares only: N, K = adj(V) and det V by Cauchy-Binet.
-    let mut miss = [0.0; 6];
-    let mut adjugate = [0.0; 6];
+    let mut terms = NearTerms::default();
+    let mut pair = 0;
     let mut determinant = 0.0;
+    let mut any_minor = false;
     for (i, f) in columns.iter().enumerate() {
-        add_outer(&mut miss, f.cross(u));
+        terms.misses[i] = f.cross(u).into();
         for (j, g) in columns.iter().enumerate().skip(i + 1) {
             let minor = f.cross(*g);
-            add_outer(&mut adjugate, minor);
+            any_minor |= minor != Vec3::ZERO;
+            terms.minors[pair] = minor.into();
+            terms.minor_depths[pair] = minor.dot(u);
+            pair += 1;
             for k in &columns[j + 1..] {
                 determinant += minor.dot(*k).powi(2);
             }
         }
     }
-    if !(adjugate[0] + adjugate[3] + adjugate[5] > 0.0) {
-        return None;
-    }
-    let depth = symmetric_times(&adjugate, u);
-    let terms = NearTerms {
-        miss,
-        adjugate,
-        depth: depth.into(),
-        sigma: determinant.sqrt(),
-    };
-    Some((terms, kernel.mass * scale * scale / TAU))
+    terms.sigma = determinant.sqrt();
+    any_minor.then_some((terms, kernel.mass * scale * scale / TAU))
 }
 
 /// Optical depth of the kernel along the half line t D, t > 0, D = (X, Y, 1), cut off at
 /// Q > `cutoff_squared`.
 ///
-/// tau = g |D| / (2 pi sqrt(DᵀKD)) exp(-Q/2) Phi(z*/sigma_z).
+/// tau = g |D| / (2 pi sqrt(DᵀKD)) exp(-Q/2) Phi(z*/sigma_z), K = adj(V). Q and DᵀKD are sums of
+/// squares of one dot product per column and pair of columns of the factor: with V or K formed,
+/// the error would grow with the square of the axis ratio.
 #[inline]
 pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squared: f32) -> f32 {
-    let across = quadratic(&terms.adjugate, direction);
-    let q = quadratic(&terms.miss, direction) / across;
+    let mut across = 0.0;
+    let mut along = 0.0;
+    for (minor, depth) in terms.minors.iter().zip(terms.minor_depths) {
+        let m = direction.dot(Vec3::from(*minor));
+        across += m * m;
+        along += m * depth;
+    }
+    let miss: f32 = terms
+        .misses
+        .iter()
+        .map(|f| direction.dot(Vec3::from(*f)).powi(2))
+        .sum();
+    let q = miss / across;
     // Phrased so that NaN gives nothing.
     if !(q <= cutoff_squared) {
         return 0.0;
     }
     let root = across.sqrt();
-    // z*/sigma_z = (D . k / DᵀKD) / (sigma / sqrt(DᵀKD)); a flat kernel lies wholly on one side.
-    let behind =
-        direction.dot(Vec3::from(terms.depth)) / (root * terms.sigma.max(f32::MIN_POSITIVE));
+    // z*/sigma_z = (along / across) / (sigma / root); a flat kernel lies wholly on one side.
+    let behind = along / (root * terms.sigma.max(f32::MIN_POSITIVE));
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 
@@ -101,38 +105,8 @@ pub fn half_line_terms(
     let gy = (a * zy - b * zx) / determinant;
     let variance = z.length_squared() - (gx * zx + gy * zy);
     NearTerms {
-        depth: [gx, gy, kernel.centre.z],
+        half_line: [gx, gy, kernel.centre.z],
         sigma: variance.max(0.0).sqrt(),
         ..NearTerms::default()
     }
-}
-
-#[inline]
-fn add_outer(m: &mut [f32; 6], v: Vec3) {
-    let products = [
-        v.x * v.x,
-        v.x * v.y,
-        v.x * v.z,
-        v.y * v.y,
-        v.y * v.z,
-        v.z * v.z,
-    ];
-    for (m, p) in m.iter_mut().zip(products) {
-        *m += p;
-    }
-}
-
-#[inline]
-fn symmetric_times(m: &[f32; 6], v: Vec3) -> Vec3 {
-    let [xx, xy, xz, yy, yz, zz] = *m;
-    Vec3::new(
-        xx * v.x + xy * v.y + xz * v.z,
-        xy * v.x + yy * v.y + yz * v.z,
-        xz * v.x + yz * v.y + zz * v.z,
-    )
-}
-
-#[inline]
-fn quadratic(m: &[f32; 6], v: Vec3) -> f32 {
-    symmetric_times(m, v).dot(v)
 }

@@ -470,7 +470,7 @@ pub mod frame {
         ) -> Self {
             let volume = BlockedVolume::new(volume);
             let mut views = Vec::new();
-            cull(&volume, camera, &frustum, &mut views);
+            cull(&volume, camera, Some(&frustum), &mut views);
             let interval =
                 |v: &BlockView| distance_interval(camera, &volume.blocks[v.block as usize]);
             let range = DepthRange::of(views.iter().map(interval));
