@@ -79,7 +79,7 @@ fn image_seeds() -> &'static [(String, Vec<u8>)] {
         ["a.png", "a.exr", "a.pfm", "a.npy"]
             .map(|name| {
                 let path = folder.path().join(name);
-                write_image(&path, &image, None).unwrap();
+                write_image(&path, &image).unwrap();
                 (name.to_owned(), std::fs::read(&path).unwrap())
             })
             .into()

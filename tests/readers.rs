@@ -363,20 +363,8 @@ fn float_images_come_back_exactly() {
     let folder = Folder::new();
     for name in ["a.exr", "a.npy"] {
         let path = folder.0.path().join(name);
-        write_image(&path, &picture(), None).unwrap();
+        write_image(&path, &picture()).unwrap();
         assert_eq!(read_image(&path).unwrap(), picture());
-    }
-    for name in ["a.exr", "a.npy", "a.pfm"] {
-        let path = folder.0.path().join(name);
-        write_image(&path, &picture(), Some([1.0, 0.5, 0.0])).unwrap();
-        let read = read_image(&path).unwrap();
-        for (read, pixel) in read.pixels.iter().zip(&picture().pixels) {
-            let rest = 1.0 - pixel[3];
-            assert_eq!(
-                *read,
-                [pixel[0] + rest, pixel[1] + rest * 0.5, pixel[2], 1.0]
-            );
-        }
     }
 }
 
@@ -384,7 +372,7 @@ fn float_images_come_back_exactly() {
 fn png_images_come_back_to_half_a_step() {
     let folder = Folder::new();
     let path = folder.0.path().join("a.png");
-    write_image(&path, &picture(), None).unwrap();
+    write_image(&path, &picture()).unwrap();
     let read = read_image(&path).unwrap();
     for (read, pixel) in read.pixels.iter().zip(&picture().pixels) {
         for c in 0..4 {

@@ -2,9 +2,9 @@
 //!
 //! | extension | numbers | colour |
 //! |---|---|---|
-//! | `.png` | 8-bit RGBA (RGB over a background) | sRGB, alpha not multiplied in |
+//! | `.png` | 8-bit RGBA (RGB where all is opaque) | sRGB, alpha not multiplied in |
 //! | `.exr` | f32 R, G, B, A; depth: Z | linear, premultiplied |
-//! | `.pfm` | f32 RGB, little-endian, rows from the bottom; depth: one channel | linear, over the background or black |
+//! | `.pfm` | f32 RGB, little-endian, rows from the bottom; depth: one channel | linear, over black |
 //! | `.npy` | f32 (height, width, 4); depth: (height, width) | linear, premultiplied |
 //!
 //! PFM: the lines `PF` (colour) or `Pf` (grey), `width height`, and a scale whose sign gives
@@ -28,33 +28,59 @@ use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image, linear_from_srgb, srgb_from_linear};
 use crate::scene::Values;
 
-/// Writes an image in the format that the extension names: `png`, `exr`, `pfm` or `npy`.
-///
-/// `background`, linear RGB, is put behind the image and makes it opaque; without one, alpha
-/// is kept (in a `pfm`, which has none, the background is black).
+/// What [`write_image`] writes.
+const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
+/// What [`write_depth`] writes.
+const DEPTH_EXTENSIONS: &str = "exr, pfm or npy";
+
+/// Whether [`write_image`] could write to `path`, asked before the work of an image.
 ///
 /// # Errors
-/// An unknown extension, an image without pixels, or what [`write_bytes_atomically`] says.
-pub fn write_image(path: &Path, image: &Image, background: Option<[f32; 3]>) -> Result<()> {
+/// An unknown extension or a missing folder.
+pub fn check_image_path(path: &Path) -> Result<()> {
+    check_path(path, IMAGE_EXTENSIONS)
+}
+
+/// Whether [`write_depth`] could write to `path`, asked before the work of an image.
+///
+/// # Errors
+/// An unknown extension or a missing folder.
+pub fn check_depth_path(path: &Path) -> Result<()> {
+    check_path(path, DEPTH_EXTENSIONS)
+}
+
+fn check_path(path: &Path, known: &str) -> Result<()> {
+    let extension = super::extension(path);
+    if !known
+        .split([',', ' '])
+        .any(|k| k == extension && k != "or" && !k.is_empty())
+    {
+        return Err(unknown_extension(path, known));
+    }
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(Error::format(
+            path,
+            "writing",
+            "an existing folder",
+            format!("no folder `{}`", folder.display()),
+            "create it first",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Writes an image in the format that the extension names: `png`, `exr`, `pfm` or `npy`.
+///
+/// Alpha is kept, but for `pfm`, which has none: black shows through there. A `png` has alpha
+/// where the image is not opaque.
+///
+/// # Errors
+/// An unknown extension, an image without pixels, or what
+/// [`write_bytes_atomically`](super::write_bytes_atomically) says.
+pub fn write_image(path: &Path, image: &Image) -> Result<()> {
     check_size(path, image.width, image.height, image.pixels.len())?;
-    let over;
-    let image = match background {
-        None => image,
-        Some(background) => {
-            over = Image {
-                width: image.width,
-                height: image.height,
-                pixels: image
-                    .pixels
-                    .iter()
-                    .map(|&p| over_background(p, background))
-                    .collect(),
-            };
-            &over
-        }
-    };
     let bytes = match super::extension(path).as_str() {
-        "png" => png_bytes(path, image, background.is_some())?,
+        "png" => png_bytes(path, image)?,
         "exr" => exr_bytes(path, image)?,
         "pfm" => {
             let rows = image.pixels.chunks(image.width).rev();
@@ -70,7 +96,7 @@ pub fn write_image(path: &Path, image: &Image, background: Option<[f32; 3]>) -> 
             &[image.height, image.width, 4],
             image.pixels.iter().flatten().copied(),
         )?,
-        _ => return Err(unknown_extension(path, "png, exr, pfm or npy")),
+        _ => return Err(unknown_extension(path, IMAGE_EXTENSIONS)),
     };
     write_bytes_atomically(path, &bytes)
 }
@@ -109,7 +135,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
             depth.depths.chunks(width).rev().flatten(),
         ),
         "npy" => npy_bytes(path, &[height, width], depth.depths.iter().copied())?,
-        _ => return Err(unknown_extension(path, "exr, pfm or npy")),
+        _ => return Err(unknown_extension(path, DEPTH_EXTENSIONS)),
     };
     write_bytes_atomically(path, &bytes)
 }
@@ -122,7 +148,7 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
 pub fn read_image(path: &Path) -> Result<Image> {
     let extension = super::extension(path);
     if !matches!(extension.as_str(), "png" | "exr" | "pfm" | "npy") {
-        return Err(unknown_extension(path, "png, exr, pfm or npy"));
+        return Err(unknown_extension(path, IMAGE_EXTENSIONS));
     }
     let bytes = read_all(path)?;
     match extension.as_str() {
@@ -131,17 +157,6 @@ pub fn read_image(path: &Path) -> Result<Image> {
         "pfm" => read_pfm(path, &bytes),
         _ => read_npy(path, &bytes),
     }
-}
-
-/// One premultiplied pixel over an opaque background.
-fn over_background([r, g, b, a]: [f32; 4], background: [f32; 3]) -> [f32; 4] {
-    let rest = 1.0 - a;
-    [
-        r + rest * background[0],
-        g + rest * background[1],
-        b + rest * background[2],
-        1.0,
-    ]
 }
 
 fn check_size(path: &Path, width: usize, height: usize, count: usize) -> Result<()> {
@@ -208,7 +223,8 @@ fn byte(x: f32) -> u8 {
     }
 }
 
-fn png_bytes(path: &Path, image: &Image, opaque: bool) -> Result<Vec<u8>> {
+fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+    let opaque = image.pixels.iter().all(|p| p[3] >= 1.0);
     let colour = |p: &[f32; 4]| {
         let a = if p[3] > 0.0 { p[3] } else { 1.0 };
         [0, 1, 2].map(|c| byte(srgb_from_linear(p[c] / a)))
@@ -467,7 +483,7 @@ mod tests {
             height: 2,
             pixels: vec![[1., 2., 3., 1.], [4., 5., 6., 1.]],
         };
-        write_image(&path, &image, None).unwrap();
+        write_image(&path, &image).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let mut expected = b"PF\n1 2\n-1.0\n".to_vec();
         expected.extend(
@@ -494,16 +510,21 @@ mod tests {
                 [0.0; 4],
             ],
         };
-        write_image(&path, &image, None).unwrap();
+        write_image(&path, &image).unwrap();
         let picture = image::open(&path).unwrap();
         assert_eq!(
             picture.into_rgba8().into_raw(),
             [128, 0, 255, 51, 0, 255, 0, 255, 0, 0, 0, 0]
         );
-        write_image(&path, &image, Some([0.0, 1.0, 0.0])).unwrap();
+        let opaque = Image {
+            width: 1,
+            height: 1,
+            pixels: vec![[0.0, 1.0, 0.0, 1.0]],
+        };
+        write_image(&path, &opaque).unwrap();
         let picture = image::open(&path).unwrap();
         assert_eq!(picture.color(), image::ColorType::Rgb8);
-        assert_eq!(picture.into_rgb8().get_pixel(2, 0).0, [0, 255, 0]);
+        assert_eq!(picture.into_rgb8().get_pixel(0, 0).0, [0, 255, 0]);
     }
 
     #[test]
@@ -522,13 +543,17 @@ mod tests {
             };
             for name in ["a.png", "a.exr", "a.pfm", "a.npy"] {
                 let path = folder.path().join(name);
-                assert!(write_image(&path, &image, None).is_err());
+                assert!(write_image(&path, &image).is_err());
                 assert!(write_depth(&path, &depth).is_err());
             }
         }
         let image = Image::new(1, 1);
-        assert!(write_image(&folder.path().join("a.jpg"), &image, None).is_err());
-        assert!(write_image(&folder.path().join("a"), &image, None).is_err());
+        assert!(write_image(&folder.path().join("a.jpg"), &image).is_err());
+        assert!(write_image(&folder.path().join("a"), &image).is_err());
+        assert!(check_image_path(&folder.path().join("a.png")).is_ok());
+        assert!(check_image_path(&folder.path().join("a.or")).is_err());
+        assert!(check_image_path(&folder.path().join("none/a.png")).is_err());
+        assert!(check_depth_path(&folder.path().join("a.png")).is_err());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 }

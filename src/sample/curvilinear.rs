@@ -248,14 +248,26 @@ impl<'a> Grid<'a> {
             .into_par_iter()
             .map(|c| grid.signed_volume([c % ci, c / ci % cj, c / (ci * cj)]))
             .collect();
-        // Degenerate cells have volume 0 here.
+        let collapsed = (0..cell_count)
+            .into_par_iter()
+            .filter(|c| {
+                let corners = grid.cell_corners([c % ci, c / ci % cj, c / (ci * cj)]);
+                edges(&corners).any(|length| length <= 0.0)
+            })
+            .count();
+        report.note(
+            collapsed,
+            "cells",
+            "degenerate: an edge has no length; drawn with the volume that is left",
+        );
+        // Cells without volume have volume 0 here.
         let sum: f64 = volumes.iter().filter(|v| v.is_finite()).sum();
         grid.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
         let count = |f: &dyn Fn(f64) -> bool| volumes.iter().filter(|&&v| f(v)).count();
         report.note(
             count(&|v| v.abs() <= 0.0),
             "cells",
-            "degenerate: they have no volume and add nothing to their nodes",
+            "without volume: they add nothing to their nodes",
         );
         report.note(
             count(&|v| v * grid.handedness < 0.0),
@@ -379,13 +391,18 @@ impl<'a> Grid<'a> {
 
 /// The product of a cell's longest edges along i, j and k.
 fn longest_edges(c: &[DVec3; 8]) -> f64 {
-    [1, 2, 4]
-        .map(|step: usize| {
-            (0..8)
-                .filter(|i| i & step == 0)
-                .map(|i| c[i].distance(c[i + step]))
-                .fold(0.0, f64::max)
-        })
-        .iter()
+    let lengths: Vec<f64> = edges(c).collect();
+    lengths
+        .chunks(4)
+        .map(|along| along.iter().copied().fold(0.0, f64::max))
         .product()
+}
+
+/// Lengths of a cell's twelve edges: four along i, four along j, four along k.
+fn edges(c: &[DVec3; 8]) -> impl Iterator<Item = f64> {
+    [1, 2, 4].into_iter().flat_map(move |step: usize| {
+        (0..8)
+            .filter(move |i| i & step == 0)
+            .map(move |i| c[i].distance(c[i + step]))
+    })
 }

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use ewa_splat::io::{write_bytes_atomically, write_depth, write_image};
+use ewa_splat::io::{
+    check_depth_path, check_image_path, write_bytes_atomically, write_depth, write_image,
+};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
@@ -103,6 +105,10 @@ struct Output {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    check_image_path(&arguments.out)?;
+    if let Some(path) = &arguments.output.depth {
+        check_depth_path(path)?;
+    }
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -142,7 +148,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     progress.set_message("writing");
-    write_image(&arguments.out, renderer.image(), None)?;
+    write_image(&arguments.out, renderer.image())?;
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
     }
