@@ -1,0 +1,275 @@
+//! The command line as a user meets it: outputs, exit statuses, one-line errors, nothing left
+//! behind.
+#![cfg(feature = "cli")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ewa-splat"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn fixture(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name);
+    path.to_str().unwrap().to_string()
+}
+
+fn json(path: PathBuf) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn renders_every_output_and_says_what_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    for image in ["a.png", "a.exr", "a.pfm", "a.npy"] {
+        let output = run(
+            folder.path(),
+            &[
+                "render",
+                &wake,
+                "--transfer-function",
+                &transfer,
+                "--size",
+                "80x60",
+                "--out",
+                image,
+                "--depth",
+                "d.npy",
+                "--stats",
+                "s.json",
+                "--frames",
+                "2",
+            ],
+        );
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+    assert_eq!(
+        files(folder.path()),
+        ["a.exr", "a.npy", "a.pfm", "a.png", "d.npy", "s.json"]
+    );
+    let exr = ewa_splat::io::read_image(&folder.path().join("a.exr")).unwrap();
+    let npy = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    assert_eq!(exr, npy);
+    assert_eq!((npy.width, npy.height), (80, 60));
+    assert!(
+        npy.pixels.iter().any(|p| p[3] > 0.3),
+        "an empty picture of the wake"
+    );
+
+    let stats = json(folder.path().join("s.json"));
+    for key in [
+        "/particles",
+        "/surfels",
+        "/blocks/total",
+        "/blocks/culled",
+        "/footprints",
+        "/splat_pixels",
+        "/bytes_per_particle",
+        "/requirements",
+        "/backend",
+        "/adapter",
+        "/times_ms/read",
+        "/times_ms/prepare",
+        "/times_ms/cull",
+        "/times_ms/classify",
+        "/times_ms/project",
+        "/times_ms/sort",
+        "/times_ms/bin",
+        "/times_ms/rasterise",
+        "/times_ms/resolve",
+        "/times_ms/frame",
+        "/frames",
+    ] {
+        assert!(
+            stats.pointer(key).is_some_and(|v| !v.is_null()),
+            "no {key} in {stats}"
+        );
+    }
+    assert_eq!(stats["frames"], 2);
+    assert!(stats["splat_pixels"].as_u64().unwrap() > 0);
+
+    let equal = run(folder.path(), &["compare", "a.exr", "a.npy", "--json"]);
+    let errors: serde_json::Value = serde_json::from_slice(&equal.stdout).unwrap();
+    assert_eq!(errors["max"], 0.0);
+}
+
+#[test]
+fn every_filter_and_camera_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let particles = fixture("particles.csv");
+    std::fs::write(
+        folder.path().join("camera.json"),
+        r#"{"eye": [0, -14, 4], "target": [0, 0, 0], "fov_deg": 40}"#,
+    )
+    .unwrap();
+    let filters = [
+        "adaptive",
+        "exact",
+        "ewa",
+        "reconstruction",
+        "low-pass",
+        "isotropic",
+        "uniform-scaling",
+    ];
+    let cameras: [&[&str]; 4] = [
+        &["--azimuth", "-20", "--elevation", "60", "--zoom", "1.5"],
+        &["--ortho", "12"],
+        &["--camera", "camera.json"],
+        &["--eye", "-1,-15,2", "--target", "0,0,0", "--fov", "30"],
+    ];
+    for (filter, camera) in filters
+        .iter()
+        .map(|f| (*f, cameras[0]))
+        .chain(cameras.iter().map(|c| ("adaptive", *c)))
+    {
+        let mut arguments = vec![
+            "render", &particles, "--size", "64x64", "--out", "a.npy", "--filter", filter,
+        ];
+        arguments.extend(camera);
+        let output = run(folder.path(), &arguments);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        let covered = image.pixels.iter().filter(|p| p[3] > 0.05).count();
+        assert!(covered > 100, "{filter} {camera:?}: {covered} pixels");
+    }
+}
+
+#[test]
+fn bad_input_is_one_line_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, particles) = (fixture("wake.xyz"), fixture("particles.csv"));
+    let whole = std::fs::read(&wake).unwrap();
+    let inputs = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = inputs.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_string()
+    };
+    let truncated = write("half.xyz", &whole[..whole.len() / 2]);
+    let empty = write("empty.csv", b"");
+    let huge = write("huge.xyz", &[&i32::MAX.to_le_bytes()[..]; 3].concat());
+    let nan = write("nan.csv", b"x,y,z,sigma,mass\nnan,0,0,1,1\n");
+    let table = write("bad.csv", b"x,y,z,sigma,mass\n0,0,0,one,1\n1,0,0,1,1\n");
+    let transfer = write("bad.json", br#"{"range": [0, 1], "points": []}"#);
+    let cases: [(&[&str], &str); 11] = [
+        (&[&truncated], "bytes"),
+        (&[&empty], "empty"),
+        (&[&huge], "error"),
+        (&[&nan], "particle"),
+        (&[&table], "line 2, column `sigma`"),
+        (&["missing.csv"], "missing.csv"),
+        (&[&wake, "--field", "colour"], "density, momentum, energy"),
+        (&[&wake, "--transfer-function", "rainbow"], "viridis"),
+        (&[&wake, "--transfer-function", &transfer], "bad.json"),
+        (&[&wake, "--solution", &particles], "solution"),
+        (&[&wake, "--out", "no/folder.png"], "folder"),
+    ];
+    for (arguments, says) in cases {
+        let mut all = vec!["render"];
+        all.extend(arguments);
+        if !arguments.contains(&"--out") {
+            all.extend(["--out", "out.png"]);
+        }
+        let output = run(folder.path(), &all);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
+        let line = text.lines().last().unwrap_or_default();
+        assert!(
+            line.starts_with("error: ") && line.contains(says),
+            "{arguments:?}: {text}"
+        );
+        assert_eq!(text.matches("error: ").count(), 1, "{text}");
+        assert!(files(folder.path()).is_empty(), "{arguments:?} left a file");
+    }
+}
+
+#[test]
+fn bad_usage_is_status_2() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    for arguments in [
+        &["render"][..],
+        &["render", &wake],
+        &["render", &wake, "--out", "a.png", "--size", "0x4"],
+        &["render", &wake, "--out", "a.png", "--fov", "180"],
+        &["render", &wake, "--out", "a.png", "--eye", "1,2"],
+        &["render", &wake, "--out", "a.png", "--tolerance", "nan"],
+        &["render", &wake, "--out", "a.png", "--filter", "best"],
+        &["paint"],
+    ] {
+        assert_eq!(
+            run(folder.path(), arguments).status.code(),
+            Some(2),
+            "{arguments:?}"
+        );
+    }
+}
+
+#[test]
+fn nothing_visible_is_a_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let clear = r#"{"range": [0, 1], "points": [{"value": 0, "color": [1, 1, 1], "opacity": 0},
+                    {"value": 1, "color": [1, 1, 1], "opacity": 0}]}"#;
+    std::fs::write(folder.path().join("clear.json"), clear).unwrap();
+    let wake = fixture("wake.xyz");
+    let output = run(
+        folder.path(),
+        &[
+            "render",
+            &wake,
+            "--transfer-function",
+            "clear.json",
+            "--size",
+            "20x20",
+            "--out",
+            "a.npy",
+        ],
+    );
+    assert!(output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("nothing visible"));
+    let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    assert!(image.pixels.iter().all(|p| *p == [0.0; 4]));
+}
+
+#[test]
+fn info_tells_what_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), &["info", &fixture("wake.xyz"), "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["format"], "PLOT3D grid");
+    let names: Vec<_> = info["fields"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| &f["name"])
+        .collect();
+    assert!(names.contains(&&serde_json::json!("mach")));
+    assert_eq!(info["requirements"]["shape_floats"], 6);
+    let table = run(folder.path(), &["info", &fixture("particles.csv")]);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("bytes per particle"));
+}
