@@ -94,6 +94,8 @@ pub(super) struct Patch {
     pub(super) columns: [usize; 2],
     /// Rows of the tile, half-open.
     pub(super) rows: [usize; 2],
+    /// Columns of the tile that lie in the image.
+    pub(super) width: usize,
 }
 
 /// Adds a footprint on the affine or (with `exact`) the exact path to a tile; returns how many
@@ -222,14 +224,11 @@ fn rows<
     let dx_first = patch.first_px[0] - footprint.centre_px[0];
     let dy_first = patch.first_px[1] - footprint.centre_px[1];
     let chunks = patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1;
-    // Vectors reach beyond the patch; there nothing is within the cut-off.
-    let limits: [f32; TILE_SIZE] = std::array::from_fn(|column| {
-        if (patch.columns[0]..patch.columns[1]).contains(&column) {
-            cutoff
-        } else {
-            -1.0
-        }
-    });
+    // Vectors reach beyond the image's right border; there nothing is within the cut-off.
+    let mut limits = [cutoff; TILE_SIZE];
+    for limit in limits.iter_mut().skip(patch.width) {
+        *limit = -1.0;
+    }
     let mut inside = [0_u32; LANES];
     for y in patch.rows[0]..patch.rows[1] {
         let dy = dy_first + y as f32;

@@ -103,9 +103,14 @@ impl TileRaster<'_> {
         Vec3::new(slope(0, x), slope(1, y), 1.0)
     }
 
+    /// Columns of the tile that lie in the image.
+    fn width(&self) -> usize {
+        (self.view.size[0] as usize - self.origin[0]).min(TILE_SIZE)
+    }
+
     fn least_alpha(&self, tile: &Tile) -> f32 {
         // Only pixels of the image count.
-        let width = (self.view.size[0] as usize - self.origin[0]).min(TILE_SIZE);
+        let width = self.width();
         let height = (self.view.size[1] as usize - self.origin[1]).min(TILE_SIZE);
         let mut least = [f32::INFINITY; TILE_SIZE];
         for row in tile.alpha.chunks_exact(TILE_SIZE).take(height) {
@@ -132,6 +137,7 @@ impl TileRaster<'_> {
             first_px: [self.origin[0] as f32 + 0.5, self.origin[1] as f32 + 0.5],
             columns: clip(footprint.column_range(), 0),
             rows: clip(footprint.row_range(), 1),
+            width: self.width(),
         };
         let mode = Mode {
             linear: self.settings.linear_opacity,
