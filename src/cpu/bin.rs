@@ -3,8 +3,12 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
+use super::lanes::prefetch;
 use crate::constants::TILE_SIZE;
 use crate::layout::{ExactTerms, Footprint, PATH_EXACT, PATH_NEAR};
+
+/// Footprints between asking for one and reading it.
+const PREFETCH: usize = 8;
 
 /// Lists of footprints per tile. Each chunk of the sorted footprints keeps its own lists; a
 /// tile's list is the chunks' lists one after the other, so that chunks need not know each other.
@@ -72,7 +76,9 @@ pub fn bin(
                 found,
             } = bins;
             found.clear();
-            for &word in chunk {
+            for (n, &word) in chunk.iter().enumerate() {
+                let ahead = chunk.get(n + PREFETCH).map(|&word| word as u32 as usize);
+                prefetch(ahead.and_then(|i| footprints.get(i)));
                 let i = word as u32;
                 for_each_tile(
                     &footprints[i as usize],

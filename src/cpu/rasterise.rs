@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::bin::Bins;
-use super::lanes::{Mode, Patch, SimdLevel, Tile, splat};
+use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
 use crate::constants::{TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
     ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, ViewUniform,
@@ -28,6 +28,9 @@ pub struct RasteriseSettings {
 /// Footprints between two looks at whether the tile is already opaque.
 const TERMINATION_INTERVAL: usize = 16;
 
+/// Footprints between asking for one and reading it.
+const PREFETCH: usize = 4;
+
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
 #[allow(
@@ -47,7 +50,9 @@ pub fn rasterise(
     tiles
         .par_iter_mut()
         .enumerate()
-        .map(|(t, tile)| {
+        .map_init(Vec::new, |list, (t, tile)| {
+            list.clear();
+            list.extend(bins.tile(t));
             let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
             let raster = TileRaster {
                 view,
@@ -57,7 +62,9 @@ pub fn rasterise(
             raster.clear(tile);
             let transparent = view.tolerance * TERMINATION_SHARE;
             let mut splat_pixels = 0_u64;
-            for (n, i) in bins.tile(t).enumerate() {
+            for (n, &i) in list.iter().enumerate() {
+                let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
+                prefetch(ahead.and_then(|i| footprints.get(i)));
                 if n % TERMINATION_INTERVAL == TERMINATION_INTERVAL - 1
                     && raster.least_alpha(tile) >= 1.0 - transparent
                 {
