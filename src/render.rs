@@ -12,7 +12,7 @@ use crate::layout::{
 };
 use crate::scene::{PointVolume, Requirements};
 use crate::splat::Filter;
-use crate::view::{Camera, Projection};
+use crate::view::{Bounds, Camera, Projection};
 
 /// How a frame is drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -316,8 +316,11 @@ impl Renderer {
 
     /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
     /// world units.
-    pub fn visible_boxes(&self) -> impl Iterator<Item = (glam::DVec3, glam::DVec3)> + Clone {
-        self.volumes.iter().flat_map(BlockedVolume::visible_boxes)
+    pub fn visible_boxes(&self) -> Vec<Bounds> {
+        self.volumes
+            .iter()
+            .flat_map(BlockedVolume::visible_boxes)
+            .collect()
     }
 
     /// The volumes in blocks.
@@ -373,6 +376,21 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     {
         let found = format!("{} x {}", camera.width, camera.height);
         return refuse("image size", "1 to 65,535 pixels along each side", found);
+    }
+    let is_camera = camera.eye.is_finite()
+        && camera.camera_from_world.is_finite()
+        && camera.centre_px.is_finite()
+        && camera.focal_px.is_finite()
+        && camera.focal_px.min_element() > 0.0;
+    if !is_camera {
+        let found = format!("{camera:?}");
+        return refuse("camera", "finite numbers and positive focal lengths", found);
+    }
+    if let Some(background) = settings.background
+        && !background.iter().all(|b| b.is_finite())
+    {
+        let found = format!("{background:?}");
+        return refuse("background", "three finite numbers", found);
     }
     let h2 = settings.low_pass_variance_px2;
     if !(h2 >= 0.0 && h2.is_finite()) {

@@ -846,3 +846,46 @@ fn a_hundred_thousand_particles_in_one_place() {
     );
     assert!((alpha - expected).abs() < 1e-5, "{alpha} for {expected}");
 }
+
+#[test]
+fn a_fitted_camera_ignores_what_is_clear_or_haze() {
+    use ewa_splat::scene::{
+        Colour, ColourSpace, ControlPoint, Particles, PointVolume, Strength, TransferFunction,
+        Values,
+    };
+    // Values 0 far away (clear), 1 around the origin (dense), .505 between (haze: 1 %).
+    let positions = vec![
+        DVec3::new(100.0, 0.0, 0.0),
+        DVec3::new(-1.0, 0.0, 0.0),
+        DVec3::new(1.0, 2.0, 0.0),
+        DVec3::new(0.0, 0.0, 50.0),
+    ];
+    let point = |value, opacity| ControlPoint {
+        value,
+        colour: Some([1.0; 3]),
+        opacity: Some(opacity),
+    };
+    let transfer = TransferFunction::from_points(
+        &[point(0.0, 0.0), point(0.5, 0.0), point(1.0, 0.2)],
+        ColourSpace::LinearRgb,
+        [0.0, 1.0],
+        1.0,
+    );
+    let volume = PointVolume {
+        particles: Particles::Isotropic {
+            positions,
+            sigmas: vec![0.25; 4],
+        },
+        strength: Strength::Classified {
+            volumes: vec![1.0; 4],
+        },
+        colour: Colour::Classified,
+        values: Some(Values::F32(vec![0.0, 1.0, 1.0, 0.504])),
+        transfer_function: Some(transfer.unwrap()),
+    };
+    let boxes = Renderer::new(vec![volume]).unwrap().visible_boxes();
+    assert_eq!(
+        boxes,
+        [(DVec3::new(0.0, 1.0, 0.0), DVec3::new(1.25, 1.25, 0.25))]
+    );
+}

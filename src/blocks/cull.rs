@@ -82,7 +82,7 @@ pub fn cull(
 }
 
 /// Whether the transfer function leaves nothing of a block's value range.
-pub(super) fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
+fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
     match (&volume.strength, &volume.transfer_function) {
         (Strength::Classified { .. }, Some(transfer)) => {
             let [lo, hi] = block.value_range;

@@ -78,6 +78,10 @@ pub struct Block {
     pub value_range: [f32; 2],
 }
 
+/// The share of a transfer function's greatest extinction below which a fitted camera takes a
+/// particle for haze.
+const FAINT_SHARE: f32 = 0.01;
+
 /// No value: contains nothing.
 pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
@@ -120,13 +124,48 @@ impl BlockedVolume {
         }
     }
 
-    /// Middles and half extents of the blocks that the transfer function leaves visible, grown
-    /// by one standard deviation; world units.
-    pub fn visible_boxes(&self) -> impl Iterator<Item = (DVec3, DVec3)> + Clone {
-        self.blocks
-            .iter()
-            .filter(|block| !cull::is_transparent(self, block))
-            .map(|b| (b.origin, (b.half_extent + b.max_sigma).as_dvec3()))
+    /// Middles and half extents of boxes that hold what a viewer sees of the volume, grown by one
+    /// standard deviation; world units. What the transfer function gives less than
+    /// [`FAINT_SHARE`] of its greatest extinction does not count.
+    pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
+        let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
+            (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
+            _ => return self.blocks.iter().map(|b| self.whole_box(b)).collect(),
+        };
+        let [lowest, highest] = transfer.range();
+        let least = (transfer.max_extinction(lowest, highest) * FAINT_SHARE).max(f32::MIN_POSITIVE);
+        let offsets = match &self.particles {
+            // Bricks are small and have no gaps: their own ranges do.
+            BlockedParticles::Lattice(_) => None,
+            BlockedParticles::Isotropic { offsets, .. }
+            | BlockedParticles::Anisotropic { offsets, .. } => Some(offsets),
+        };
+        let seen = |block: &Block| {
+            let [lo, hi] = block.value_range;
+            if lo > hi || transfer.max_extinction(lo, hi) < least {
+                return None;
+            }
+            let Some(offsets) = offsets else {
+                return Some(self.whole_box(block));
+            };
+            let members = block.first as usize..(block.first + block.count) as usize;
+            let bounds = members
+                .filter(|&i| transfer.classify(values.get(i))[3] >= least)
+                .map(|i| (Vec3::from(offsets[i]), Vec3::from(offsets[i])))
+                .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+            bounds.map(|(lower, upper)| {
+                let middle = block.origin + ((lower + upper) / 2.0).as_dvec3();
+                (middle, ((upper - lower) / 2.0 + block.max_sigma).as_dvec3())
+            })
+        };
+        self.blocks.iter().filter_map(seen).collect()
+    }
+
+    fn whole_box(&self, block: &Block) -> (DVec3, DVec3) {
+        (
+            block.origin,
+            (block.half_extent + block.max_sigma).as_dvec3(),
+        )
     }
 }
 

@@ -76,6 +76,15 @@ impl Camera {
         }
     }
 
+    /// This camera turned to look along `forward`: exact at any distance from the origin, where
+    /// eye + direction would round.
+    pub(super) fn looking_along(self, forward: DVec3, up: DVec3) -> Self {
+        Self {
+            camera_from_world: look(forward, up),
+            ..self
+        }
+    }
+
     /// A world point in camera space.
     pub fn camera_point(&self, world: DVec3) -> DVec3 {
         self.camera_from_world * (world - self.eye)

@@ -37,12 +37,7 @@ impl Viewpoint {
     /// A perspective eye (ex, ey, ez) in axes of the camera sees a point between the planes
     /// x - ex = ± t (z - ez). So A + t ez <= ex <= B - t ez with A the greatest x - t z and B the
     /// least x + t z of the data: ez is the greatest that leaves room, ex the middle.
-    pub fn camera(
-        &self,
-        boxes: impl Iterator<Item = Bounds> + Clone,
-        lens: Lens,
-        size: [usize; 2],
-    ) -> Option<Camera> {
+    pub fn camera(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
         let (azimuth, elevation) = (
             self.azimuth_deg.to_radians(),
             self.elevation_deg.to_radians(),
@@ -61,9 +56,9 @@ impl Viewpoint {
         let (right, down) = (forward.cross(up), -up);
         // Least and greatest n . p over all boxes.
         let extent = |n: DVec3| {
-            boxes.clone().fold(
+            boxes.iter().fold(
                 (f64::INFINITY, f64::NEG_INFINITY),
-                |(least, most), (middle, half)| {
+                |(least, most), &(middle, half)| {
                     let (centre, reach) = (n.dot(middle), n.abs().dot(half));
                     (least.min(centre - reach), most.max(centre + reach))
                 },
@@ -95,7 +90,7 @@ impl Viewpoint {
                     near - far.abs().max(1.0)
                 };
                 let eye = place([x, y, z]);
-                Camera::perspective(eye, eye + forward, up, fov, size)
+                Camera::perspective(eye, eye, up, fov, size).looking_along(forward, up)
             }
             Lens::OrthoHeight(height) => {
                 let ((x0, x1), (y0, y1)) = (extent(right), extent(down));
@@ -104,7 +99,8 @@ impl Viewpoint {
                 // Well before the nearest box, so that no kernel is cut by the eye's plane.
                 let z = near - (far - near) - fitted;
                 let eye = place([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z]);
-                Camera::orthographic(eye, eye + forward, up, height.unwrap_or(fitted), size)
+                Camera::orthographic(eye, eye, up, height.unwrap_or(fitted), size)
+                    .looking_along(forward, up)
             }
         };
         camera.focal_px *= self.zoom;
@@ -133,7 +129,7 @@ mod tests {
                     elevation_deg,
                     zoom: 1.0,
                 };
-                let camera = view.camera(boxes.into_iter(), lens, [300, 200]).unwrap();
+                let camera = view.camera(&boxes, lens, [300, 200]).unwrap();
                 let (mut lower, mut upper) = (glam::DVec2::INFINITY, glam::DVec2::NEG_INFINITY);
                 for (middle, half) in boxes {
                     for i in 0..8 {
@@ -163,11 +159,11 @@ mod tests {
         };
         for lens in [Lens::FovDeg(30.0), Lens::OrthoHeight(None)] {
             let point = DVec3::new(1e7, 5.0, -3.0);
-            let camera = view.camera(std::iter::once((point, DVec3::ZERO)), lens, [64, 48]);
+            let camera = view.camera(&[(point, DVec3::ZERO)], lens, [64, 48]);
             let p = camera.unwrap().project(point).unwrap();
             // 1e7 leaves 2e-9 of a unit in f64, at tens of pixels a unit.
             assert!((p - glam::DVec2::new(32.0, 24.0)).length() < 1e-5, "{p}");
-            assert_eq!(view.camera(std::iter::empty(), lens, [64, 48]), None);
+            assert_eq!(view.camera(&[], lens, [64, 48]), None);
         }
     }
 }

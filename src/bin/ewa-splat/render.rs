@@ -132,7 +132,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
     let camera = arguments
         .camera
-        .camera(renderer.visible_boxes(), arguments.size)?;
+        .camera(&renderer.visible_boxes(), arguments.size)?;
     let camera = camera.unwrap_or_else(|| unfitted(arguments.size));
     let settings = arguments.settings();
     progress.set_message("rendering");

@@ -52,7 +52,7 @@ impl CameraOptions {
     /// The camera for data within `boxes`; `None` where it would be fitted to nothing.
     pub(crate) fn camera(
         &self,
-        boxes: impl Iterator<Item = Bounds> + Clone,
+        boxes: &[Bounds],
         size: Option<[usize; 2]>,
     ) -> Result<Option<Camera>> {
         if let Some(path) = &self.camera {
@@ -61,7 +61,9 @@ impl CameraOptions {
         let size = size.unwrap_or(DEFAULT_SIZE);
         let fov = self.fov.unwrap_or(35.0);
         if let Some(eye) = self.eye {
-            let all = boxes.map(|(middle, half)| (middle - half, middle + half));
+            let all = boxes
+                .iter()
+                .map(|&(middle, half)| (middle - half, middle + half));
             let all = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
             let centre = all.map_or(eye + DVec3::Y, |(lower, upper)| (lower + upper) / 2.0);
             let target = self.target.unwrap_or(centre);
