@@ -91,7 +91,8 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
     assert!(t.classify(1.0)[3] <= 0.0 && t.classify(0.55)[3] > 1.0);
     let visible = q[0].iter().filter(|&&rho| t.classify(rho)[3] > 0.1).count();
     let share = visible as f64 / q[0].len() as f64;
-    assert!(share > 0.03 && share < 0.4, "{share}");
+    // Half of them: the grid gathers its nodes on the vortices.
+    assert!(share > 0.3 && share < 0.7, "{share}");
 }
 
 #[test]

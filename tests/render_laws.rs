@@ -867,7 +867,7 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
     };
     let transfer = TransferFunction::from_points(
         &[point(0.0, 0.0), point(0.5, 0.0), point(1.0, 0.2)],
-        ColourSpace::LinearRgb,
+        ColourSpace::Linear,
         [0.0, 1.0],
         1.0,
     );

@@ -57,6 +57,14 @@ fn check_path(path: &Path, known: &str) -> Result<()> {
     {
         return Err(unknown_extension(path, known));
     }
+    check_folder(path)
+}
+
+/// Whether there is a folder for a file to be written, asked before the work of making it.
+///
+/// # Errors
+/// A missing folder.
+pub fn check_folder(path: &Path) -> Result<()> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(Error::format(
             path,

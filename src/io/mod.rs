@@ -22,7 +22,9 @@ use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
 pub use dataset::{Association, Dataset, Field, FieldSource, Geometry};
-pub use image_file::{check_depth_path, check_image_path, read_image, write_depth, write_image};
+pub use image_file::{
+    check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
+};
 pub use raw::{RawLayout, RawType};
 
 use crate::error::{Error, Result};

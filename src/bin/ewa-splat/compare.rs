@@ -21,17 +21,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let errors =
         ewa_splat::measure::compare(&read_image(&arguments.a)?, &read_image(&arguments.b)?)?;
     if arguments.json {
-        println!("{}", serde_json::json!(errors));
+        crate::say!("{}", serde_json::json!(errors));
         return Ok(());
     }
-    println!("linear premultiplied RGBA, full scale 1");
-    println!("rmse             {:.3e}", errors.rmse);
-    println!("max              {:.3e}", errors.max);
-    println!("99.9 percentile  {:.3e}", errors.p999);
+    crate::say!("linear premultiplied RGBA, full scale 1");
+    crate::say!("rmse             {:.3e}", errors.rmse);
+    crate::say!("max              {:.3e}", errors.max);
+    crate::say!("99.9 percentile  {:.3e}", errors.p999);
     match errors.psnr {
-        Some(psnr) => println!("psnr             {psnr:.2} dB"),
-        None => println!("psnr             infinite: the images are equal"),
+        Some(psnr) => crate::say!("psnr             {psnr:.2} dB"),
+        None => crate::say!("psnr             infinite: the images are equal"),
     }
-    println!("mean difference  {:+.3e}", errors.mean_difference);
+    crate::say!("mean difference  {:+.3e}", errors.mean_difference);
     Ok(())
 }

@@ -34,7 +34,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     description["particles"] = json!(blocked.particle_count());
     description["bytes_per_particle"] = json!(blocked.bytes_per_particle());
     if arguments.json {
-        println!("{description:#}");
+        crate::say!("{description:#}");
     } else {
         print_table(&description);
     }
@@ -110,7 +110,7 @@ fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
 
 fn print_table(description: &Value) {
     let text = |v: &Value| v.as_str().map_or_else(|| v.to_string(), str::to_string);
-    let row = |name: &str, value: String| println!("{name:<18} {value}");
+    let row = |name: &str, value: String| crate::say!("{name:<18} {value}");
     row("file", text(&description["file"]));
     row("format", text(&description["format"]));
     if let Some(geometry) = description["geometry"].as_object() {
@@ -130,14 +130,19 @@ fn print_table(description: &Value) {
         .as_array()
         .map_or(&[][..], Vec::as_slice);
     if !fields.is_empty() {
-        println!(
+        crate::say!(
             "\n{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
-            "field", "of", "type", "least", "greatest", "NaN/inf"
+            "field",
+            "of",
+            "type",
+            "least",
+            "greatest",
+            "NaN/inf"
         );
     }
     for field in fields {
         let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), |x| format!("{x:.6}"));
-        println!(
+        crate::say!(
             "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
             text(&field["name"]),
             text(&field["of"]),

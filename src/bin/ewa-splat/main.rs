@@ -1,5 +1,17 @@
 //! The command line: `render`, `info`, `compare`.
 
+/// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
+macro_rules! say {
+    ($($part:tt)*) => {
+        if std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($part)*)))
+            .is_err()
+        {
+            std::process::exit(0);
+        }
+    };
+}
+pub(crate) use say;
+
 mod compare;
 mod info;
 mod input;

@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::io::{
-    check_depth_path, check_image_path, write_bytes_atomically, write_depth, write_image,
+    check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_depth,
+    write_image,
 };
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
-use ewa_splat::{Renderer, Result, Settings};
+use ewa_splat::{Error, Renderer, Result, Settings};
 use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -109,6 +110,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.output.depth {
         check_depth_path(path)?;
     }
+    if let Some(path) = &arguments.output.stats {
+        check_folder(path)?;
+    }
+    arguments.check_collisions()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -164,6 +169,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
+    /// Refuses an output that would replace an input or another output.
+    fn check_collisions(&self) -> Result<()> {
+        let outputs = [
+            Some(&self.out),
+            self.output.depth.as_ref(),
+            self.output.stats.as_ref(),
+        ];
+        let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+        let mut taken: Vec<PathBuf> = self.inputs.iter().map(real).collect();
+        for path in outputs.into_iter().flatten() {
+            let path = real(path);
+            if taken.contains(&path) {
+                return Err(Error::format(
+                    path,
+                    "outputs",
+                    "a file of its own for each output",
+                    "one that is an input or another output",
+                    "choose another name",
+                ));
+            }
+            taken.push(path);
+        }
+        Ok(())
+    }
+
     fn settings(&self) -> Settings {
         let defaults = Settings::default();
         Settings {
