@@ -109,6 +109,8 @@ pub struct Renderer {
 
 /// Images at most this wide and high: pixel ranges are half words.
 const MAX_IMAGE_SIZE: usize = 65_535;
+/// Pixels of an image at most: 5 GiB of tiles and picture.
+const MAX_IMAGE_PIXELS: usize = 1 << 27;
 
 impl Renderer {
     /// Sorts the volumes' particles into blocks.
@@ -376,6 +378,10 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     {
         let found = format!("{} x {}", camera.width, camera.height);
         return refuse("image size", "1 to 65,535 pixels along each side", found);
+    }
+    if camera.width * camera.height > MAX_IMAGE_PIXELS {
+        let found = format!("{} x {}", camera.width, camera.height);
+        return refuse("image size", "at most 134,217,728 pixels in all", found);
     }
     let is_camera = camera.eye.is_finite()
         && camera.camera_from_world.is_finite()

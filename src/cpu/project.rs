@@ -379,15 +379,18 @@ fn near_range(
     let size = view.size[i];
     let tile = TILE_SIZE as u32;
     let slope_at = |px: f32| (px - view.centre_px[i]) / view.focal_px[i];
+    // The low-pass filter of `near_terms`, as a width in the plane of the image.
+    let reach_z = kernel.factor.z.length();
+    let low_pass = h * kernel.centre.z.abs().max(reach_z) / view.focal_px[i];
     // Support of the ellipsoid beyond the plane x = X z, on either side of it.
     let side = |slope: f32| {
         let centre = kernel.centre.dot(axis) - slope * kernel.centre.z;
-        let reach = r * (row - kernel.factor.z * slope).length();
+        let reach = r * (row - kernel.factor.z * slope).length().hypot(low_pass);
         (centre - reach, centre + reach)
     };
     let reaches = |t: u32| {
-        let (_, highest) = side(slope_at((t * tile) as f32 - r * h));
-        let (lowest, _) = side(slope_at(((t + 1) * tile) as f32 + r * h));
+        let (_, highest) = side(slope_at((t * tile) as f32));
+        let (lowest, _) = side(slope_at(((t + 1) * tile) as f32));
         highest >= 0.0 && lowest <= 0.0
     };
     let tiles = size.div_ceil(tile);

@@ -70,7 +70,10 @@ pub fn needs_exact(view: &ViewUniform, screen: &ScreenFactor, kernel: &ImageKern
         return false;
     }
     let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
-    let error = affine_error(view, screen, kernel, &terms) * opacity_amplification(kernel.tau);
+    // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
+    // faint neighbours are alike, and many of them add up along a ray.
+    let amplification = opacity_amplification(kernel.tau).max(1.0);
+    let error = affine_error(view, screen, kernel, &terms) * amplification;
     // Phrased so that NaN takes the safe side.
     !(error <= view.tolerance)
 }

@@ -63,7 +63,7 @@ pub struct ImageKernel {
 /// Carries a kernel to the image plane.
 ///
 /// Staged so that no power of the depth is ever formed: factor over depth first, then focal
-/// lengths; correct for scenes of 1e-15 to 1e15 units.
+/// lengths; correct for scenes of 1e-15 to 1e15 units, as long as the mass fits f32.
 #[inline]
 pub fn project_kernel(view: &ViewUniform, kernel: &Kernel) -> ScreenFactor {
     let focal = Vec2::from(view.focal_px);
