@@ -126,7 +126,7 @@ impl BlockedVolume {
 
     /// Middles and half extents of boxes that hold what a viewer sees of the volume, grown by one
     /// standard deviation; world units. What the transfer function gives less than
-    /// [`FAINT_SHARE`] of its greatest extinction does not count.
+    /// a hundredth of its greatest extinction does not count.
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
             (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
