@@ -889,3 +889,32 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
         [(DVec3::new(0.0, 1.0, 0.0), DVec3::new(1.25, 1.25, 0.25))]
     );
 }
+
+#[test]
+fn adaptive_holds_its_tolerance_where_many_faint_kernels_add_up() {
+    // 16³ kernels, each far too faint to err by a tolerance alone, seen from close by: their
+    // affine errors are alike and add up along a ray.
+    let mut particles = Vec::new();
+    for i in 0..4096 {
+        let cell = DVec3::new((i % 16) as f64, (i / 16 % 16) as f64, (i / 256) as f64);
+        particles.push(Particle {
+            position: cell - 7.5 + DVec3::new(0.0, 0.0, 24.0),
+            factor: DMat3::from_diagonal(DVec3::splat(0.6)),
+            mass: 0.1,
+            colour: [1.0, 0.5, 0.2],
+        });
+    }
+    let camera = camera(Projection::Perspective, [60.0; 2], [64, 64]);
+    let render = |filter| {
+        let settings = Settings {
+            filter,
+            tolerance: 1e-3,
+            cutoff: Some(6.0),
+            ..Settings::default()
+        };
+        let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
+        renderer.render(&camera, &settings).unwrap().clone()
+    };
+    let error = difference(&render(Filter::Adaptive), &render(Filter::Exact));
+    assert!(error <= 1e-3, "{error}");
+}
