@@ -4,6 +4,7 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::lanes::prefetch;
+use super::sort::footprint_index;
 use crate::constants::TILE_SIZE;
 use crate::layout::{ExactTerms, Footprint, PATH_EXACT, PATH_NEAR};
 
@@ -77,7 +78,7 @@ pub fn bin(
             } = bins;
             found.clear();
             for (n, &word) in chunk.iter().enumerate() {
-                let ahead = chunk.get(n + PREFETCH).map(|&word| word as u32 as usize);
+                let ahead = chunk.get(n + PREFETCH).map(|&word| footprint_index(word));
                 prefetch(ahead.and_then(|i| footprints.get(i)));
                 let i = word as u32;
                 for_each_tile(

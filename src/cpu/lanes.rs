@@ -2,8 +2,8 @@
 //!
 //! The body is plain Rust over arrays of a tile's row. It is compiled once per [`SimdLevel`] with
 //! that level's target features, and the compiler turns its loops into vectors: sixteen lanes
-//! with AVX-512, eight with AVX2, four at the baseline. `scalar.rs` of the tests holds the same
-//! mathematics in its plainest form.
+//! with AVX-512, eight with AVX2, four at the baseline. `tests/simd_levels.rs` holds the
+//! same mathematics in its plainest form.
 
 use crate::constants::{TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint};
@@ -128,8 +128,8 @@ pub(super) fn splat(
     patch: Patch,
 ) -> u32 {
     match level {
-        // SAFETY: a level is handed out only by `SimdLevel::available`, which asked the
-        // processor for these very features.
+        // SAFETY: `rasterise`, the only caller, clamps the level to `SimdLevel::best`, which asked
+        // the processor for these very features.
         #[cfg(target_arch = "x86_64")]
         #[allow(
             unsafe_code,

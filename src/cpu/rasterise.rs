@@ -47,6 +47,11 @@ pub fn rasterise(
     columns: usize,
     tiles: &mut [Tile],
 ) -> u64 {
+    // The inner loop trusts its level: no caller may ask for more than the processor has.
+    let settings = RasteriseSettings {
+        level: settings.level.min(SimdLevel::best()),
+        ..settings
+    };
     tiles
         .par_iter_mut()
         .enumerate()
