@@ -55,6 +55,7 @@
 //! | [`blocks`] | particles in blocks, culling |
 //! | [`cpu`] | the stages of a frame on the CPU |
 //! | [`render`] | scene + camera + settings to frame |
+//! | [`reference`] | the true image, in f64, by quadrature |
 //! | [`measure`] | how far one picture is from another |
 //!
 //! # Conventions
@@ -90,6 +91,7 @@ pub mod io;
 pub mod layout;
 pub mod math;
 pub mod measure;
+pub mod reference;
 pub mod render;
 pub mod sample;
 pub mod scene;
