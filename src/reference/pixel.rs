@@ -17,8 +17,12 @@ use super::{ReferenceFrame, ReferenceSettings, View};
 use crate::image::Image;
 use crate::view::Projection;
 
-/// Share of the error aimed at that rays may use; the rest is the filter's.
+// How the error aimed at is shared out. The last lattice's change is the error of the lattices
+// before; with it, the error is far smaller.
+const CHANGE_SHARE: f64 = 0.7;
 const RAY_SHARE: f64 = 0.1;
+const UNRESOLVED_SHARE: f64 = 0.1;
+const TAIL_SHARE: f64 = 0.1;
 
 /// Pixels along the side of a region that is sampled at once: a compromise between memory (64 MiB
 /// at 4096 rays per pixel) and the margin around it, which is sampled for its sake alone.
@@ -75,11 +79,12 @@ pub(super) fn supersampled(
     let mut frame = blank(width, height);
     let columns = width.div_ceil(REGION);
     let regions = columns * height.div_ceil(REGION);
-    let details: Vec<Detail> = view
+    let mut details: Vec<Detail> = view
         .kernels
         .par_iter()
         .filter_map(|k| Detail::of(k, view, settings))
         .collect();
+    details.sort_by(|a, b| a.weight.total_cmp(&b.weight));
     for r in 0..regions {
         let first = [r % columns * REGION, r / columns * REGION];
         let size = [
@@ -98,6 +103,7 @@ pub(super) fn supersampled(
 /// A kernel smaller than the spacing of the first lattices.
 struct Detail {
     centre_px: DVec2,
+    /// Half the size of the box of pixels that it changes.
     half_px: DVec2,
     /// The number of the lattice that resolves it.
     level: u32,
@@ -222,6 +228,10 @@ struct Pixel {
     mean: [f64; 4],
     /// How far the last lattice moved the mean.
     change: f64,
+    /// What the error may be.
+    estimate: f64,
+    /// The largest estimate of it and its neighbours.
+    worst: f64,
     ray_error: f64,
     /// What kernels too small to be resolved may add.
     unresolved: f64,
@@ -230,10 +240,10 @@ struct Pixel {
     done: bool,
 }
 
-/// One row of samples, filtered along x: the sum of weights last.
+/// One row of samples, filtered along x.
 struct Line {
     y: f64,
-    columns: Vec<[f64; 5]>,
+    columns: Vec<[f64; 4]>,
     error: f64,
     rays: u64,
 }
@@ -245,6 +255,8 @@ impl Region {
         let pixel = Pixel {
             mean: [0.0; 4],
             change: 0.0,
+            estimate: 0.0,
+            worst: 0.0,
             ray_error: 0.0,
             unresolved: 0.0,
             // At a spacing of h the lattice's own ripple is 1e-8.
@@ -263,27 +275,34 @@ impl Region {
         }
     }
 
-    /// Finds where small kernels ask for fine lattices.
+    /// Finds where small kernels ask for fine lattices; `details` by rising weight.
+    ///
+    /// The least of them may stay unresolved, as long as all that meet in a pixel change it by
+    /// less than their share of the error.
     fn plan(&mut self, details: &[Detail]) {
+        let mut places = Vec::new();
         for detail in details {
             let range = |i: usize| {
-                let centre = detail.centre_px.to_array()[i] - 0.5 - self.first[i] as f64;
-                let half = detail.half_px.to_array()[i];
+                let centre = detail.centre_px[i] - 0.5 - self.first[i] as f64;
+                let half = detail.half_px[i];
                 // Casts saturate.
                 let start = (centre - half).ceil().max(0.0) as usize;
                 let end = (centre + half).floor() + 1.0;
                 start..(end.max(0.0) as usize).min(self.size[i])
             };
-            // A thousandth of the error is not worth a lattice; all of them together are counted.
-            let resolve = detail.level <= self.last_level && detail.weight > 1e-3 * self.error;
-            for y in range(1) {
-                for x in range(0) {
-                    let pixel = &mut self.pixels[y * self.size[0] + x];
-                    if resolve {
-                        pixel.level = pixel.level.max(detail.level);
-                    } else {
-                        pixel.unresolved += detail.weight;
-                    }
+            places.clear();
+            places.extend(range(1).flat_map(|y| range(0).map(move |x| (x, y))));
+            let affordable = UNRESOLVED_SHARE * self.error - detail.weight;
+            let pixel = |(x, y): (usize, usize)| y * self.size[0] + x;
+            let resolve = detail.level <= self.last_level
+                && places
+                    .iter()
+                    .any(|&p| self.pixels[pixel(p)].unresolved > affordable);
+            for i in places.iter().map(|&p| pixel(p)) {
+                if resolve {
+                    self.pixels[i].level = self.pixels[i].level.max(detail.level);
+                } else {
+                    self.pixels[i].unresolved += detail.weight;
                 }
             }
         }
@@ -366,7 +385,7 @@ impl Region {
         let cell = |v: f64| (v + m as f64 + 0.5).floor();
         let mut line = Line {
             y,
-            columns: vec![[0.0; 5]; self.size[0]],
+            columns: vec![[0.0; 4]; self.size[0]],
             error: 0.0,
             rays: 0,
         };
@@ -375,6 +394,14 @@ impl Region {
             return line;
         }
         let needed = &needed[row as usize * columns..][..columns];
+        // Spacings divide a pixel: the samples around one pixel lie as those around any other.
+        let phase = (-self.reach - offset).div_euclid(spacing) as i64;
+        let weights: f64 = (phase..)
+            .map(|i| offset + i as f64 * spacing)
+            .take_while(|x| *x <= self.reach)
+            .filter(|x| *x >= -self.reach)
+            .map(|x| self.weight(x))
+            .sum();
         let first = ((-self.reach - offset) / spacing).ceil() as i64;
         let last = (((self.size[0] - 1) as f64 + self.reach - offset) / spacing).floor() as i64;
         for i in first..=last {
@@ -389,15 +416,16 @@ impl Region {
             let ray = view.integrate(place, RAY_SHARE * self.error, scratch);
             line.rays += 1;
             line.error = line.error.max(ray.error);
+            if ray.rgba == [0.0; 4] {
+                continue;
+            }
             let start = (x - self.reach).ceil().max(0.0) as usize;
             let end = ((x + self.reach).floor() + 1.0).max(0.0) as usize;
             for c in start..end.min(self.size[0]) {
-                let weight = self.weight(c as f64 - x);
-                let column = &mut line.columns[c];
-                for (sum, v) in column.iter_mut().zip(ray.rgba) {
+                let weight = self.weight(c as f64 - x) / weights;
+                for (sum, v) in line.columns[c].iter_mut().zip(ray.rgba) {
                     *sum += weight * v;
                 }
-                column[4] += weight;
             }
         }
         line
@@ -424,9 +452,8 @@ impl Region {
                 }
                 let (mut sum, mut weights) = ([0.0; 4], 0.0);
                 for (weight, line) in &near {
-                    let [r, g, b, a, total] = line.columns[x];
-                    for (s, v) in sum.iter_mut().zip([r, g, b, a]) {
-                        *s += weight * v / total;
+                    for (s, v) in sum.iter_mut().zip(line.columns[x]) {
+                        *s += weight * v;
                     }
                     weights += weight;
                 }
@@ -437,27 +464,33 @@ impl Region {
                     continue;
                 }
                 // As many samples as all lattices before together.
+                let before = pixel.change;
                 pixel.change = 0.0;
                 for (mean, s) in pixel.mean.iter_mut().zip(sum) {
                     let change = 0.5 * (s / weights - *mean);
                     *mean += change;
                     pixel.change = pixel.change.max(change.abs());
                 }
+                // The last lattice's change, unless by chance it is far smaller than those before
+                // let expect: halves where the image has sharp edges.
+                pixel.estimate = pixel.change.max(0.5 * before);
             }
         }
         // A pixel may stay by chance; with its neighbours it hardly does.
-        let stays: Vec<bool> = (0..w * h)
+        let around = |v: usize, size: usize| v.saturating_sub(1)..(v + 2).min(size);
+        let worst: Vec<f64> = (0..w * h)
             .map(|i| {
-                let (x, y) = (i % w, i / w);
-                let around = |v: usize, size: usize| v.saturating_sub(1)..(v + 2).min(size);
-                level >= self.pixels[i].level
-                    && around(y, h)
-                        .flat_map(|v| around(x, w).map(move |u| v * w + u))
-                        .all(|j| self.pixels[j].change <= CHANGE_SHARE * self.error)
+                around(i / w, h)
+                    .flat_map(|y| around(i % w, w).map(move |x| y * w + x))
+                    .map(|j| self.pixels[j].estimate)
+                    .fold(0.0, f64::max)
             })
             .collect();
-        for (pixel, stays) in self.pixels.iter_mut().zip(stays) {
-            pixel.done |= stays;
+        for (pixel, worst) in self.pixels.iter_mut().zip(worst) {
+            if !pixel.done {
+                pixel.worst = worst;
+                pixel.done = level >= pixel.level && worst <= CHANGE_SHARE * self.error;
+            }
         }
     }
 
@@ -467,13 +500,9 @@ impl Region {
             let place = (self.first[1] + y) * frame.image.width + self.first[0] + x;
             frame.pixels[place] = pixel.mean;
             // The tail of the filter that is cut off: see `filter_reach`.
-            let error = pixel.change + pixel.ray_error + pixel.unresolved + 0.1 * self.error;
+            let error = pixel.worst + pixel.ray_error + pixel.unresolved + TAIL_SHARE * self.error;
             frame.error = frame.error.max(error);
             frame.unconverged += usize::from(error > self.error);
         }
     }
 }
-
-/// Share of the error aimed at by which the last lattice may move a pixel. It is the error of the
-/// lattices before; with the last one it is far smaller.
-const CHANGE_SHARE: f64 = 0.8;
