@@ -153,7 +153,7 @@ impl Case {
 }
 
 /// Kernels of every rank, with and without low-pass filter, needles to 1:10,000, up to
-/// 80 degrees off the axis, standard deviations 1e-4 to .3 of the distance.
+/// 80 degrees off the axis or all but on it, standard deviations 1e-4 to .3 of the distance.
 fn cases(seed: u64, count: usize) -> impl Iterator<Item = (usize, Case)> {
     let mut random = Random::new(seed);
     (0..count).map(move |i| {
@@ -162,7 +162,8 @@ fn cases(seed: u64, count: usize) -> impl Iterator<Item = (usize, Case)> {
         let from = Draw {
             ratio: 1e4,
             size: [1e-4, 0.3],
-            off_axis_deg: 80.0,
+            // On the axis the error has other terms.
+            off_axis_deg: if random.index(4) == 0 { 0.01 } else { 80.0 },
             h2,
         };
         let (view, kernel) = draw(&mut random, from);
@@ -200,33 +201,28 @@ fn affine_error_is_within_its_bound() {
 }
 
 #[test]
-fn opacity_errs_by_no_more_than_amplified_depth() {
-    let mut measured_depth = Slack::new("opacity error, given the depth's error");
-    let mut bounded_depth = Slack::new("opacity error, given the depth's bound");
+fn opacity_errs_by_no_more_than_the_amplified_bound() {
     let mut random = Random::new(2);
-    for (_, case) in cases(2, 6_000) {
-        let tau = random.log_range(1e-4, 1e3);
-        let amplification = f64::from(opacity_amplification(tau as f32));
-        let pair = |a: DVec2| ((-0.5 * a.length_squared()).exp(), case.exact(a));
-        let depth = greatest(|a| {
-            let (affine, exact) = pair(a);
-            (affine - exact).abs()
-        });
-        let opacity = greatest(|a| {
-            let (affine, exact) = pair(a);
-            ((-tau * affine).exp() - (-tau * exact).exp()).abs()
-        });
-        if depth * amplification > 1e-6 && depth * amplification < 0.1 {
-            measured_depth.add(opacity, depth * amplification, || {
-                format!("{tau} {}", case.describe())
+    let mut faint = Slack::new("opacity of an affine kernel, depth 1e-4 to 1");
+    let mut opaque = Slack::new("opacity of an affine kernel, depth 1 to 1e4");
+    for (i, (_, case)) in cases(3, 12_000).enumerate() {
+        let (slack, tau) = if i % 3 == 0 {
+            (&mut faint, random.log_range(1e-4, 1.0))
+        } else {
+            (&mut opaque, random.log_range(1.0, 1e4))
+        };
+        let bound = case.bound * f64::from(opacity_amplification(tau as f32));
+        // An error above 1 is none: every opacity is below.
+        if bound < 1.0 {
+            let error = greatest(|a| {
+                let affine = tau * (-0.5 * a.length_squared()).exp();
+                ((-affine).exp() - (-tau * case.exact(a)).exp()).abs()
             });
-        }
-        if case.bound * amplification > 1e-6 && case.bound * amplification < 0.1 {
-            bounded_depth.add(opacity, case.bound * amplification, || {
-                format!("{tau} {}", case.describe())
-            });
+            // The judge's cancellation, as above.
+            let case = || format!("tau {tau}, {}", case.describe());
+            slack.add(error, bound + 1e-9, case);
         }
     }
-    measured_depth.finish(1_000);
-    bounded_depth.finish(1_000);
+    faint.finish(3_000);
+    opaque.finish(4_000);
 }

@@ -50,14 +50,22 @@ pub fn affine_error(
     linear + 1.1 * curvature + 0.4 * angle / ray_squared
 }
 
-/// How much an error of the optical depth, relative to its peak `tau`, may change the opacity:
-/// tau below 1, else 1 + .33 (2 ln tau)^1.5 because the error moves the edge of an opaque kernel.
+/// What [`affine_error`] is to be multiplied by for the error of the opacity 1 - exp(-tau), `tau`
+/// being the optical depth at the centre.
+///
+/// tau below 1. Above, the error moves the edge of an opaque kernel, which lies near
+/// r = sqrt(2 ln tau): there the terms of the affine error have grown to r³/2 (the gradient of w)
+/// and r⁴/2 (its Hessian, what remains on the axis), against .58 and 1.1 where they peak. With
+/// x exp(-x) <= 1/e at the edge that is .32 r³ and .17 r⁴; terms that partly cancel, and the
+/// breadth of the edge, ask for .43 r³ and .18 r⁴. (1 + .33 r³ was tried: exceeded 1.25 times at
+/// tau = 1,000 off the axis, 1.8 times on it.)
 #[inline]
 pub fn opacity_amplification(tau: f32) -> f32 {
     if tau < 1.0 {
         tau
     } else {
-        1.0 + 0.33 * (2.0 * tau.ln()).powf(1.5)
+        let r = (2.0 * tau.ln()).sqrt();
+        1.0 + 0.43 * r.powi(3) * (0.42 * r).max(1.0)
     }
 }
 
