@@ -17,12 +17,16 @@ use std::f64::consts::TAU;
 use common::Random;
 use common::draw::{Draw, EPS, draw, judged, ray};
 use common::judge::{self, Body};
+use common::scene::{Particle, camera, render, volume};
 use ewa_splat::layout::ViewUniform;
+use ewa_splat::math::normal_cdf;
 use ewa_splat::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,
     exact_terms, opacity_amplification, project_kernel,
 };
-use glam::{DVec2, DVec3, Vec2};
+use ewa_splat::view::{Camera, Projection};
+use ewa_splat::{Image, Settings};
+use glam::{DMat3, DVec2, Vec2};
 
 /// One line of the table: what was measured over what was promised.
 struct Slack {
@@ -225,4 +229,282 @@ fn opacity_errs_by_no_more_than_the_amplified_bound() {
     }
     faint.finish(3_000);
     opaque.finish(4_000);
+}
+
+#[test]
+fn cheaper_filters_err_by_no_more_than_they_say() {
+    let mut random = Random::new(4);
+    let mut reconstruction = Slack::new("reconstruction kernel alone");
+    let mut low_pass = Slack::new("low-pass filter alone");
+    let mut isotropic = Slack::new("isotropic footprint");
+    for _ in 0..6_000 {
+        let h2 = random.range(0.3, 2.0);
+        let from = Draw {
+            ratio: 100.0,
+            size: [1e-4, 0.1],
+            off_axis_deg: 60.0,
+            h2: h2 as f32,
+        };
+        let (view, kernel) = draw(&mut random, from);
+        let case = Case::new(view, kernel);
+        let h2 = f64::from(view.low_pass_variance_px2);
+        let bare = Body::of(&kernel).projected(judge::focal(&view));
+        let (l1, l2) = judge::eigenvalues(&bare);
+        // The EWA footprint's peak, by the determinant of the judge's variance.
+        let peak = f64::from(case.screen.weight) / (TAU * case.cholesky.determinant());
+        let error = |filter| {
+            let image = case.screen.filtered(filter, view.low_pass_variance_px2);
+            let [p, r] = image.triangular_form().map(Vec2::from);
+            greatest(|a| {
+                let d = (case.cholesky * a).as_vec2();
+                let q = p.dot(d).powi(2) + r.dot(d).powi(2);
+                let tau = f64::from(image.tau * (-0.5 * q).exp()) / peak;
+                (tau - (-0.5 * a.length_squared()).exp()).abs()
+            })
+        };
+        // Some sixteen roundings of either footprint, and that of T, as on the exact path.
+        let rounding = 6e-6 + 4.0 * EPS * (l2 / l1).sqrt();
+        let ratio = ((1.0 + h2 / l1) * (1.0 + h2 / l2)).sqrt();
+        let bound = ratio - 1.0 + rounding * ratio;
+        reconstruction.add(error(Filter::Reconstruction), bound, || case.describe());
+        let ratio = ((1.0 + l1 / h2) * (1.0 + l2 / h2)).sqrt();
+        let bound = ratio - 1.0 + rounding * ratio;
+        low_pass.add(error(Filter::LowPass), bound, || case.describe());
+        let delta = 0.5 * (l2 - l1) / (h2 + 0.5 * (l1 + l2));
+        let bound = 0.368 * delta + 0.64 * delta.powi(4) + rounding;
+        isotropic.add(error(Filter::Isotropic), bound, || case.describe());
+    }
+    for slack in [reconstruction, low_pass, isotropic] {
+        slack.finish(6_000);
+    }
+}
+
+#[test]
+fn what_a_cutoff_leaves_out_is_the_tolerance() {
+    let mut random = Random::new(5);
+    let mut edge = Slack::new("depth at the cut-off's edge");
+    let mut lost = Slack::new("mass beyond the cut-off");
+    let mut opacity = Slack::new("opacity of a kernel with a cut-off");
+    for _ in 0..20_000 {
+        let tau = random.log_range(1e-4, 1e4);
+        let tolerance = random.log_range(1e-5, 0.5);
+        let r = f64::from(cutoff_radius(tau as f32, tolerance as f32, 0.0));
+        let share = f64::from(cutoff_share(r as f32));
+        let case = || format!("tau {tau}, tolerance {tolerance}");
+        let gauss = |r: f64| (-0.5 * r * r).exp();
+        // r² / 2 up to 20, in some four roundings.
+        let rounding = 1.0 + 80.0 * EPS;
+        edge.add(tau * gauss(r), tolerance * tau.min(1.0) * rounding, case);
+        // The integral beyond r, by Simpson's rule on the ring's density.
+        let step = (12.0 - r) / 400.0;
+        let beyond: f64 = (0..400)
+            .map(|i| {
+                let [a, b, c] = [0.0, 0.5, 1.0].map(|s| r + step * (f64::from(i) + s));
+                step / 6.0 * (a * gauss(a) + 4.0 * b * gauss(b) + c * gauss(c))
+            })
+            .sum();
+        lost.add(beyond, tolerance / tau.max(1.0) * rounding, case);
+        // Cut off and given its mass back, against the whole kernel.
+        let error = (0..=600)
+            .map(|i| f64::from(i) * 0.01)
+            .chain([r * (1.0 - 1e-9), r * (1.0 + 1e-9)])
+            .map(|x| {
+                let whole = tau * gauss(x);
+                let cut = if x < r { whole / share } else { 0.0 };
+                ((-cut).exp() - (-whole).exp()).abs()
+            })
+            .fold(0.0, f64::max);
+        // Within, the mass given back raises the kernel.
+        let bound = tolerance * tau.min(1.0) / (1.0 - tolerance / tau.max(1.0));
+        // The share itself is rounded.
+        opacity.add(error, bound * rounding + 2.0 * EPS * tau, case);
+    }
+    for slack in [edge, lost, opacity] {
+        slack.finish(20_000);
+    }
+}
+
+#[test]
+fn the_normal_distribution_is_as_good_as_it_says() {
+    let mut random = Random::new(6);
+    let mut relative = Slack::new("normal_cdf, relative");
+    let mut absolute = Slack::new("normal_cdf, absolute");
+    for i in 0..100_000 {
+        let x = if i % 2 == 0 {
+            random.range(-8.0, 8.0)
+        } else {
+            random.range(-1.0, 1.0)
+        } as f32;
+        let exact = 0.5 * libm::erfc(-f64::from(x) * std::f64::consts::FRAC_1_SQRT_2);
+        let error = (f64::from(normal_cdf(x)) - exact).abs();
+        let case = || format!("x = {x}");
+        let bound = 5e-7 + 1.2e-7 * f64::from(x * x);
+        relative.add(error / exact, bound, case);
+        absolute.add(error, 2e-7, case);
+    }
+    relative.finish(100_000);
+    absolute.finish(100_000);
+}
+
+/// Images of the same scenes drawn two ways: all differences of a channel, over the tolerance.
+struct Differences {
+    name: String,
+    tolerance: f64,
+    ratios: Vec<f32>,
+}
+
+impl Differences {
+    fn new(name: &str, tolerance: f64) -> Self {
+        Self {
+            name: format!("{name}, tolerance {tolerance:.1e}"),
+            tolerance,
+            ratios: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, a: &Image, b: &Image) {
+        for (a, b) in a.pixels.iter().zip(&b.pixels) {
+            if a[3] > 0.0 || b[3] > 0.0 {
+                // NaN counts as the greatest of errors.
+                let channels = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+                let most = channels.fold(0.0, |m: f32, d| if d <= m { m } else { d });
+                self.ratios.push(most / self.tolerance as f32);
+            }
+        }
+    }
+
+    fn finish(mut self, least_pixels: usize, limit: f64) {
+        self.ratios.sort_by(f32::total_cmp);
+        let count = self.ratios.len();
+        let at = |share: f64| f64::from(self.ratios[((count - 1) as f64 * share) as usize]);
+        println!(
+            "{:<52} {count:>7}  worst {:.3e}  p99.9 {:.3e}  of the tolerance",
+            self.name,
+            at(1.0),
+            at(0.999)
+        );
+        assert!(count >= least_pixels, "{}: {count} pixels", self.name);
+        assert!(at(1.0) <= limit, "{}: {}", self.name, at(1.0));
+    }
+}
+
+const TOLERANCES: [f64; 5] = [1.0 / 16.0, 1.0 / 64.0, 1.0 / 255.0, 1e-3, 1e-4];
+
+/// A kernel alone before a camera that looks past it: standard deviation on the image 1 to 12
+/// pixels, optical depth .01 to 1000.
+fn isolated(random: &mut Random) -> (Particle, Camera) {
+    let from = Draw {
+        ratio: 100.0,
+        size: [1e-3, 0.3],
+        off_axis_deg: if random.index(4) == 0 { 1.0 } else { 75.0 },
+        h2: 0.0,
+    };
+    let (_, kernel) = draw(random, from);
+    let body = Body::of(&kernel);
+    let (_, largest) = judge::eigenvalues(&body.projected(DVec2::ONE));
+    let focal = random.log_range(1.0, 12.0) / largest.sqrt();
+    let focal = DVec2::new(focal, focal * random.range(0.7, 1.4));
+    let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
+    let slope = body.centre.truncate() / body.centre.z;
+    camera.centre_px = DVec2::splat(32.0) + random.point(4.0).truncate() - focal * slope;
+    let low_passed = body.low_passed(focal, 1.0, body.centre.z);
+    let tau = random.log_range(0.01, 1e3);
+    let f = &kernel.factor;
+    let particle = Particle {
+        position: body.centre,
+        factor: DMat3::from_cols(f.x.as_dvec3(), f.y.as_dvec3(), f.z.as_dvec3()).transpose(),
+        mass: (tau / low_passed.line_integral(body.centre)) as f32,
+        colour: [1.0, 0.5, 0.25],
+    };
+    (particle, camera)
+}
+
+/// Kernels that overlap, some hundred of them and total depth 1 to 100, before a wide camera.
+fn overlapping(random: &mut Random) -> (Vec<Particle>, Camera) {
+    let camera = camera(Projection::Perspective, [60.0, 50.0], [64, 64]);
+    let count = 100 + random.index(900);
+    let depth = random.log_range(1.0, 100.0);
+    let eps = random.log_range(3e-3, 0.1);
+    let particles = (0..count)
+        .map(|_| {
+            let slope = random.point(0.6).truncate();
+            let z = random.range(3.0, 6.0);
+            let largest = z * eps * random.log_range(0.5, 2.0);
+            let ratio = random.log_range(1.0, 10.0);
+            let factor = random.factor(largest, ratio);
+            let position = (slope * z).extend(z);
+            let v = factor * factor.transpose();
+            let area = TAU * v.determinant().cbrt();
+            // All kernels' areas on a window of 6 x 6 units, `depth` deep.
+            let mass = depth * 36.0 / count as f64 * random.log_range(0.3, 3.0);
+            Particle {
+                position,
+                factor,
+                mass: mass.min(area * 100.0) as f32,
+                colour: [0, 1, 2].map(|_| random.range(0.0, 1.0) as f32),
+            }
+        })
+        .collect();
+    (particles, camera)
+}
+
+fn draw_image(particles: &[Particle], camera: &Camera, settings: &Settings) -> Image {
+    render(vec![volume(particles)], camera, settings)
+}
+
+#[test]
+fn adaptive_images_are_within_the_tolerance_of_exact_ones() {
+    for tolerance in TOLERANCES {
+        let settings = |filter| Settings {
+            filter,
+            tolerance: tolerance as f32,
+            // exp(-6²/2) = 1.5e-8: no edge counts.
+            cutoff: Some(6.0),
+            ..Settings::default()
+        };
+        let (adaptive, exact) = (settings(Filter::Adaptive), settings(Filter::Exact));
+        let mut random = Random::new(7);
+        let mut alone = Differences::new("adaptive, isolated kernels", tolerance);
+        for _ in 0..800 {
+            let (particle, camera) = isolated(&mut random);
+            let [a, b] = [&adaptive, &exact].map(|s| draw_image(&[particle], &camera, s));
+            alone.add(&a, &b);
+        }
+        alone.finish(10_000, 1.0);
+        let mut together = Differences::new("adaptive, overlapping kernels", tolerance);
+        for _ in 0..40 {
+            let (particles, camera) = overlapping(&mut random);
+            let [a, b] = [&adaptive, &exact].map(|s| draw_image(&particles, &camera, s));
+            together.add(&a, &b);
+        }
+        together.finish(10_000, 1e9);
+    }
+}
+
+#[test]
+fn cut_off_images_are_within_the_tolerance_of_whole_ones() {
+    for tolerance in TOLERANCES {
+        let settings = |cutoff| Settings {
+            filter: Filter::Exact,
+            tolerance: tolerance as f32,
+            cutoff,
+            ..Settings::default()
+        };
+        let (cut, whole) = (settings(None), settings(Some(7.0)));
+        let mut random = Random::new(8);
+        let mut alone = Differences::new("cut-off, isolated kernels", tolerance);
+        for _ in 0..800 {
+            let (particle, camera) = isolated(&mut random);
+            let [a, b] = [&cut, &whole].map(|s| draw_image(&[particle], &camera, s));
+            alone.add(&a, &b);
+        }
+        alone.finish(10_000, 1e9);
+        let mut together = Differences::new("cut-off, overlapping kernels", tolerance);
+        for _ in 0..40 {
+            let (particles, camera) = overlapping(&mut random);
+            let [a, b] = [&cut, &whole].map(|s| draw_image(&particles, &camera, s));
+            together.add(&a, &b);
+        }
+        together.finish(10_000, 1e9);
+    }
 }
