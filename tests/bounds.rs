@@ -390,33 +390,39 @@ impl Differences {
 
 const TOLERANCES: [f64; 5] = [1.0 / 16.0, 1.0 / 64.0, 1.0 / 255.0, 1e-3, 1e-4];
 
-/// A kernel alone before a camera that looks past it: standard deviation on the image 1 to 12
-/// pixels, optical depth .01 to 1000.
+/// A kernel alone before a camera that looks past it: largest standard deviation on the image 1
+/// to 40 pixels, focal lengths from 16 up (127 degrees), optical depth .01 to 1000.
 fn isolated(random: &mut Random) -> (Particle, Camera) {
-    let from = Draw {
-        ratio: 100.0,
-        size: [1e-3, 0.3],
-        off_axis_deg: if random.index(4) == 0 { 1.0 } else { 75.0 },
-        h2: 0.0,
-    };
-    let (_, kernel) = draw(random, from);
-    let body = Body::of(&kernel);
-    let (_, largest) = judge::eigenvalues(&body.projected(DVec2::ONE));
-    let focal = random.log_range(1.0, 12.0) / largest.sqrt();
-    let focal = DVec2::new(focal, focal * random.range(0.7, 1.4));
-    let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
-    let slope = body.centre.truncate() / body.centre.z;
-    camera.centre_px = DVec2::splat(32.0) + random.point(4.0).truncate() - focal * slope;
-    let low_passed = body.low_passed(focal, 1.0, body.centre.z);
-    let tau = random.log_range(0.01, 1e3);
-    let f = &kernel.factor;
-    let particle = Particle {
-        position: body.centre,
-        factor: DMat3::from_cols(f.x.as_dvec3(), f.y.as_dvec3(), f.z.as_dvec3()).transpose(),
-        mass: (tau / low_passed.line_integral(body.centre)) as f32,
-        colour: [1.0, 0.5, 0.25],
-    };
-    (particle, camera)
+    loop {
+        let from = Draw {
+            ratio: 100.0,
+            size: [1e-3, 0.3],
+            off_axis_deg: if random.index(4) == 0 { 1.0 } else { 75.0 },
+            h2: 0.0,
+        };
+        let (_, kernel) = draw(random, from);
+        let body = Body::of(&kernel);
+        let (_, largest) = judge::eigenvalues(&body.projected(DVec2::ONE));
+        let focal = random.log_range(1.0, 40.0) / largest.sqrt();
+        if focal < 16.0 {
+            continue;
+        }
+        let focal = DVec2::new(focal, focal * random.range(0.7, 1.4));
+        let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
+        let slope = body.centre.truncate() / body.centre.z;
+        camera.centre_px = DVec2::splat(32.0) + random.point(24.0).truncate() - focal * slope;
+        let low_passed = body.low_passed(focal, 1.0, body.centre.z);
+        let tau = random.log_range(0.01, 1e3);
+        let f = &kernel.factor;
+        let rows = [f.x, f.y, f.z].map(glam::Vec3::as_dvec3);
+        let particle = Particle {
+            position: body.centre,
+            factor: DMat3::from_cols(rows[0], rows[1], rows[2]).transpose(),
+            mass: (tau / low_passed.line_integral(body.centre)) as f32,
+            colour: [1.0, 0.5, 0.25],
+        };
+        return (particle, camera);
+    }
 }
 
 /// Kernels that overlap, some hundred of them and total depth 1 to 100, before a wide camera.
@@ -506,5 +512,68 @@ fn cut_off_images_are_within_the_tolerance_of_whole_ones() {
             together.add(&a, &b);
         }
         together.finish(10_000, 1e9);
+    }
+}
+
+#[test]
+fn explore() {
+    let tolerance = 1.0 / 255.0;
+    let mut random = Random::new(8);
+    let mut hist = std::collections::BTreeMap::<(u32, i32), [f64; 3]>::new();
+    for _ in 0..20000 {
+        let (particle, camera) = isolated(&mut random);
+        let settings = |cutoff| Settings {
+            filter: Filter::Exact,
+            tolerance: tolerance as f32,
+            cutoff,
+            ..Settings::default()
+        };
+        let frame = common::frame::Frame::new(volume(&[particle]), &camera, &settings(None));
+        let f = frame.footprints[0];
+        let [a, b] = [None, Some(7.0)].map(|c| draw_image(&[particle], &camera, &settings(c)));
+        let e = common::scene::difference(&a, &b) as f64 / tolerance;
+        let path = f.path & 3;
+        let body = Body {
+            centre: particle.position,
+            variance: particle.factor * particle.factor.transpose(),
+            mass: 1.0,
+        };
+        let s = body.variance.z_axis.z.sqrt() / body.centre.z;
+        if path == 2 && e > 1.0 {
+            let n = (0..4096)
+                .max_by(|&x, &y| {
+                    (a.pixels[x][3] - b.pixels[x][3])
+                        .abs()
+                        .total_cmp(&(a.pixels[y][3] - b.pixels[y][3]).abs())
+                })
+                .unwrap();
+            println!(
+                "NEAR e {e} pixel {} {} cut {} whole {} columns {:?} rows {:?} r2 {} tau {} z {} sz {} V {}",
+                n % 64,
+                n / 64,
+                a.pixels[n][3],
+                b.pixels[n][3],
+                f.column_range(),
+                f.row_range(),
+                f.cutoff_squared,
+                f.tau,
+                body.centre,
+                body.variance.z_axis.z.sqrt(),
+                particle.factor
+            );
+            println!(
+                "   focal {} centre {} mass {}",
+                camera.focal_px, camera.centre_px, particle.mass
+            );
+        }
+        let k = hist.entry((path, (s * 3.34 * 10.0) as i32)).or_default();
+        k[0] += 1.0;
+        k[1] = k[1].max(e);
+        if e > 1.0 {
+            k[2] += 1.0
+        }
+    }
+    for (k, v) in hist {
+        println!("EX {k:?} {v:?}");
     }
 }

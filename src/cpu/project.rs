@@ -341,11 +341,15 @@ fn near_footprint(
     let Some((terms, weight)) = near_terms(view, kernel) else {
         return;
     };
-    // A bound of the optical depth in any direction: 1/sqrt(DᵀKD) <= sqrt(trace V / det V).
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
+    // with the low-pass filter of `near_terms`.
+    let h = view.low_pass_variance_px2.sqrt();
+    let low_pass = h * kernel.centre.z.abs().max(kernel.factor.z.length());
     let trace = kernel
         .factor
         .columns()
-        .iter()
+        .into_iter()
+        .chain(view.focal_px.map(|f| Vec3::X * (low_pass / f)))
         .map(|c| c.length_squared())
         .sum::<f32>();
     let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
@@ -353,7 +357,6 @@ fn near_footprint(
     let r = cutoff_radius(highest, view.tolerance, view.cutoff);
     // A flat kernel's bound is infinite, and NaN must not shrink anything.
     let r = if r.is_finite() { r } else { MAX_CUTOFF };
-    let h = view.low_pass_variance_px2.sqrt();
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {
