@@ -17,16 +17,17 @@ use std::f64::consts::TAU;
 use common::Random;
 use common::draw::{Draw, EPS, draw, judged, ray};
 use common::judge::{self, Body};
-use common::scene::{Particle, camera, render, volume};
+use common::scene::{Particle, camera, difference, render, volume};
+use ewa_splat::constants::TERMINATION_SHARE;
 use ewa_splat::layout::ViewUniform;
 use ewa_splat::math::normal_cdf;
 use ewa_splat::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,
-    exact_terms, opacity_amplification, project_kernel,
+    edge_growth, exact_terms, opacity_amplification, project_kernel,
 };
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Settings};
-use glam::{DMat3, DVec2, Vec2};
+use glam::{DMat3, DVec2, DVec3, Vec2};
 
 /// One line of the table: what was measured over what was promised.
 struct Slack {
@@ -454,6 +455,12 @@ fn overlapping(random: &mut Random) -> (Vec<Particle>, Camera) {
     (particles, camera)
 }
 
+/// The optical depth of the most opaque pixel, at most some 16.
+fn brightest_depth(image: &Image) -> f32 {
+    let alpha = image.pixels.iter().map(|p| p[3]).fold(0.0, f32::max);
+    -(1.0 - alpha).max(f32::EPSILON).ln()
+}
+
 fn draw_image(particles: &[Particle], camera: &Camera, settings: &Settings) -> Image {
     render(vec![volume(particles)], camera, settings)
 }
@@ -483,7 +490,24 @@ fn adaptive_images_are_within_the_tolerance_of_exact_ones() {
             let [a, b] = [&adaptive, &exact].map(|s| draw_image(&particles, &camera, s));
             together.add(&a, &b);
         }
-        together.finish(10_000, 1e9);
+        together.finish(10_000, 1.0);
+        // Kernels in one place are one of their total depth: theirs is its amplification.
+        let mut pile = Slack::new(format!("adaptive, kernels in one place, {tolerance:.1e}"));
+        for _ in 0..200 {
+            let (particle, camera) = isolated(&mut random);
+            let particle = Particle {
+                mass: particle.mass / 1000.0,
+                ..particle
+            };
+            let count = 2 + random.index(60);
+            let particles = vec![particle; count];
+            let [a, b] = [&adaptive, &exact].map(|s| draw_image(&particles, &camera, s));
+            let total = brightest_depth(&b);
+            let bound = tolerance * f64::from(opacity_amplification(total).max(1.0));
+            let error = f64::from(difference(&a, &b));
+            pile.add(error, bound, || format!("{count} of {particle:?}"));
+        }
+        pile.finish(200);
     }
 }
 
@@ -504,76 +528,166 @@ fn cut_off_images_are_within_the_tolerance_of_whole_ones() {
             let [a, b] = [&cut, &whole].map(|s| draw_image(&[particle], &camera, s));
             alone.add(&a, &b);
         }
-        alone.finish(10_000, 1e9);
+        alone.finish(10_000, 1.0);
         let mut together = Differences::new("cut-off, overlapping kernels", tolerance);
         for _ in 0..40 {
             let (particles, camera) = overlapping(&mut random);
             let [a, b] = [&cut, &whole].map(|s| draw_image(&particles, &camera, s));
             together.add(&a, &b);
         }
-        together.finish(10_000, 1e9);
+        // What the documentation of `cutoff_radius` reports, and a fifth.
+        together.finish(10_000, 6.0);
     }
 }
 
 #[test]
-fn explore() {
-    let tolerance = 1.0 / 255.0;
-    let mut random = Random::new(8);
-    let mut hist = std::collections::BTreeMap::<(u32, i32), [f64; 3]>::new();
-    for _ in 0..20000 {
-        let (particle, camera) = isolated(&mut random);
-        let settings = |cutoff| Settings {
+fn the_edge_of_an_exact_footprint_is_within_its_growth() {
+    let mut random = Random::new(9);
+    let mut edge = Slack::new("growth at the edge of exact footprints, over 1");
+    for (_, case) in cases(10, 6_000) {
+        let r = random.range(1.0, 3.4);
+        let h2 = case.view.low_pass_variance_px2;
+        let terms = exact_terms(&case.screen, h2, case.image.determinant);
+        let bound = edge_growth(&case.view, &case.screen, &case.image, &terms, r as f32);
+        let adjugate = judge::adjugate(&case.body.variance);
+        let mut most = 0.0_f64;
+        for n in 0..128 {
+            // The outline, Q = r², along a ray from the centre.
+            let direction = case.cholesky * DVec2::from_angle(TAU * f64::from(n) / 128.0);
+            let q = |t: f64| {
+                let ray = ray(&case.view, &case.body, direction * t);
+                let c = case.body.centre.cross(ray);
+                c.dot(case.body.variance * c) / ray.dot(adjugate * ray)
+            };
+            let (mut inner, mut outer) = (0.0, 1.0);
+            while q(outer) < r * r && outer < 1e6 {
+                outer *= 2.0;
+            }
+            for _ in 0..40 {
+                let between = 0.5 * (inner + outer);
+                if q(between) < r * r {
+                    inner = between;
+                } else {
+                    outer = between;
+                }
+            }
+            let a = DVec2::from_angle(TAU * f64::from(n) / 128.0) * inner;
+            most = most.max(case.exact(a) * (0.5 * r * r).exp());
+        }
+        // The bisection's 1e-12, the judge's cancellation; some sixteen roundings of the bound.
+        let bound = f64::from(bound) - 1.0 + 1e-7 + 16.0 * EPS;
+        edge.add(most - 1.0, bound, || format!("r {r}, {}", case.describe()));
+    }
+    edge.finish(6_000);
+}
+
+#[test]
+fn linear_opacity_errs_by_no_more_than_it_says() {
+    let mut random = Random::new(11);
+    let mut one = Slack::new("linear opacity, one kernel");
+    let mut many = Slack::new("linear opacity, kernels behind one another");
+    let mut series = Slack::new("opacity of faint kernels, relative");
+    let camera = camera(Projection::Orthographic, [1.0; 2], [1, 1]);
+    let bare = |linear_opacity| Settings {
+        low_pass_variance_px2: 0.0,
+        linear_opacity,
+        cutoff: Some(7.0),
+        ..Settings::default()
+    };
+    let (linear, exponential) = (bare(true), bare(false));
+    for i in 0..3_000 {
+        let count = [1, 1 + random.index(300)][i % 2];
+        let largest = random.log_range(1e-3, 2.0);
+        let mut total = 0.0;
+        let particles: Vec<_> = (0..count)
+            .map(|n| {
+                let tau = largest * random.range(0.5, 1.0);
+                total += tau;
+                // The pixel lies on the axis: exp(0) of the kernel's depth.
+                Particle::sphere(DVec3::Z * (20.0 + n as f64), 1.0, TAU * tau)
+            })
+            .collect();
+        let alpha = |settings| f64::from(draw_image(&particles, &camera, settings).pixels[0][3]);
+        let true_opacity = -(-total).exp_m1();
+        let error = (alpha(&linear) - true_opacity).abs();
+        // Three roundings per kernel, of an opacity below 1.
+        let rounding = 3.0 * EPS * count as f64 * true_opacity;
+        let case = || format!("{count} kernels, depth {total}");
+        if count == 1 {
+            one.add(error, 0.5 * total * total + rounding, case);
+            if total <= 0.03 {
+                // tau³/24 of the opacity for the series that draws the faint, and ten roundings.
+                let error = (alpha(&exponential) - true_opacity).abs() / true_opacity;
+                series.add(error, total.powi(3) / 24.0 + 10.0 * EPS, case);
+            }
+        } else {
+            many.add(error, largest / std::f64::consts::E + rounding, case);
+        }
+    }
+    one.finish(1_000);
+    many.finish(1_000);
+    series.finish(300);
+}
+
+#[test]
+fn a_tile_that_stops_early_leaves_out_a_share_of_the_tolerance() {
+    let mut random = Random::new(12);
+    let mut stopped = Slack::new("what shines through where a tile stops");
+    for _ in 0..300 {
+        let tolerance = random.log_range(1e-3, 0.3);
+        let settings = |tolerance: f64| Settings {
             filter: Filter::Exact,
             tolerance: tolerance as f32,
-            cutoff,
+            cutoff: Some(7.0),
             ..Settings::default()
         };
-        let frame = common::frame::Frame::new(volume(&[particle]), &camera, &settings(None));
-        let f = frame.footprints[0];
-        let [a, b] = [None, Some(7.0)].map(|c| draw_image(&[particle], &camera, &settings(c)));
-        let e = common::scene::difference(&a, &b) as f64 / tolerance;
-        let path = f.path & 3;
-        let body = Body {
-            centre: particle.position,
-            variance: particle.factor * particle.factor.transpose(),
-            mass: 1.0,
-        };
-        let s = body.variance.z_axis.z.sqrt() / body.centre.z;
-        if path == 2 && e > 1.0 {
-            let n = (0..4096)
-                .max_by(|&x, &y| {
-                    (a.pixels[x][3] - b.pixels[x][3])
-                        .abs()
-                        .total_cmp(&(a.pixels[y][3] - b.pixels[y][3]).abs())
-                })
-                .unwrap();
-            println!(
-                "NEAR e {e} pixel {} {} cut {} whole {} columns {:?} rows {:?} r2 {} tau {} z {} sz {} V {}",
-                n % 64,
-                n / 64,
-                a.pixels[n][3],
-                b.pixels[n][3],
-                f.column_range(),
-                f.row_range(),
-                f.cutoff_squared,
-                f.tau,
-                body.centre,
-                body.variance.z_axis.z.sqrt(),
-                particle.factor
-            );
-            println!(
-                "   focal {} centre {} mass {}",
-                camera.focal_px, camera.centre_px, particle.mass
-            );
-        }
-        let k = hist.entry((path, (s * 3.34 * 10.0) as i32)).or_default();
-        k[0] += 1.0;
-        k[1] = k[1].max(e);
-        if e > 1.0 {
-            k[2] += 1.0
-        }
+        let camera = camera(Projection::Perspective, [40.0; 2], [16, 16]);
+        let depth = random.log_range(0.02, 1.0);
+        let particles: Vec<_> = (0..600)
+            .map(|n| {
+                let z = 10.0 + f64::from(n) * 0.05;
+                let mass = TAU * 9.0 * depth * random.range(0.5, 1.0);
+                // White last: what is left out would be seen.
+                let colour = if n % 40 < 20 { [0.0; 3] } else { [1.0; 3] };
+                Particle::sphere(DVec3::new(0.0, 0.0, z), 3.0, mass).coloured(colour)
+            })
+            .collect();
+        let [a, b] = [tolerance, 1e-9].map(|t| draw_image(&particles, &camera, &settings(t)));
+        let bound = tolerance * f64::from(TERMINATION_SHARE);
+        // 600 layers composited in f32, from the opaque end with one rounding each.
+        let rounding = 1e-6;
+        stopped.add(f64::from(difference(&a, &b)), bound + rounding, || {
+            format!("tolerance {tolerance}, depth {depth}")
+        });
     }
-    for (k, v) in hist {
-        println!("EX {k:?} {v:?}");
+    stopped.finish(300);
+}
+
+#[test]
+fn a_constant_ripples_by_what_the_low_pass_filter_leaves() {
+    let mut random = Random::new(13);
+    let mut ripple = Slack::new("ripple between pixel centres");
+    for _ in 0..2_000 {
+        let h2 = random.range(0.1, 0.5);
+        let (h2_f32, pi2) = (h2 as f32, std::f64::consts::PI.powi(2));
+        let view = common::view([100.0; 2], [0.0; 2], h2_f32);
+        let point = common::kernel([0.0, 0.0, 1.0], [[0.0; 3]; 3], 1.0);
+        let screen = project_kernel(&view, &point);
+        let image = screen.filtered(Filter::Ewa, h2_f32);
+        let [p, r] = image.triangular_form().map(Vec2::from);
+        let from = random.point(0.5).truncate();
+        let mut sum = 0.0;
+        for (y, x) in (-6..=6).flat_map(|y| (-6..=6).map(move |x| (y, x))) {
+            let d = (from + DVec2::new(f64::from(x), f64::from(y))).as_vec2();
+            let q = f64::from(p.dot(d).powi(2) + r.dot(d).powi(2));
+            sum += f64::from(image.tau) * (-0.5 * q).exp();
+        }
+        // The harmonic at one over a pixel along x and y; the next, product and double, add a
+        // fifth at h² = .1.
+        let first = (-2.0 * pi2 * h2).exp();
+        let bound = 4.0 * first * (1.0 + first) + 4.0 * first.powi(4) + 1e-6;
+        let error = (sum / f64::from(screen.weight) - 1.0).abs();
+        ripple.add(error, bound, || format!("h² {h2}, {from}"));
     }
+    ripple.finish(2_000);
 }

@@ -14,8 +14,8 @@ use crate::layout::{
 };
 use crate::math::Factor;
 use crate::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, exact_extent,
-    exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
+    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, edge_growth,
+    exact_extent, exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -251,7 +251,17 @@ pub(crate) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let mut r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let terms =
+        needs_exact(view, &screen, &image).then(|| exact_terms(&screen, h2, image.determinant));
+    if let Some(terms) = &terms {
+        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
+        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
+        let wider = cutoff_radius(image.tau.max(1.0) * growth, view.tolerance, view.cutoff);
+        // `max` takes the other argument when one is NaN.
+        r = r.max(wider);
+    }
     if kernel.centre.z <= NEAR_MARGIN * r * reach {
         if orthographic {
             half_line_footprint(view, kernel, near, &mut out, &screen, &image, r);
@@ -260,11 +270,11 @@ pub(crate) fn footprint(
         }
         return out;
     }
-    if needs_exact(view, &screen, &image) {
+    if terms.is_some() {
         let Some((middle, half)) = exact_extent(&screen, h2, r) else {
             return out;
         };
-        *exact = Some(exact_terms(&screen, h2, image.determinant));
+        *exact = terms;
         affine_part(&mut out, &screen, &image, r);
         out.path = PATH_EXACT;
         // |D| is evaluated per pixel; |D0| goes here.

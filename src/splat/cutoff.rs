@@ -9,7 +9,9 @@ use crate::constants::MAX_CUTOFF;
 /// above. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
 /// positive. The mass is given back by [`cutoff_share`], so that the opacity errs by no more than
 /// tolerance / (1 - tolerance) anywhere (`tests/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
-/// tau / tolerance = 4e10 on.
+/// tau / tolerance = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
+/// they leave out adds up: five tolerances were seen among hundreds of kernels, two in one pixel of
+/// a thousand.
 #[inline]
 pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
