@@ -16,11 +16,16 @@ use std::f64::consts::TAU;
 
 use common::Random;
 use common::draw::{Draw, EPS, draw, judged, ray};
+use common::frame::Frame;
 use common::judge::{self, Body};
 use common::scene::{Particle, camera, difference, render, volume};
-use ewa_splat::constants::TERMINATION_SHARE;
-use ewa_splat::layout::ViewUniform;
+use ewa_splat::blocks::{
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
+};
+use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
+use ewa_splat::layout::{BlockView, ViewUniform};
 use ewa_splat::math::normal_cdf;
+use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
 use ewa_splat::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,
     edge_growth, exact_terms, opacity_amplification, project_kernel,
@@ -397,7 +402,7 @@ fn isolated(random: &mut Random) -> (Particle, Camera) {
     loop {
         let from = Draw {
             ratio: 100.0,
-            size: [1e-3, 0.3],
+            size: [1e-4, 0.3],
             off_axis_deg: if random.index(4) == 0 { 1.0 } else { 75.0 },
             h2: 0.0,
         };
@@ -690,4 +695,294 @@ fn a_constant_ripples_by_what_the_low_pass_filter_leaves() {
         ripple.add(error, bound, || format!("h² {h2}, {from}"));
     }
     ripple.finish(2_000);
+}
+
+/// A small cloud of needles about a point: one block or a few.
+fn cloud(random: &mut Random, count: usize) -> Vec<Particle> {
+    let (width, size) = (random.log_range(0.01, 1.0), random.log_range(0.01, 0.5));
+    let middle = random.point(1.0);
+    (0..count)
+        .map(|_| {
+            let (largest, ratio) = (
+                size * random.log_range(0.1, 1.0),
+                random.log_range(1.0, 100.0),
+            );
+            Particle {
+                position: middle + random.point(width),
+                factor: random.factor(largest, ratio),
+                mass: 1.0,
+                colour: [1.0; 3],
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn blocks_bound_what_they_hold() {
+    let mut random = Random::new(14);
+    let mut sigma = Slack::new("a block's largest standard deviation");
+    let mut radius = Slack::new("a block's interval of distances");
+    let mut culled = Slack::new("the frustum: 7 over the nearest deviations");
+    for round in 0..1_500 {
+        let particles = cloud(&mut random, 1 + round % 8);
+        let built = BlockedVolume::new(volume(&particles));
+        let [block] = built.blocks[..] else {
+            panic!("one block")
+        };
+        // f32 roundings of a factor, an offset, an extent: some four.
+        let rounding = 1.0 + 4.0 * EPS;
+        let mut widest = 0.0_f64;
+        for p in &particles {
+            let v = p.factor * p.factor.transpose();
+            widest = widest.max(largest_eigenvalue(&v).sqrt());
+        }
+        let bound = f64::from(block.max_sigma) * rounding;
+        sigma.add(widest, bound, || format!("{particles:?}"));
+
+        let projection = [Projection::Perspective, Projection::Orthographic][round / 8 % 2];
+        let mut camera = camera(projection, [40.0, 50.0], [64, 48]);
+        camera.camera_from_world = random.rotation();
+        camera.eye = random.point(4.0);
+        let (distance, reach) = distance_interval(&camera, &block);
+        let farthest = particles
+            .iter()
+            .map(|p| {
+                let u = camera.camera_point(p.position);
+                let d = if projection == Projection::Perspective {
+                    u.length()
+                } else {
+                    u.z
+                };
+                (d - distance).abs()
+            })
+            .fold(0.0, f64::max);
+        if particles.len() > 1 {
+            radius.add(farthest, reach * rounding, || format!("{particles:?}"));
+        }
+
+        // Away from the view until the block is culled.
+        let h2 = random.range(0.0, 1.0);
+        let frustum = Frustum::new(&camera, f64::from(MAX_CUTOFF) * h2.sqrt());
+        let away = random.point(1.0);
+        let at = |t: f64| Block {
+            origin: block.origin + away * t,
+            ..block
+        };
+        let (mut seen, mut unseen) = (0.0, 1e3);
+        if frustum.sees(&camera, &at(unseen)) {
+            continue;
+        }
+        for _ in 0..50 {
+            let between = 0.5 * (seen + unseen);
+            if frustum.sees(&camera, &at(between)) {
+                seen = between;
+            } else {
+                unseen = between;
+            }
+        }
+        let nearest = particles
+            .iter()
+            .map(|p| nearest_deviation(&camera, p, p.position + away * unseen, h2))
+            .fold(f64::INFINITY, f64::min);
+        let bound = f64::from(MAX_CUTOFF);
+        // What a thousandth of a deviation holds back at 7 is nothing; the search leaves 1e-12.
+        culled.add(bound / nearest, 1.0 + 1e-6, || {
+            format!(
+                "{particles:?} moved by {}, {camera:?}, h² {h2}",
+                away * unseen
+            )
+        });
+    }
+    sigma.finish(1_500);
+    radius.finish(1_000);
+    culled.finish(1_000);
+}
+
+/// The largest eigenvalue of a variance, by its powers.
+fn largest_eigenvalue(v: &DMat3) -> f64 {
+    let mut power = *v / v.to_cols_array().into_iter().fold(0.0, f64::max);
+    for _ in 0..12 {
+        power = power * power;
+        power = power
+            * (1.0
+                / power
+                    .to_cols_array()
+                    .into_iter()
+                    .map(f64::abs)
+                    .fold(0.0, f64::max));
+    }
+    let columns = [power.x_axis, power.y_axis, power.z_axis];
+    let e = columns
+        .into_iter()
+        .max_by(|a, b| a.length().total_cmp(&b.length()))
+        .unwrap()
+        .normalize();
+    e.dot(*v * e)
+}
+
+/// The least Mahalanobis distance of a low-passed particle from any point that a pixel's half
+/// line reaches: pixel centres and corners of the image.
+fn nearest_deviation(camera: &Camera, p: &Particle, position: DVec3, h2: f64) -> f64 {
+    let f = camera.camera_from_world * p.factor;
+    let v = f * f.transpose();
+    let centre = camera.camera_point(position);
+    let perspective = camera.projection == Projection::Perspective;
+    let depth = match perspective {
+        true => centre.z.abs().max(v.z_axis.z.sqrt()),
+        false => 1.0,
+    };
+    let body = Body {
+        centre,
+        variance: v,
+        mass: 1.0,
+    }
+    .low_passed(camera.focal_px, h2, depth);
+    let inverse = body.variance.inverse();
+    let mut nearest = f64::INFINITY;
+    for (i, j) in (0..=16).flat_map(|i| (0..=16).map(move |j| (i, j))) {
+        let share = DVec2::new(f64::from(i), f64::from(j)) / 16.0;
+        let px = share * DVec2::new(camera.width as f64, camera.height as f64);
+        let slope = (px - camera.centre_px) / camera.focal_px;
+        let (start, d) = match perspective {
+            true => (DVec3::ZERO, slope.extend(1.0)),
+            false => (slope.extend(0.0), DVec3::Z),
+        };
+        let u = centre - start;
+        let t = (d.dot(inverse * u) / d.dot(inverse * d)).max(0.0);
+        let x = d * t - u;
+        nearest = nearest.min(x.dot(inverse * x).sqrt());
+    }
+    nearest
+}
+
+#[test]
+fn depth_keys_are_as_fine_as_they_say() {
+    let mut random = Random::new(15);
+    let mut keys = Slack::new("a particle's depth key");
+    for round in 0..60 {
+        let scale = random.log_range(1e-3, 1e3);
+        let count = [40, 2_000][round % 2];
+        let particles: Vec<_> = (0..count)
+            .map(|_| {
+                let at = random.point(scale) + DVec3::Z * scale * 2.0;
+                Particle::sphere(at, scale * 1e-3, scale * scale)
+            })
+            .collect();
+        let projection = [Projection::Perspective, Projection::Orthographic][round / 2 % 2];
+        let mut camera = camera(projection, [20.0; 2], [64, 64]);
+        camera.focal_px *= if projection == Projection::Perspective {
+            1.0
+        } else {
+            1.0 / scale
+        };
+        let frame = Frame::uncut(volume(&particles), &camera, &Settings::default());
+        let interval = |v: &BlockView| {
+            distance_interval(&frame.camera, &frame.volume.blocks[v.block as usize])
+        };
+        let range = DepthRange::of(frame.views.iter().map(interval));
+        let BlockedParticles::Anisotropic { offsets, .. } = &frame.volume.particles else {
+            panic!("anisotropic particles")
+        };
+        for (classified, footprint) in frame.classified.iter().zip(&frame.footprints) {
+            let block = &frame.volume.blocks[frame.views[classified.view as usize].block as usize];
+            let offset = offsets[(block.first + classified.local) as usize];
+            let at = block.origin + DVec3::from(offset.map(f64::from));
+            let u = camera.camera_point(at);
+            let distance = match projection {
+                Projection::Perspective => u.length(),
+                Projection::Orthographic => u.z,
+            };
+            let expected = f64::from(range.key(distance));
+            let error = (f64::from(footprint.key) - expected).abs();
+            // Either key is truncated, the difference rounded; four roundings of the block's size.
+            let size = block.half_extent.as_dvec3().length();
+            let bound = 1.5 + 4.0 * EPS * size * f64::from(range.keys_per_unit());
+            keys.add(error, bound, || format!("{projection:?} at {at}"));
+        }
+    }
+    keys.finish(30_000);
+}
+
+#[test]
+fn a_transfer_table_is_within_its_interpolation_error() {
+    let mut random = Random::new(16);
+    let mut smooth = Slack::new("transfer table, between control points");
+    let mut steps = Slack::new("transfer table, beyond its neighbours' range");
+    for round in 0..300 {
+        let count = 2 + random.index(6);
+        let (low, unit) = (
+            random.range(-100.0, 100.0) as f32,
+            random.log_range(0.01, 10.0),
+        );
+        let span = random.log_range(0.1, 1e3) as f32;
+        let range = [low, low + span];
+        let mut at: Vec<f32> = (0..count)
+            .map(|_| low + span * random.range(0.0, 1.0) as f32)
+            .collect();
+        at.sort_by(f32::total_cmp);
+        if round % 3 == 0 {
+            // A step.
+            at[count - 1] = at[count - 2];
+        }
+        let points: Vec<_> = at
+            .iter()
+            .map(|&value| ControlPoint {
+                value,
+                colour: None,
+                opacity: Some(random.range(0.0, 0.99) as f32),
+            })
+            .collect();
+        let table =
+            TransferFunction::from_points(&points, ColourSpace::Linear, range, unit).unwrap();
+        let truth = |value: f64| {
+            let o = |p: &ControlPoint| f64::from(p.opacity.unwrap());
+            let after = points.partition_point(|p| f64::from(p.value) <= value);
+            let opacity = match after {
+                0 => o(&points[0]),
+                n if n == count => o(&points[n - 1]),
+                n => {
+                    let (a, b) = (&points[n - 1], &points[n]);
+                    let (x, y) = (f64::from(a.value), f64::from(b.value));
+                    o(a) + (o(b) - o(a)) * (value - x) / (y - x)
+                }
+            };
+            -(-opacity).ln_1p() / unit
+        };
+        let step = (f64::from(range[1]) - f64::from(range[0])) / 4095.0;
+        for _ in 0..200 {
+            let value = random.range(f64::from(range[0]), f64::from(range[1])) as f32;
+            let got = f64::from(table.classify(value)[3]);
+            let value = f64::from(value);
+            let around = |t: f64| value + t * step * 1.001;
+            let case = || format!("{points:?} over {range:?} at {value}");
+            let near =
+                |p: &&ControlPoint| (around(-1.0)..=around(1.0)).contains(&f64::from(p.value));
+            // An entry's own roundings, and its value's.
+            let rounding = 4.0 * EPS * truth(value);
+            if points.iter().any(|p| near(&p)) {
+                // The function's least and greatest value within one entry of it.
+                let values = points.iter().filter(near).flat_map(|p| {
+                    let v = f64::from(p.value);
+                    [v, v.next_down()]
+                });
+                let [lo, hi] = values
+                    .chain([-1.0, 0.0, 1.0].map(around))
+                    .map(truth)
+                    .fold([f64::INFINITY, 0.0], |[lo, hi], e| [lo.min(e), hi.max(e)]);
+                let beyond = (got - hi).max(lo - got).max(0.0);
+                let slack = 16.0 * EPS * hi + 1e-3 * (hi - lo);
+                steps.add(beyond, slack, case);
+            } else {
+                // h²/8 times the second derivative of -ln(1 - o), o linear. The place between two
+                // entries is three roundings of 4095 of them, and an entry's own value one.
+                let slope = (truth(around(1.0)) - truth(around(-1.0))).abs() / 2.002;
+                let second = (slope * unit).powi(2) / unit;
+                let grain = EPS * (3.0 * 4095.0 + value.abs().max(f64::from(low).abs()) / step);
+                let bound = second / 8.0 * 1.01 + slope * grain + rounding;
+                smooth.add((got - truth(value)).abs(), bound + 1e-12 / unit, case);
+            }
+        }
+    }
+    smooth.finish(20_000);
+    steps.finish(20);
 }
