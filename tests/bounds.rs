@@ -23,7 +23,7 @@ use ewa_splat::blocks::{
     Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
 };
 use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
-use ewa_splat::layout::{BlockView, ViewUniform};
+use ewa_splat::layout::{BlockView, PATH_NEAR, ViewUniform};
 use ewa_splat::math::normal_cdf;
 use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
 use ewa_splat::splat::{
@@ -208,6 +208,23 @@ fn affine_error_is_within_its_bound() {
         slack.finish(2_000);
     }
     evaluated.finish(12_000);
+
+    let mut random = Random::new(17);
+    let mut spheres = Slack::new("affine error of spheres, in two terms");
+    for _ in 0..3_000 {
+        let (eps, angle) = (random.log_range(1e-4, 0.03), random.range(0.0, 1.2));
+        let centre = DVec3::new(angle.sin(), 0.0, angle.cos()).as_vec3();
+        let sigma = eps as f32;
+        let rows = [[sigma, 0.0, 0.0], [0.0, sigma, 0.0], [0.0, 0.0, sigma]];
+        let view = common::view([500.0; 2], [0.0; 2], 0.0);
+        let case = Case::new(view, common::kernel(centre.into(), rows, 1.0));
+        let error = greatest(|a| ((-0.5 * a.length_squared()).exp() - case.exact(a)).abs());
+        let tan = angle.tan();
+        // First order, and the second that is all there is on the axis.
+        let bound = 1.16 * eps * tan + 1.1 * eps * eps * (1.0 + tan * tan);
+        spheres.add(error, bound + 1e-9, || case.describe());
+    }
+    spheres.finish(3_000);
 }
 
 #[test]
@@ -907,7 +924,7 @@ fn depth_keys_are_as_fine_as_they_say() {
 fn a_transfer_table_is_within_its_interpolation_error() {
     let mut random = Random::new(16);
     let mut smooth = Slack::new("transfer table, between control points");
-    let mut steps = Slack::new("transfer table, beyond its neighbours' range");
+    let mut steps = Slack::new("transfer table, around control points");
     for round in 0..300 {
         let count = 2 + random.index(6);
         let (low, unit) = (
@@ -950,10 +967,18 @@ fn a_transfer_table_is_within_its_interpolation_error() {
         };
         let step = (f64::from(range[1]) - f64::from(range[0])) / 4095.0;
         for _ in 0..200 {
-            let value = random.range(f64::from(range[0]), f64::from(range[1])) as f32;
+            let value = if random.index(2) == 0 {
+                f64::from(at[random.index(count)]) + step * random.range(-1.0, 1.0)
+            } else {
+                random.range(f64::from(range[0]), f64::from(range[1]))
+            };
+            let value = (value as f32).clamp(range[0], range[1]);
             let got = f64::from(table.classify(value)[3]);
             let value = f64::from(value);
-            let around = |t: f64| value + t * step * 1.001;
+            // The place between two entries is three roundings of 4095 of them, and an entry's own
+            // value one.
+            let grain = EPS * (3.0 * 4095.0 + value.abs().max(f64::from(low).abs()) / step);
+            let around = |t: f64| value + t * step * (1.001 + grain);
             let case = || format!("{points:?} over {range:?} at {value}");
             let near =
                 |p: &&ControlPoint| (around(-1.0)..=around(1.0)).contains(&f64::from(p.value));
@@ -969,20 +994,63 @@ fn a_transfer_table_is_within_its_interpolation_error() {
                     .chain([-1.0, 0.0, 1.0].map(around))
                     .map(truth)
                     .fold([f64::INFINITY, 0.0], |[lo, hi], e| [lo.min(e), hi.max(e)]);
-                let beyond = (got - hi).max(lo - got).max(0.0);
-                let slack = 16.0 * EPS * hi + 1e-3 * (hi - lo);
-                steps.add(beyond, slack, case);
+                let (middle, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
+                steps.add((got - middle).abs(), half + rounding + 4.0 * EPS * hi, case);
             } else {
-                // h²/8 times the second derivative of -ln(1 - o), o linear. The place between two
-                // entries is three roundings of 4095 of them, and an entry's own value one.
-                let slope = (truth(around(1.0)) - truth(around(-1.0))).abs() / 2.002;
+                // h²/8 times the second derivative of -ln(1 - o), o linear.
+                let slope =
+                    (truth(around(1.0)) - truth(around(-1.0))).abs() / (2.002 + 2.0 * grain);
                 let second = (slope * unit).powi(2) / unit;
-                let grain = EPS * (3.0 * 4095.0 + value.abs().max(f64::from(low).abs()) / step);
                 let bound = second / 8.0 * 1.01 + slope * grain + rounding;
                 smooth.add((got - truth(value)).abs(), bound + 1e-12 / unit, case);
             }
         }
     }
     smooth.finish(20_000);
-    steps.finish(20);
+    steps.finish(10_000);
+}
+
+#[test]
+fn near_kernels_are_nowhere_deeper_than_their_bound() {
+    let mut random = Random::new(18);
+    let mut depth = Slack::new("greatest depth of a near kernel");
+    for _ in 0..2_000 {
+        let (size, ratio) = (random.log_range(1e-3, 1e3), random.log_range(1.0, 100.0));
+        let factor = random.factor(size, ratio);
+        // From 2 pixels of focal length, where the low-pass filter is as wide as the kernel.
+        let focal = DVec2::splat(random.log_range(2.0, 2000.0));
+        let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
+        camera.centre_px = DVec2::splat(32.0);
+        let mut particle = Particle {
+            position: factor * random.point(0.5),
+            factor,
+            mass: 1.0,
+            colour: [1.0; 3],
+        };
+        let v = factor * factor.transpose();
+        let z = particle.position.z.abs().max(v.z_axis.z.sqrt());
+        let body = Body {
+            centre: particle.position,
+            variance: v,
+            mass: 1.0,
+        }
+        .low_passed(focal, 1.0, z);
+        // 1/sqrt(least eigenvalue of adj(V)), along the longest axis.
+        let largest = largest_eigenvalue(&body.variance);
+        let peak = (largest / body.variance.determinant()).sqrt() / TAU;
+        particle.mass = (random.log_range(2.0, 1e3) / peak) as f32;
+        let peak = peak * f64::from(particle.mass);
+        let settings = Settings::default();
+        let frame = Frame::new(volume(&[particle]), &camera, &settings);
+        let footprint = frame.footprints[0];
+        if footprint.path & 3 != PATH_NEAR || !footprint.is_visible() {
+            continue;
+        }
+        let r2 = f64::from(footprint.cutoff_squared);
+        // exp(-r²/2) is the tolerance over the bound; r² in some eight roundings, those of a
+        // determinant's factors of axis ratio 100 among them.
+        let bound = f64::from(settings.tolerance) * (0.5 * r2).exp() * (1.0 + 1e-4);
+        depth.add(peak, bound, || format!("{particle:?}, {focal}"));
+    }
+    depth.finish(1_500);
 }
