@@ -742,6 +742,37 @@ fn cloud(random: &mut Random, count: usize) -> Vec<Particle> {
         .collect()
 }
 
+/// A particle in view, longest along the normal of one of the frustum's planes; and that normal,
+/// outwards.
+fn needle_beside(camera: &Camera, random: &mut Random) -> (Vec<Particle>, DVec3) {
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    let edge = size / 2.0 / camera.focal_px;
+    let tilt = match camera.projection {
+        Projection::Perspective => edge,
+        Projection::Orthographic => DVec2::ZERO,
+    };
+    let outwards = match random.index(5) {
+        0 => DVec3::new(1.0, 0.0, -tilt.x),
+        1 => DVec3::new(-1.0, 0.0, -tilt.x),
+        2 => DVec3::new(0.0, 1.0, -tilt.y),
+        3 => DVec3::new(0.0, -1.0, -tilt.y),
+        _ => DVec3::NEG_Z,
+    };
+    let outwards = outwards.normalize();
+    let world_from_camera = camera.camera_from_world.transpose();
+    let side = outwards.any_orthonormal_vector();
+    let size = random.log_range(0.01, 0.5);
+    let [a, b] = [0, 1].map(|_| random.log_range(0.01, 1.0));
+    let factor = DMat3::from_cols(outwards, side * a, outwards.cross(side) * b);
+    let needle = Particle {
+        position: camera.eye + world_from_camera * (DVec3::Z * random.range(1.0, 5.0)),
+        factor: world_from_camera * factor * size,
+        mass: 1.0,
+        colour: [1.0; 3],
+    };
+    (vec![needle], world_from_camera * outwards)
+}
+
 #[test]
 fn blocks_bound_what_they_hold() {
     let mut random = Random::new(14);
@@ -750,12 +781,16 @@ fn blocks_bound_what_they_hold() {
     let mut culled = Slack::new("the frustum: 7 over the nearest deviations");
     for round in 0..3_000 {
         // One alone is held as tightly as its own bound, many by their box.
-        let count = if round % 2 == 0 {
-            1
+        let projection = [Projection::Perspective, Projection::Orthographic][round / 2 % 2];
+        let mut camera = camera(projection, [40.0, 50.0], [64, 48]);
+        camera.camera_from_world = random.rotation();
+        camera.eye = random.point(4.0);
+        let (particles, away) = if round % 2 == 0 {
+            needle_beside(&camera, &mut random)
         } else {
-            2 + random.index(8)
+            let count = 2 + random.index(8);
+            (cloud(&mut random, count), random.point(1.0))
         };
-        let particles = cloud(&mut random, count);
         let built = BlockedVolume::new(volume(&particles));
         let [block] = built.blocks[..] else {
             panic!("one block")
@@ -770,10 +805,6 @@ fn blocks_bound_what_they_hold() {
         let bound = f64::from(block.max_sigma) * rounding;
         sigma.add(widest, bound, || format!("{particles:?}"));
 
-        let projection = [Projection::Perspective, Projection::Orthographic][round / 2 % 2];
-        let mut camera = camera(projection, [40.0, 50.0], [64, 48]);
-        camera.camera_from_world = random.rotation();
-        camera.eye = random.point(4.0);
         let (distance, reach) = distance_interval(&camera, &block);
         let farthest = particles
             .iter()
@@ -794,7 +825,6 @@ fn blocks_bound_what_they_hold() {
         // Away from the view until the block is culled.
         let h2 = [0.0, 1.0][round / 4 % 2] * random.range(0.0, 1.0);
         let frustum = Frustum::new(&camera, f64::from(MAX_CUTOFF) * h2.sqrt());
-        let away = random.point(1.0);
         let at = |t: f64| Block {
             origin: block.origin + away * t,
             ..block

@@ -15,8 +15,8 @@ use common::{Random, kernel, view};
 use ewa_splat::Settings;
 use ewa_splat::layout::{ExactTerms, ViewUniform};
 use ewa_splat::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, evaluate_near, exact_extent, exact_terms,
-    near_terms, project_kernel,
+    Filter, ImageKernel, ScreenFactor, evaluate_near, exact_extent, exact_terms, near_terms,
+    project_kernel,
 };
 use ewa_splat::view::Projection;
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
