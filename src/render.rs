@@ -17,12 +17,13 @@ use crate::view::{Bounds, Camera, Projection};
 /// How a frame is drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// The largest error in linear colour, as a fraction of full scale, that one approximation
-    /// may add to a pixel.
+    /// The largest error in linear colour, as a fraction of full scale, that one approximation of
+    /// one kernel may add to a pixel. Errors of kernels that overlap may add up.
     pub tolerance: f32,
     /// Which footprint draws a kernel.
     pub filter: Filter,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau): off by at most tau²/2 for one kernel, by at
+    /// most a share 1/e of the greatest tau for many behind one another.
     pub linear_opacity: bool,
     /// Variance of the low-pass filter, px².
     pub low_pass_variance_px2: f32,

@@ -14,8 +14,8 @@ use crate::layout::{
 };
 use crate::math::Factor;
 use crate::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, exact_extent,
-    exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
+    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, edge_growth,
+    exact_extent, exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -188,7 +188,8 @@ impl BlockShapes<'_> {
 }
 
 /// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
-/// plus a difference that f32 holds to 24 bits of the block's size.
+/// plus a difference that f32 holds to some 22 bits of the block's size: together within 1.5 keys
+/// and four roundings of that size (`tests/bounds.rs`).
 #[inline]
 fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
     let delta = if view.orthographic != 0 {
@@ -251,7 +252,17 @@ pub(crate) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let mut r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let terms =
+        needs_exact(view, &screen, &image).then(|| exact_terms(&screen, h2, image.determinant));
+    if let Some(terms) = &terms {
+        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
+        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
+        let wider = cutoff_radius(image.tau.max(1.0) * growth, view.tolerance, view.cutoff);
+        // `max` takes the other argument when one is NaN.
+        r = r.max(wider);
+    }
     if kernel.centre.z <= NEAR_MARGIN * r * reach {
         if orthographic {
             half_line_footprint(view, kernel, near, &mut out, &screen, &image, r);
@@ -260,11 +271,11 @@ pub(crate) fn footprint(
         }
         return out;
     }
-    if needs_exact(view, &screen, &image) {
+    if terms.is_some() {
         let Some((middle, half)) = exact_extent(&screen, h2, r) else {
             return out;
         };
-        *exact = Some(exact_terms(&screen, h2, image.determinant));
+        *exact = terms;
         affine_part(&mut out, &screen, &image, r);
         out.path = PATH_EXACT;
         // |D| is evaluated per pixel; |D0| goes here.
@@ -341,11 +352,15 @@ fn near_footprint(
     let Some((terms, weight)) = near_terms(view, kernel) else {
         return;
     };
-    // A bound of the optical depth in any direction: 1/sqrt(DᵀKD) <= sqrt(trace V / det V).
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
+    // with the low-pass filter of `near_terms`.
+    let h = view.low_pass_variance_px2.sqrt();
+    let low_pass = h * kernel.centre.z.abs().max(kernel.factor.z.length());
     let trace = kernel
         .factor
         .columns()
-        .iter()
+        .into_iter()
+        .chain(view.focal_px.map(|f| Vec3::X * (low_pass / f)))
         .map(|c| c.length_squared())
         .sum::<f32>();
     let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
@@ -353,7 +368,6 @@ fn near_footprint(
     let r = cutoff_radius(highest, view.tolerance, view.cutoff);
     // A flat kernel's bound is infinite, and NaN must not shrink anything.
     let r = if r.is_finite() { r } else { MAX_CUTOFF };
-    let h = view.low_pass_variance_px2.sqrt();
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {

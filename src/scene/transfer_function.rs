@@ -20,7 +20,10 @@ pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65536.0;
 ///
 /// The table has [`CLASSIFICATION_TABLE_LEN`] entries, evenly over [`Self::range`], and is
 /// interpolated linearly; values outside the range take its ends. A step in the function is
-/// therefore a ramp of 1/4095 of the range.
+/// therefore a ramp of h = 1/4095 of the range, and within one entry of a control point the table
+/// stays between the function's least and greatest value there. Elsewhere the extinction errs by
+/// h²/8 of its second derivative: (h o'/(1 - o))² / (8 unit_distance) where the opacity o is
+/// linear; and by the grain of f32, EPSILON times the value where that is not small against h.
 ///
 /// Opacities are stated per `unit_distance`: extinction = -ln(1 - opacity) / unit_distance,
 /// with the opacity held to [0, [`MAX_OPACITY`]].

@@ -19,10 +19,19 @@ pub enum Filter {
     /// The resampling filter of Zwicker et al. 2001: affine projection, low-pass filter added.
     Ewa = 2,
     /// The projected reconstruction kernel alone: aliases where it falls below a pixel.
+    ///
+    /// Off from EWA by sqrt((1 + h²/l1)(1 + h²/l2)) - 1 of EWA's peak, at the centre and there
+    /// exactly; l1, l2 the variances of the projected kernel along its axes, px², h² the
+    /// low-pass filter's.
     Reconstruction = 3,
-    /// The low-pass filter alone: breaks into dots where kernels exceed a pixel.
+    /// The low-pass filter alone: breaks into dots where kernels exceed a pixel. Off from EWA by
+    /// sqrt((1 + l1/h²)(1 + l2/h²)) - 1 of its peak.
     LowPass = 4,
     /// A round footprint of half the trace of the projected variance.
+    ///
+    /// Off from EWA by .368 delta + .64 delta⁴ of its peak at most, delta = |l1 - l2| / 2 over
+    /// h² + (l1 + l2) / 2. The first term is the first order, delta r²/2 exp(-r²/2) at r² = 2; the
+    /// second covers what that leaves out of elongated footprints, up to the whole peak.
     Isotropic = 5,
     /// Swan's anti-aliasing, the comparison method of the 2001 paper: the kernel enlarged as a
     /// whole until its minor radius reaches the low-pass filter's.
@@ -71,7 +80,8 @@ pub fn needs_exact(view: &ViewUniform, screen: &ScreenFactor, kernel: &ImageKern
     }
     let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
     // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
-    // faint neighbours are alike, and many of them add up along a ray.
+    // faint neighbours are alike, and many of them add up along a ray. (Kernels in the same place
+    // act as one of their total depth, whose amplification none of them is given.)
     let amplification = opacity_amplification(kernel.tau).max(1.0);
     let error = affine_error(view, screen, kernel, &terms) * amplification;
     // Phrased so that NaN takes the safe side.

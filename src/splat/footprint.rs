@@ -24,8 +24,9 @@ pub struct Kernel {
 ///
 /// T = J W L, the first two rows: eq. 20 of Zwicker et al. 2001 (J: eq. 25; its printed third
 /// column and that of the 2004 paper are damaged). First order: exact for an orthographic
-/// camera, off by about 1.16 epsilon tan theta of the peak off axis for a perspective one
-/// (epsilon = sigma / distance); `tests/footprint_laws.rs` measures it.
+/// camera; for a perspective one a sphere's is off by at most
+/// 1.16 epsilon tan theta + 1.1 epsilon² / cos² theta of its peak (epsilon = sigma / distance up to
+/// .03, theta its angle off the axis); `tests/bounds.rs` measures it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenFactor {
     /// x_k, pixels.

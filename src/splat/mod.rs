@@ -7,7 +7,7 @@
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `cutoff.rs` | where a kernel ends |
-//! | `bounds.rs` | what the affine approximation costs |
+//! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
 
 mod bounds;
 mod cutoff;
@@ -16,7 +16,7 @@ mod filter;
 mod footprint;
 mod near;
 
-pub use bounds::{affine_error, opacity_amplification};
+pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{exact_extent, exact_terms};
 pub use filter::{Filter, needs_exact};

@@ -314,6 +314,77 @@ pub mod judge {
     }
 }
 
+/// Random kernels in front of a perspective camera, and what their judges need.
+pub mod draw {
+    use ewa_splat::layout::ViewUniform;
+    use ewa_splat::splat::Kernel;
+    use glam::{DMat2, DVec2, DVec3};
+
+    use super::judge::{self, Body};
+    use super::{Random, kernel, view};
+
+    /// Half a unit in the last place of f32, relative.
+    pub const EPS: f64 = 5.960_464_477_539_063e-8;
+
+    /// What a test draws its kernels from.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Draw {
+        /// Largest axis ratio.
+        pub ratio: f64,
+        /// Largest standard deviation over distance, from and to.
+        pub size: [f64; 2],
+        /// Largest angle between the kernel's centre and the optical axis.
+        pub off_axis_deg: f64,
+        pub h2: f32,
+    }
+
+    /// A kernel in front of the camera: its ellipsoid at 3.4 standard deviations, the default
+    /// cut-off, stays clear of the camera plane.
+    pub fn draw(random: &mut Random, from: Draw) -> (ViewUniform, Kernel) {
+        loop {
+            let fx = random.log_range(100.0, 2000.0);
+            let fy = fx * random.log_range(0.5, 2.0);
+            let v = view([fx as f32, fy as f32], [512.0, 384.0], from.h2);
+            let distance = random.log_range(1.0, 1000.0);
+            let (angle, around) = (
+                random.range(0.0, from.off_axis_deg).to_radians(),
+                random.range(0.0, 6.3),
+            );
+            let direction = DVec3::new(
+                angle.sin() * around.cos(),
+                angle.sin() * around.sin(),
+                angle.cos(),
+            );
+            let largest = distance * random.log_range(from.size[0], from.size[1]);
+            let ratio = random.log_range(1.0, from.ratio);
+            let factor = random.factor(largest, ratio);
+            let rows = [0, 1, 2].map(|i| factor.row(i).as_vec3().to_array());
+            let k = kernel((direction * distance).as_vec3().to_array(), rows, 1.0);
+            if 3.4 * k.factor.z.length() < k.centre.z {
+                return (v, k);
+            }
+        }
+    }
+
+    /// D through the pixel at offset `d` from the kernel's own, f64 centre.
+    pub fn ray(v: &ViewUniform, body: &Body, d: DVec2) -> DVec3 {
+        let slope = body.centre.truncate() / body.centre.z + d / judge::focal(v);
+        slope.extend(1.0)
+    }
+
+    /// The low-passed body, its footprint's variance and that variance's factor.
+    pub fn judged(v: &ViewUniform, k: &Kernel) -> (Body, DMat2, DMat2) {
+        let bare = Body::of(k);
+        let body = bare.low_passed(
+            judge::focal(v),
+            f64::from(v.low_pass_variance_px2),
+            bare.centre.z,
+        );
+        let variance = body.projected(judge::focal(v));
+        (body, variance, judge::cholesky(&variance))
+    }
+}
+
 /// Scenes and cameras in few words.
 pub mod scene {
     use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
