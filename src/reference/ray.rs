@@ -13,15 +13,24 @@ pub struct RayIntegral {
     pub error: f64,
 }
 
-/// Kernels that overlap at some place of the ray, as arrays.
+/// Kernels that overlap at some place of the ray.
 #[derive(Debug, Default)]
 struct Active {
-    mean: Vec<f64>,
-    inverse_sigma: Vec<f64>,
-    tau: Vec<f64>,
-    colour: [Vec<f64>; 3],
-    end: Vec<f64>,
+    segments: Vec<Segment>,
+    /// The same as arrays, padded with kernels of no depth.
+    lanes: Vec<Lanes>,
 }
+
+/// Kernels side by side: sums over them are [`LANES`] sums, which the compiler may vectorise.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lanes {
+    mean: [f64; LANES],
+    inverse_sigma: [f64; LANES],
+    tau: [f64; LANES],
+    colour: [[f64; LANES]; 3],
+}
+
+const LANES: usize = 8;
 
 /// Memory that rays share.
 #[derive(Debug, Default)]
@@ -86,7 +95,7 @@ pub(super) fn integrate(scratch: &mut Scratch, error: f64) -> RayIntegral {
             }
             continue;
         }
-        let share_behind = normal_density_and_cdf(-s.mean / s.sigma).1;
+        let share_behind = normal_density_and_cdf([-s.mean / s.sigma]).1[0];
         total_depth += s.tau * (1.0 - share_behind);
         if s.tau <= least_depth {
             continue;
@@ -129,11 +138,9 @@ pub(super) fn integrate(scratch: &mut Scratch, error: f64) -> RayIntegral {
     let mut transmittance = 1.0;
     for &t in cuts.iter() {
         if t > from {
-            while let Some((_, i)) = starting.next_if(|s| s.0 < t) {
-                active.push(&segments[*i]);
-            }
-            passed += active.retire(from);
-            if !active.is_empty() {
+            let starting = std::iter::from_fn(|| starting.next_if(|s| s.0 < t));
+            passed += active.advance(from, starting.map(|(_, i)| &segments[*i]));
+            if !active.segments.is_empty() {
                 let end = (-passed - active.depth(t)).exp();
                 let share = (transmittance - end).max(1.0 / cuts.len() as f64);
                 let ends = [transmittance, end];
@@ -177,80 +184,84 @@ const SHEET: f64 = 1e-12;
 /// Standard deviations beyond which the normal distribution is constant in f64.
 const LONGEST_REACH: f64 = 8.5;
 
+impl Lanes {
+    /// How many standard deviations `t` lies beyond each mean.
+    #[inline(always)]
+    fn normalised(&self, t: f64) -> [f64; LANES] {
+        let mut z = self.mean;
+        for (z, inverse) in z.iter_mut().zip(self.inverse_sigma) {
+            *z = (t - *z) * inverse;
+        }
+        z
+    }
+}
+
 impl Active {
     fn clear(&mut self) {
-        for v in self.arrays() {
-            v.clear();
-        }
+        self.segments.clear();
+        self.lanes.clear();
     }
 
-    fn arrays(&mut self) -> [&mut Vec<f64>; 7] {
-        let [r, g, b] = &mut self.colour;
-        [
-            &mut self.mean,
-            &mut self.inverse_sigma,
-            &mut self.tau,
-            &mut self.end,
-            r,
-            g,
-            b,
-        ]
-    }
-
-    fn is_empty(&self) -> bool {
-        self.mean.is_empty()
-    }
-
-    fn push(&mut self, s: &Segment) {
-        self.mean.push(s.mean);
-        self.inverse_sigma.push(1.0 / s.sigma);
-        self.tau.push(s.tau);
-        self.end.push(s.mean + LONGEST_REACH * s.sigma);
-        for (channel, c) in self.colour.iter_mut().zip(s.colour) {
-            channel.push(c);
-        }
-    }
-
-    /// Takes out the kernels that end before `t` and returns their depth.
-    fn retire(&mut self, t: f64) -> f64 {
+    /// Takes in the kernels of `starting` and out those that end before `t`; returns the depth of
+    /// the latter.
+    fn advance<'a>(&mut self, t: f64, starting: impl Iterator<Item = &'a Segment>) -> f64 {
         let mut depth = 0.0;
-        for i in (0..self.mean.len()).rev() {
-            if self.end[i] <= t {
-                depth += self.tau[i];
-                for v in self.arrays() {
-                    v.swap_remove(i);
+        self.segments.extend(starting);
+        self.segments.retain(|s| {
+            let ends = s.mean + LONGEST_REACH * s.sigma <= t;
+            if ends {
+                depth += s.tau;
+            }
+            !ends
+        });
+        self.lanes.clear();
+        for chunk in self.segments.chunks(LANES) {
+            let mut lanes = Lanes::default();
+            for (l, s) in chunk.iter().enumerate() {
+                lanes.mean[l] = s.mean;
+                lanes.inverse_sigma[l] = 1.0 / s.sigma;
+                lanes.tau[l] = s.tau;
+                for (channel, c) in lanes.colour.iter_mut().zip(s.colour) {
+                    channel[l] = c;
                 }
             }
+            self.lanes.push(lanes);
         }
         depth
     }
 
     /// Optical depth of all up to `t`.
     fn depth(&self, t: f64) -> f64 {
-        let mut depth = 0.0;
-        for ((&mean, &inverse), &tau) in self.mean.iter().zip(&self.inverse_sigma).zip(&self.tau) {
-            depth += tau * normal_density_and_cdf((t - mean) * inverse).1;
+        let mut depth = [0.0; LANES];
+        for lanes in &self.lanes {
+            let (_, cdf) = normal_density_and_cdf(lanes.normalised(t));
+            for l in 0..LANES {
+                depth[l] += lanes.tau[l] * cdf[l];
+            }
         }
-        depth
+        depth.iter().sum()
     }
 
     /// Red, green, blue and extinction at `t`, attenuated by all that lies before.
     fn attenuated(&self, passed: f64, t: f64) -> [f64; 4] {
-        let n = self.mean.len();
-        let [red, green, blue] = self.colour.each_ref().map(|c| &c[..n]);
-        let (mean, inverse, tau) = (&self.mean[..n], &self.inverse_sigma[..n], &self.tau[..n]);
-        let (mut depth, mut sums) = (0.0, [0.0; 4]);
-        for i in 0..n {
-            let (density, cdf) = normal_density_and_cdf((t - mean[i]) * inverse[i]);
-            depth += tau[i] * cdf;
-            let extinction = tau[i] * inverse[i] * density;
-            sums[0] += extinction * red[i];
-            sums[1] += extinction * green[i];
-            sums[2] += extinction * blue[i];
-            sums[3] += extinction;
+        let mut depth = [0.0; LANES];
+        let mut sums = [[0.0; LANES]; 4];
+        for lanes in &self.lanes {
+            let mut extinction = [0.0; LANES];
+            let (density, cdf) = normal_density_and_cdf(lanes.normalised(t));
+            for l in 0..LANES {
+                depth[l] += lanes.tau[l] * cdf[l];
+                extinction[l] = lanes.tau[l] * lanes.inverse_sigma[l] * density[l];
+                sums[3][l] += extinction[l];
+            }
+            for (sum, colour) in sums.iter_mut().zip(&lanes.colour) {
+                for l in 0..LANES {
+                    sum[l] += extinction[l] * colour[l];
+                }
+            }
         }
-        let transmittance = (-passed - depth).exp();
-        sums.map(|s| s * transmittance)
+        let transmittance = (-passed - depth.iter().sum::<f64>()).exp();
+        sums.map(|s| s.iter().sum::<f64>() * transmittance)
     }
 }
 
