@@ -10,6 +10,8 @@ mod difference;
 mod errors;
 mod flip;
 mod front;
+#[cfg(feature = "report")]
+mod html;
 mod report;
 mod ssim;
 mod sweep;

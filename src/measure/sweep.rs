@@ -1,8 +1,6 @@
 //! Draws every variant, times it and holds it against the reference.
 
-use super::report::{
-    About, Budget, BudgetRow, CameraSummary, Cost, Machine, Picture, Report, Row, Saving,
-};
+use super::report::{About, Budget, BudgetRow, Cost, Machine, Picture, Report, Row, Saving};
 use super::variants::{self, ACCURATE, Variant};
 use super::{ImageErrors, compare, median_times, pareto_front};
 use crate::error::Result;

@@ -128,9 +128,15 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     for simd in SimdLevel::available() {
         let name = simd_name(simd);
         let id = format!("simd-{}", name.to_lowercase());
-        list.push("instructions", &id, &format!("{name} only"), name, |s| {
-            s.simd = simd;
-        });
+        list.push(
+            "instructions",
+            &id,
+            &format!("{name} instructions"),
+            name,
+            |s| {
+                s.simd = simd;
+            },
+        );
     }
     let mut list = list.variants;
     if let Some(current) = kernel_width {
@@ -199,8 +205,7 @@ fn filter_label(filter: Filter) -> &'static str {
         Filter::LowPass => "no reconstruction kernel (low-pass only)",
         Filter::Isotropic => "round footprints",
         Filter::UniformScaling => "kernels enlarged as a whole (uniform scaling)",
-        // As it calls itself.
-        #[allow(unreachable_patterns, reason = "a filter added later")]
+        // As it calls itself, until it is given words here.
         other => other.name(),
     }
 }

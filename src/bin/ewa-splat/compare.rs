@@ -7,6 +7,7 @@ use ewa_splat::Result;
 use ewa_splat::io::{check_image_path, read_image, write_image};
 use ewa_splat::measure::{compare, difference, difference_scale};
 
+use crate::outputs::check_collisions;
 use crate::parse;
 
 #[derive(Args)]
@@ -30,6 +31,10 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.difference {
         check_image_path(path)?;
+        check_collisions(
+            &[arguments.a.clone(), arguments.b.clone()],
+            std::iter::once(path),
+        )?;
     }
     let (first, second) = (read_image(&arguments.a)?, read_image(&arguments.b)?);
     let errors = compare(&first, &second)?;
