@@ -244,27 +244,34 @@ impl Report {
             &opaque(&self.reference_image),
             "<strong>Reference</strong>",
         )?;
-        for shown in &self.pictures {
-            let Some(row) = self.row(&shown.id) else {
-                continue;
-            };
-            let e = &row.errors;
-            let label = format!(
-                "<strong>{}</strong><br>{} ms, RMSE {}, FLIP {}",
-                escaped(&row.label),
-                milliseconds(row.cost.times_ms.frame),
-                error(e.rmse),
-                fraction(e.flip)
-            );
-            picture(page, &opaque(&shown.image), &label)?;
-            let scale = difference_scale(e);
-            let of = difference(&self.reference_image, &shown.image, scale)?;
-            let label = format!(
-                "Its difference from the reference, 0 {} {}",
-                colour_bar(),
-                scientific(scale)
-            );
-            picture(page, &of, &label)?;
+        // The default beside the reference; the others in rows of three above their differences.
+        let shown: Vec<_> = self
+            .pictures
+            .iter()
+            .filter_map(|shown| Some((self.row(&shown.id)?, &shown.image)))
+            .collect();
+        let (first, others) = shown.split_at(shown.len().min(1));
+        for pictures in std::iter::once(first).chain(others.chunks(3)) {
+            for (row, image) in pictures {
+                let label = format!(
+                    "<strong>{}</strong><br>{} ms, RMSE {}, FLIP {}",
+                    escaped(&row.label),
+                    milliseconds(row.cost.times_ms.frame),
+                    error(row.errors.rmse),
+                    fraction(row.errors.flip)
+                );
+                picture(page, &opaque(image), &label)?;
+            }
+            for (row, image) in pictures {
+                let scale = difference_scale(&row.errors);
+                let of = difference(&self.reference_image, image, scale)?;
+                let label = format!(
+                    "Difference from the reference: 0 {} {}",
+                    colour_bar(),
+                    scientific(scale)
+                );
+                picture(page, &of, &label)?;
+            }
         }
         page.push_str(
             "</div>\n<p class=\"caption\">Over black. Differences are absolute, the largest of \

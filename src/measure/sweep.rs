@@ -5,7 +5,7 @@ use super::variants::{self, ACCURATE, Variant};
 use super::{ImageErrors, compare, median_times, pareto_front};
 use crate::error::Result;
 use crate::image::Image;
-use crate::render::{Renderer, Settings};
+use crate::render::{FrameCounts, Renderer, Settings, StageTimes};
 use crate::scene::PointVolume;
 use crate::view::Camera;
 
@@ -63,11 +63,11 @@ impl Default for SweepOptions {
 /// How far a sweep is.
 #[derive(Debug, Clone, Copy)]
 pub struct SweepProgress<'a> {
-    /// Variants done.
+    /// Frames done.
     pub done: usize,
-    /// Variants in all.
+    /// Frames in all.
     pub total: usize,
-    /// The variant that comes next.
+    /// What is drawn next.
     pub label: &'a str,
 }
 
@@ -81,7 +81,11 @@ const PICTURED: [&str; 4] = [
 
 /// Measures all of [`variants::variants`] and [`variants::budget_variants`].
 ///
-/// Pictures over no background; `options.base.background` should be `None`, as the reference's.
+/// Frames are drawn in rounds, one of every variant in each, so that a disturbance of the machine
+/// falls on all alike. Only scenes sampled anew are measured by themselves, after the others: one
+/// at a time lies in memory.
+///
+/// Pictures have no background: `options.base.background` should be `None`, as the reference's.
 ///
 /// # Errors
 /// What rendering, sampling anew or comparing says: a reference of another size, pixels that are
@@ -94,29 +98,79 @@ pub fn sweep(
 ) -> Result<Report> {
     let base = &options.base;
     let width = subject.resampling.map(|r| r.kernel_width);
-    let variants = variants::variants(base, width);
+    let all = variants::variants(base, width);
     let budget_variants = variants::budget_variants(base);
-    let total = variants.len() + budget_variants.len();
-    let particles = particle_count(subject.renderer);
+    let resampled = all.iter().filter(|v| v.kernel_width.is_some()).count();
 
-    let mut rows = Vec::with_capacity(variants.len());
-    let mut pictures = Vec::new();
-    let mut baseline = None;
-    for (done, variant) in variants.iter().enumerate() {
-        progress(SweepProgress {
-            done,
-            total,
-            label: &variant.label,
+    // Each way to draw once, however many variants ask for it.
+    let mut distinct: Vec<&Variant> = Vec::new();
+    for variant in all.iter().chain(&budget_variants) {
+        let known = distinct.iter().any(|d| d.settings == variant.settings);
+        if variant.kernel_width.is_none() && !known {
+            distinct.push(variant);
+        }
+    }
+    let total = (distinct.len() + resampled) * (options.frames + 1);
+    let mut done = 0;
+    let mut step = |label: &str| {
+        progress(SweepProgress { done, total, label });
+        done += 1;
+    };
+    let accurate = variants::accurate(base);
+    let baseline = subject.renderer.render(subject.camera, &accurate)?.clone();
+    let mut cells = Vec::with_capacity(distinct.len());
+    for variant in &distinct {
+        step(&variant.label);
+        let image = subject.renderer.render(subject.camera, &variant.settings)?;
+        cells.push(Cell {
+            settings: variant.settings.clone(),
+            errors: compare(subject.reference, image)?,
+            alone: compare(&baseline, image)?,
+            image: PICTURED
+                .contains(&variant.id.as_str())
+                .then(|| image.clone()),
+            counts: subject.renderer.counts(),
+            times: Vec::with_capacity(options.frames),
         });
-        let (cost, image) = match (variant.kernel_width, subject.resampling) {
+    }
+    for _ in 0..options.frames {
+        for (cell, variant) in cells.iter_mut().zip(&distinct) {
+            step(&variant.label);
+            subject.renderer.render(subject.camera, &cell.settings)?;
+            cell.times.push(subject.renderer.times());
+        }
+    }
+    let bytes = bytes_per_particle(subject.renderer);
+
+    let mut rows = Vec::with_capacity(all.len());
+    let mut pictures = Vec::new();
+    for variant in &all {
+        let (cost, errors) = match (variant.kernel_width, subject.resampling) {
             (Some(width), Some(resampling)) => {
+                step(&variant.label);
                 let mut renderer = Renderer::new((resampling.scene)(width)?)?;
-                let cost = time(&mut renderer, subject.camera, variant, options.frames)?;
-                (cost, renderer.image().clone())
+                let image = renderer.render(subject.camera, &variant.settings)?;
+                let errors = compare(subject.reference, image)?;
+                let mut times = Vec::with_capacity(options.frames);
+                for _ in 0..options.frames {
+                    step(&variant.label);
+                    renderer.render(subject.camera, &variant.settings)?;
+                    times.push(renderer.times());
+                }
+                let bytes = bytes_per_particle(&renderer);
+                (cost(&times, renderer.counts(), bytes), errors)
             }
             _ => {
-                let cost = time(subject.renderer, subject.camera, variant, options.frames)?;
-                (cost, subject.renderer.image().clone())
+                let Some(cell) = Cell::find(&cells, &variant.settings) else {
+                    continue;
+                };
+                if let Some(image) = &cell.image {
+                    pictures.push(Picture {
+                        id: variant.id.clone(),
+                        image: image.clone(),
+                    });
+                }
+                (cost(&cell.times, cell.counts, bytes), cell.errors)
             }
         };
         rows.push(Row {
@@ -128,75 +182,99 @@ pub fn sweep(
             kernel_width: variant.kernel_width,
             changes_signal: variant.changes_signal(base),
             cost,
-            errors: compare(subject.reference, &image)?,
+            errors,
             on_front: false,
         });
-        if variant.id == ACCURATE {
-            baseline = Some((cost.times_ms.frame, image.clone()));
-        }
-        if PICTURED.contains(&variant.id.as_str()) {
-            pictures.push(Picture {
-                id: variant.id.clone(),
-                image,
-            });
-        }
     }
     mark_front(&mut rows);
-
-    // Where the settings given are the accurate ones, they are listed once, as the default.
-    let (baseline_id, (baseline_frame_ms, baseline_image)) = match baseline {
-        Some(baseline) => (ACCURATE, baseline),
-        None => {
-            let image = subject.renderer.render(subject.camera, base)?.clone();
-            let frame = rows.first().map_or(0.0, |row| row.cost.times_ms.frame);
-            (variants::DEFAULT, (frame, image))
-        }
-    };
-    let mut budget = Budget {
-        baseline: baseline_id.into(),
-        baseline_frame_ms,
-        baseline_errors: compare(subject.reference, &baseline_image)?,
-        rows: Vec::new(),
-    };
-    for (i, variant) in budget_variants.iter().enumerate() {
-        progress(SweepProgress {
-            done: variants.len() + i,
-            total,
-            label: &variant.label,
-        });
-        let cost = time(subject.renderer, subject.camera, variant, options.frames)?;
-        let image = subject.renderer.image();
-        budget.rows.push(BudgetRow {
-            id: variant.id.clone(),
-            label: variant.label.clone(),
-            alone: compare(&baseline_image, image)?,
-            compares: "with it and without, splatted".into(),
-            against_reference: Some(compare(subject.reference, image)?),
-            saving: Some(Saving::new(cost.times_ms.frame, baseline_frame_ms)),
-        });
-    }
+    let mut budget = budget(
+        &rows,
+        &cells,
+        &budget_variants,
+        compare(subject.reference, &baseline)?,
+    );
     if let Some(kernels) = subject.reference_kernels {
         budget.rows.extend(reference_rows(
             compare(subject.reference, kernels)?,
-            compare(kernels, &baseline_image)?,
+            compare(kernels, &baseline)?,
         ));
     }
-    progress(SweepProgress {
-        done: total,
-        total,
-        label: "",
-    });
+    step("");
     Ok(Report {
         about,
         machine: Machine::here(),
         camera: subject.camera.into(),
-        particles,
+        particles: particle_count(subject.renderer),
         frames: options.frames,
-        rows,
         budget,
+        rows,
         reference_image: subject.reference.clone(),
         pictures,
     })
+}
+
+/// What was found of one way to draw.
+struct Cell {
+    settings: Settings,
+    /// Against the reference.
+    errors: ImageErrors,
+    /// Against the baseline.
+    alone: ImageErrors,
+    /// Kept for some.
+    image: Option<Image>,
+    counts: FrameCounts,
+    times: Vec<StageTimes>,
+}
+
+impl Cell {
+    fn find<'a>(cells: &'a [Self], settings: &Settings) -> Option<&'a Self> {
+        cells.iter().find(|cell| cell.settings == *settings)
+    }
+}
+
+fn cost(times: &[StageTimes], counts: FrameCounts, bytes_per_particle: f64) -> Cost {
+    let times_ms = median_times(times);
+    let core_seconds = times_ms.rasterise / 1e3 * rayon::current_num_threads() as f64;
+    Cost {
+        times_ms,
+        splat_pixels: counts.splat_pixels,
+        footprints: counts.footprints,
+        footprints_affine: counts.footprints - counts.footprints_exact - counts.footprints_near,
+        footprints_exact: counts.footprints_exact,
+        footprints_near: counts.footprints_near,
+        bytes_per_particle,
+        splat_pixels_per_core_second: (core_seconds > 0.0)
+            .then(|| counts.splat_pixels as f64 / core_seconds),
+    }
+}
+
+fn budget(
+    rows: &[Row],
+    cells: &[Cell],
+    variants: &[Variant],
+    baseline_errors: ImageErrors,
+) -> Budget {
+    // Where the settings given are the most accurate ones, they are listed once, as the default.
+    let baseline = rows.iter().find(|row| row.id == ACCURATE).or(rows.first());
+    let baseline_frame_ms = baseline.map_or(0.0, |row| row.cost.times_ms.frame);
+    let row = |variant: &Variant| {
+        let cell = Cell::find(cells, &variant.settings)?;
+        let frame_ms = median_times(&cell.times).frame;
+        Some(BudgetRow {
+            id: variant.id.clone(),
+            label: variant.label.clone(),
+            alone: cell.alone,
+            compares: "splatted with it and without".into(),
+            against_reference: Some(cell.errors),
+            saving: Some(Saving::new(frame_ms, baseline_frame_ms)),
+        })
+    };
+    Budget {
+        baseline: baseline.map_or_else(String::new, |row| row.id.clone()),
+        baseline_frame_ms,
+        baseline_errors,
+        rows: variants.iter().filter_map(row).collect(),
+    }
 }
 
 /// What splatting itself approximates, whatever its settings.
@@ -225,41 +303,12 @@ fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2]
     ]
 }
 
-/// A warm-up and then `frames` frames; the renderer holds the last.
-fn time(
-    renderer: &mut Renderer,
-    camera: &Camera,
-    variant: &Variant,
-    frames: usize,
-) -> Result<Cost> {
-    renderer.render(camera, &variant.settings)?;
-    let mut times = Vec::with_capacity(frames);
-    for _ in 0..frames {
-        renderer.render(camera, &variant.settings)?;
-        times.push(renderer.times());
-    }
-    if times.is_empty() {
-        times.push(renderer.times());
-    }
-    let times_ms = median_times(&times);
-    let counts = renderer.counts();
-    let core_seconds = times_ms.rasterise / 1e3 * rayon::current_num_threads() as f64;
-    let bytes: f64 = renderer
-        .volumes()
-        .iter()
+fn bytes_per_particle(renderer: &Renderer) -> f64 {
+    let volumes = renderer.volumes().iter();
+    let bytes: f64 = volumes
         .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
         .sum();
-    Ok(Cost {
-        times_ms,
-        splat_pixels: counts.splat_pixels,
-        footprints: counts.footprints,
-        footprints_affine: counts.footprints - counts.footprints_exact - counts.footprints_near,
-        footprints_exact: counts.footprints_exact,
-        footprints_near: counts.footprints_near,
-        bytes_per_particle: bytes / particle_count(renderer).max(1) as f64,
-        splat_pixels_per_core_second: (core_seconds > 0.0)
-            .then(|| counts.splat_pixels as f64 / core_seconds),
-    })
+    bytes / particle_count(renderer).max(1) as f64
 }
 
 fn particle_count(renderer: &Renderer) -> usize {

@@ -101,7 +101,8 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     }
     for filter in Filter::ALL {
         let name = filter.name();
-        list.push("filter", &format!("filter-{name}"), name, name, |s| {
+        let id = format!("filter-{name}");
+        list.push("filter", &id, filter_label(filter), name, |s| {
             s.filter = filter;
         });
     }
@@ -196,10 +197,11 @@ pub fn budget_variants(base: &Settings) -> Vec<Variant> {
     list.variants
 }
 
-/// What a filter leaves out.
+/// What a filter does or leaves out.
 fn filter_label(filter: Filter) -> &'static str {
     match filter {
         Filter::Adaptive => "affine footprints where the tolerance allows",
+        Filter::Exact => "exact footprints everywhere",
         Filter::Ewa => "affine footprints everywhere",
         Filter::Reconstruction => "no low-pass filter (reconstruction only)",
         Filter::LowPass => "no reconstruction kernel (low-pass only)",

@@ -247,7 +247,7 @@ fn command_line() -> String {
 /// The variants that no other beats, and the default.
 fn print_table(report: &Report) {
     crate::say!(
-        "{:<40} {:>9} {:>9} {:>9} {:>8} {:>8}",
+        "{:<46} {:>9} {:>9} {:>9} {:>8} {:>8}",
         "not beaten in time and rmse",
         "frame ms",
         "rmse",
@@ -264,7 +264,7 @@ fn print_table(report: &Report) {
     for row in shown {
         let or_dash = |x: Option<f64>| x.map_or_else(|| "-".into(), |x| format!("{x:.4}"));
         crate::say!(
-            "{:<40} {:>9.2} {:>9.2e} {:>9.2e} {:>8} {:>8}",
+            "{:<46} {:>9.2} {:>9.2e} {:>9.2e} {:>8} {:>8}",
             row.label,
             row.cost.times_ms.frame,
             row.errors.rmse,
