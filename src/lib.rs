@@ -56,7 +56,7 @@
 //! | [`cpu`] | the stages of a frame on the CPU |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`reference`] | the true image, in f64, by quadrature |
-//! | [`measure`] | how far one picture is from another |
+//! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! # Conventions
 //!

@@ -197,19 +197,30 @@ pub fn budget_variants(base: &Settings) -> Vec<Variant> {
     list.variants
 }
 
-/// What a filter does or leaves out.
+/// What a filter does or leaves out; its name, until it has words here.
 fn filter_label(filter: Filter) -> &'static str {
-    match filter {
-        Filter::Adaptive => "affine footprints where the tolerance allows",
-        Filter::Exact => "exact footprints everywhere",
-        Filter::Ewa => "affine footprints everywhere",
-        Filter::Reconstruction => "no low-pass filter (reconstruction only)",
-        Filter::LowPass => "no reconstruction kernel (low-pass only)",
-        Filter::Isotropic => "round footprints",
-        Filter::UniformScaling => "kernels enlarged as a whole (uniform scaling)",
-        // As it calls itself, until it is given words here.
-        other => other.name(),
-    }
+    let words = [
+        (
+            Filter::Adaptive,
+            "affine footprints where the tolerance allows",
+        ),
+        (Filter::Exact, "exact footprints everywhere"),
+        (Filter::Ewa, "affine footprints everywhere"),
+        (
+            Filter::Reconstruction,
+            "no low-pass filter (reconstruction only)",
+        ),
+        (Filter::LowPass, "no reconstruction kernel (low-pass only)"),
+        (Filter::Isotropic, "round footprints"),
+        (
+            Filter::UniformScaling,
+            "kernels enlarged as a whole (uniform scaling)",
+        ),
+    ];
+    words
+        .iter()
+        .find(|(of, _)| *of == filter)
+        .map_or(filter.name(), |(_, words)| words)
 }
 
 pub(super) fn simd_name(level: SimdLevel) -> &'static str {
