@@ -105,12 +105,13 @@ impl Report {
             ),
         );
         item("Reference", self.reference_text());
-        item(
-            "Command",
-            format!("<code>{}</code>", escaped(&self.about.command)),
+        let _ = write!(
+            page,
+            "<div class=\"whole\"><dt>Command</dt><dd><code>{}</code> (version {})</dd></div>\n\
+             </dl>\n</header>\n",
+            escaped(&self.about.command),
+            machine.version
         );
-        item("Version", format!("ewa-splat {}", machine.version));
-        page.push_str("</dl>\n</header>\n");
     }
 
     fn reference_text(&self) -> String {
@@ -215,12 +216,17 @@ impl Report {
             let (frame, saved) = row.saving.map_or((String::new(), String::new()), |saving| {
                 (milliseconds(saving.frame_ms), saved_bar(saving.saved_share))
             });
+            // Rows about the reference itself compare images of their own.
+            let compares = if row.against_reference.is_none() {
+                format!("<small>{}</small>", escaped(&row.compares))
+            } else {
+                String::new()
+            };
             let _ = writeln!(
                 page,
-                "<tr><td>{}<small>{}</small></td><td class=\"strip\">{}</td><td>{}</td>\
+                "<tr><td>{}{compares}</td><td class=\"strip\">{}</td><td>{}</td>\
                  <td>{}</td><td>{}</td><td>{frame}</td><td class=\"saved\">{saved}</td></tr>",
                 escaped(&row.label),
-                escaped(&row.compares),
                 strip(&axis, row, budget.baseline_errors.rmse),
                 error(row.alone.rmse),
                 error(row.alone.p999),
@@ -265,16 +271,12 @@ impl Report {
             for (row, image) in pictures {
                 let scale = difference_scale(&row.errors);
                 let of = difference(&self.reference_image, image, scale)?;
-                let label = format!(
-                    "Difference from the reference: 0 {} {}",
-                    colour_bar(),
-                    scientific(scale)
-                );
+                let label = format!("Difference: 0 {} {}", colour_bar(), scientific(scale));
                 picture(page, &of, &label)?;
             }
         }
         page.push_str(
-            "</div>\n<p class=\"caption\">Over black. Differences are absolute, the largest of \
+            "</div>\n<p class=\"caption\">Over black. Differences are from the reference and absolute, the largest of \
              red, green, blue and alpha, linear, each picture with the scale beside its bar: what \
              99.9 % of pixels stay below, rounded up.</p>\n</section>\n",
         );
@@ -284,16 +286,15 @@ impl Report {
     fn table(&self, page: &mut String) {
         page.push_str(
             "<section>\n<h2>All figures</h2>\n<div class=\"wide\"><table class=\"all\">\n<thead>\
-             <tr><th>variant</th><th>id</th><th>frame<br>ms</th><th>project<br>ms</th>\
-             <th>sort, bin<br>ms</th><th>rasterise<br>ms</th><th>splat-pixels<br>10⁶</th>\
-             <th>per core-second<br>10⁶</th><th>footprints</th><th>exact</th><th>RMSE</th>\
-             <th>max</th><th>99.9 %</th><th>PSNR<br>dB</th><th>bias</th><th>SSIM</th>\
-             <th>FLIP</th></tr></thead>\n",
+             <tr><th>variant</th><th>id</th><th>frame<br>ms</th><th>rasterise<br>ms</th>\
+             <th>splat-px<br>10⁶</th><th>per core-s<br>10⁶</th><th>exact<br>footprints</th>\
+             <th>RMSE</th><th>99.9 %</th><th>max</th><th>bias</th><th>PSNR<br>dB</th>\
+             <th>SSIM</th><th>FLIP</th></tr></thead>\n",
         );
         for (i, group) in self.groups().into_iter().enumerate() {
             let _ = writeln!(
                 page,
-                "<tbody>\n<tr class=\"group\"><th colspan=\"17\">\
+                "<tbody>\n<tr class=\"group\"><th colspan=\"14\">\
                  <i style=\"background:{}\"></i>{group}</th></tr>",
                 group_colour(i)
             );
@@ -304,7 +305,7 @@ impl Report {
         }
         let _ = write!(
             page,
-            "</table></div>\n<p class=\"caption\">● on the line of the plot. Errors are against \
+            "</table></div>\n<p class=\"caption\">● beaten by none in time and RMSE. Errors are against \
              the reference, linear premultiplied, full scale 1; bias is the mean of rendering \
              minus reference; SSIM (11 × 11, σ 1.5, luma) and FLIP (67 pixels per degree) of the \
              image over black, sRGB. A splat-pixel is one kernel evaluated at one pixel; per \
@@ -319,22 +320,18 @@ fn table_row(page: &mut String, row: &Row) {
     let (c, t, e): (_, _, &ImageErrors) = (&row.cost, &row.cost.times_ms, &row.errors);
     let _ = writeln!(
         page,
-        "<tr><td>{front}{label}</td><td><code>{id}</code></td><td>{frame}</td><td>{project}</td>\
-         <td>{sort}</td><td>{raster}</td><td>{pixels}</td><td>{rate}</td><td>{footprints}</td>\
-         <td>{exact}</td><td>{rmse}</td><td>{max}</td><td>{p999}</td><td>{psnr}</td>\
-         <td>{bias}</td><td>{ssim}</td><td>{flip}</td></tr>",
-        front = if row.on_front { "● " } else { "" },
+        "<tr><td>{label}{front}</td><td><code>{id}</code></td><td>{frame}</td><td>{raster}</td>\
+         <td>{pixels}</td><td>{rate}</td><td>{exact}</td><td>{rmse}</td><td>{p999}</td>\
+         <td>{max}</td><td>{bias}</td><td>{psnr}</td><td>{ssim}</td><td>{flip}</td></tr>",
+        front = if row.on_front { " ●" } else { "" },
         label = escaped(&row.label),
         id = escaped(&row.id),
         frame = milliseconds(t.frame),
-        project = milliseconds(t.project),
-        sort = milliseconds(t.sort + t.bin),
         raster = milliseconds(t.rasterise),
         pixels = decimals(c.splat_pixels as f64 / 1e6),
         rate = c
             .splat_pixels_per_core_second
             .map_or_else(|| "–".into(), |rate| grouped(rate / 1e6)),
-        footprints = grouped(c.footprints as f64),
         exact = grouped(c.footprints_exact as f64),
         rmse = error(e.rmse),
         max = error(e.max),
@@ -379,25 +376,33 @@ fn strip_x(axis: &Axis, value: f64) -> f64 {
 /// Dots of one row of the budget.
 fn strip(axis: &Axis, row: &BudgetRow, baseline: f64) -> String {
     let x = |value| strip_x(axis, value);
-    let alone = x(row.alone.rmse);
     let mut svg = format!(
         "<svg viewBox=\"0 0 {STRIP_PX} 22\"><line class=\"rule\" x1=\"0\" x2=\"{STRIP_PX}\" \
          y1=\"11\" y2=\"11\"/><line class=\"baseline\" x1=\"{b:.1}\" x2=\"{b:.1}\" y1=\"0\" \
-         y2=\"22\"/><line class=\"bar\" x1=\"0\" x2=\"{alone:.1}\" y1=\"11\" y2=\"11\"/>",
+         y2=\"22\"/>",
         b = x(baseline)
     );
-    if let Some(e) = row.against_reference {
+    let alone = (row.alone.rmse > 0.0).then(|| x(row.alone.rmse));
+    if let Some(x) = alone {
+        let _ = write!(
+            svg,
+            "<line class=\"bar\" x1=\"0\" x2=\"{x:.1}\" y1=\"11\" y2=\"11\"/>"
+        );
+    }
+    if let Some(e) = row.against_reference.filter(|e| e.rmse > 0.0) {
         let _ = write!(
             svg,
             "<circle class=\"ring\" cx=\"{:.1}\" cy=\"11\" r=\"6\"/>",
             x(e.rmse)
         );
     }
-    let _ = write!(
-        svg,
-        "<circle class=\"dot\" cx=\"{alone:.1}\" cy=\"11\" r=\"4\"/></svg>"
-    );
-    svg
+    if let Some(x) = alone {
+        let _ = write!(
+            svg,
+            "<circle class=\"dot\" cx=\"{x:.1}\" cy=\"11\" r=\"4\"/>"
+        );
+    }
+    svg + "</svg>"
 }
 
 fn saved_bar(share: f64) -> String {

@@ -45,7 +45,8 @@ impl Rect {
     }
 }
 
-/// One box per point for a text of `font_px` beside it, in the order of the points.
+/// One box per point for a text of `font_px` beside it, in the order of the points; `line` joins
+/// some of the points and is better not covered.
 ///
 /// Greedy: each takes the nearest free place of several rings around its point, or the one that
 /// covers least. Points in crowds choose first, for they have the fewest places.
@@ -54,8 +55,10 @@ pub(super) fn place(
     texts: &[&str],
     marker_radius: f64,
     font_px: f64,
+    line: &[(f64, f64)],
     frame: &Rect,
 ) -> Vec<Rect> {
+    let line = along(line);
     let markers: Vec<Rect> = points
         .iter()
         .map(|&(x, y)| Rect::around(x, y, marker_radius + 1.0))
@@ -76,8 +79,9 @@ pub(super) fn place(
                 .flatten()
                 .map(|other| candidate.overlap(other));
             let points = markers.iter().map(|other| candidate.overlap(other));
+            let line = line.iter().map(|part| candidate.overlap(part));
             let outside = if candidate.inside(frame) { 0.0 } else { 1e6 };
-            labels.sum::<f64>() + points.sum::<f64>() + outside
+            labels.sum::<f64>() + points.sum::<f64>() + line.sum::<f64>() / 4.0 + outside
         };
         let mut best: Option<(f64, Rect)> = None;
         for candidate in candidates(points[i], width, font_px, marker_radius) {
@@ -92,6 +96,27 @@ pub(super) fn place(
         placed[i] = best.map(|(_, rect)| rect);
     }
     placed.into_iter().flatten().collect()
+}
+
+/// Small boxes along a line.
+fn along(line: &[(f64, f64)]) -> Vec<Rect> {
+    const STEP_PX: f64 = 4.0;
+    let mut boxes = Vec::new();
+    for ends in line.windows(2) {
+        let ((ax, ay), (bx, by)) = (ends[0], ends[1]);
+        let length = (bx - ax).hypot(by - ay);
+        let mut at = 0.0;
+        while at < length {
+            let s = at / length;
+            boxes.push(Rect::around(
+                ax + s * (bx - ax),
+                ay + s * (by - ay),
+                STEP_PX / 2.0,
+            ));
+            at += STEP_PX;
+        }
+    }
+    boxes
 }
 
 /// Places around a point, the best first: to the right, left, above, below, then the diagonals,
@@ -127,6 +152,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_line_is_left_free_where_there_is_room() {
+        let frame = Rect {
+            left: 0.0,
+            top: 0.0,
+            right: 500.0,
+            bottom: 500.0,
+        };
+        // A level line to the right, where the label would go first.
+        let line = [(250.0, 250.0), (450.0, 250.0)];
+        let rects = place(&line[..1], &["label"], 5.0, 12.0, &line, &frame);
+        assert!(
+            along(&line)
+                .iter()
+                .all(|part| part.overlap(&rects[0]) <= 0.0)
+        );
+    }
+
+    #[test]
     fn labels_of_a_crowd_are_legible() {
         // Thirty points in a patch of 160 x 120 px, and two in a corner.
         let mut points: Vec<(f64, f64)> = (0..30)
@@ -143,7 +186,7 @@ mod tests {
             right: 900.0,
             bottom: 600.0,
         };
-        let rects = place(&points, &texts, 5.0, 12.0, &frame);
+        let rects = place(&points, &texts, 5.0, 12.0, &[], &frame);
         assert_eq!(rects.len(), points.len());
         for (i, a) in rects.iter().enumerate() {
             assert!(a.inside(&frame), "{a:?}");

@@ -2,6 +2,7 @@
 
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::labels::{Rect, place};
 use crate::error::Result;
@@ -9,7 +10,9 @@ use crate::measure::report::not_written;
 
 /// Width and height of a plot, its own pixels; the page scales it.
 const SIZE: (u32, u32) = (1080, 640);
-const FONT_PX: f64 = 12.5;
+const FONT_PX: f64 = 13.0;
+/// What plotters writes for a font of a size: its sizes are heights of lines.
+const LINE_PER_FONT: f64 = 1.24;
 const MARKER_RADIUS_PX: u32 = 5;
 
 const INK: RGBColor = RGBColor(0x2b, 0x2f, 0x36);
@@ -74,14 +77,14 @@ fn draw(
         .x_label_area_size(52)
         .y_label_area_size(74)
         .build_cartesian_2d(times, errors)?;
-    let text = ("sans-serif", 13).into_font().color(&INK);
+    let text = font(12.5).color(&INK);
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .bold_line_style(GRID)
         .axis_style(FAINT)
         .label_style(text.clone())
-        .axis_desc_style(("sans-serif", 14).into_font().color(&INK))
+        .axis_desc_style(font(13.5).color(&INK))
         .x_label_formatter(&|x| decimal(10_f64.powf(*x)))
         .y_label_formatter(&|y| scientific(10_f64.powf(*y)))
         .x_desc("frame time, ms (logarithmic)")
@@ -91,7 +94,10 @@ fn draw(
     let at = |p: &Point<'_>| (times.place(p.time_ms), errors.place(p.error));
     let mut front: Vec<_> = points.iter().filter(|p| p.on_front).map(at).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    chart.draw_series(LineSeries::new(front, INK.mix(0.55).stroke_width(2)))?;
+    chart.draw_series(LineSeries::new(
+        front.iter().copied(),
+        INK.mix(0.55).stroke_width(2),
+    ))?;
     for p in points {
         let colour = palette(p.group);
         if p.changes_signal {
@@ -104,11 +110,12 @@ fn draw(
     }
 
     let plotting = chart.plotting_area();
-    let on_page: Vec<(f64, f64)> = points
-        .iter()
-        .map(|p| plotting.map_coordinate(&at(p)))
-        .map(|(x, y)| (f64::from(x), f64::from(y)))
-        .collect();
+    let on_page = |at: &(f64, f64)| {
+        let (x, y) = plotting.map_coordinate(at);
+        (f64::from(x), f64::from(y))
+    };
+    let line: Vec<(f64, f64)> = front.iter().map(on_page).collect();
+    let on_page: Vec<(f64, f64)> = points.iter().map(|p| on_page(&at(p))).collect();
     let (xs, ys) = plotting.get_pixel_range();
     let frame = Rect {
         left: f64::from(xs.start),
@@ -118,7 +125,7 @@ fn draw(
     };
     let texts: Vec<&str> = points.iter().map(|p| p.label).collect();
     let radius = f64::from(MARKER_RADIUS_PX);
-    let rects = place(&on_page, &texts, radius, FONT_PX, &frame);
+    let rects = place(&on_page, &texts, radius, FONT_PX, &line, &frame);
     for ((p, rect), &(x, y)) in points.iter().zip(&rects).zip(&on_page) {
         let colour = palette(p.group);
         let (near_x, near_y) = rect.nearest(x, y);
@@ -129,22 +136,28 @@ fn draw(
                 colour.mix(0.45),
             ))?;
         }
-        let style = ("sans-serif", FONT_PX).into_font().color(&colour).pos(
-            plotters::style::text_anchor::Pos::new(
-                plotters::style::text_anchor::HPos::Center,
-                plotters::style::text_anchor::VPos::Center,
-            ),
-        );
-        let middle = pixel(
-            f64::midpoint(rect.left, rect.right),
-            f64::midpoint(rect.top, rect.bottom),
-        );
-        root.draw(&Text::new(p.label, middle, style))?;
+        // Flush with the side that faces the point: widths of texts are guesses.
+        let (x, side) = if rect.left > x {
+            (rect.left, HPos::Left)
+        } else if rect.right < x {
+            (rect.right, HPos::Right)
+        } else {
+            (f64::midpoint(rect.left, rect.right), HPos::Center)
+        };
+        let style = font(FONT_PX)
+            .color(&colour)
+            .pos(Pos::new(side, VPos::Center));
+        let y = f64::midpoint(rect.top, rect.bottom);
+        root.draw(&Text::new(p.label, pixel(x, y), style))?;
     }
     root.present()?;
     drop(chart);
     drop(root);
     Ok(())
+}
+
+fn font(size_px: f64) -> FontDesc<'static> {
+    ("sans-serif", size_px * LINE_PER_FONT).into_font()
 }
 
 #[expect(
