@@ -287,14 +287,14 @@ impl Report {
         page.push_str(
             "<section>\n<h2>All figures</h2>\n<div class=\"wide\"><table class=\"all\">\n<thead>\
              <tr><th>variant</th><th>id</th><th>frame<br>ms</th><th>rasterise<br>ms</th>\
-             <th>splat-px<br>10⁶</th><th>per core-s<br>10⁶</th><th>exact<br>footprints</th>\
-             <th>RMSE</th><th>99.9 %</th><th>max</th><th>bias</th><th>PSNR<br>dB</th>\
-             <th>SSIM</th><th>FLIP</th></tr></thead>\n",
+             <th>splat-px<br>10⁶</th><th>per core-s<br>10⁶</th><th>RMSE</th>\
+             <th>99.9 %</th><th>max</th><th>bias</th><th>SSIM</th>\
+             <th>FLIP</th></tr></thead>\n",
         );
         for (i, group) in self.groups().into_iter().enumerate() {
             let _ = writeln!(
                 page,
-                "<tbody>\n<tr class=\"group\"><th colspan=\"14\">\
+                "<tbody>\n<tr class=\"group\"><th colspan=\"12\">\
                  <i style=\"background:{}\"></i>{group}</th></tr>",
                 group_colour(i)
             );
@@ -310,7 +310,7 @@ impl Report {
              minus reference; SSIM (11 × 11, σ 1.5, luma) and FLIP (67 pixels per degree) of the \
              image over black, sRGB. A splat-pixel is one kernel evaluated at one pixel; per \
              core-second of rasterising. The most accurate variant is <code>{ACCURATE}</code>. \
-             All stages and settings are in <code>report.csv</code> and \
+             PSNR, stages, footprints and settings are in <code>report.csv</code> and \
              <code>report.json</code>.</p>\n</section>\n"
         );
     }
@@ -321,8 +321,8 @@ fn table_row(page: &mut String, row: &Row) {
     let _ = writeln!(
         page,
         "<tr><td>{label}{front}</td><td><code>{id}</code></td><td>{frame}</td><td>{raster}</td>\
-         <td>{pixels}</td><td>{rate}</td><td>{exact}</td><td>{rmse}</td><td>{p999}</td>\
-         <td>{max}</td><td>{bias}</td><td>{psnr}</td><td>{ssim}</td><td>{flip}</td></tr>",
+         <td>{pixels}</td><td>{rate}</td><td>{rmse}</td><td>{p999}</td>\
+         <td>{max}</td><td>{bias}</td><td>{ssim}</td><td>{flip}</td></tr>",
         front = if row.on_front { " ●" } else { "" },
         label = escaped(&row.label),
         id = escaped(&row.id),
@@ -332,13 +332,9 @@ fn table_row(page: &mut String, row: &Row) {
         rate = c
             .splat_pixels_per_core_second
             .map_or_else(|| "–".into(), |rate| grouped(rate / 1e6)),
-        exact = grouped(c.footprints_exact as f64),
         rmse = error(e.rmse),
         max = error(e.max),
         p999 = error(e.p999),
-        psnr = e
-            .psnr
-            .map_or_else(|| "∞".into(), |psnr| format!("{psnr:.1}")),
         bias = signed_error(e.mean_difference),
         ssim = fraction(e.ssim),
         flip = fraction(e.flip),

@@ -212,10 +212,7 @@ fn filter_label(filter: Filter) -> &'static str {
         ),
         (Filter::LowPass, "no reconstruction kernel (low-pass only)"),
         (Filter::Isotropic, "round footprints"),
-        (
-            Filter::UniformScaling,
-            "kernels enlarged as a whole (uniform scaling)",
-        ),
+        (Filter::UniformScaling, "kernels enlarged (uniform scaling)"),
     ];
     words
         .iter()
