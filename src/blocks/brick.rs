@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{Block, EMPTY_RANGE, value_range};
 use crate::constants::BRICK;
 use crate::math::Factor;
-use crate::scene::{Lattice, LatticeSpacing, Values};
+use crate::scene::{Lattice, LatticeSpacing, Values, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
 #[derive(Debug, Clone)]
@@ -194,17 +194,9 @@ impl BrickGrid {
     }
 }
 
-/// Half the distance between a sample's neighbours; at the ends, the distance to the one
-/// neighbour. One sample alone has width 1.
-fn cell_widths(x: &[f64]) -> Vec<f32> {
-    let n = x.len();
-    (0..n)
-        .map(|i| {
-            if n == 1 {
-                return 1.0;
-            }
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-            ((x[b] - x[a]) / (b - a) as f64).abs() as f32
-        })
+/// [`cell_width`] of each sample of an axis.
+fn cell_widths(axis: &[f64]) -> Vec<f32> {
+    (0..axis.len())
+        .map(|i| cell_width(axis, i) as f32)
         .collect()
 }

@@ -4,4 +4,4 @@ mod factor;
 mod normal;
 
 pub use factor::Factor;
-pub use normal::normal_cdf;
+pub use normal::{normal_cdf, normal_density_and_cdf};

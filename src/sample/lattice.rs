@@ -7,7 +7,7 @@ use super::{
 };
 use crate::error::Result;
 use crate::io::{Association, Dataset, Geometry};
-use crate::scene::{Lattice, LatticeSpacing, Particles};
+use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles};
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let taken = take_scalar(&mut dataset, options.field.as_deref())?;
@@ -67,8 +67,7 @@ fn cell_centres(nodes: &Lattice) -> Lattice {
     Lattice { dims, spacing }
 }
 
-/// The cube root of the mean cell volume; a rectilinear axis of one sample counts as spaced
-/// by 1.
+/// The cube root of the mean cell volume.
 fn mean_spacing(lattice: &Lattice) -> f64 {
     let volume = match &lattice.spacing {
         LatticeSpacing::Uniform { step, .. } => step.determinant().abs(),
@@ -76,7 +75,7 @@ fn mean_spacing(lattice: &Lattice) -> f64 {
             .iter()
             .map(|c| match c.as_slice() {
                 [first, .., last] => (last - first) / (c.len() - 1) as f64,
-                _ => 1.0,
+                _ => LONE_CELL_WIDTH,
             })
             .product(),
     };

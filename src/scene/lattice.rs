@@ -50,6 +50,21 @@ impl Lattice {
         self.len() == 0
     }
 
+    /// The step from sample (i, j, k) to its neighbours along each index, as columns: the edges of
+    /// its cell.
+    pub fn step(&self, [i, j, k]: [usize; 3]) -> DMat3 {
+        match &self.spacing {
+            LatticeSpacing::Uniform { step, .. } => *step,
+            LatticeSpacing::Rectilinear {
+                coordinates: [x, y, z],
+            } => DMat3::from_diagonal(DVec3::new(
+                cell_width(x, i),
+                cell_width(y, j),
+                cell_width(z, k),
+            )),
+        }
+    }
+
     /// The position of sample (i, j, k).
     pub fn position(&self, [i, j, k]: [usize; 3]) -> DVec3 {
         match &self.spacing {
@@ -62,3 +77,17 @@ impl Lattice {
         }
     }
 }
+
+/// The width of the cell around a rectilinear axis's sample: half the distance between its
+/// neighbours; at the ends, the distance to the one neighbour. A sample that is alone has width 1.
+pub(crate) fn cell_width(axis: &[f64], i: usize) -> f64 {
+    if axis.len() == 1 {
+        return LONE_CELL_WIDTH;
+    }
+    let (a, b) = (i.saturating_sub(1), (i + 1).min(axis.len() - 1));
+    ((axis[b] - axis[a]) / (b - a) as f64).abs()
+}
+
+/// What the cells of a rectilinear axis with one sample count as being wide, in world units: the
+/// file says nothing of it.
+pub(crate) const LONE_CELL_WIDTH: f64 = 1.0;

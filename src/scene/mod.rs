@@ -6,6 +6,7 @@ mod requirements;
 mod transfer_function;
 mod values;
 
+pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;

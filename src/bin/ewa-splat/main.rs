@@ -18,6 +18,7 @@ mod input;
 mod measure;
 mod outputs;
 mod parse;
+mod progress;
 mod render;
 mod viewpoint;
 

@@ -12,11 +12,12 @@ use ewa_splat::reference::{Integrator, PixelFilter, ReferenceFrame, ReferenceSet
 use ewa_splat::scene::PointVolume;
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, Image, Renderer, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
 use crate::outputs::check_collisions;
 use crate::parse;
+use crate::progress::{bar, with_bar};
 use crate::viewpoint::CameraOptions;
 
 /// Width and height of a measurement in pixels.
@@ -70,12 +71,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments
             .camera
             .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
+    progress.finish_and_clear();
     let given = given_references(arguments, &camera)?;
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::io(folder, "making the folder", e, "name a folder elsewhere"))?;
     let references = match given {
         Some(given) => given,
-        None => integrate(arguments, &scene.volumes, &camera, &progress)?,
+        None => integrate(arguments, &scene.volumes, &camera)?,
     };
     write_image(&folder.join(REFERENCE), &references.image)?;
     if let Some(kernels) = &references.kernels {
@@ -106,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         frames: arguments.frames as usize,
         ..SweepOptions::default()
     };
-    bar(&progress);
+    let progress = bar(0);
     let report = sweep(&mut subject, about, &options, &mut |step| {
         progress.set_length(step.total as u64);
         progress.set_position(step.done as u64);
@@ -164,36 +166,22 @@ fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<Ref
     }))
 }
 
-fn integrate(
-    arguments: &Arguments,
-    scene: &[PointVolume],
-    camera: &Camera,
-    progress: &ProgressBar,
-) -> Result<References> {
+/// Integrates both true images.
+fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> Result<References> {
     let integrator = Integrator::new(scene)?;
-    let start = Instant::now();
-    let settings = ReferenceSettings::default();
-    let settings = ReferenceSettings {
-        error: arguments.reference_error.unwrap_or(settings.error),
-        ..settings
-    };
-    bar(progress);
-    progress.set_length(1000);
-    let render = |message: &'static str, pixel_filter| -> Result<ReferenceFrame> {
-        progress.set_message(message);
+    let defaults = ReferenceSettings::default();
+    let error = arguments.reference_error.unwrap_or(defaults.error);
+    let render = |message, pixel_filter| -> Result<ReferenceFrame> {
         let settings = ReferenceSettings {
+            error,
             pixel_filter,
-            ..settings.clone()
+            ..defaults.clone()
         };
-        integrator.render(camera, &settings, &|fraction| {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "float casts saturate"
-            )]
-            progress.set_position((fraction * 1000.0) as u64);
+        with_bar(message, |report| {
+            integrator.render(camera, &settings, report)
         })
     };
+    let start = Instant::now();
     let frame = render("integrating the true image", PixelFilter::Image)?;
     let seconds = start.elapsed().as_secs_f64();
     let kernels = render(
@@ -211,13 +199,6 @@ fn integrate(
         image: frame.image,
         kernels: Some(kernels.image),
     })
-}
-
-/// Shows a bar from here on.
-fn bar(progress: &ProgressBar) {
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
-        progress.set_style(style);
-    }
 }
 
 /// The file's name without its folders: a report may be shown to others.

@@ -9,8 +9,10 @@ use ewa_splat::io::{
     write_image,
 };
 use ewa_splat::measure::median_times;
+use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
+use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Result, Settings};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -18,6 +20,7 @@ use serde_json::json;
 use crate::input::DataOptions;
 use crate::outputs::check_collisions;
 use crate::parse;
+use crate::progress::with_bar;
 use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
 
 #[derive(Args)]
@@ -69,6 +72,10 @@ struct Method {
     /// Cut-off radius in standard deviations [default: from the tolerance]
     #[arg(long, value_name = "R", value_parser = parse::cutoff)]
     cutoff: Option<f32>,
+    /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
+    /// states [default: 1e-4]
+    #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames"])]
+    reference: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -129,6 +136,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
     progress.set_message("sorting into blocks");
     let prepare_start = Instant::now();
+    let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
+    let integrator = integrator.transpose()?;
     let mut renderer = Renderer::new(scene)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
@@ -136,6 +145,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments
             .camera
             .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
+    if let Some(integrator) = integrator {
+        progress.finish_and_clear();
+        return arguments.integrate(&integrator, &camera, read_ms, prepare_ms);
+    }
     let settings = arguments.settings();
     progress.set_message("rendering");
     renderer.render(&camera, &settings)?;
@@ -166,6 +179,53 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
+    /// Writes the true image, and its stated error with the statistics.
+    fn integrate(
+        &self,
+        integrator: &Integrator,
+        camera: &Camera,
+        read_ms: f64,
+        prepare_ms: f64,
+    ) -> Result<()> {
+        let defaults = ReferenceSettings::default();
+        let settings = ReferenceSettings {
+            error: self.method.tolerance.map_or(defaults.error, f64::from),
+            low_pass_variance_px2: self
+                .method
+                .low_pass
+                .map_or(defaults.low_pass_variance_px2, f64::from),
+            background: self.output.background,
+            ..defaults
+        };
+        let start = Instant::now();
+        let frame = with_bar("integrating", |report| {
+            integrator.render(camera, &settings, report)
+        })?;
+        let frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        write_image(&self.out, &frame.image)?;
+        if let Some(path) = &self.output.stats {
+            let stats = json!({
+                "particles": integrator.particle_count(),
+                "backend": "reference",
+                "adapter": format!("{} threads, f64", rayon::current_num_threads()),
+                "error_wanted": settings.error,
+                "error_estimate": frame.error,
+                "pixels_above_error_wanted": frame.unconverged,
+                "rays": frame.rays,
+                "times_ms": { "read": read_ms, "prepare": prepare_ms, "frame": frame_ms },
+                "frames": 1,
+            });
+            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+        }
+        if frame.unconverged > 0 {
+            eprintln!(
+                "{} pixels may err by more than {}: by {:.1e} at most",
+                frame.unconverged, settings.error, frame.error
+            );
+        }
+        Ok(())
+    }
+
     fn settings(&self) -> Settings {
         let defaults = Settings::default();
         Settings {

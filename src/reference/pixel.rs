@@ -1,0 +1,508 @@
+//! The pixel's low-pass filter: a Gaussian over the image, by supersampling.
+//!
+//! The filtered image at a pixel is the integral of Gaussian times image over the plane. On a
+//! lattice of samples the error of such an integral is what the image holds at the lattice's
+//! frequencies: it falls faster than any power of the spacing once the smallest detail is resolved.
+//! So the lattice is doubled (squares, then squares with their centres, and so on) until the pixel
+//! stays where it is; samples serve all the pixels around them and every finer lattice.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::kernel::{Kernel, REACH};
+use super::ray::Scratch;
+use super::{ReferenceFrame, ReferenceSettings, View};
+use crate::image::Image;
+use crate::view::Projection;
+
+// How the error aimed at is shared out. The last lattice's change is the error of the lattices
+// before; with it, the error is far smaller.
+const CHANGE_SHARE: f64 = 0.7;
+const RAY_SHARE: f64 = 0.1;
+const UNRESOLVED_SHARE: f64 = 0.1;
+const TAIL_SHARE: f64 = 0.1;
+
+/// Pixels along the side of a region that is sampled at once: a compromise between memory (64 MiB
+/// at 4096 rays per pixel) and the margin around it, which is sampled for its sake alone.
+const REGION: usize = 128;
+
+/// One ray through the centre of each pixel.
+pub(super) fn sampled(
+    view: &View<'_>,
+    settings: &ReferenceSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> ReferenceFrame {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let done = AtomicU64::new(0);
+    let rows: Vec<Vec<_>> = (0..height)
+        .into_par_iter()
+        .map_init(Scratch::default, |scratch, y| {
+            let row = (0..width)
+                .map(|x| {
+                    let centre = DVec2::new(x as f64, y as f64) + 0.5;
+                    view.integrate(centre, settings.error, scratch)
+                })
+                .collect();
+            progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / height as f64);
+            row
+        })
+        .collect();
+    let mut frame = blank(width, height);
+    for (pixel, ray) in frame.pixels.iter_mut().zip(rows.iter().flatten()) {
+        *pixel = ray.rgba;
+        frame.error = frame.error.max(ray.error);
+        frame.unconverged += usize::from(ray.error > settings.error);
+    }
+    frame.rays = (width * height) as u64;
+    frame
+}
+
+fn blank(width: usize, height: usize) -> ReferenceFrame {
+    ReferenceFrame {
+        image: Image::new(width, height),
+        pixels: vec![[0.0; 4]; width * height],
+        error: 0.0,
+        unconverged: 0,
+        rays: 0,
+    }
+}
+
+/// The filtered image, region by region.
+pub(super) fn supersampled(
+    view: &View<'_>,
+    settings: &ReferenceSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> ReferenceFrame {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let mut frame = blank(width, height);
+    let columns = width.div_ceil(REGION);
+    let regions = columns * height.div_ceil(REGION);
+    let mut details: Vec<Detail> = view
+        .kernels
+        .par_iter()
+        .filter_map(|k| Detail::of(k, view, settings))
+        .collect();
+    details.sort_by(|a, b| a.weight.total_cmp(&b.weight));
+    for r in 0..regions {
+        let first = [r % columns * REGION, r / columns * REGION];
+        let size = [
+            (width - first[0]).min(REGION),
+            (height - first[1]).min(REGION),
+        ];
+        let mut region = Region::new(first, size, settings);
+        region.plan(&details);
+        let part = |fraction: f64| progress((r as f64 + fraction) / regions as f64);
+        frame.rays += region.sample(view, &part);
+        region.copy_to(&mut frame);
+    }
+    frame
+}
+
+/// A kernel smaller than the spacing of the first lattices.
+struct Detail {
+    centre_px: DVec2,
+    /// Half the size of the box of pixels that it changes.
+    half_px: DVec2,
+    /// The number of the lattice that resolves it.
+    level: u32,
+    /// The most that it can change a pixel by.
+    weight: f64,
+}
+
+impl Detail {
+    /// `None` where even the coarsest lattice resolves the kernel, or it is not seen.
+    fn of(kernel: &Kernel, view: &View<'_>, settings: &ReferenceSettings) -> Option<Self> {
+        let camera = view.camera;
+        let (centre_px, across) = match camera.projection {
+            Projection::Orthographic => {
+                let centre = camera.focal_px * kernel.centre.truncate() + camera.centre_px;
+                (centre, [DVec3::X, DVec3::Y])
+            }
+            Projection::Perspective => {
+                let u = kernel.centre;
+                let reach = REACH * kernel.factor.row(2).length();
+                if u.z <= -reach {
+                    return None;
+                }
+                // A kernel at the camera plane counts as being in front of it by its own reach:
+                // it looks larger than that.
+                let z = u.z.max(reach);
+                let slope = u.truncate() / z;
+                let centre = camera.focal_px * slope + camera.centre_px;
+                let x = DVec3::new(1.0, 0.0, -slope.x) / z;
+                let y = DVec3::new(0.0, 1.0, -slope.y) / z;
+                (centre, [x, y])
+            }
+        };
+        let rows = [0, 1].map(|i| kernel.factor.transpose() * across[i] * camera.focal_px[i]);
+        let [a, b, c] = [
+            rows[0].length_squared(),
+            rows[0].dot(rows[1]),
+            rows[1].length_squared(),
+        ];
+        let determinant = rows[0].cross(rows[1]).length_squared();
+        let widest = 0.5 * (a + c + ((a - c).powi(2) + 4.0 * b * b).sqrt());
+        let narrowest = determinant / widest.max(f64::MIN_POSITIVE);
+        let level = level_for(2.0 * narrowest.sqrt());
+        if level == 0 {
+            return None;
+        }
+        // Integral of the opacity over the image: that of min(tau, 1), which where tau's peak is p
+        // is 2 pi sqrt(det) times p or 1 + ln p. A rod or a point has none.
+        let (origin, direction) = match camera.projection {
+            Projection::Perspective => (DVec3::ZERO, kernel.centre.normalize_or(DVec3::Z)),
+            Projection::Orthographic => (kernel.centre.with_z(0.0), DVec3::Z),
+        };
+        let peak = kernel.along(origin, direction)?.tau;
+        let area = std::f64::consts::TAU * determinant.sqrt();
+        let opacity = area * if peak <= 1.0 { peak } else { 1.0 + peak.ln() };
+        let h2 = settings.low_pass_variance_px2;
+        let filtered = std::f64::consts::TAU * ((h2 + widest) * (h2 + narrowest)).sqrt();
+        let brightest = kernel.colour.iter().fold(1.0_f64, |m, c| m.max(c.abs()));
+        let weight = brightest * (opacity / filtered).min(1.0);
+        let half_px = 4.0 * DVec2::new(a, c).map(f64::sqrt) + filter_reach(settings);
+        (weight > 0.0).then_some(Self {
+            centre_px,
+            half_px,
+            level,
+            weight,
+        })
+    }
+}
+
+/// Where the filter's tail is cut off, pixels: what lies beyond is a tenth of the error aimed at.
+fn filter_reach(settings: &ReferenceSettings) -> f64 {
+    (2.0 * (20.0 / settings.error).ln()).sqrt() * settings.low_pass_variance_px2.sqrt()
+}
+
+/// The first lattice whose samples, with those of all before, lie at most `spacing` pixels apart:
+/// together they are 2^level per pixel.
+fn level_for(spacing: f64) -> u32 {
+    // Casts saturate.
+    (-2.0 * spacing.log2()).ceil().max(0.0) as u32
+}
+
+/// Row n of the samples that lattice `level` adds, in pixels from the first pixel's centre:
+/// (y, x of a sample, distance of samples).
+///
+/// Level 0 is the pixels' centres. Odd levels add the centres of the squares, even ones the
+/// middles of their sides.
+fn lattice_row(level: u32, n: i64) -> (f64, f64, f64) {
+    let spacing = 0.5_f64.powi(level.saturating_sub(1) as i32 / 2);
+    let n = n as f64;
+    if level == 0 {
+        (n, 0.0, 1.0)
+    } else if level % 2 == 1 {
+        ((n + 0.5) * spacing, 0.5 * spacing, spacing)
+    } else if n % 2.0 == 0.0 {
+        (0.5 * n * spacing, 0.5 * spacing, spacing)
+    } else {
+        (0.5 * n * spacing, 0.0, spacing)
+    }
+}
+
+/// Distance of the rows of [`lattice_row`].
+fn row_spacing(level: u32) -> f64 {
+    0.5_f64.powi(level as i32 / 2)
+}
+
+/// Part of the image, and the margin that its filter reaches into.
+struct Region {
+    first: [usize; 2],
+    size: [usize; 2],
+    error: f64,
+    /// Standard deviation of the filter, px.
+    h: f64,
+    /// Where the filter is cut off, px.
+    reach: f64,
+    /// Whole pixels of margin.
+    margin: usize,
+    last_level: u32,
+    pixels: Vec<Pixel>,
+}
+
+#[derive(Clone)]
+struct Pixel {
+    mean: [f64; 4],
+    /// How far the last lattice moved the mean.
+    change: f64,
+    /// What the error may be.
+    estimate: f64,
+    /// The largest estimate of it and its neighbours.
+    worst: f64,
+    ray_error: f64,
+    /// What kernels too small to be resolved may add.
+    unresolved: f64,
+    /// The first lattice after which `change` means something.
+    level: u32,
+    done: bool,
+}
+
+/// One row of samples, filtered along x.
+struct Line {
+    y: f64,
+    columns: Vec<[f64; 4]>,
+    error: f64,
+    rays: u64,
+}
+
+impl Region {
+    fn new(first: [usize; 2], size: [usize; 2], settings: &ReferenceSettings) -> Self {
+        let h = settings.low_pass_variance_px2.sqrt();
+        let reach = filter_reach(settings);
+        let pixel = Pixel {
+            mean: [0.0; 4],
+            change: 0.0,
+            estimate: 0.0,
+            worst: 0.0,
+            ray_error: 0.0,
+            unresolved: 0.0,
+            // At a spacing of h the lattice's own ripple is 1e-8.
+            level: level_for(h).max(1),
+            done: false,
+        };
+        Self {
+            first,
+            size,
+            error: settings.error,
+            h,
+            reach,
+            margin: reach.ceil() as usize,
+            last_level: settings.max_rays_per_pixel.max(1).ilog2(),
+            pixels: vec![pixel; size[0] * size[1]],
+        }
+    }
+
+    /// Finds where small kernels ask for fine lattices; `details` by rising weight.
+    ///
+    /// The least of them may stay unresolved, as long as all that meet in a pixel change it by
+    /// less than their share of the error.
+    fn plan(&mut self, details: &[Detail]) {
+        let mut places = Vec::new();
+        for detail in details {
+            let range = |i: usize| {
+                let centre = detail.centre_px[i] - 0.5 - self.first[i] as f64;
+                let half = detail.half_px[i];
+                // Casts saturate.
+                let start = (centre - half).ceil().max(0.0) as usize;
+                let end = (centre + half).floor() + 1.0;
+                start..(end.max(0.0) as usize).min(self.size[i])
+            };
+            places.clear();
+            places.extend(range(1).flat_map(|y| range(0).map(move |x| (x, y))));
+            let affordable = UNRESOLVED_SHARE * self.error - detail.weight;
+            let pixel = |(x, y): (usize, usize)| y * self.size[0] + x;
+            let resolve = detail.level <= self.last_level
+                && places
+                    .iter()
+                    .any(|&p| self.pixels[pixel(p)].unresolved > affordable);
+            for i in places.iter().map(|&p| pixel(p)) {
+                if resolve {
+                    self.pixels[i].level = self.pixels[i].level.max(detail.level);
+                } else {
+                    self.pixels[i].unresolved += detail.weight;
+                }
+            }
+        }
+    }
+
+    /// Adds lattices until all pixels stay where they are; returns the number of rays.
+    fn sample(&mut self, view: &View<'_>, progress: &(dyn Fn(f64) + Sync)) -> u64 {
+        let mut rays = 0;
+        for level in 0..=self.last_level {
+            let needed = self.needed_cells();
+            let rows = self.rows(level);
+            let (count, done) = ((rows.end - rows.start) as f64, AtomicU64::new(0));
+            let lines: Vec<Line> = rows
+                .into_par_iter()
+                .map_init(Scratch::default, |scratch, n| {
+                    let line = self.line(view, level, n, &needed, scratch);
+                    let part = (done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count;
+                    // Nobody knows how many lattices follow: each gets half of what is left.
+                    progress(1.0 - 0.5_f64.powf(f64::from(level) + part));
+                    line
+                })
+                .collect();
+            rays += lines.iter().map(|l| l.rays).sum::<u64>();
+            self.add(level, &lines);
+            if self.pixels.iter().all(|p| p.done) {
+                break;
+            }
+        }
+        rays
+    }
+
+    /// The rows of a lattice that reach a pixel of the region.
+    fn rows(&self, level: u32) -> std::ops::Range<i64> {
+        let spacing = row_spacing(level);
+        let (lowest, highest) = (-self.reach, (self.size[1] - 1) as f64 + self.reach);
+        ((lowest / spacing).floor() as i64 - 1)..((highest / spacing).ceil() as i64 + 1)
+    }
+
+    /// For each pixel-sized cell of the region and its margin: how many pixels that are not done
+    /// its samples may reach.
+    fn needed_cells(&self) -> Vec<bool> {
+        let [w, h] = self.size;
+        let m = self.margin + 1;
+        let (columns, rows) = (w + 2 * m, h + 2 * m);
+        // Counts of pixels not done, summed over all above and to the left.
+        let mut sums = vec![0_u32; (w + 1) * (h + 1)];
+        for y in 0..h {
+            for x in 0..w {
+                sums[(y + 1) * (w + 1) + x + 1] = u32::from(!self.pixels[y * w + x].done)
+                    + sums[y * (w + 1) + x + 1]
+                    + sums[(y + 1) * (w + 1) + x]
+                    - sums[y * (w + 1) + x];
+            }
+        }
+        // Cell c is pixel c - m; the pixels m around it.
+        let around = |c: usize, size: usize| (c.saturating_sub(2 * m), (c + 1).min(size));
+        (0..columns * rows)
+            .map(|i| {
+                let (x0, x1) = around(i % columns, w);
+                let (y0, y1) = around(i / columns, h);
+                let at = |x: usize, y: usize| sums[y * (w + 1) + x];
+                x0 < x1 && y0 < y1 && at(x1, y1) + at(x0, y0) > at(x0, y1) + at(x1, y0)
+            })
+            .collect()
+    }
+
+    /// Integrates the rays of one row where they are needed.
+    fn line(
+        &self,
+        view: &View<'_>,
+        level: u32,
+        n: i64,
+        needed: &[bool],
+        scratch: &mut Scratch,
+    ) -> Line {
+        let (y, offset, spacing) = lattice_row(level, n);
+        let m = self.margin + 1;
+        let columns = self.size[0] + 2 * m;
+        // The cell of a place: cell m is around the first pixel's centre.
+        let cell = |v: f64| (v + m as f64 + 0.5).floor();
+        let mut line = Line {
+            y,
+            columns: vec![[0.0; 4]; self.size[0]],
+            error: 0.0,
+            rays: 0,
+        };
+        let row = cell(y);
+        if row < 0.0 || row as usize >= self.size[1] + 2 * m {
+            return line;
+        }
+        let needed = &needed[row as usize * columns..][..columns];
+        // Spacings divide a pixel: the samples around one pixel lie as those around any other.
+        let phase = (-self.reach - offset).div_euclid(spacing) as i64;
+        let weights: f64 = (phase..)
+            .map(|i| offset + i as f64 * spacing)
+            .take_while(|x| *x <= self.reach)
+            .filter(|x| *x >= -self.reach)
+            .map(|x| self.weight(x))
+            .sum();
+        let first = ((-self.reach - offset) / spacing).ceil() as i64;
+        let last = (((self.size[0] - 1) as f64 + self.reach - offset) / spacing).floor() as i64;
+        for i in first..=last {
+            let x = offset + i as f64 * spacing;
+            if !needed[cell(x) as usize] {
+                continue;
+            }
+            let place = DVec2::new(
+                self.first[0] as f64 + 0.5 + x,
+                self.first[1] as f64 + 0.5 + y,
+            );
+            let ray = view.integrate(place, RAY_SHARE * self.error, scratch);
+            line.rays += 1;
+            line.error = line.error.max(ray.error);
+            if ray.rgba == [0.0; 4] {
+                continue;
+            }
+            let start = (x - self.reach).ceil().max(0.0) as usize;
+            let end = ((x + self.reach).floor() + 1.0).max(0.0) as usize;
+            for c in start..end.min(self.size[0]) {
+                let weight = self.weight(c as f64 - x) / weights;
+                for (sum, v) in line.columns[c].iter_mut().zip(ray.rgba) {
+                    *sum += weight * v;
+                }
+            }
+        }
+        line
+    }
+
+    /// The filter along one axis, not normalised.
+    fn weight(&self, distance: f64) -> f64 {
+        (-0.5 * (distance / self.h).powi(2)).exp()
+    }
+
+    /// Takes a lattice's lines into the pixels' means.
+    fn add(&mut self, level: u32, lines: &[Line]) {
+        let [w, h] = self.size;
+        for y in 0..h {
+            let near: Vec<(f64, &Line)> = lines
+                .iter()
+                .filter(|l| (l.y - y as f64).abs() <= self.reach)
+                .map(|l| (self.weight(l.y - y as f64), l))
+                .collect();
+            let ray_error = near.iter().map(|(_, l)| l.error).fold(0.0, f64::max);
+            for x in 0..w {
+                if self.pixels[y * w + x].done {
+                    continue;
+                }
+                let (mut sum, mut weights) = ([0.0; 4], 0.0);
+                for (weight, line) in &near {
+                    for (s, v) in sum.iter_mut().zip(line.columns[x]) {
+                        *s += weight * v;
+                    }
+                    weights += weight;
+                }
+                let pixel = &mut self.pixels[y * w + x];
+                pixel.ray_error = pixel.ray_error.max(ray_error);
+                if level == 0 {
+                    pixel.mean = sum.map(|s| s / weights);
+                    continue;
+                }
+                // As many samples as all lattices before together.
+                let before = pixel.change;
+                pixel.change = 0.0;
+                for (mean, s) in pixel.mean.iter_mut().zip(sum) {
+                    let change = 0.5 * (s / weights - *mean);
+                    *mean += change;
+                    pixel.change = pixel.change.max(change.abs());
+                }
+                // The last lattice's change, unless by chance it is far smaller than those before
+                // let expect: halves where the image has sharp edges.
+                pixel.estimate = pixel.change.max(0.5 * before);
+            }
+        }
+        // A pixel may stay by chance; with its neighbours it hardly does.
+        let around = |v: usize, size: usize| v.saturating_sub(1)..(v + 2).min(size);
+        let worst: Vec<f64> = (0..w * h)
+            .map(|i| {
+                around(i / w, h)
+                    .flat_map(|y| around(i % w, w).map(move |x| y * w + x))
+                    .map(|j| self.pixels[j].estimate)
+                    .fold(0.0, f64::max)
+            })
+            .collect();
+        for (pixel, worst) in self.pixels.iter_mut().zip(worst) {
+            if !pixel.done {
+                pixel.worst = worst;
+                pixel.done = level >= pixel.level && worst <= CHANGE_SHARE * self.error;
+            }
+        }
+    }
+
+    fn copy_to(&self, frame: &mut ReferenceFrame) {
+        for (i, pixel) in self.pixels.iter().enumerate() {
+            let (x, y) = (i % self.size[0], i / self.size[0]);
+            let place = (self.first[1] + y) * frame.image.width + self.first[0] + x;
+            frame.pixels[place] = pixel.mean;
+            // The tail of the filter that is cut off: see `filter_reach`.
+            let error = pixel.worst + pixel.ray_error + pixel.unresolved + TAIL_SHARE * self.error;
+            frame.error = frame.error.max(error);
+            frame.unconverged += usize::from(error > self.error);
+        }
+    }
+}
