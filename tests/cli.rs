@@ -347,7 +347,7 @@ fn measures_every_variant_and_writes_three_reports() {
     let budget = report["budget"]["rows"].as_array().unwrap();
     for row in rows
         .iter()
-        .map(|r| &r["errors"])
+        .flat_map(|r| [&r["errors"], &r["from_baseline"]])
         .chain(budget.iter().map(|r| &r["alone"]))
     {
         for figure in ["rmse", "max", "p999", "mean_difference", "ssim", "flip"] {

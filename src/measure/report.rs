@@ -149,6 +149,8 @@ pub struct Row {
     pub cost: Cost,
     /// How far it is from the reference.
     pub errors: ImageErrors,
+    /// How far it is from the budget's baseline, the most accurate splatting.
+    pub from_baseline: ImageErrors,
     /// Whether no other variant of the same signal is both faster and closer (time and RMSE).
     pub on_front: bool,
 }
@@ -338,6 +340,9 @@ impl Row {
             ("mean_difference", e.mean_difference.to_string()),
             ("ssim", or_empty(e.ssim)),
             ("flip", or_empty(e.flip)),
+            ("baseline_rmse", self.from_baseline.rmse.to_string()),
+            ("baseline_max", self.from_baseline.max.to_string()),
+            ("baseline_p999", self.from_baseline.p999.to_string()),
             ("cull_ms", t.cull.to_string()),
             ("classify_ms", t.classify.to_string()),
             ("project_ms", t.project.to_string()),

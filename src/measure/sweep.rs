@@ -145,12 +145,13 @@ pub fn sweep(
     let mut rows = Vec::with_capacity(all.len());
     let mut pictures = Vec::new();
     for variant in &all {
-        let (cost, errors) = match (variant.kernel_width, subject.resampling) {
+        let (cost, errors, from_baseline) = match (variant.kernel_width, subject.resampling) {
             (Some(width), Some(resampling)) => {
                 step(&variant.label);
                 let mut renderer = Renderer::new((resampling.scene)(width)?)?;
                 let image = renderer.render(subject.camera, &variant.settings)?;
                 let errors = compare(subject.reference, image)?;
+                let from_baseline = compare(&baseline, image)?;
                 let mut times = Vec::with_capacity(options.frames);
                 for _ in 0..options.frames {
                     step(&variant.label);
@@ -158,7 +159,8 @@ pub fn sweep(
                     times.push(renderer.times());
                 }
                 let bytes = bytes_per_particle(&renderer);
-                (cost(&times, renderer.counts(), bytes), errors)
+                let cost = cost(&times, renderer.counts(), bytes);
+                (cost, errors, from_baseline)
             }
             _ => {
                 let Some(cell) = Cell::find(&cells, &variant.settings) else {
@@ -170,7 +172,8 @@ pub fn sweep(
                         image: image.clone(),
                     });
                 }
-                (cost(&cell.times, cell.counts, bytes), cell.errors)
+                let cost = cost(&cell.times, cell.counts, bytes);
+                (cost, cell.errors, cell.alone)
             }
         };
         rows.push(Row {
@@ -183,6 +186,7 @@ pub fn sweep(
             changes_signal: variant.changes_signal(base),
             cost,
             errors,
+            from_baseline,
             on_front: false,
         });
     }
@@ -316,17 +320,22 @@ fn particle_count(renderer: &Renderer) -> usize {
 }
 
 fn mark_front(rows: &mut [Row]) {
+    for i in front_of(rows, |row| row.errors.rmse) {
+        rows[i].on_front = true;
+    }
+}
+
+/// Rows of the reference's signal that no other beats in time and in the error given.
+pub(super) fn front_of(rows: &[Row], error: impl Fn(&Row) -> f64) -> Vec<usize> {
     let points: Vec<(f64, f64)> = rows
         .iter()
         .map(|row| {
             if row.changes_signal {
                 (f64::INFINITY, f64::INFINITY)
             } else {
-                (row.cost.times_ms.frame, row.errors.rmse)
+                (row.cost.times_ms.frame, error(row))
             }
         })
         .collect();
-    for i in pareto_front(&points) {
-        rows[i].on_front = true;
-    }
+    pareto_front(&points)
 }

@@ -88,7 +88,7 @@ fn draw(
         .x_label_formatter(&|x| decimal(10_f64.powf(*x)))
         .y_label_formatter(&|y| scientific(10_f64.powf(*y)))
         .x_desc("frame time, ms (logarithmic)")
-        .y_desc(format!("{error_name} against the reference (logarithmic)"))
+        .y_desc(format!("{error_name} (logarithmic)"))
         .draw()?;
 
     let at = |p: &Point<'_>| (times.place(p.time_ms), errors.place(p.error));
