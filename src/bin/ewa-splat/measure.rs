@@ -185,6 +185,12 @@ fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> R
     let start = Instant::now();
     let frame = render("integrating the true image", PixelFilter::Image)?;
     let seconds = start.elapsed().as_secs_f64();
+    if frame.unconverged > 0 {
+        eprintln!(
+            "{} pixels of the true image may err by more than {error}: by {:.1e} at most",
+            frame.unconverged, frame.error
+        );
+    }
     let kernels = render(
         "integrating with the pixel filter on kernels",
         PixelFilter::Kernels,
