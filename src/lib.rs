@@ -55,8 +55,8 @@
 //! | [`blocks`] | particles in blocks, culling |
 //! | [`cpu`] | the stages of a frame on the CPU |
 //! | [`render`] | scene + camera + settings to frame |
-//! | [`reference`] | the true image, in f64, by quadrature |
-//! | [`measure`] | how far one picture is from another |
+//! | [`mod@reference`] | the true image, in f64, by quadrature |
+//! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! # Conventions
 //!

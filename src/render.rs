@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use serde::Serialize;
+
 use crate::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
 use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
@@ -74,7 +76,7 @@ pub struct FrameCounts {
 }
 
 /// Milliseconds per stage of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[allow(missing_docs, reason = "each is the stage of its name")]
 pub struct StageTimes {
     pub cull: f64,

@@ -273,3 +273,158 @@ fn info_tells_what_is_there() {
     let table = run(folder.path(), &["info", &fixture("particles.csv")]);
     assert!(String::from_utf8_lossy(&table.stdout).contains("bytes per particle"));
 }
+
+#[test]
+fn measures_every_variant_and_writes_three_reports() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let mut arguments = vec![
+        "measure",
+        &wake,
+        "--transfer-function",
+        &transfer,
+        "--size",
+        "48x48",
+        "--frames",
+        "1",
+    ];
+    // The true image is dear: a fine splatting stands in for it.
+    let rendered = run(
+        folder.path(),
+        &[
+            "render",
+            &wake,
+            "--transfer-function",
+            &transfer,
+            "--size",
+            "48x48",
+            "--filter",
+            "exact",
+            "--cutoff",
+            "7",
+            "--out",
+            "true.exr",
+        ],
+    );
+    assert!(rendered.status.success());
+    for given in ["--reference-image", "--reference-kernels-image"] {
+        arguments.extend([given, "true.exr"]);
+    }
+    arguments.extend(["--out", "new/folder"]);
+    // Twice: the second replaces the first's files.
+    for _ in 0..2 {
+        let output = run(folder.path(), &arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}");
+    }
+    let out = folder.path().join("new/folder");
+    assert_eq!(
+        files(&out),
+        [
+            "reference-kernels.exr",
+            "reference.exr",
+            "report.csv",
+            "report.html",
+            "report.json"
+        ]
+    );
+    let report = json(out.join("report.json"));
+    let csv = std::fs::read_to_string(out.join("report.csv")).unwrap();
+    let html = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    let mut ids: Vec<&str> = rows.iter().map(|r| r["id"].as_str().unwrap()).collect();
+    for id in &ids {
+        assert!(csv.contains(&format!("\n{id},")), "{id}");
+        assert!(html.contains(&format!("<code>{id}</code>")), "{id}");
+    }
+    assert_eq!(csv.lines().count(), rows.len() + 1);
+    for group in ["tolerance", "filter", "cut-off", "opacity", "kernel width"] {
+        assert!(rows.iter().any(|r| r["group"] == group), "{group}");
+    }
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), rows.len());
+    let budget = report["budget"]["rows"].as_array().unwrap();
+    for row in rows
+        .iter()
+        .flat_map(|r| [&r["errors"], &r["from_baseline"]])
+        .chain(budget.iter().map(|r| &r["alone"]))
+    {
+        for figure in ["rmse", "max", "p999", "mean_difference", "ssim", "flip"] {
+            // JSON has no other numbers than finite ones.
+            assert!(row[figure].is_f64(), "{figure} in {row}");
+        }
+    }
+    let of = |id: &str| budget.iter().find(|r| r["id"] == id).unwrap();
+    assert!(of("splatting-sorting")["alone"]["rmse"].as_f64().unwrap() < 1e-4);
+    assert!(
+        of("budget-filter-isotropic")["alone"]["rmse"]
+            .as_f64()
+            .unwrap()
+            > 1e-3
+    );
+    for text in ["<script", "http://", "https://"] {
+        let inside = html.replace("http://www.w3.org/2000/svg", "");
+        assert!(!inside.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn a_reference_of_another_size_is_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let small = ["render", &wake, "--size", "30x20", "--out", "small.npy"];
+    assert!(run(folder.path(), &small).status.success());
+    let output = run(
+        folder.path(),
+        &[
+            "measure",
+            &wake,
+            "--out",
+            "m",
+            "--reference-image",
+            "small.npy",
+        ],
+    );
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("512 x 512") && text.contains("30x20"),
+        "{text}"
+    );
+    assert_eq!(files(folder.path()), ["small.npy"]);
+}
+
+#[test]
+fn compare_draws_the_difference() {
+    let folder = tempfile::tempdir().unwrap();
+    let particles = fixture("particles.csv");
+    for (out, filter) in [("a.npy", "exact"), ("b.npy", "isotropic")] {
+        let render = [
+            "render", &particles, "--size", "40x30", "--out", out, "--filter", filter,
+        ];
+        assert!(run(folder.path(), &render).status.success());
+    }
+    let output = run(
+        folder.path(),
+        &[
+            "compare",
+            "a.npy",
+            "b.npy",
+            "--difference",
+            "d.png",
+            "--difference-scale",
+            "0.5",
+        ],
+    );
+    assert!(output.status.success());
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("ssim") && text.contains("flip") && text.contains("0.5"),
+        "{text}"
+    );
+    let shown = ewa_splat::io::read_image(&folder.path().join("d.png")).unwrap();
+    assert_eq!((shown.width, shown.height), (40, 30));
+    let over_itself = ["compare", "a.npy", "b.npy", "--difference", "a.npy"];
+    assert_eq!(run(folder.path(), &over_itself).status.code(), Some(1));
+}

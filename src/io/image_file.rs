@@ -231,7 +231,8 @@ fn byte(x: f32) -> u8 {
     }
 }
 
-fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+/// The bytes of a PNG file; `path` is for messages.
+pub(crate) fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
     let opaque = image.pixels.iter().all(|p| p[3] >= 1.0);
     let colour = |p: &[f32; 4]| {
         let a = if p[3] > 0.0 { p[3] } else { 1.0 };

@@ -22,6 +22,8 @@ use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
 pub use dataset::{Association, Dataset, Field, FieldSource, Geometry};
+#[cfg(feature = "report")]
+pub(crate) use image_file::png_bytes;
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
 };

@@ -2,11 +2,14 @@
 
 use serde::Serialize;
 
+use super::{FLIP_PIXELS_PER_DEGREE, flip, ssim};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
 /// Differences between two images over red, green, blue and alpha, linear premultiplied,
 /// full scale 1.
+///
+/// SSIM and FLIP are of what a display shows: the image over black, clamped to 0..1, encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ImageErrors {
     /// Root mean square over pixels and channels.
@@ -19,6 +22,11 @@ pub struct ImageErrors {
     pub psnr: Option<f64>,
     /// Mean of (second - first): a bias that the others hide.
     pub mean_difference: f64,
+    /// Mean structural similarity, 1 for equal images ([`ssim`]); `None` where an image is
+    /// smaller than its window of 11 x 11 pixels.
+    pub ssim: Option<f64>,
+    /// Mean FLIP, 0 for equal images ([`flip`]); `None` for images without pixels.
+    pub flip: Option<f64>,
 }
 
 /// Compares two images of one size.
@@ -76,6 +84,8 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
             .unwrap_or(0.0),
         psnr: (mean_square > 0.0).then(|| -10.0 * mean_square.log10()),
         mean_difference: if channels > 0.0 { sum / channels } else { 0.0 },
+        ssim: ssim(first, second),
+        flip: flip(first, second, FLIP_PIXELS_PER_DEGREE),
     })
 }
 
@@ -92,7 +102,27 @@ mod tests {
         assert_eq!((e.max, e.p999), (0.5, 0.0));
         assert!((e.rmse - 0.5 / 8000_f64.sqrt()).abs() < 1e-12);
         assert!((e.psnr.unwrap() + 20.0 * e.rmse.log10()).abs() < 1e-9);
-        assert_eq!(compare(&a, &a).unwrap().psnr, None);
+        let equal = compare(&a, &a).unwrap();
+        assert_eq!(
+            (equal.psnr, equal.ssim, equal.flip),
+            (None, Some(1.0), Some(0.0))
+        );
+        let keys = serde_json::to_value(equal).unwrap();
+        for key in [
+            "rmse",
+            "max",
+            "p999",
+            "psnr",
+            "mean_difference",
+            "ssim",
+            "flip",
+        ] {
+            assert!(keys.get(key).is_some(), "{key}");
+        }
+        assert_eq!(
+            compare(&Image::new(0, 0), &Image::new(0, 0)).unwrap().flip,
+            None
+        );
         assert!(compare(&a, &Image::new(20, 100)).is_err());
         b.pixels[8][3] = f32::NAN;
         assert!(compare(&a, &b).is_err());

@@ -1,5 +1,32 @@
-//! How far one picture is from another.
+//! How far one picture is from another, and what accuracy costs.
+//!
+//! [`compare`] gives the figures of two images, [`difference`] a picture of where they differ.
+//! [`sweep`] draws a scene in every way that [`variants`] lists, times each and holds it against
+//! the true image; its [`Report`] is plain data with writers for JSON, CSV and (feature `report`)
+//! a page with plots.
 
+mod band;
+mod difference;
 mod errors;
+mod flip;
+mod front;
+#[cfg(feature = "report")]
+mod html;
+mod report;
+mod ssim;
+mod sweep;
+#[cfg(test)]
+mod test_images;
+mod variants;
 
+pub use difference::{difference, difference_scale};
 pub use errors::{ImageErrors, compare};
+pub use flip::{FLIP_PIXELS_PER_DEGREE, flip};
+pub use front::{median_times, pareto_front};
+pub use report::{
+    About, Budget, BudgetRow, CameraSummary, Cost, Machine, Picture, ReferenceSummary, Report, Row,
+    Saving, SettingsSummary,
+};
+pub use ssim::ssim;
+pub use sweep::{Resampling, Subject, SweepOptions, SweepProgress, sweep};
+pub use variants::{ACCURATE, DEFAULT, FAST, Variant, accurate, budget_variants, variants};

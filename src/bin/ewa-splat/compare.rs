@@ -4,7 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
-use ewa_splat::io::read_image;
+use ewa_splat::io::{check_image_path, read_image, write_image};
+use ewa_splat::measure::{compare, difference, difference_scale};
+
+use crate::outputs::check_collisions;
+use crate::parse;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -15,11 +19,31 @@ pub(crate) struct Arguments {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Write a picture of the difference, the largest channel of each pixel: black is none
+    #[arg(long, value_name = "FILE")]
+    difference: Option<PathBuf>,
+    /// The difference that its brightest colour stands for [default: the 99.9 percentile, rounded
+    /// up]
+    #[arg(long, value_name = "D", value_parser = parse::positive, requires = "difference")]
+    difference_scale: Option<f64>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let errors =
-        ewa_splat::measure::compare(&read_image(&arguments.a)?, &read_image(&arguments.b)?)?;
+    if let Some(path) = &arguments.difference {
+        check_image_path(path)?;
+        check_collisions(
+            &[arguments.a.clone(), arguments.b.clone()],
+            std::iter::once(path),
+        )?;
+    }
+    let (first, second) = (read_image(&arguments.a)?, read_image(&arguments.b)?);
+    let errors = compare(&first, &second)?;
+    let scale = arguments
+        .difference_scale
+        .unwrap_or_else(|| difference_scale(&errors));
+    if let Some(path) = &arguments.difference {
+        write_image(path, &difference(&first, &second, scale)?)?;
+    }
     if arguments.json {
         crate::say!("{}", serde_json::json!(errors));
         return Ok(());
@@ -33,5 +57,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         None => crate::say!("psnr             infinite: the images are equal"),
     }
     crate::say!("mean difference  {:+.3e}", errors.mean_difference);
+    match errors.ssim {
+        Some(ssim) => crate::say!("ssim             {ssim:.6}"),
+        None => crate::say!("ssim             none: the images are smaller than its window"),
+    }
+    if let Some(flip) = errors.flip {
+        crate::say!("flip             {flip:.6}");
+    }
+    if let Some(path) = &arguments.difference {
+        crate::say!("{}: black 0, brightest {scale}", path.display());
+    }
     Ok(())
 }

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::Result;
-use ewa_splat::io::{Dataset, OpenOptions, RawLayout, RawType};
+use ewa_splat::io::{Dataset, Geometry, OpenOptions, RawLayout, RawType};
 use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice};
+use ewa_splat::scene::PointVolume;
 use glam::DVec3;
+use indicatif::ProgressBar;
 
 use crate::parse;
 
@@ -47,6 +49,13 @@ pub(crate) struct DataOptions {
     pub(crate) endian: Endian,
 }
 
+/// What the inputs hold.
+pub(crate) struct Scene {
+    pub(crate) volumes: Vec<PointVolume>,
+    /// Whether all are grids, whose kernels follow the spacing.
+    pub(crate) grids_only: bool,
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum Scalar {
     U8,
@@ -84,11 +93,52 @@ impl DataOptions {
         )
     }
 
+    /// Reads and samples all of a scene, and says what was left out.
+    pub(crate) fn scene(&self, inputs: &[PathBuf], progress: &ProgressBar) -> Result<Scene> {
+        let mut scene = Scene {
+            volumes: Vec::new(),
+            grids_only: true,
+        };
+        for path in inputs {
+            progress.set_message(format!("reading {}", path.display()));
+            let dataset = self.open(path)?;
+            scene.grids_only &= !matches!(dataset.geometry, Geometry::Points { .. });
+            let sampled = self.sample(dataset)?;
+            for line in sampled.report.warnings() {
+                progress.suspend(|| eprintln!("{}: {line}", path.display()));
+            }
+            scene.volumes.push(sampled.volume);
+        }
+        Ok(scene)
+    }
+
+    /// The scene's volumes with kernels of another width, read anew.
+    pub(crate) fn scene_at_kernel_width(
+        &self,
+        inputs: &[PathBuf],
+        kernel_width: f64,
+    ) -> Result<Vec<PointVolume>> {
+        let volume = |path| {
+            let sampled = self.sample_at(self.open(path)?, kernel_width)?;
+            Ok(sampled.volume)
+        };
+        inputs.iter().map(|path| volume(path)).collect()
+    }
+
+    /// Standard deviation of a kernel over the spacing.
+    pub(crate) fn kernel_width(&self) -> f64 {
+        self.kernel_width
+            .unwrap_or(SampleOptions::default().kernel_width)
+    }
+
     pub(crate) fn sample(&self, dataset: Dataset) -> Result<Sampled> {
-        let defaults = SampleOptions::default();
+        self.sample_at(dataset, self.kernel_width())
+    }
+
+    fn sample_at(&self, dataset: Dataset, kernel_width: f64) -> Result<Sampled> {
         let options = SampleOptions {
             field: self.field.clone(),
-            kernel_width: self.kernel_width.unwrap_or(defaults.kernel_width),
+            kernel_width,
             transfer: match &self.transfer_function {
                 None => TransferChoice::Automatic,
                 // A colour map's name has no dot and no slash in it.

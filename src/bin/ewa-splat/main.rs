@@ -1,4 +1,4 @@
-//! The command line: `render`, `info`, `compare`.
+//! The command line: `render`, `info`, `compare`, `measure`.
 
 /// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
 macro_rules! say {
@@ -15,7 +15,10 @@ pub(crate) use say;
 mod compare;
 mod info;
 mod input;
+mod measure;
+mod outputs;
 mod parse;
+mod progress;
 mod render;
 mod viewpoint;
 
@@ -39,6 +42,8 @@ enum Command {
     Info(Box<info::Arguments>),
     /// Print how far one image is from another
     Compare(compare::Arguments),
+    /// Measure speed against accuracy: table, plots and what each approximation costs
+    Measure(Box<measure::Arguments>),
 }
 
 fn main() -> ExitCode {
@@ -46,6 +51,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -8,17 +8,19 @@ use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_depth,
     write_image,
 };
+use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
-use ewa_splat::{Error, Renderer, Result, Settings};
-use glam::DVec3;
-use indicatif::{ProgressBar, ProgressStyle};
+use ewa_splat::{Renderer, Result, Settings};
+use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::input::DataOptions;
+use crate::outputs::check_collisions;
 use crate::parse;
+use crate::progress::with_bar;
 use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
 
 #[derive(Args)]
@@ -118,21 +120,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.output.stats {
         check_folder(path)?;
     }
-    arguments.check_collisions()?;
+    let outputs = [
+        Some(&arguments.out),
+        arguments.output.depth.as_ref(),
+        arguments.output.stats.as_ref(),
+    ];
+    check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
 
     let read_start = Instant::now();
-    let mut scene = Vec::new();
-    for path in &arguments.inputs {
-        progress.set_message(format!("reading {}", path.display()));
-        let sampled = arguments.data.sample(arguments.data.open(path)?)?;
-        for line in sampled.report.warnings() {
-            progress.suspend(|| eprintln!("{}: {line}", path.display()));
-        }
-        scene.push(sampled.volume);
-    }
+    let scene = arguments.data.scene(&arguments.inputs, &progress)?.volumes;
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -142,10 +141,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = Renderer::new(scene)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
-    let camera = arguments
-        .camera
-        .camera(&renderer.visible_boxes(), arguments.size)?;
-    let camera = camera.unwrap_or_else(|| unfitted(arguments.size));
+    let camera =
+        arguments
+            .camera
+            .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
     if let Some(integrator) = integrator {
         progress.finish_and_clear();
         return arguments.integrate(&integrator, &camera, read_ms, prepare_ms);
@@ -180,31 +179,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
-    /// Refuses an output that would replace an input or another output.
-    fn check_collisions(&self) -> Result<()> {
-        let outputs = [
-            Some(&self.out),
-            self.output.depth.as_ref(),
-            self.output.stats.as_ref(),
-        ];
-        let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-        let mut taken: Vec<PathBuf> = self.inputs.iter().map(real).collect();
-        for path in outputs.into_iter().flatten() {
-            let path = real(path);
-            if taken.contains(&path) {
-                return Err(Error::format(
-                    path,
-                    "outputs",
-                    "a file of its own for each output",
-                    "one that is an input or another output",
-                    "choose another name",
-                ));
-            }
-            taken.push(path);
-        }
-        Ok(())
-    }
-
     /// Writes the true image, and its stated error with the statistics.
     fn integrate(
         &self,
@@ -224,7 +198,7 @@ impl Arguments {
             ..defaults
         };
         let start = Instant::now();
-        let frame = with_progress("integrating", |report| {
+        let frame = with_bar("integrating", |report| {
             integrator.render(camera, &settings, report)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -278,31 +252,6 @@ impl Arguments {
     }
 }
 
-/// Runs `work` with a bar that follows the fractions it reports; hidden where standard error is no
-/// terminal.
-fn with_progress<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
-    const STEPS: u64 = 1000;
-    let bar = ProgressBar::new(STEPS).with_message(message);
-    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}") {
-        bar.set_style(style);
-    }
-    #[expect(clippy::cast_possible_truncation, reason = "a fraction of a thousand")]
-    let result = work(&|fraction| bar.set_position((fraction * STEPS as f64) as u64));
-    bar.finish_and_clear();
-    result
-}
-
-/// A camera for an empty picture: nothing is visible that it could be fitted to.
-fn unfitted(size: Option<[usize; 2]>) -> Camera {
-    Camera::perspective(
-        DVec3::ZERO,
-        DVec3::Y,
-        DVec3::Z,
-        35.0,
-        size.unwrap_or(DEFAULT_SIZE),
-    )
-}
-
 fn stats(
     renderer: &Renderer,
     times: &[StageTimes],
@@ -316,16 +265,7 @@ fn stats(
         .iter()
         .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
         .sum();
-    let median = |stage: fn(&StageTimes) -> f64| {
-        let mut all: Vec<f64> = times.iter().map(stage).collect();
-        all.sort_by(f64::total_cmp);
-        let middle = all.len() / 2;
-        if all.len() % 2 == 1 {
-            all[middle]
-        } else {
-            (all[middle - 1] + all[middle]) / 2.0
-        }
-    };
+    let median = median_times(times);
     json!({
         "particles": particles,
         "surfels": 0,
@@ -347,14 +287,14 @@ fn stats(
         "times_ms": {
             "read": read_ms,
             "prepare": prepare_ms,
-            "cull": median(|t| t.cull),
-            "classify": median(|t| t.classify),
-            "project": median(|t| t.project),
-            "sort": median(|t| t.sort),
-            "bin": median(|t| t.bin),
-            "rasterise": median(|t| t.rasterise),
-            "resolve": median(|t| t.resolve),
-            "frame": median(|t| t.frame),
+            "cull": median.cull,
+            "classify": median.classify,
+            "project": median.project,
+            "sort": median.sort,
+            "bin": median.bin,
+            "rasterise": median.rasterise,
+            "resolve": median.resolve,
+            "frame": median.frame,
         },
         "frames": times.len(),
     })

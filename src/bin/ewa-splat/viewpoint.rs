@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use crate::parse;
 
-/// Width and height in pixels.
+/// Width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 
 #[derive(Args)]
@@ -49,16 +49,18 @@ pub(crate) struct CameraOptions {
 }
 
 impl CameraOptions {
-    /// The camera for data within `boxes`; `None` where it would be fitted to nothing.
+    /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_size`
+    /// holds where neither `size` nor a camera's file says another.
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
         size: Option<[usize; 2]>,
-    ) -> Result<Option<Camera>> {
+        default_size: [usize; 2],
+    ) -> Result<Camera> {
         if let Some(path) = &self.camera {
-            return read_camera(path, size).map(Some);
+            return read_camera(path, size);
         }
-        let size = size.unwrap_or(DEFAULT_SIZE);
+        let size = size.unwrap_or(default_size);
         let fov = self.fov.unwrap_or(35.0);
         if let Some(eye) = self.eye {
             let all = boxes
@@ -68,10 +70,10 @@ impl CameraOptions {
             let centre = all.map_or(eye + DVec3::Y, |(lower, upper)| (lower + upper) / 2.0);
             let target = self.target.unwrap_or(centre);
             let up = self.up.unwrap_or(DVec3::Z);
-            return Ok(Some(match self.ortho {
+            return Ok(match self.ortho {
                 Some(height) => Camera::orthographic(eye, target, up, height, size),
                 None => Camera::perspective(eye, target, up, fov, size),
-            }));
+            });
         }
         let viewpoint = Viewpoint {
             azimuth_deg: self.azimuth.unwrap_or(30.0),
@@ -82,6 +84,8 @@ impl CameraOptions {
             Some(height) => Lens::OrthoHeight(Some(height)),
             None => Lens::FovDeg(fov),
         };
-        Ok(viewpoint.camera(boxes, lens, size))
+        // An empty picture's camera looks anywhere.
+        let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
+        Ok(viewpoint.camera(boxes, lens, size).unwrap_or_else(unfitted))
     }
 }

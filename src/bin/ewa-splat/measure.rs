@@ -1,0 +1,266 @@
+//! `ewa-splat measure`
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use ewa_splat::io::{read_image, write_bytes_atomically, write_image};
+use ewa_splat::measure::{
+    ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
+    SweepOptions, sweep,
+};
+use ewa_splat::reference::{Integrator, PixelFilter, ReferenceFrame, ReferenceSettings};
+use ewa_splat::scene::PointVolume;
+use ewa_splat::view::Camera;
+use ewa_splat::{Error, Image, Renderer, Result};
+use indicatif::ProgressBar;
+
+use crate::input::DataOptions;
+use crate::outputs::check_collisions;
+use crate::parse;
+use crate::progress::{bar, with_bar};
+use crate::viewpoint::CameraOptions;
+
+/// Width and height of a measurement in pixels.
+const DEFAULT_SIZE: [usize; 2] = [512, 512];
+
+const REFERENCE: &str = "reference.exr";
+const REFERENCE_KERNELS: &str = "reference-kernels.exr";
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to render together
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// Folder for report.html, report.json, report.csv and the reference; made if missing
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Width and height in pixels [default: 512x512]
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    size: Option<[usize; 2]>,
+    /// Frames of which times are the medians, after one that warms up
+    #[arg(long, value_name = "N", default_value = "5",
+          value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// The true image, from an earlier run: exr, pfm or npy [default: integrated]
+    #[arg(long, value_name = "FILE")]
+    reference_image: Option<PathBuf>,
+    /// The true image with the pixel filter on each kernel, from an earlier run; integrated only
+    /// where --reference-image is
+    #[arg(long, value_name = "FILE", requires = "reference_image")]
+    reference_kernels_image: Option<PathBuf>,
+    /// The reference's error in linear colour: aimed at, or of the file given [default: 1e-4]
+    #[arg(long, value_name = "E", value_parser = parse::positive)]
+    reference_error: Option<f64>,
+    #[command(flatten)]
+    camera: CameraOptions,
+    #[command(flatten)]
+    data: DataOptions,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let folder = &arguments.out;
+    let kernel_width = arguments.data.kernel_width();
+    check_collisions(&arguments.inputs, outputs(folder).iter())?;
+    // Hidden where standard error is no terminal.
+    let progress = ProgressBar::new_spinner();
+    progress.enable_steady_tick(Duration::from_millis(100));
+
+    let scene = arguments.data.scene(&arguments.inputs, &progress)?;
+    let mut renderer = Renderer::new(scene.volumes.clone())?;
+    let camera =
+        arguments
+            .camera
+            .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
+    progress.finish_and_clear();
+    let given = given_references(arguments, &camera)?;
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Error::io(folder, "making the folder", e, "name a folder elsewhere"))?;
+    let references = match given {
+        Some(given) => given,
+        None => integrate(arguments, &scene.volumes, &camera)?,
+    };
+    write_image(&folder.join(REFERENCE), &references.image)?;
+    if let Some(kernels) = &references.kernels {
+        write_image(&folder.join(REFERENCE_KERNELS), kernels)?;
+    }
+
+    let resample = |width| {
+        arguments
+            .data
+            .scene_at_kernel_width(&arguments.inputs, width)
+    };
+    let mut subject = Subject {
+        renderer: &mut renderer,
+        camera: &camera,
+        reference: &references.image,
+        reference_kernels: references.kernels.as_ref(),
+        resampling: scene.grids_only.then_some(Resampling {
+            kernel_width,
+            scene: &resample,
+        }),
+    };
+    let about = About {
+        inputs: arguments.inputs.iter().map(|p| name(p)).collect(),
+        command: command_line(),
+        reference: references.summary,
+    };
+    let options = SweepOptions {
+        frames: arguments.frames as usize,
+        ..SweepOptions::default()
+    };
+    let progress = bar(0);
+    let report = sweep(&mut subject, about, &options, &mut |step| {
+        progress.set_length(step.total as u64);
+        progress.set_position(step.done as u64);
+        progress.set_message(step.label.to_owned());
+    })?;
+    write_bytes_atomically(&folder.join("report.json"), &report.json()?)?;
+    write_bytes_atomically(&folder.join("report.csv"), &report.csv()?)?;
+    write_bytes_atomically(&folder.join("report.html"), &report.html()?)?;
+    progress.finish_and_clear();
+    print_table(&report);
+    crate::say!("\n{}", folder.join("report.html").display());
+    Ok(())
+}
+
+fn outputs(folder: &Path) -> Vec<PathBuf> {
+    ["report.json", "report.csv", "report.html"]
+        .map(|name| folder.join(name))
+        .into()
+}
+
+/// The true images.
+struct References {
+    image: Image,
+    kernels: Option<Image>,
+    summary: ReferenceSummary,
+}
+
+/// The true images that the user has; read before anything long is begun.
+fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<References>> {
+    let read = |path: &PathBuf| {
+        let image = read_image(path)?;
+        if (image.width, image.height) == (camera.width, camera.height) {
+            return Ok(image);
+        }
+        Err(Error::format(
+            path,
+            "image size",
+            format!("{} x {}, as measured", camera.width, camera.height),
+            format!("{} x {}", image.width, image.height),
+            format!("measure with --size {}x{}", image.width, image.height),
+        ))
+    };
+    let Some(path) = &arguments.reference_image else {
+        return Ok(None);
+    };
+    let kernels = arguments.reference_kernels_image.as_ref();
+    Ok(Some(References {
+        image: read(path)?,
+        kernels: kernels.map(read).transpose()?,
+        summary: ReferenceSummary {
+            origin: path.display().to_string(),
+            error: arguments.reference_error,
+            ..ReferenceSummary::default()
+        },
+    }))
+}
+
+/// Integrates both true images.
+fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> Result<References> {
+    let integrator = Integrator::new(scene)?;
+    let defaults = ReferenceSettings::default();
+    let error = arguments.reference_error.unwrap_or(defaults.error);
+    let render = |message, pixel_filter| -> Result<ReferenceFrame> {
+        let settings = ReferenceSettings {
+            error,
+            pixel_filter,
+            ..defaults.clone()
+        };
+        with_bar(message, |report| {
+            integrator.render(camera, &settings, report)
+        })
+    };
+    let start = Instant::now();
+    let frame = render("integrating the true image", PixelFilter::Image)?;
+    let seconds = start.elapsed().as_secs_f64();
+    if frame.unconverged > 0 {
+        eprintln!(
+            "{} pixels of the true image may err by more than {error}: by {:.1e} at most",
+            frame.unconverged, frame.error
+        );
+    }
+    let kernels = render(
+        "integrating with the pixel filter on kernels",
+        PixelFilter::Kernels,
+    )?;
+    Ok(References {
+        summary: ReferenceSummary {
+            origin: "integrated".into(),
+            error: Some(frame.error),
+            unconverged: Some(frame.unconverged),
+            rays: Some(frame.rays),
+            seconds: Some(seconds),
+        },
+        image: frame.image,
+        kernels: Some(kernels.image),
+    })
+}
+
+/// The file's name without its folders: a report may be shown to others.
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(
+        || path.display().to_string(),
+        |n| n.to_string_lossy().into_owned(),
+    )
+}
+
+/// The command line as a shell takes it.
+fn command_line() -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+@%".contains(c);
+    let quoted = std::env::args().skip(1).map(|a| {
+        if !a.is_empty() && a.chars().all(plain) {
+            a
+        } else {
+            format!("'{}'", a.replace('\'', "'\\''"))
+        }
+    });
+    std::iter::once("ewa-splat".to_owned())
+        .chain(quoted)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// The variants that no other beats, and those that say how far splatting goes.
+fn print_table(report: &Report) {
+    crate::say!(
+        "{:<46} {:>9} {:>9} {:>9} {:>8} {:>8} {:>13}",
+        "not beaten in time and rmse, and some others",
+        "frame ms",
+        "rmse",
+        "99.9 %",
+        "ssim",
+        "flip",
+        "from accurate"
+    );
+    let mut shown: Vec<&Row> = report
+        .rows
+        .iter()
+        .filter(|row| row.on_front || [DEFAULT, FAST, ACCURATE].contains(&row.id.as_str()))
+        .collect();
+    shown.sort_by(|a, b| a.cost.times_ms.frame.total_cmp(&b.cost.times_ms.frame));
+    for row in shown {
+        let or_dash = |x: Option<f64>| x.map_or_else(|| "-".into(), |x| format!("{x:.4}"));
+        crate::say!(
+            "{:<46} {:>9.2} {:>9.2e} {:>9.2e} {:>8} {:>8} {:>13.2e}",
+            row.label,
+            row.cost.times_ms.frame,
+            row.errors.rmse,
+            row.errors.p999,
+            or_dash(row.errors.ssim),
+            or_dash(row.errors.flip),
+            row.from_baseline.rmse,
+        );
+    }
+}

@@ -1,0 +1,28 @@
+//! What is written where.
+
+use std::path::PathBuf;
+
+use ewa_splat::{Error, Result};
+
+/// Refuses an output that would replace an input or another output.
+pub(crate) fn check_collisions<'a>(
+    inputs: &[PathBuf],
+    outputs: impl Iterator<Item = &'a PathBuf>,
+) -> Result<()> {
+    let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut taken: Vec<PathBuf> = inputs.iter().map(real).collect();
+    for path in outputs {
+        let path = real(path);
+        if taken.contains(&path) {
+            return Err(Error::format(
+                path,
+                "outputs",
+                "a file of its own for each output",
+                "one that is an input or another output",
+                "choose another name",
+            ));
+        }
+        taken.push(path);
+    }
+    Ok(())
+}

@@ -1,0 +1,390 @@
+//! What a sweep found, as plain data, and its files.
+
+use serde::Serialize;
+
+use super::ImageErrors;
+use super::variants::simd_name;
+use crate::cpu::SimdLevel;
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::render::{Settings, StageTimes};
+use crate::view::{Camera, Projection};
+
+/// A sweep's results. Times are milliseconds, errors linear colour of full scale 1.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// What was drawn and by whom.
+    pub about: About,
+    /// The machine.
+    pub machine: Machine,
+    /// The camera.
+    pub camera: CameraSummary,
+    /// Particles of the scene.
+    pub particles: usize,
+    /// Frames of which times are the medians, after one that warms up.
+    pub frames: usize,
+    /// One row per variant.
+    pub rows: Vec<Row>,
+    /// What each approximation costs and saves.
+    pub budget: Budget,
+    /// The reference image, for pages.
+    #[serde(skip)]
+    pub reference_image: Image,
+    /// Renderings worth a look, for pages.
+    #[serde(skip)]
+    pub pictures: Vec<Picture>,
+}
+
+/// What the caller knows and the sweep does not.
+#[derive(Debug, Clone, Serialize, Default)]
+pub struct About {
+    /// The data's names.
+    pub inputs: Vec<String>,
+    /// The command line that measured.
+    pub command: String,
+    /// Where the reference image comes from.
+    pub reference: ReferenceSummary,
+}
+
+/// A reference image's provenance.
+#[derive(Debug, Clone, Serialize, Default)]
+pub struct ReferenceSummary {
+    /// How it came to be: `integrated`, or a file's name.
+    pub origin: String,
+    /// The largest error of a pixel that it states, linear colour; `None` where none is known.
+    pub error: Option<f64>,
+    /// Pixels whose estimated error stayed above the one aimed at.
+    pub unconverged: Option<usize>,
+    /// Rays integrated.
+    pub rays: Option<u64>,
+    /// Seconds it took.
+    pub seconds: Option<f64>,
+}
+
+/// The machine that measured.
+#[derive(Debug, Clone, Serialize)]
+pub struct Machine {
+    /// The processor's name, where the system tells.
+    pub cpu: Option<String>,
+    /// Threads that draw.
+    pub threads: usize,
+    /// The best instruction set of the rasteriser.
+    pub simd: &'static str,
+    /// Operating system and architecture.
+    pub system: String,
+    /// This library's version.
+    pub version: &'static str,
+    /// Whether the build is not optimised: times mean nothing then.
+    pub debug_build: bool,
+}
+
+impl Machine {
+    /// This machine.
+    pub fn here() -> Self {
+        let cpu = std::fs::read_to_string("/proc/cpuinfo")
+            .ok()
+            .and_then(|text| {
+                let line = text.lines().find(|l| l.starts_with("model name"))?;
+                Some(line.split_once(':')?.1.trim().to_owned())
+            });
+        Self {
+            cpu,
+            threads: rayon::current_num_threads(),
+            simd: simd_name(SimdLevel::best()),
+            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            version: env!("CARGO_PKG_VERSION"),
+            debug_build: cfg!(debug_assertions),
+        }
+    }
+}
+
+/// A camera in numbers.
+#[derive(Debug, Clone, Serialize)]
+pub struct CameraSummary {
+    /// `perspective` or `orthographic`.
+    pub projection: &'static str,
+    /// The eye, world units.
+    pub eye: [f64; 3],
+    /// The direction of view, unit length.
+    pub forward: [f64; 3],
+    /// Focal lengths: pixels per unit of slope, or per world unit.
+    pub focal_px: [f64; 2],
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+}
+
+impl From<&Camera> for CameraSummary {
+    fn from(camera: &Camera) -> Self {
+        Self {
+            projection: match camera.projection {
+                Projection::Perspective => "perspective",
+                Projection::Orthographic => "orthographic",
+            },
+            eye: camera.eye.into(),
+            forward: camera.camera_from_world.row(2).into(),
+            focal_px: camera.focal_px.into(),
+            size: [camera.width, camera.height],
+        }
+    }
+}
+
+/// One variant measured.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// As [`super::Variant::id`].
+    pub id: String,
+    /// As [`super::Variant::label`].
+    pub label: String,
+    /// As [`super::Variant::mark`].
+    pub mark: String,
+    /// As [`super::Variant::group`].
+    pub group: &'static str,
+    /// How it was drawn.
+    pub settings: SettingsSummary,
+    /// As [`super::Variant::kernel_width`].
+    pub kernel_width: Option<f64>,
+    /// As [`super::Variant::changes_signal`]: such a row is not on the front.
+    pub changes_signal: bool,
+    /// What it took.
+    pub cost: Cost,
+    /// How far it is from the reference.
+    pub errors: ImageErrors,
+    /// How far it is from the budget's baseline, the most accurate splatting.
+    pub from_baseline: ImageErrors,
+    /// Whether no other variant of the same signal is both faster and closer (time and RMSE).
+    pub on_front: bool,
+}
+
+/// Settings as their options are named.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs, reason = "each is the setting of its name")]
+pub struct SettingsSummary {
+    pub tolerance: f32,
+    pub filter: &'static str,
+    pub cutoff: Option<f32>,
+    pub opacity: &'static str,
+    pub low_pass_variance_px2: f32,
+    pub simd: &'static str,
+}
+
+impl From<&Settings> for SettingsSummary {
+    fn from(settings: &Settings) -> Self {
+        Self {
+            tolerance: settings.tolerance,
+            filter: settings.filter.name(),
+            cutoff: settings.cutoff,
+            opacity: if settings.linear_opacity {
+                "linear"
+            } else {
+                "exponential"
+            },
+            low_pass_variance_px2: settings.low_pass_variance_px2,
+            simd: simd_name(settings.simd),
+        }
+    }
+}
+
+/// What a frame took.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Cost {
+    /// Medians, milliseconds.
+    pub times_ms: StageTimes,
+    /// Kernels evaluated at pixel centres.
+    pub splat_pixels: u64,
+    /// Footprints drawn.
+    pub footprints: usize,
+    /// Of these, affine ones.
+    pub footprints_affine: usize,
+    /// Of these, exact ones.
+    pub footprints_exact: usize,
+    /// Of these, kernels that cross the camera plane.
+    pub footprints_near: usize,
+    /// Bytes of the scene per particle.
+    pub bytes_per_particle: f64,
+    /// Splat-pixels per second of rasterising and thread; `None` where no time was seen.
+    pub splat_pixels_per_core_second: Option<f64>,
+}
+
+/// What each approximation alone costs in error and saves in time.
+#[derive(Debug, Clone, Serialize)]
+pub struct Budget {
+    /// The id of the row that approximations are switched on against.
+    pub baseline: String,
+    /// Its frame, milliseconds.
+    pub baseline_frame_ms: f64,
+    /// How far it is from the reference: what no setting of splatting removes.
+    pub baseline_errors: ImageErrors,
+    /// The approximations.
+    pub rows: Vec<BudgetRow>,
+}
+
+/// One approximation.
+#[derive(Debug, Clone, Serialize)]
+pub struct BudgetRow {
+    /// A name that stays the same between versions.
+    pub id: String,
+    /// What is approximated.
+    pub label: String,
+    /// What this alone adds: the distance between the images with and without it.
+    pub alone: ImageErrors,
+    /// The images that `alone` compares.
+    pub compares: String,
+    /// The distance from the reference; `None` for rows about the reference itself.
+    pub against_reference: Option<ImageErrors>,
+    /// Time against the baseline's; `None` where nothing is drawn.
+    pub saving: Option<Saving>,
+}
+
+/// Time saved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Saving {
+    /// The frame, milliseconds.
+    pub frame_ms: f64,
+    /// Milliseconds less than the baseline's; negative where it is slower.
+    pub saved_ms: f64,
+    /// The same as a share of the baseline's frame; 0 where that took no time.
+    pub saved_share: f64,
+}
+
+impl Saving {
+    /// A frame's time against the baseline's.
+    pub fn new(frame_ms: f64, baseline_ms: f64) -> Self {
+        let saved_ms = baseline_ms - frame_ms;
+        Self {
+            frame_ms,
+            saved_ms,
+            saved_share: if baseline_ms > 0.0 {
+                saved_ms / baseline_ms
+            } else {
+                0.0
+            },
+        }
+    }
+}
+
+/// A variant's rendering.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// The row it belongs to.
+    pub id: String,
+    /// The rendering.
+    pub image: Image,
+}
+
+impl Report {
+    /// The row of an id.
+    pub fn row(&self, id: &str) -> Option<&Row> {
+        self.rows.iter().find(|row| row.id == id)
+    }
+
+    /// All figures as JSON.
+    ///
+    /// # Errors
+    /// None that is known; what the writer says.
+    pub fn json(&self) -> Result<Vec<u8>> {
+        let mut bytes =
+            serde_json::to_vec_pretty(self).map_err(|e| not_written("report.json", &e))?;
+        bytes.push(b'\n');
+        Ok(bytes)
+    }
+
+    /// The variants as CSV: one row each, flat columns, empty where there is no figure.
+    ///
+    /// # Errors
+    /// None that is known; what the writer says.
+    pub fn csv(&self) -> Result<Vec<u8>> {
+        let failed = |e: &dyn std::fmt::Display| not_written("report.csv", e);
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for (i, row) in self.rows.iter().enumerate() {
+            let cells = row.cells();
+            if i == 0 {
+                let names = cells.iter().map(|(name, _)| *name);
+                writer.write_record(names).map_err(|e| failed(&e))?;
+            }
+            let values = cells.iter().map(|(_, value)| value);
+            writer.write_record(values).map_err(|e| failed(&e))?;
+        }
+        writer.into_inner().map_err(|e| failed(&e))
+    }
+}
+
+impl Row {
+    /// Names and values of the flat columns.
+    fn cells(&self) -> Vec<(&'static str, String)> {
+        fn or_empty<T: ToString>(value: Option<T>) -> String {
+            value.map_or_else(String::new, |v| v.to_string())
+        }
+        let (s, c, t, e) = (
+            &self.settings,
+            &self.cost,
+            &self.cost.times_ms,
+            &self.errors,
+        );
+        vec![
+            ("id", self.id.clone()),
+            ("group", self.group.into()),
+            ("label", self.label.clone()),
+            ("tolerance", s.tolerance.to_string()),
+            ("filter", s.filter.into()),
+            ("cutoff", or_empty(s.cutoff)),
+            ("opacity", s.opacity.into()),
+            ("low_pass_variance_px2", s.low_pass_variance_px2.to_string()),
+            ("simd", s.simd.into()),
+            ("kernel_width", or_empty(self.kernel_width)),
+            ("changes_signal", self.changes_signal.to_string()),
+            ("on_front", self.on_front.to_string()),
+            ("rmse", e.rmse.to_string()),
+            ("max", e.max.to_string()),
+            ("p999", e.p999.to_string()),
+            ("psnr", or_empty(e.psnr)),
+            ("mean_difference", e.mean_difference.to_string()),
+            ("ssim", or_empty(e.ssim)),
+            ("flip", or_empty(e.flip)),
+            ("baseline_rmse", self.from_baseline.rmse.to_string()),
+            ("baseline_max", self.from_baseline.max.to_string()),
+            ("baseline_p999", self.from_baseline.p999.to_string()),
+            ("cull_ms", t.cull.to_string()),
+            ("classify_ms", t.classify.to_string()),
+            ("project_ms", t.project.to_string()),
+            ("sort_ms", t.sort.to_string()),
+            ("bin_ms", t.bin.to_string()),
+            ("rasterise_ms", t.rasterise.to_string()),
+            ("resolve_ms", t.resolve.to_string()),
+            ("frame_ms", t.frame.to_string()),
+            ("splat_pixels", c.splat_pixels.to_string()),
+            ("footprints", c.footprints.to_string()),
+            ("footprints_affine", c.footprints_affine.to_string()),
+            ("footprints_exact", c.footprints_exact.to_string()),
+            ("footprints_near", c.footprints_near.to_string()),
+            ("bytes_per_particle", c.bytes_per_particle.to_string()),
+            (
+                "splat_pixels_per_core_second",
+                or_empty(c.splat_pixels_per_core_second),
+            ),
+        ]
+    }
+}
+
+pub(super) fn not_written(name: &str, error: &dyn std::fmt::Display) -> Error {
+    Error::format(
+        name,
+        "writing",
+        "figures that can be written",
+        error.to_string(),
+        "report it with the data",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn savings_are_against_the_baseline() {
+        let saving = Saving::new(30.0, 40.0);
+        assert_eq!((saving.saved_ms, saving.saved_share), (10.0, 0.25));
+        let slower = Saving::new(50.0, 40.0);
+        assert_eq!((slower.saved_ms, slower.saved_share), (-10.0, -0.25));
+        assert_eq!(Saving::new(0.0, 0.0).saved_share, 0.0);
+    }
+}

@@ -1,0 +1,341 @@
+//! Draws every variant, times it and holds it against the reference.
+
+use super::report::{About, Budget, BudgetRow, Cost, Machine, Picture, Report, Row, Saving};
+use super::variants::{self, ACCURATE, Variant};
+use super::{ImageErrors, compare, median_times, pareto_front};
+use crate::error::Result;
+use crate::image::Image;
+use crate::render::{FrameCounts, Renderer, Settings, StageTimes};
+use crate::scene::PointVolume;
+use crate::view::Camera;
+
+/// What is measured.
+#[derive(Debug)]
+pub struct Subject<'a> {
+    /// The scene made ready.
+    pub renderer: &'a mut Renderer,
+    /// The view.
+    pub camera: &'a Camera,
+    /// The true image.
+    pub reference: &'a Image,
+    /// The true image with the low-pass filter on each kernel's depth instead of on the image;
+    /// without it the budget says nothing about the reference itself.
+    pub reference_kernels: Option<&'a Image>,
+    /// Where the scene can be sampled with kernels of another width.
+    pub resampling: Option<Resampling<'a>>,
+}
+
+/// How to sample the scene with kernels of another width.
+#[derive(Clone, Copy)]
+pub struct Resampling<'a> {
+    /// The width over spacing that the scene has.
+    pub kernel_width: f64,
+    /// The scene at a width over spacing.
+    pub scene: &'a dyn Fn(f64) -> Result<Vec<PointVolume>>,
+}
+
+impl std::fmt::Debug for Resampling<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Resampling")
+            .field("kernel_width", &self.kernel_width)
+            .finish_non_exhaustive()
+    }
+}
+
+/// How it is measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepOptions {
+    /// Frames of which times are the medians, after one that warms up.
+    pub frames: usize,
+    /// The settings that variants change.
+    pub base: Settings,
+}
+
+impl Default for SweepOptions {
+    fn default() -> Self {
+        Self {
+            frames: 5,
+            base: Settings::default(),
+        }
+    }
+}
+
+/// How far a sweep is.
+#[derive(Debug, Clone, Copy)]
+pub struct SweepProgress<'a> {
+    /// Frames done.
+    pub done: usize,
+    /// Frames in all.
+    pub total: usize,
+    /// What is drawn next.
+    pub label: &'a str,
+}
+
+/// Variants whose renderings a report keeps.
+const PICTURED: [&str; 4] = [
+    variants::DEFAULT,
+    variants::FAST,
+    "opacity-linear",
+    "filter-isotropic",
+];
+
+/// Measures all of [`variants::variants`] and [`variants::budget_variants`].
+///
+/// Frames are drawn in rounds, one of every variant in each, so that a disturbance of the machine
+/// falls on all alike. Only scenes sampled anew are measured by themselves, after the others: one
+/// at a time lies in memory.
+///
+/// Pictures have no background: `options.base.background` should be `None`, as the reference's.
+///
+/// # Errors
+/// What rendering, sampling anew or comparing says: a reference of another size, pixels that are
+/// not finite.
+pub fn sweep(
+    subject: &mut Subject<'_>,
+    about: About,
+    options: &SweepOptions,
+    progress: &mut dyn FnMut(SweepProgress<'_>),
+) -> Result<Report> {
+    let base = &options.base;
+    let width = subject.resampling.map(|r| r.kernel_width);
+    let all = variants::variants(base, width);
+    let budget_variants = variants::budget_variants(base);
+    let resampled = all.iter().filter(|v| v.kernel_width.is_some()).count();
+
+    // Each way to draw once, however many variants ask for it.
+    let mut distinct: Vec<&Variant> = Vec::new();
+    for variant in all.iter().chain(&budget_variants) {
+        let known = distinct.iter().any(|d| d.settings == variant.settings);
+        if variant.kernel_width.is_none() && !known {
+            distinct.push(variant);
+        }
+    }
+    let total = (distinct.len() + resampled) * (options.frames + 1);
+    let mut done = 0;
+    let mut step = |label: &str| {
+        progress(SweepProgress { done, total, label });
+        done += 1;
+    };
+    let accurate = variants::accurate(base);
+    let baseline = subject.renderer.render(subject.camera, &accurate)?.clone();
+    let mut cells = Vec::with_capacity(distinct.len());
+    for variant in &distinct {
+        step(&variant.label);
+        let image = subject.renderer.render(subject.camera, &variant.settings)?;
+        cells.push(Cell {
+            settings: variant.settings.clone(),
+            errors: compare(subject.reference, image)?,
+            alone: compare(&baseline, image)?,
+            image: PICTURED
+                .contains(&variant.id.as_str())
+                .then(|| image.clone()),
+            counts: subject.renderer.counts(),
+            times: Vec::with_capacity(options.frames),
+        });
+    }
+    for _ in 0..options.frames {
+        for (cell, variant) in cells.iter_mut().zip(&distinct) {
+            step(&variant.label);
+            subject.renderer.render(subject.camera, &cell.settings)?;
+            cell.times.push(subject.renderer.times());
+        }
+    }
+    let bytes = bytes_per_particle(subject.renderer);
+
+    let mut rows = Vec::with_capacity(all.len());
+    let mut pictures = Vec::new();
+    for variant in &all {
+        let (cost, errors, from_baseline) = match (variant.kernel_width, subject.resampling) {
+            (Some(width), Some(resampling)) => {
+                step(&variant.label);
+                let mut renderer = Renderer::new((resampling.scene)(width)?)?;
+                let image = renderer.render(subject.camera, &variant.settings)?;
+                let errors = compare(subject.reference, image)?;
+                let from_baseline = compare(&baseline, image)?;
+                let mut times = Vec::with_capacity(options.frames);
+                for _ in 0..options.frames {
+                    step(&variant.label);
+                    renderer.render(subject.camera, &variant.settings)?;
+                    times.push(renderer.times());
+                }
+                let bytes = bytes_per_particle(&renderer);
+                let cost = cost(&times, renderer.counts(), bytes);
+                (cost, errors, from_baseline)
+            }
+            _ => {
+                let Some(cell) = Cell::find(&cells, &variant.settings) else {
+                    continue;
+                };
+                if let Some(image) = &cell.image {
+                    pictures.push(Picture {
+                        id: variant.id.clone(),
+                        image: image.clone(),
+                    });
+                }
+                let cost = cost(&cell.times, cell.counts, bytes);
+                (cost, cell.errors, cell.alone)
+            }
+        };
+        rows.push(Row {
+            id: variant.id.clone(),
+            label: variant.label.clone(),
+            mark: variant.mark.clone(),
+            group: variant.group,
+            settings: (&variant.settings).into(),
+            kernel_width: variant.kernel_width,
+            changes_signal: variant.changes_signal(base),
+            cost,
+            errors,
+            from_baseline,
+            on_front: false,
+        });
+    }
+    mark_front(&mut rows);
+    let mut budget = budget(
+        &rows,
+        &cells,
+        &budget_variants,
+        compare(subject.reference, &baseline)?,
+    );
+    if let Some(kernels) = subject.reference_kernels {
+        budget.rows.extend(reference_rows(
+            compare(subject.reference, kernels)?,
+            compare(kernels, &baseline)?,
+        ));
+    }
+    step("");
+    Ok(Report {
+        about,
+        machine: Machine::here(),
+        camera: subject.camera.into(),
+        particles: particle_count(subject.renderer),
+        frames: options.frames,
+        budget,
+        rows,
+        reference_image: subject.reference.clone(),
+        pictures,
+    })
+}
+
+/// What was found of one way to draw.
+struct Cell {
+    settings: Settings,
+    /// Against the reference.
+    errors: ImageErrors,
+    /// Against the baseline.
+    alone: ImageErrors,
+    /// Kept for some.
+    image: Option<Image>,
+    counts: FrameCounts,
+    times: Vec<StageTimes>,
+}
+
+impl Cell {
+    fn find<'a>(cells: &'a [Self], settings: &Settings) -> Option<&'a Self> {
+        cells.iter().find(|cell| cell.settings == *settings)
+    }
+}
+
+fn cost(times: &[StageTimes], counts: FrameCounts, bytes_per_particle: f64) -> Cost {
+    let times_ms = median_times(times);
+    let core_seconds = times_ms.rasterise / 1e3 * rayon::current_num_threads() as f64;
+    Cost {
+        times_ms,
+        splat_pixels: counts.splat_pixels,
+        footprints: counts.footprints,
+        footprints_affine: counts.footprints - counts.footprints_exact - counts.footprints_near,
+        footprints_exact: counts.footprints_exact,
+        footprints_near: counts.footprints_near,
+        bytes_per_particle,
+        splat_pixels_per_core_second: (core_seconds > 0.0)
+            .then(|| counts.splat_pixels as f64 / core_seconds),
+    }
+}
+
+fn budget(
+    rows: &[Row],
+    cells: &[Cell],
+    variants: &[Variant],
+    baseline_errors: ImageErrors,
+) -> Budget {
+    // Where the settings given are the most accurate ones, they are listed once, as the default.
+    let baseline = rows.iter().find(|row| row.id == ACCURATE).or(rows.first());
+    let baseline_frame_ms = baseline.map_or(0.0, |row| row.cost.times_ms.frame);
+    let row = |variant: &Variant| {
+        let cell = Cell::find(cells, &variant.settings)?;
+        let frame_ms = median_times(&cell.times).frame;
+        Some(BudgetRow {
+            id: variant.id.clone(),
+            label: variant.label.clone(),
+            alone: cell.alone,
+            compares: "splatted with it and without".into(),
+            against_reference: Some(cell.errors),
+            saving: Some(Saving::new(frame_ms, baseline_frame_ms)),
+        })
+    };
+    Budget {
+        baseline: baseline.map_or_else(String::new, |row| row.id.clone()),
+        baseline_frame_ms,
+        baseline_errors,
+        rows: variants.iter().filter_map(row).collect(),
+    }
+}
+
+/// What splatting itself approximates, whatever its settings.
+fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2] {
+    let row = |id: &str, label: &str, compares: &str, alone| BudgetRow {
+        id: id.into(),
+        label: label.into(),
+        alone,
+        compares: compares.into(),
+        against_reference: None,
+        saving: None,
+    };
+    [
+        row(
+            "splatting-low-pass",
+            "low-pass on depths instead of opacities",
+            "both integrated: pixel filter on the image, and on each kernel",
+            low_pass,
+        ),
+        row(
+            "splatting-sorting",
+            "whole kernels sorted, not overlapping",
+            "the baseline, and integrated with the pixel filter on each kernel",
+            sorting,
+        ),
+    ]
+}
+
+fn bytes_per_particle(renderer: &Renderer) -> f64 {
+    let volumes = renderer.volumes().iter();
+    let bytes: f64 = volumes
+        .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
+        .sum();
+    bytes / particle_count(renderer).max(1) as f64
+}
+
+fn particle_count(renderer: &Renderer) -> usize {
+    renderer.volumes().iter().map(|v| v.particle_count()).sum()
+}
+
+fn mark_front(rows: &mut [Row]) {
+    for i in front_of(rows, |row| row.errors.rmse) {
+        rows[i].on_front = true;
+    }
+}
+
+/// Rows of the reference's signal that no other beats in time and in the error given.
+pub(super) fn front_of(rows: &[Row], error: impl Fn(&Row) -> f64) -> Vec<usize> {
+    let points: Vec<(f64, f64)> = rows
+        .iter()
+        .map(|row| {
+            if row.changes_signal {
+                (f64::INFINITY, f64::INFINITY)
+            } else {
+                (row.cost.times_ms.frame, error(row))
+            }
+        })
+        .collect();
+    pareto_front(&points)
+}

@@ -1,0 +1,313 @@
+//! The list of what is tried: every approximation with its choices, one line each.
+
+use crate::constants::MAX_CUTOFF;
+use crate::cpu::SimdLevel;
+use crate::render::Settings;
+use crate::splat::Filter;
+
+/// One way to draw the scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// A name that stays the same between versions: `filter-ewa`.
+    pub id: String,
+    /// What it is, for people: `affine footprints everywhere`.
+    pub label: String,
+    /// The same in a few letters, for a plot.
+    pub mark: String,
+    /// What is varied: `tolerance`, `filter`, ...
+    pub group: &'static str,
+    /// How it is drawn.
+    pub settings: Settings,
+    /// The scene is sampled anew with kernels of this width over spacing.
+    pub kernel_width: Option<f64>,
+}
+
+impl Variant {
+    /// Whether another image than the reference's is asked for: kernels or pixels filter
+    /// otherwise, so that the error is a choice and no failure.
+    pub fn changes_signal(&self, default: &Settings) -> bool {
+        self.kernel_width.is_some()
+            || self.settings.low_pass_variance_px2.to_bits()
+                != default.low_pass_variance_px2.to_bits()
+    }
+}
+
+/// Tolerances as they are said.
+const TOLERANCES: [(&str, f32); 8] = [
+    ("1/4", 1.0 / 4.0),
+    ("1/8", 1.0 / 8.0),
+    ("1/16", 1.0 / 16.0),
+    ("1/64", 1.0 / 64.0),
+    ("1/255", 1.0 / 255.0),
+    ("1e-3", 1e-3),
+    ("3e-4", 3e-4),
+    ("1e-4", 1e-4),
+];
+
+const CUTOFFS: [f32; 7] = [1.5, 2.0, 2.5, 3.0, 3.33, 4.0, 5.0];
+const LOW_PASS_VARIANCES_PX2: [f32; 4] = [0.25, 0.5, 1.0, 2.0];
+const KERNEL_WIDTHS: [f64; 5] = [0.5, 0.55, 0.6, 0.7, 0.8];
+
+/// The id of the variant that the settings given are.
+pub const DEFAULT: &str = "default";
+/// The id of the most accurate variant.
+pub const ACCURATE: &str = "accurate";
+/// The id of a variant that saves wherever it can be borne.
+pub const FAST: &str = "fast";
+
+/// The most accurate that splatting on the CPU is: exact footprints, cut off at 7 standard
+/// deviations, at a tolerance of 1e-4.
+pub fn accurate(base: &Settings) -> Settings {
+    Settings {
+        filter: Filter::Exact,
+        tolerance: 1e-4,
+        cutoff: Some(MAX_CUTOFF),
+        linear_opacity: false,
+        ..base.clone()
+    }
+}
+
+/// Everything that is tried, each thing changed alone against `base` (but for the group
+/// `together`); what `base` does already is not repeated.
+///
+/// - `kernel_width`: the width of the scene's kernels over spacing, where the scene can be sampled
+///   with another.
+pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
+    let mut list = List::new(base);
+    list.push("as given", DEFAULT, "default settings", "default", |_| {});
+    list.push(
+        "together",
+        ACCURATE,
+        "exact, tolerance 1e-4, cut-off 7",
+        "accurate",
+        |s| *s = accurate(s),
+    );
+    list.push(
+        "together",
+        FAST,
+        "affine, tolerance 1/16, linear opacity",
+        "fast",
+        |s| {
+            s.filter = Filter::Ewa;
+            s.tolerance = 1.0 / 16.0;
+            s.linear_opacity = true;
+        },
+    );
+    for (name, tolerance) in TOLERANCES {
+        let id = format!("tolerance-{}", name.replace('/', "-"));
+        list.push("tolerance", &id, &format!("tolerance {name}"), name, |s| {
+            s.tolerance = tolerance;
+        });
+    }
+    for filter in Filter::ALL {
+        let name = filter.name();
+        let id = format!("filter-{name}");
+        list.push("filter", &id, filter_label(filter), name, |s| {
+            s.filter = filter;
+        });
+    }
+    for r in CUTOFFS {
+        let label = format!("cut-off at {r} standard deviations");
+        let id = format!("cutoff-{r}");
+        list.push("cut-off", &id, &label, &format!("{r} σ"), |s| {
+            s.cutoff = Some(r);
+        });
+    }
+    for (name, linear) in [("exponential", false), ("linear", true)] {
+        let id = format!("opacity-{name}");
+        list.push("opacity", &id, &format!("{name} opacity"), name, |s| {
+            s.linear_opacity = linear;
+        });
+    }
+    for variance in LOW_PASS_VARIANCES_PX2 {
+        let label = format!("low-pass variance {variance} px²");
+        let id = format!("low-pass-{variance}");
+        list.push("low-pass", &id, &label, &format!("{variance} px²"), |s| {
+            s.low_pass_variance_px2 = variance;
+        });
+    }
+    for simd in SimdLevel::available() {
+        let name = simd_name(simd);
+        let id = format!("simd-{}", name.to_lowercase());
+        list.push(
+            "instructions",
+            &id,
+            &format!("{name} instructions"),
+            name,
+            |s| {
+                s.simd = simd;
+            },
+        );
+    }
+    let mut list = list.variants;
+    if let Some(current) = kernel_width {
+        let others = KERNEL_WIDTHS
+            .iter()
+            .filter(|&&w| w.to_bits() != current.to_bits());
+        list.extend(others.map(|&width| Variant {
+            id: format!("kernel-width-{width}"),
+            label: format!("kernel width {width} of the spacing"),
+            mark: format!("ρ {width}"),
+            group: "kernel width",
+            settings: base.clone(),
+            kernel_width: Some(width),
+        }));
+    }
+    list
+}
+
+/// The error budget's approximations: each alone against the [`accurate`] settings.
+pub fn budget_variants(base: &Settings) -> Vec<Variant> {
+    let mut list = List::new(&accurate(base));
+    list.push(
+        "budget",
+        "budget-tolerance",
+        "cut-off and early stop as the tolerance says",
+        "",
+        |s| {
+            s.tolerance = base.tolerance;
+            s.cutoff = None;
+        },
+    );
+    list.push("budget", "budget-cutoff-3", "cut-off at 3 σ", "", |s| {
+        s.cutoff = Some(3.0);
+    });
+    list.push(
+        "budget",
+        "budget-opacity-linear",
+        "linear opacity",
+        "",
+        |s| {
+            s.linear_opacity = true;
+        },
+    );
+    for filter in Filter::ALL {
+        let id = format!("budget-filter-{}", filter.name());
+        list.push("budget", &id, filter_label(filter), "", |s| {
+            s.filter = filter;
+        });
+    }
+    list.push(
+        "budget",
+        "budget-default",
+        "everything at its default",
+        "",
+        |s| *s = base.clone(),
+    );
+    list.variants
+}
+
+/// What a filter does or leaves out; its name, until it has words here.
+fn filter_label(filter: Filter) -> &'static str {
+    let words = [
+        (
+            Filter::Adaptive,
+            "affine footprints where the tolerance allows",
+        ),
+        (Filter::Exact, "exact footprints everywhere"),
+        (Filter::Ewa, "affine footprints everywhere"),
+        (
+            Filter::Reconstruction,
+            "no low-pass filter (reconstruction only)",
+        ),
+        (Filter::LowPass, "no reconstruction kernel (low-pass only)"),
+        (Filter::Isotropic, "round footprints"),
+        (Filter::UniformScaling, "kernels enlarged (uniform scaling)"),
+    ];
+    words
+        .iter()
+        .find(|(of, _)| *of == filter)
+        .map_or(filter.name(), |(_, words)| words)
+}
+
+pub(super) fn simd_name(level: SimdLevel) -> &'static str {
+    match level {
+        SimdLevel::Baseline => "Baseline",
+        SimdLevel::Avx2 => "AVX2",
+        SimdLevel::Avx512 => "AVX-512",
+    }
+}
+
+struct List {
+    base: Settings,
+    variants: Vec<Variant>,
+}
+
+impl List {
+    fn new(base: &Settings) -> Self {
+        Self {
+            base: base.clone(),
+            variants: Vec::new(),
+        }
+    }
+
+    fn push(
+        &mut self,
+        group: &'static str,
+        id: &str,
+        label: &str,
+        mark: &str,
+        change: impl FnOnce(&mut Settings),
+    ) {
+        let mut settings = self.base.clone();
+        change(&mut settings);
+        if id != DEFAULT && settings == self.base {
+            return;
+        }
+        self.variants.push(Variant {
+            id: id.into(),
+            label: label.into(),
+            mark: mark.into(),
+            group,
+            settings,
+            kernel_width: None,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_unique_and_every_filter_is_tried() {
+        let base = Settings::default();
+        let all = variants(&base, Some(0.6));
+        let mut ids: Vec<&str> = all.iter().map(|v| v.id.as_str()).collect();
+        let budget = budget_variants(&base);
+        ids.extend(budget.iter().map(|v| v.id.as_str()));
+        let count = ids.len();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), count);
+        for filter in Filter::ALL {
+            assert!(all.iter().any(|v| v.settings.filter == filter));
+        }
+        for id in [DEFAULT, ACCURATE, FAST] {
+            assert!(ids.contains(&id));
+        }
+    }
+
+    #[test]
+    fn each_is_tried_once_and_what_changes_the_signal_says_so() {
+        let base = Settings::default();
+        let all = variants(&base, Some(0.6));
+        for (i, a) in all.iter().enumerate() {
+            for b in &all[..i] {
+                assert!(
+                    a.settings != b.settings || a.kernel_width != b.kernel_width,
+                    "{} and {}",
+                    a.id,
+                    b.id
+                );
+            }
+            let changes = a.group == "kernel width" || a.group == "low-pass";
+            assert_eq!(a.changes_signal(&base), changes, "{}", a.id);
+        }
+        assert!(
+            variants(&base, None)
+                .iter()
+                .all(|v| v.kernel_width.is_none())
+        );
+    }
+}
