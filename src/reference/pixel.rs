@@ -294,14 +294,15 @@ impl Region {
             places.extend(range(1).flat_map(|y| range(0).map(move |x| (x, y))));
             let affordable = UNRESOLVED_SHARE * self.error - detail.weight;
             let pixel = |(x, y): (usize, usize)| y * self.size[0] + x;
-            let resolve = detail.level <= self.last_level
-                && places
-                    .iter()
-                    .any(|&p| self.pixels[pixel(p)].unresolved > affordable);
+            let matters = places
+                .iter()
+                .any(|&p| self.pixels[pixel(p)].unresolved > affordable);
+            let level = detail.level.min(self.last_level);
             for i in places.iter().map(|&p| pixel(p)) {
-                if resolve {
-                    self.pixels[i].level = self.pixels[i].level.max(detail.level);
-                } else {
+                if matters {
+                    self.pixels[i].level = self.pixels[i].level.max(level);
+                }
+                if !matters || detail.level > self.last_level {
                     self.pixels[i].unresolved += detail.weight;
                 }
             }
