@@ -8,7 +8,7 @@ use std::path::Path;
 
 use base64::Engine;
 
-use self::plot::{Axis, Point, group_colour, scientific, speed_accuracy};
+use self::plot::{Axis, Point, group_colour, measured, scientific, speed_accuracy};
 use super::difference::map_colour;
 use super::sweep::front_of;
 use super::{ACCURATE, BudgetRow, ImageErrors, Report, Row, difference, difference_scale};
@@ -488,10 +488,10 @@ fn vector(v: [f64; 3]) -> String {
     format!("({})", parts.join(", "))
 }
 
-/// An error: two digits.
+/// An error: three digits.
 fn error(value: f64) -> String {
     if value > 0.0 {
-        scientific(value)
+        measured(value)
     } else {
         "0".into()
     }
@@ -550,7 +550,7 @@ mod tests {
             [9.994, 99.94, 1234.0].map(milliseconds),
             ["9.99", "99.9", "1\u{2009}234"]
         );
-        assert_eq!(signed_error(-0.002), "−2·10⁻³");
+        assert_eq!(signed_error(-0.002), "−2.00·10⁻³");
         assert_eq!(signed_error(0.0), "0");
     }
 }

@@ -271,10 +271,24 @@ pub(super) fn decimal(value: f64) -> String {
 
 /// A number of an error axis: 2·10⁻³, 10⁻³.
 pub(super) fn scientific(value: f64) -> String {
+    let (mantissa, power) = mantissa_and_power(value, 1);
+    match mantissa.trim_end_matches(".0") {
+        "1" => power,
+        mantissa => format!("{mantissa}·{power}"),
+    }
+}
+
+/// A measured number: 2.00·10⁻³.
+pub(super) fn measured(value: f64) -> String {
+    let (mantissa, power) = mantissa_and_power(value, 2);
+    format!("{mantissa}·{power}")
+}
+
+fn mantissa_and_power(value: f64, decimals: usize) -> (String, String) {
     let mut exponent = value.log10().floor();
-    let mut mantissa = value / 10_f64.powf(exponent);
-    if mantissa > 9.95 {
-        mantissa = 1.0;
+    let mut mantissa = format!("{:.decimals$}", value / 10_f64.powf(exponent));
+    if mantissa.starts_with("10") {
+        mantissa = format!("{:.decimals$}", 1.0);
         exponent += 1.0;
     }
     let power: String = format!("{exponent:.0}")
@@ -284,11 +298,7 @@ pub(super) fn scientific(value: f64) -> String {
             None => '⁻',
         })
         .collect();
-    let mantissa = format!("{mantissa:.1}");
-    match mantissa.trim_end_matches(".0") {
-        "1" => format!("10{power}"),
-        mantissa => format!("{mantissa}·10{power}"),
-    }
+    (mantissa, format!("10{power}"))
 }
 
 #[cfg(test)]
@@ -318,6 +328,8 @@ mod tests {
     fn numbers_read_well() {
         let found = [1e-3, 2e-4, 0.15, 9.99e-3, 1.0].map(scientific);
         assert_eq!(found, ["10⁻³", "2·10⁻⁴", "1.5·10⁻¹", "10⁻²", "10⁰"]);
+        let found = [1e-3, 0.1234, 9.999e-3].map(measured);
+        assert_eq!(found, ["1.00·10⁻³", "1.23·10⁻¹", "1.00·10⁻²"]);
         assert_eq!(
             [0.25, 1.5, 2.0, 20.0, 150.0].map(decimal),
             ["0.25", "1.5", "2", "20", "150"]
