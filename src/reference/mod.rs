@@ -92,7 +92,7 @@ impl Default for ReferenceSettings {
             error: 1e-4,
             low_pass_variance_px2: 1.0,
             pixel_filter: PixelFilter::Image,
-            max_rays_per_pixel: 4096,
+            max_rays_per_pixel: 256,
             background: None,
         }
     }

@@ -79,12 +79,11 @@ pub(super) fn supersampled(
     let mut frame = blank(width, height);
     let columns = width.div_ceil(REGION);
     let regions = columns * height.div_ceil(REGION);
-    let mut details: Vec<Detail> = view
+    let details: Vec<Detail> = view
         .kernels
         .par_iter()
         .filter_map(|k| Detail::of(k, view, settings))
         .collect();
-    details.sort_by(|a, b| a.weight.total_cmp(&b.weight));
     for r in 0..regions {
         let first = [r % columns * REGION, r / columns * REGION];
         let size = [
@@ -240,6 +239,36 @@ struct Pixel {
     done: bool,
 }
 
+/// Kernels that a lattice may miss: how much they can change a pixel.
+#[derive(Clone, Copy, Default)]
+struct Unresolved {
+    sum: f64,
+    squares: f64,
+}
+
+impl Unresolved {
+    fn add(&mut self, weight: f64) {
+        self.sum += weight;
+        self.squares += weight * weight;
+    }
+
+    fn join(&mut self, other: Self) {
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// Whether they are many of like weight: their effective number is (sum w)²/sum w².
+    fn is_crowd(self) -> bool {
+        self.sum * self.sum >= CROWD * self.squares
+    }
+}
+
+/// So many kernels of like weight in the reach of a pixel's filter are sampled like any other
+/// texture: some samples meet some of them.
+const CROWD: f64 = 32.0;
+/// From this lattice on: four samples per pixel, some four hundred in the filter's reach.
+const CROWD_LEVEL: usize = 2;
+
 /// One row of samples, filtered along x.
 struct Line {
     y: f64,
@@ -275,12 +304,15 @@ impl Region {
         }
     }
 
-    /// Finds where small kernels ask for fine lattices; `details` by rising weight.
+    /// Finds where small kernels ask for fine lattices.
     ///
-    /// The least of them may stay unresolved, as long as all that meet in a pixel change it by
-    /// less than their share of the error.
+    /// A lattice that is too coarse for a kernel may miss it with all its samples, and no change
+    /// from lattice to lattice would tell. So a pixel's first lattice that is believed is the one
+    /// after which the kernels left unresolved can change it by no more than their share of the
+    /// error, or else are so many alike that samples meet some of them.
     fn plan(&mut self, details: &[Detail]) {
-        let mut places = Vec::new();
+        let levels = self.last_level as usize + 1;
+        let mut rest = vec![Unresolved::default(); self.pixels.len() * (levels + 1)];
         for detail in details {
             let range = |i: usize| {
                 let centre = detail.centre_px[i] - 0.5 - self.first[i] as f64;
@@ -290,22 +322,28 @@ impl Region {
                 let end = (centre + half).floor() + 1.0;
                 start..(end.max(0.0) as usize).min(self.size[i])
             };
-            places.clear();
-            places.extend(range(1).flat_map(|y| range(0).map(move |x| (x, y))));
-            let affordable = UNRESOLVED_SHARE * self.error - detail.weight;
-            let pixel = |(x, y): (usize, usize)| y * self.size[0] + x;
-            let matters = places
-                .iter()
-                .any(|&p| self.pixels[pixel(p)].unresolved > affordable);
-            let level = detail.level.min(self.last_level);
-            for i in places.iter().map(|&p| pixel(p)) {
-                if matters {
-                    self.pixels[i].level = self.pixels[i].level.max(level);
-                }
-                if !matters || detail.level > self.last_level {
-                    self.pixels[i].unresolved += detail.weight;
+            let level = (detail.level as usize).min(levels);
+            for y in range(1) {
+                for x in range(0) {
+                    rest[(y * self.size[0] + x) * (levels + 1) + level].add(detail.weight);
                 }
             }
+        }
+        let affordable = UNRESOLVED_SHARE * self.error;
+        for (pixel, rest) in self.pixels.iter_mut().zip(rest.chunks(levels + 1)) {
+            // From the finest lattice down: what it and the coarser ones leave unresolved.
+            let mut left = Unresolved::default();
+            let mut needed = self.last_level;
+            for level in (0..levels).rev() {
+                left.join(rest[level + 1]);
+                if left.sum <= affordable || left.is_crowd() && level >= CROWD_LEVEL {
+                    needed = level as u32;
+                    pixel.unresolved = left.sum.min(affordable);
+                } else if level + 1 == levels {
+                    pixel.unresolved = left.sum;
+                }
+            }
+            pixel.level = pixel.level.max(needed);
         }
     }
 
