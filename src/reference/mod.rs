@@ -232,8 +232,8 @@ fn check(camera: &Camera, settings: &ReferenceSettings) -> Result<()> {
         return refuse("image size", "at least one pixel", found);
     }
     let error = settings.error;
-    if !(1e-12..1.0).contains(&error) {
-        return refuse("error", "a number from 1e-12 to 1", error.to_string());
+    if !(1e-14..1.0).contains(&error) {
+        return refuse("error", "a number from 1e-14 to 1", error.to_string());
     }
     let h2 = settings.low_pass_variance_px2;
     if !(h2 >= 0.0 && h2.is_finite()) {

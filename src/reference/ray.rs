@@ -54,8 +54,8 @@ const EVENTS: [f64; 7] = [-7.0, -3.0, -1.0, 0.0, 1.0, 3.0, 7.0];
 /// there are four times the evaluations for nothing.
 const MERGE: f64 = 3.0;
 
-/// Bisections of one interval: what 2^-40 of it leaves unresolved is a rounding error.
-const DEEPEST: u32 = 40;
+/// Bisections of one interval, so that no scene can hang: a kernel asks for some ten.
+const MOST_BISECTIONS: u32 = 10_000;
 
 /// Integrates eq. 3 of Zwicker et al. 2001 over the kernels in `scratch.segments`, from the eye:
 ///
@@ -294,8 +294,12 @@ fn interval(
         value: [0.0; 3],
         error: 0.0,
     };
-    let mut stack = vec![(a, b, before, after, tolerance, 0)];
-    while let Some((a, b, before, after, tolerance, depth)) = stack.pop() {
+    // Depths are sums of this size: below their rounding a difference says nothing.
+    let depths: f64 = active.segments.iter().map(|s| s.tau).sum();
+    let rounding = 4.0 * f64::EPSILON * (1.0 + passed.abs() + depths);
+    let mut stack = vec![(a, b, before, after, tolerance)];
+    let mut bisections = 0;
+    while let Some((a, b, before, after, tolerance)) = stack.pop() {
         let mut values = [[0.0; 4]; 15];
         for (value, t) in values.iter_mut().zip(nodes(a, b)) {
             *value = active.attenuated(passed, t);
@@ -303,9 +307,9 @@ fn interval(
         let rule = kronrod(&values, a, b);
         let error = rule.error.max((rule.value[3] - (before - after)).abs());
         let middle = 0.5 * (a + b);
-        // Below its rounding the difference says nothing.
-        let rounding = 4.0 * f64::EPSILON * (1.0 + passed.abs()) * before;
-        if error <= tolerance.max(rounding) || depth == DEEPEST || !(a < middle && middle < b) {
+        let smallest = tolerance.max(rounding * before);
+        let is_thin = !(a < middle && middle < b);
+        if error <= smallest || is_thin || bisections == MOST_BISECTIONS {
             for (sum, v) in out.value.iter_mut().zip(rule.value) {
                 *sum += v;
             }
@@ -313,8 +317,9 @@ fn interval(
         } else {
             let between = (-passed - active.depth(middle)).exp();
             let tolerance = 0.5 * tolerance;
-            stack.push((middle, b, between, after, tolerance, depth + 1));
-            stack.push((a, middle, before, between, tolerance, depth + 1));
+            stack.push((middle, b, between, after, tolerance));
+            stack.push((a, middle, before, between, tolerance));
+            bisections += 1;
         }
     }
     out
