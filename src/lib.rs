@@ -58,6 +58,8 @@
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
+//! [`accuracy`] is a page on what each approximation costs and how far it is off.
+//!
 //! # Conventions
 //!
 //! - The world is right-handed. Camera space: x right, y down, z forward; pixel =
@@ -82,6 +84,8 @@
 //! | classify | apply the transfer function |
 //! | choose | pick a filter path: [`splat::needs_exact`] |
 
+#[doc = include_str!("../docs/accuracy.md")]
+pub mod accuracy {}
 pub mod blocks;
 pub mod constants;
 pub mod cpu;

@@ -428,3 +428,41 @@ fn compare_draws_the_difference() {
     let over_itself = ["compare", "a.npy", "b.npy", "--difference", "a.npy"];
     assert_eq!(run(folder.path(), &over_itself).status.code(), Some(1));
 }
+
+#[test]
+fn a_reference_states_its_error() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("p.csv"),
+        "x,y,z,sigma,mass,r,g,b\n0,0,0,1,2,1,0,0\n0.5,1,0.5,0.7,1,0,1,0\n",
+    )
+    .unwrap();
+    let render = |options: &[&str]| {
+        let mut arguments = vec!["render", "p.csv", "--size", "24x20"];
+        arguments.extend(options);
+        run(folder.path(), &arguments)
+    };
+    let output = render(&[
+        "--reference",
+        "--tolerance",
+        "1e-5",
+        "--out",
+        "true.npy",
+        "--stats",
+        "s.json",
+    ]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{text}");
+    let stats = json(folder.path().join("s.json"));
+    assert_eq!(stats["backend"], "reference");
+    assert!(stats["error_estimate"].as_f64().unwrap() <= 1e-5);
+    assert!(stats["rays"].as_u64().unwrap() >= 24 * 20);
+    // The splatted picture is near it: kernels of many pixels, shallow, little overlap.
+    assert!(render(&["--out", "splatted.npy"]).status.success());
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let errors = ewa_splat::measure::compare(&read("true.npy"), &read("splatted.npy")).unwrap();
+    assert!(errors.max > 0.0 && errors.max < 0.05, "{errors:?}");
+    // What the integrator has no use for is refused, not ignored.
+    let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
+    assert_eq!(output.status.code(), Some(2));
+}
