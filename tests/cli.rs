@@ -389,7 +389,7 @@ fn a_reference_of_another_size_is_refused_before_any_work() {
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(
-        text.contains("512 x 512") && text.contains("30x20"),
+        text.contains("256 x 256") && text.contains("30x20"),
         "{text}"
     );
     assert_eq!(files(folder.path()), ["small.npy"]);
