@@ -324,6 +324,8 @@ fn an_eye_at_the_centre() {
         for px in [camera.centre_px, DVec2::ZERO, DVec2::new(-300.0, 4.0)] {
             let ray = integrator(&sphere).ray(&camera, px, 1e-12);
             close("inside", depth(ray.rgba[3]), expected, 1e-12);
+            // One colour: what is integrated is what the closed form says, from the eye on.
+            close("its light", ray.rgba[0], ray.rgba[3], 1e-12);
         }
     }
 }
@@ -559,6 +561,23 @@ fn a_stated_error_is_kept_by_pixels() {
             assert!(off <= frame.error + truth.error);
         }
     }
+}
+
+#[test]
+fn a_small_kernel_between_the_samples_is_found() {
+    // A hundredth of a pixel wide, where the first lattices have no sample.
+    let (width, mass) = width_and_mass(10.0, 1.0);
+    let offset = DVec2::new(0.3, 0.17);
+    let kernel = Particle::sphere(DVec3::Z * 20.0, width, f64::from(mass));
+    let mut camera = scene::camera(Projection::Orthographic, [0.01 / width; 2], [1, 1]);
+    camera.centre_px += offset;
+    let frame = filtered(&integrator(&[kernel]), &camera, 1.0, 1e-5);
+    assert_eq!(frame.unconverged, 0);
+    // Its opacity, integrated, is 2 pi sigma² Ein(10); the filter at its place is all but constant
+    // over it: to sigma²/h² = 1e-4 of the value.
+    const EIN_10: f64 = 2.879_804_914_864_508;
+    let truth = 1e-4 * EIN_10 * (-0.5 * offset.length_squared()).exp();
+    close("opacity", frame.pixels[0][3], truth, 1e-5);
 }
 
 #[test]
