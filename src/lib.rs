@@ -82,7 +82,7 @@
 //! | q_k, rho_k | [`layout::Footprint`]: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
-//! | choose | pick a filter path: [`splat::needs_exact`] |
+//! | choose | pick a filter path: [`splat::choose_exact`] |
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}

@@ -328,6 +328,21 @@ impl Renderer {
             .collect()
     }
 
+    /// How many particles all volumes have.
+    pub fn particle_count(&self) -> usize {
+        self.volumes.iter().map(|v| v.particle_count()).sum()
+    }
+
+    /// Bytes kept per particle, blocks included, over all volumes.
+    pub fn bytes_per_particle(&self) -> f64 {
+        let bytes: f64 = self
+            .volumes
+            .iter()
+            .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
+            .sum();
+        bytes / self.particle_count().max(1) as f64
+    }
+
     /// The volumes in blocks.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes

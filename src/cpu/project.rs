@@ -14,8 +14,8 @@ use crate::layout::{
 };
 use crate::math::Factor;
 use crate::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, cutoff_radius, cutoff_share, edge_growth,
-    exact_extent, exact_terms, half_line_terms, near_terms, needs_exact, project_kernel,
+    Filter, ImageKernel, Kernel, ScreenFactor, choose_exact, cutoff_radius, cutoff_share,
+    edge_growth, exact_extent, half_line_terms, near_terms, project_kernel,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -253,8 +253,7 @@ pub(crate) fn footprint(
         return out;
     }
     let mut r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
-    let terms =
-        needs_exact(view, &screen, &image).then(|| exact_terms(&screen, h2, image.determinant));
+    let terms = choose_exact(view, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.

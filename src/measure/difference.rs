@@ -1,6 +1,7 @@
 //! The difference of two images as a picture.
 
 use super::ImageErrors;
+use super::errors::check_sizes;
 use crate::error::{Error, Result};
 use crate::image::{Image, linear_from_srgb};
 
@@ -14,15 +15,7 @@ use crate::image::{Image, linear_from_srgb};
 /// # Errors
 /// Different sizes, or a scale that is not positive.
 pub fn difference(first: &Image, second: &Image, scale: f64) -> Result<Image> {
-    if (first.width, first.height) != (second.width, second.height) {
-        return Err(Error::format(
-            "difference",
-            "images",
-            format!("two images of {} x {}", first.width, first.height),
-            format!("{} x {}", second.width, second.height),
-            "render both at one size",
-        ));
-    }
+    check_sizes(first, second)?;
     if !(scale > 0.0 && scale.is_finite()) {
         return Err(Error::format(
             "difference",

@@ -34,22 +34,7 @@ pub struct ImageErrors {
 /// # Errors
 /// Different sizes, or a pixel that is not finite.
 pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
-    let refuse = |expected: String, found: String, advice: &str| {
-        Err(Error::format(
-            "comparison",
-            "images",
-            expected,
-            found,
-            advice,
-        ))
-    };
-    if (first.width, first.height) != (second.width, second.height) {
-        return refuse(
-            format!("two images of {} x {}", first.width, first.height),
-            format!("{} x {}", second.width, second.height),
-            "render both at one size",
-        );
-    }
+    check_sizes(first, second)?;
     let channels = first.pixels.len() as f64 * 4.0;
     let mut sum = 0.0;
     let mut squares = 0.0;
@@ -60,7 +45,13 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
             let difference = f64::from(*b) - f64::from(*a);
             if !difference.is_finite() {
                 let found = format!("{a} and {b}");
-                return refuse("finite pixels".into(), found, "see where it came from");
+                return Err(Error::format(
+                    "comparison",
+                    "images",
+                    "finite pixels",
+                    found,
+                    "see where it came from",
+                ));
             }
             sum += difference;
             squares += difference * difference;
@@ -87,6 +78,20 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
         ssim: ssim(first, second),
         flip: flip(first, second, FLIP_PIXELS_PER_DEGREE),
     })
+}
+
+/// Refuses two images of different sizes.
+pub(super) fn check_sizes(first: &Image, second: &Image) -> Result<()> {
+    if (first.width, first.height) == (second.width, second.height) {
+        return Ok(());
+    }
+    Err(Error::format(
+        "comparison",
+        "images",
+        format!("two images of {} x {}", first.width, first.height),
+        format!("{} x {}", second.width, second.height),
+        "render both at one size",
+    ))
 }
 
 #[cfg(test)]

@@ -140,7 +140,7 @@ pub fn sweep(
             cell.times.push(subject.renderer.times());
         }
     }
-    let bytes = bytes_per_particle(subject.renderer);
+    let bytes = subject.renderer.bytes_per_particle();
 
     let mut rows = Vec::with_capacity(all.len());
     let mut pictures = Vec::new();
@@ -158,7 +158,7 @@ pub fn sweep(
                     renderer.render(subject.camera, &variant.settings)?;
                     times.push(renderer.times());
                 }
-                let bytes = bytes_per_particle(&renderer);
+                let bytes = renderer.bytes_per_particle();
                 let cost = cost(&times, renderer.counts(), bytes);
                 (cost, errors, from_baseline)
             }
@@ -208,7 +208,7 @@ pub fn sweep(
         about,
         machine: Machine::here(),
         camera: subject.camera.into(),
-        particles: particle_count(subject.renderer),
+        particles: subject.renderer.particle_count(),
         frames: options.frames,
         budget,
         rows,
@@ -305,18 +305,6 @@ fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2]
             sorting,
         ),
     ]
-}
-
-fn bytes_per_particle(renderer: &Renderer) -> f64 {
-    let volumes = renderer.volumes().iter();
-    let bytes: f64 = volumes
-        .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
-        .sum();
-    bytes / particle_count(renderer).max(1) as f64
-}
-
-fn particle_count(renderer: &Renderer) -> usize {
-    renderer.volumes().iter().map(|v| v.particle_count()).sum()
 }
 
 fn mark_front(rows: &mut [Row]) {

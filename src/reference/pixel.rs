@@ -380,8 +380,8 @@ impl Region {
         ((lowest / spacing).floor() as i64 - 1)..((highest / spacing).ceil() as i64 + 1)
     }
 
-    /// For each pixel-sized cell of the region and its margin: how many pixels that are not done
-    /// its samples may reach.
+    /// For each pixel-sized cell of the region and its margin: whether its samples may reach a
+    /// pixel that is not done.
     fn needed_cells(&self) -> Vec<bool> {
         let [w, h] = self.size;
         let m = self.margin + 1;

@@ -3,7 +3,7 @@
 use super::bounds::{affine_error, opacity_amplification};
 use super::exact::exact_terms;
 use super::footprint::{ImageKernel, ScreenFactor};
-use crate::layout::ViewUniform;
+use crate::layout::{ExactTerms, ViewUniform};
 
 /// The ways to draw a kernel. Kernels that cross the camera plane are integrated along the half
 /// line in front of it whatever the filter: an affine footprint means nothing there.
@@ -64,26 +64,30 @@ impl Filter {
     }
 }
 
-/// The one place that chooses between affine and exact.
+/// The one place that chooses between affine and exact: the exact footprint's terms, or `None`
+/// where the affine one will do.
 ///
 /// An orthographic projection is affine, so nothing is ever gained there.
 #[inline]
-pub fn needs_exact(view: &ViewUniform, screen: &ScreenFactor, kernel: &ImageKernel) -> bool {
-    if view.orthographic != 0 {
-        return false;
-    }
-    if view.filter == Filter::Exact as u32 {
-        return true;
-    }
-    if view.filter != Filter::Adaptive as u32 {
-        return false;
+pub fn choose_exact(
+    view: &ViewUniform,
+    screen: &ScreenFactor,
+    kernel: &ImageKernel,
+) -> Option<ExactTerms> {
+    let is_exact = view.filter == Filter::Exact as u32;
+    let is_adaptive = view.filter == Filter::Adaptive as u32;
+    if view.orthographic != 0 || !(is_exact || is_adaptive) {
+        return None;
     }
     let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
+    if is_exact {
+        return Some(terms);
+    }
     // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
     // faint neighbours are alike, and many of them add up along a ray. (Kernels in the same place
     // act as one of their total depth, whose amplification none of them is given.)
     let amplification = opacity_amplification(kernel.tau).max(1.0);
     let error = affine_error(view, screen, kernel, &terms) * amplification;
     // Phrased so that NaN takes the safe side.
-    !(error <= view.tolerance)
+    (!(error <= view.tolerance)).then_some(terms)
 }

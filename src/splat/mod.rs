@@ -19,6 +19,6 @@ mod near;
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{exact_extent, exact_terms};
-pub use filter::{Filter, needs_exact};
+pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 pub use near::{evaluate_near, half_line_terms, near_terms};

@@ -16,7 +16,7 @@ use ewa_splat::{Error, Image, Renderer, Result};
 use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
-use crate::outputs::check_collisions;
+use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, with_bar};
 use crate::viewpoint::CameraOptions;
@@ -188,12 +188,7 @@ fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> R
     let start = Instant::now();
     let frame = render("integrating the true image", PixelFilter::Image)?;
     let seconds = start.elapsed().as_secs_f64();
-    if frame.unconverged > 0 {
-        eprintln!(
-            "{} pixels of the true image may err by more than {error}: by {:.1e} at most",
-            frame.unconverged, frame.error
-        );
-    }
+    warn_unconverged(&frame, error);
     let kernels = render(
         "integrating with the pixel filter on kernels",
         PixelFilter::Kernels,

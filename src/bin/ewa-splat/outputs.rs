@@ -1,7 +1,8 @@
-//! What is written where.
+//! What is written where, and what is said of it.
 
 use std::path::PathBuf;
 
+use ewa_splat::reference::ReferenceFrame;
 use ewa_splat::{Error, Result};
 
 /// Refuses an output that would replace an input or another output.
@@ -25,4 +26,14 @@ pub(crate) fn check_collisions<'a>(
         taken.push(path);
     }
     Ok(())
+}
+
+/// Says how many pixels of a true image stayed above the error wanted.
+pub(crate) fn warn_unconverged(frame: &ReferenceFrame, wanted: f64) {
+    if frame.unconverged > 0 {
+        eprintln!(
+            "{} pixels of the true image may err by more than {wanted}: by {:.1e} at most",
+            frame.unconverged, frame.error
+        );
+    }
 }

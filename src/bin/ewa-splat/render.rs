@@ -18,7 +18,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::input::DataOptions;
-use crate::outputs::check_collisions;
+use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::with_bar;
 use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
@@ -217,12 +217,7 @@ impl Arguments {
             });
             write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
         }
-        if frame.unconverged > 0 {
-            eprintln!(
-                "{} pixels may err by more than {}: by {:.1e} at most",
-                frame.unconverged, settings.error, frame.error
-            );
-        }
+        warn_unconverged(&frame, settings.error);
         Ok(())
     }
 
@@ -259,15 +254,9 @@ fn stats(
     prepare_ms: f64,
 ) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
-    let particles: usize = renderer.volumes().iter().map(|v| v.particle_count()).sum();
-    let bytes: f64 = renderer
-        .volumes()
-        .iter()
-        .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
-        .sum();
     let median = median_times(times);
     json!({
-        "particles": particles,
+        "particles": renderer.particle_count(),
         "surfels": 0,
         "blocks": { "total": counts.blocks, "culled": counts.blocks_culled },
         "classified": counts.classified,
@@ -279,7 +268,7 @@ fn stats(
         },
         "tile_entries": counts.tile_entries,
         "splat_pixels": counts.splat_pixels,
-        "bytes_per_particle": bytes / particles.max(1) as f64,
+        "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
         "backend": "cpu",
         "adapter": format!("{} threads, {:?}", rayon::current_num_threads(),
