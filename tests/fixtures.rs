@@ -6,7 +6,7 @@ mod fixtures;
 
 use std::path::Path;
 
-use ewa_splat::io::{Association, Dataset, Field, FieldSource, Geometry};
+use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume};
 use ewa_splat::scene::Values;
 use glam::DVec3;
@@ -63,16 +63,18 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
         assert!(mach < 8.0 * mach_free);
     }
     let transfer = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/wake_transfer.json");
-    let dataset = Dataset {
-        path: "wake.xyz".into(),
-        format: "PLOT3D grid",
-        geometry: Geometry::Curvilinear { dims, nodes },
-        fields: vec![Field {
+    let dataset = Dataset::new(
+        Path::new("wake.xyz"),
+        "PLOT3D grid",
+        Geometry::Curvilinear {
+            blocks: vec![CurvilinearBlock { dims, nodes }],
+        },
+        vec![Field {
             name: "density".into(),
             association: Association::Nodes,
             source: FieldSource::Scalar(Values::F32(q[0].clone())),
         }],
-    };
+    );
     let options = SampleOptions {
         transfer: TransferChoice::File(transfer),
         ..SampleOptions::default()
@@ -104,20 +106,20 @@ fn the_particle_table_has_a_thousand_definite_kernels() {
         .collect();
     let column = |c: usize| rows.iter().map(|r| r[c]).collect::<Vec<f32>>();
     let position = |r: &Vec<f32>| DVec3::new(r[0].into(), r[1].into(), r[2].into());
-    let dataset = Dataset {
-        path: "particles.csv".into(),
-        format: "CSV",
-        geometry: Geometry::Points {
+    let dataset = Dataset::new(
+        Path::new("particles.csv"),
+        "CSV",
+        Geometry::Points {
             positions: rows.iter().map(position).collect(),
         },
-        fields: (3..names.len())
+        (3..names.len())
             .map(|c| Field {
                 name: names[c].into(),
                 association: Association::Nodes,
                 source: FieldSource::Scalar(Values::F32(column(c))),
             })
             .collect(),
-    };
+    );
     let sampled = volume(dataset, &SampleOptions::default()).unwrap();
     assert_eq!(sampled.volume.particles.len(), 1000);
     assert!(sampled.report.warnings().is_empty());

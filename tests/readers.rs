@@ -12,8 +12,8 @@ use std::path::PathBuf;
 
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::io::{
-    Association, Dataset, Geometry, OpenOptions, RawLayout, RawType, open, read_image, write_depth,
-    write_image,
+    Association, CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, open,
+    read_image, write_depth, write_image,
 };
 use ewa_splat::scene::Values;
 use exr::prelude::{ReadChannels, ReadLayers};
@@ -187,9 +187,10 @@ fn plot3d_in_every_encoding() {
             solution.extend(vec![0; trailing]);
             folder.file("fin.q", &solution);
             let data = folder.open("fin.xyz", &grid);
-            let Geometry::Curvilinear { dims, nodes } = &data.geometry else {
+            let Geometry::Curvilinear { blocks } = &data.geometry else {
                 panic!("{encoding:?}");
             };
+            let CurvilinearBlock { dims, nodes } = &blocks[0];
             assert_eq!(dims, &[3, 2, 4]);
             for (i, node) in nodes.iter().enumerate() {
                 let at = |axis: usize| coordinates()[i + axis * NODES];

@@ -10,7 +10,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::io::{Dataset, Geometry, OpenOptions, RawLayout, RawType, open};
+use ewa_splat::io::{CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, open};
 use ewa_splat::scene::Values;
 
 /// The path of a real file, or `None` (with a word about it) where it is absent.
@@ -82,9 +82,10 @@ fn blunt_fin_finds_its_solution() {
         return;
     };
     let data = read(&path);
-    let Geometry::Curvilinear { dims, nodes } = &data.geometry else {
+    let Geometry::Curvilinear { blocks } = &data.geometry else {
         panic!()
     };
+    let CurvilinearBlock { dims, nodes } = &blocks[0];
     assert_eq!(dims, &[40, 32, 32]);
     let x = nodes
         .iter()

@@ -7,7 +7,9 @@
 
 use std::f64::consts::PI;
 
-use ewa_splat::io::{Association, Dataset, Field, FieldSource, Geometry};
+use std::path::Path;
+
+use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice, volume};
 use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, Strength, Values};
 use glam::{DMat3, DVec3};
@@ -21,12 +23,7 @@ fn field(name: &str, association: Association, values: Values) -> Field {
 }
 
 fn dataset(geometry: Geometry, fields: Vec<Field>) -> Dataset {
-    Dataset {
-        path: "test".into(),
-        format: "test",
-        geometry,
-        fields,
-    }
+    Dataset::new(Path::new("test"), "test", geometry, fields)
 }
 
 fn sample(dataset: Dataset) -> Sampled {
@@ -91,7 +88,9 @@ fn grid(dims: [usize; 3], association: Association, at: impl Fn(DVec3) -> DVec3)
     };
     let values = Values::F32((0..count).map(|i| i as f32).collect());
     dataset(
-        Geometry::Curvilinear { dims, nodes },
+        Geometry::Curvilinear {
+            blocks: vec![CurvilinearBlock { dims, nodes }],
+        },
         vec![field("a", association, values)],
     )
 }
@@ -265,9 +264,10 @@ fn degenerate_cells_and_bad_nodes_are_counted() {
     assert_eq!(sampled.report.left_out_count(), 0);
 
     let mut bad = grid([5, 5, 5], Association::Nodes, |s| s);
-    let Geometry::Curvilinear { nodes, .. } = &mut bad.geometry else {
+    let Geometry::Curvilinear { blocks } = &mut bad.geometry else {
         panic!()
     };
+    let nodes = &mut blocks[0].nodes;
     nodes[62] = DVec3::splat(f64::NAN);
     let FieldSource::Scalar(Values::F32(values)) = &mut bad.fields[0].source else {
         panic!()

@@ -1,9 +1,10 @@
 //! A data set as its file holds it, before anything is made of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::{CellMesh, Smoothing, SplatCloud};
 use crate::error::{Error, Result};
 use crate::scene::{Lattice, Values};
 
@@ -18,6 +19,11 @@ pub struct Dataset {
     pub geometry: Geometry,
     /// What is known at them.
     pub fields: Vec<Field>,
+    /// Which fields carry the lengths, masses and densities of smoothed particles, where the
+    /// format says so; tables are known by their columns' names instead.
+    pub smoothing: Option<Smoothing>,
+    /// What the reader left out or took for granted, one sentence each, for people.
+    pub notes: Vec<String>,
 }
 
 /// Where the samples of a [`Dataset`] lie.
@@ -25,18 +31,39 @@ pub struct Dataset {
 pub enum Geometry {
     /// Samples on a regular or rectilinear lattice.
     Lattice(Lattice),
-    /// Nodes of a curvilinear grid, i fastest, then j, then k.
+    /// One or more curvilinear grids. Fields hold the samples of one block after another.
     Curvilinear {
-        /// Nodes along i, j and k.
-        dims: [usize; 3],
-        /// Node positions.
-        nodes: Vec<DVec3>,
+        /// The grids.
+        blocks: Vec<CurvilinearBlock>,
     },
+    /// An unstructured grid.
+    Cells(CellMesh),
     /// Particles, with whatever columns their table has.
     Points {
         /// Positions.
         positions: Vec<DVec3>,
     },
+    /// Splats with a peak opacity each, as radiance fields are stored.
+    Splats(SplatCloud),
+}
+
+/// One curvilinear grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurvilinearBlock {
+    /// Nodes along i, j and k.
+    pub dims: [usize; 3],
+    /// Node positions, i fastest, then j, then k.
+    pub nodes: Vec<DVec3>,
+}
+
+impl CurvilinearBlock {
+    /// Nodes or cells along i, j and k.
+    pub fn dims_of(&self, association: Association) -> [usize; 3] {
+        match association {
+            Association::Nodes => self.dims,
+            Association::Cells => self.dims.map(|n| n.saturating_sub(1)),
+        }
+    }
 }
 
 /// Named numbers at the samples of a [`Dataset`].
@@ -55,7 +82,7 @@ pub struct Field {
 pub enum Association {
     /// Nodes of a grid, or particles.
     Nodes,
-    /// Cells of a grid: one fewer than the nodes along each axis.
+    /// Cells of a grid; where it is structured, one fewer than the nodes along each axis.
     Cells,
 }
 
@@ -71,6 +98,18 @@ pub enum FieldSource {
 }
 
 impl Dataset {
+    /// A data set without smoothing lengths and without notes.
+    pub fn new(path: &Path, format: &'static str, geometry: Geometry, fields: Vec<Field>) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            format,
+            geometry,
+            fields,
+            smoothing: None,
+            notes: Vec::new(),
+        }
+    }
+
     /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
     /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index.
     ///

@@ -6,6 +6,7 @@
 //! temporary file that is renamed when complete.
 
 mod atomic;
+mod cells;
 mod csv;
 mod dataset;
 mod file;
@@ -14,20 +15,26 @@ mod npy;
 mod plot3d;
 mod raw;
 mod scalars;
+mod smoothing;
+mod splats;
 mod table;
 mod vti;
+mod vtk_grid;
 mod vtk_xml;
 
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
-pub use dataset::{Association, Dataset, Field, FieldSource, Geometry};
+pub use cells::{CellKind, CellMesh};
+pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
 };
 pub use raw::{RawLayout, RawType};
+pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
+pub use splats::SplatCloud;
 
 use crate::error::{Error, Result};
 

@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use super::file::{read_all, regular_len};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use crate::error::{Error, Result};
@@ -278,15 +278,14 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
             node_field("iblank", FieldSource::Scalar(Values::I16(blanks.collect()))),
         );
     }
-    Ok(Dataset {
-        path: path.to_path_buf(),
-        format: "PLOT3D grid",
-        geometry: Geometry::Curvilinear {
-            dims,
-            nodes: positions,
-        },
-        fields,
-    })
+    let block = CurvilinearBlock {
+        dims,
+        nodes: positions,
+    };
+    let geometry = Geometry::Curvilinear {
+        blocks: vec![block],
+    };
+    Ok(Dataset::new(path, "PLOT3D grid", geometry, fields))
 }
 
 fn node_field(name: &str, source: FieldSource) -> Field {
@@ -575,13 +574,13 @@ mod tests {
         // Free stream of Mach 2 along x: rho = 1, a = 1, p = 1 / gamma,
         // e = p / (gamma - 1) + rho u² / 2.
         let energy = 1.0 / (GAMMA * (GAMMA - 1.0)) + 2.0;
-        let data = Dataset {
-            path: PathBuf::from("free-stream"),
-            format: "",
-            geometry: Geometry::Points {
+        let data = Dataset::new(
+            Path::new("free-stream"),
+            "",
+            Geometry::Points {
                 positions: vec![DVec3::ZERO],
             },
-            fields: vec![
+            vec![
                 node_field("density", FieldSource::Scalar(Values::F32(vec![1.0]))),
                 node_field(
                     "momentum",
@@ -589,7 +588,7 @@ mod tests {
                 ),
                 node_field("energy", FieldSource::Scalar(Values::F32(vec![energy]))),
             ],
-        };
+        );
         // A few roundings of f32.
         let close = |values: Values, x: f32| (values.get(0) - x).abs() < 1e-6 * x;
         assert!(close(pressure(&data).unwrap(), 1.0 / GAMMA));

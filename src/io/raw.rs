@@ -142,16 +142,14 @@ pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
         read_values(path, &mut file, layout, count, &wrong_size)?
     };
 
-    Ok(Dataset {
-        path: path.to_path_buf(),
-        format: "raw volume",
-        geometry: Geometry::Lattice(Lattice::uniform(layout.dims, layout.origin, layout.spacing)),
-        fields: vec![Field {
-            name: "value".to_owned(),
-            association: Association::Nodes,
-            source: FieldSource::Scalar(numbers),
-        }],
-    })
+    let lattice = Lattice::uniform(layout.dims, layout.origin, layout.spacing);
+    let field = Field {
+        name: "value".to_owned(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(numbers),
+    };
+    let geometry = Geometry::Lattice(lattice);
+    Ok(Dataset::new(path, "raw volume", geometry, vec![field]))
 }
 
 /// Reads exactly `count` numbers, by chunks, so that no second copy of the file is held.

@@ -80,12 +80,8 @@ pub(crate) fn dataset(
             "check that the table was written completely",
         ));
     }
-    Ok(Dataset {
-        path: path.to_path_buf(),
-        format,
-        geometry: Geometry::Points { positions },
-        fields,
-    })
+    let geometry = Geometry::Points { positions };
+    Ok(Dataset::new(path, format, geometry, fields))
 }
 
 /// A scalar column as a field.

@@ -153,18 +153,15 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
         ));
     }
     let first = DVec3::from_array(whole.first.map(|n| n as f64));
-    Ok(Dataset {
-        path: path.to_path_buf(),
-        format: "VTK image data",
-        geometry: Geometry::Lattice(Lattice {
-            dims: whole.dims(Association::Nodes),
-            spacing: LatticeSpacing::Uniform {
-                origin: origin + step * first,
-                step,
-            },
-        }),
-        fields,
-    })
+    let lattice = Lattice {
+        dims: whole.dims(Association::Nodes),
+        spacing: LatticeSpacing::Uniform {
+            origin: origin + step * first,
+            step,
+        },
+    };
+    let geometry = Geometry::Lattice(lattice);
+    Ok(Dataset::new(path, "VTK image data", geometry, fields))
 }
 
 /// Position of node (0, 0, 0) and the steps along the indices.

@@ -24,7 +24,7 @@ use super::{
     lower_factor, narrowed, nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, Geometry};
+use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
 use crate::scene::{Particles, Values};
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
@@ -90,90 +90,56 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         .find(|f| f.name.eq_ignore_ascii_case("iblank"))
         .map(|f| Ok::<_, Error>((f.association, dataset.field_scalar(f)?)))
         .transpose()?;
-    let Geometry::Curvilinear { dims, nodes } = &dataset.geometry else {
+    let Geometry::Curvilinear { blocks } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
-    let dims = *dims;
-    if dims.iter().any(|&n| n < 2) {
-        return Err(Error::format(
-            &dataset.path,
-            "dimensions",
-            "at least two nodes along each index",
-            format!("{} x {} x {}", dims[0], dims[1], dims[2]),
-            "a surface has no volume to render",
-        ));
+    for block in blocks {
+        check_block(&dataset, block)?;
     }
-    let node_count = dims.iter().product::<usize>();
-    check_count(&dataset, node_count)?;
-    if nodes.len() != node_count {
-        return Err(Error::format(
-            &dataset.path,
-            "nodes",
-            format!("{node_count} positions"),
-            format!("{} positions", nodes.len()),
-            "the file is damaged",
-        ));
-    }
-    let of_nodes = taken.association == Association::Nodes;
-    let sample_dims = if of_nodes { dims } else { dims.map(|n| n - 1) };
-    let sample_count = sample_dims.iter().product::<usize>();
+    let samples_of =
+        |block: &CurvilinearBlock| block.dims_of(taken.association).iter().product::<usize>();
+    let sample_count = blocks.iter().map(samples_of).sum();
+    check_count(&dataset, sample_count)?;
     check_len(&dataset, &taken, sample_count)?;
 
     let mut report = SampleReport {
-        field: Some(taken.name),
+        field: Some(taken.name.clone()),
         sample_count,
         ..SampleReport::default()
     };
-    let grid = Grid::new(dims, nodes, &mut report);
-    let values = &taken.values;
-    let blanked = |[i, j, k]: [usize; 3]| match &blank {
-        None => false,
-        Some((Association::Nodes, b)) if of_nodes => is_blank(b, grid.node_index([i, j, k])),
-        Some((Association::Nodes, b)) => {
-            corners([i, j, k]).any(|node| is_blank(b, grid.node_index(node)))
-        }
-        Some((Association::Cells, b)) if !of_nodes => is_blank(b, grid.cell_index([i, j, k])),
-        Some((Association::Cells, _)) => false,
-    };
-    let kernel = |index: usize| -> Result<(DVec3, [f32; 6], f32), LeftOut> {
-        let [ni, nj, _] = sample_dims;
-        let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
-        if blanked(ijk) {
-            return Err(LeftOut::Blanked);
-        }
-        let part = if of_nodes {
-            if (0..3).any(|d| grid.periodic[d] && ijk[d] + 1 == dims[d]) {
-                return Err(LeftOut::Seam);
-            }
-            if !nodes[index].is_finite() {
-                return Err(LeftOut::NonFinitePosition);
-            }
-            grid.node_part(ijk)
-        } else {
-            if corners(ijk).any(|c| !nodes[grid.node_index(c)].is_finite()) {
-                return Err(LeftOut::NonFinitePosition);
-            }
-            grid.cell_part(ijk)
+    let mut grids = Vec::with_capacity(blocks.len());
+    let mut counts = CellCounts::default();
+    for block in blocks {
+        grids.push(Grid::new(block, &mut counts));
+    }
+    counts.report(&mut report);
+    let mut kernels = Vec::with_capacity(sample_count);
+    // Where the block's nodes and cells begin in the fields.
+    let mut first_node = 0;
+    let mut first_cell = 0;
+    for (grid, block) in grids.iter().zip(blocks) {
+        let samples = BlockSamples {
+            grid,
+            association: taken.association,
+            values: &taken.values,
+            blank: blank.as_ref(),
+            first_node,
+            first_cell,
+            kernel_width: options.kernel_width,
         };
-        if !values.get(index).is_finite() {
-            return Err(LeftOut::NonFiniteValue);
-        }
-        let part = part.ok_or(LeftOut::Degenerate)?;
-        let factor = lower_factor(part.jacobian * options.kernel_width).map(narrowed);
-        let volume = narrowed(part.volume);
-        let sound = factor.iter().all(|l| l.is_finite())
-            && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
-            && volume.is_finite()
-            && volume >= f32::MIN_POSITIVE;
-        if sound {
-            Ok((part.centroid, factor, volume))
-        } else {
-            Err(LeftOut::BeyondSinglePrecision)
-        }
-    };
-    let kernels: Vec<_> = (0..sample_count).into_par_iter().map(kernel).collect();
+        kernels.par_extend(
+            (0..samples_of(block))
+                .into_par_iter()
+                .map(|i| samples.kernel(i)),
+        );
+        first_node += block.nodes.len();
+        first_cell += block.dims_of(Association::Cells).iter().product::<usize>();
+    }
 
-    let noun = if of_nodes { "nodes" } else { "cells" };
+    let noun = match taken.association {
+        Association::Nodes => "nodes",
+        Association::Cells => "cells",
+    };
     for (reason, text) in REASONS {
         let count = kernels.iter().filter(|k| k.err() == Some(reason)).count();
         report.leave_out(count, noun, text);
@@ -206,6 +172,107 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     )
 }
 
+/// Two nodes or more along each index, and as many positions as they say.
+fn check_block(dataset: &Dataset, block: &CurvilinearBlock) -> Result<()> {
+    let dims = block.dims;
+    if dims.iter().any(|&n| n < 2) {
+        return Err(Error::format(
+            &dataset.path,
+            "dimensions",
+            "at least two nodes along each index",
+            format!("{} x {} x {}", dims[0], dims[1], dims[2]),
+            "a surface has no volume to render",
+        ));
+    }
+    let node_count = dims.iter().product::<usize>();
+    if block.nodes.len() != node_count {
+        return Err(Error::format(
+            &dataset.path,
+            "nodes",
+            format!("{node_count} positions"),
+            format!("{} positions", block.nodes.len()),
+            "the file is damaged",
+        ));
+    }
+    Ok(())
+}
+
+/// The samples of one block.
+struct BlockSamples<'a> {
+    grid: &'a Grid<'a>,
+    association: Association,
+    /// Of all blocks, as is `blank`.
+    values: &'a Values,
+    blank: Option<&'a (Association, Values)>,
+    first_node: usize,
+    first_cell: usize,
+    kernel_width: f64,
+}
+
+impl BlockSamples<'_> {
+    /// Position, factor and volume of one sample of the block.
+    fn kernel(&self, index: usize) -> Result<(DVec3, [f32; 6], f32), LeftOut> {
+        let grid = self.grid;
+        let of_nodes = self.association == Association::Nodes;
+        let [ni, nj, _] = if of_nodes {
+            grid.dims
+        } else {
+            grid.dims.map(|n| n - 1)
+        };
+        let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
+        if self.is_blanked(ijk) {
+            return Err(LeftOut::Blanked);
+        }
+        let part = if of_nodes {
+            if (0..3).any(|d| grid.periodic[d] && ijk[d] + 1 == grid.dims[d]) {
+                return Err(LeftOut::Seam);
+            }
+            if !grid.nodes[index].is_finite() {
+                return Err(LeftOut::NonFinitePosition);
+            }
+            grid.node_part(ijk)
+        } else {
+            if corners(ijk).any(|c| !grid.nodes[grid.node_index(c)].is_finite()) {
+                return Err(LeftOut::NonFinitePosition);
+            }
+            grid.cell_part(ijk)
+        };
+        let first = if of_nodes {
+            self.first_node
+        } else {
+            self.first_cell
+        };
+        if !self.values.get(first + index).is_finite() {
+            return Err(LeftOut::NonFiniteValue);
+        }
+        let part = part.ok_or(LeftOut::Degenerate)?;
+        let factor = lower_factor(part.jacobian * self.kernel_width).map(narrowed);
+        let volume = narrowed(part.volume);
+        let sound = factor.iter().all(|l| l.is_finite())
+            && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
+            && volume.is_finite()
+            && volume >= f32::MIN_POSITIVE;
+        if sound {
+            Ok((part.centroid, factor, volume))
+        } else {
+            Err(LeftOut::BeyondSinglePrecision)
+        }
+    }
+
+    fn is_blanked(&self, ijk: [usize; 3]) -> bool {
+        let node = |ijk| self.first_node + self.grid.node_index(ijk);
+        let cell = |ijk| self.first_cell + self.grid.cell_index(ijk);
+        match (self.blank, self.association) {
+            (None, _) | (Some((Association::Cells, _)), Association::Nodes) => false,
+            (Some((Association::Nodes, b)), Association::Nodes) => is_blank(b, node(ijk)),
+            (Some((Association::Nodes, b)), Association::Cells) => {
+                corners(ijk).any(|corner| is_blank(b, node(corner)))
+            }
+            (Some((Association::Cells, b)), Association::Cells) => is_blank(b, cell(ijk)),
+        }
+    }
+}
+
 fn is_blank(iblank: &Values, index: usize) -> bool {
     // PLOT3D: 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
     index < iblank.len() && iblank.get(index).abs() < 0.5
@@ -233,11 +300,40 @@ fn trilinear(corners: &[DVec3; 8], s: [f64; 3]) -> (DVec3, DMat3) {
     (mix(f0, f1, sk), DMat3::from_cols(di, dj, f1 - f0))
 }
 
+/// Cells with something about them, over all blocks.
+#[derive(Default)]
+struct CellCounts {
+    collapsed: usize,
+    empty: usize,
+    inverted: usize,
+}
+
+impl CellCounts {
+    fn report(&self, report: &mut SampleReport) {
+        report.note(
+            self.collapsed,
+            "cells",
+            "degenerate: an edge has no length; drawn with the volume that is left",
+        );
+        report.note(
+            self.empty,
+            "cells",
+            "without volume: they add nothing to their nodes",
+        );
+        report.note(
+            self.inverted,
+            "cells",
+            "inverted against the rest of the grid: left out of their nodes' volumes",
+        );
+    }
+}
+
 impl<'a> Grid<'a> {
-    fn new(dims: [usize; 3], nodes: &'a [DVec3], report: &mut SampleReport) -> Self {
+    fn new(block: &'a CurvilinearBlock, counts: &mut CellCounts) -> Self {
+        let dims = block.dims;
         let mut grid = Self {
             dims,
-            nodes,
+            nodes: &block.nodes,
             periodic: [false; 3],
             handedness: 1.0,
         };
@@ -248,32 +344,19 @@ impl<'a> Grid<'a> {
             .into_par_iter()
             .map(|c| grid.signed_volume([c % ci, c / ci % cj, c / (ci * cj)]))
             .collect();
-        let collapsed = (0..cell_count)
+        counts.collapsed += (0..cell_count)
             .into_par_iter()
             .filter(|c| {
                 let corners = grid.cell_corners([c % ci, c / ci % cj, c / (ci * cj)]);
                 edges(&corners).any(|length| length <= 0.0)
             })
             .count();
-        report.note(
-            collapsed,
-            "cells",
-            "degenerate: an edge has no length; drawn with the volume that is left",
-        );
         // Cells without volume have volume 0 here.
         let sum: f64 = volumes.iter().filter(|v| v.is_finite()).sum();
         grid.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
         let count = |f: &dyn Fn(f64) -> bool| volumes.iter().filter(|&&v| f(v)).count();
-        report.note(
-            count(&|v| v.abs() <= 0.0),
-            "cells",
-            "without volume: they add nothing to their nodes",
-        );
-        report.note(
-            count(&|v| v * grid.handedness < 0.0),
-            "cells",
-            "inverted against the rest of the grid; drawn with the absolute value of their volume",
-        );
+        counts.empty += count(&|v| v.abs() <= 0.0);
+        counts.inverted += count(&|v| v * grid.handedness < 0.0);
         grid
     }
 
@@ -361,7 +444,7 @@ impl<'a> Grid<'a> {
             // cell's own end is the node, within the seam's tolerance.
             let corners = self.cell_corners(cell).map(|c| c - origin);
             let (point, derivative) = trilinear(&corners, s);
-            let weight = (derivative.determinant() / 8.0).abs();
+            let weight = derivative.determinant() / 8.0 * self.handedness;
             if weight.is_finite() && weight > DEGENERATE_VOLUME / 8.0 * longest_edges(&corners) {
                 volume += weight;
                 moment += point * weight;
@@ -378,7 +461,7 @@ impl<'a> Grid<'a> {
 
     /// A whole cell: its centre, the Jacobian there and its volume; `None` if degenerate.
     fn cell_part(&self, cell: [usize; 3]) -> Option<Part> {
-        let volume = self.signed_volume(cell).abs();
+        let volume = self.signed_volume(cell) * self.handedness;
         let (centroid, jacobian) = trilinear(&self.cell_corners(cell), [0.5; 3]);
         let part = Part {
             volume,

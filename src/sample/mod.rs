@@ -106,6 +106,13 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
         Geometry::Points { .. } => points::volume(dataset, options),
+        Geometry::Cells(_) | Geometry::Splats(_) => Err(Error::format(
+            &dataset.path,
+            "geometry",
+            "a grid or particles",
+            "cells or splats",
+            "these are not sampled yet",
+        )),
     }
 }
 

@@ -60,13 +60,29 @@ fn describe(dataset: &Dataset) -> Result<Value> {
             let (lower, upper) = bounds(corners);
             (kind, lower, upper)
         }
-        Geometry::Curvilinear { dims, nodes } => {
-            let (lower, upper) = bounds(nodes.iter().copied());
+        Geometry::Curvilinear { blocks } => {
+            let nodes = || blocks.iter().flat_map(|b| b.nodes.iter().copied());
+            let (lower, upper) = bounds(nodes());
+            let dims: Vec<_> = blocks.iter().map(|b| b.dims).collect();
             (
-                json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes.len() }),
+                json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes().count() }),
                 lower,
                 upper,
             )
+        }
+        Geometry::Cells(mesh) => {
+            let (lower, upper) = bounds(mesh.nodes.iter().copied());
+            let count = mesh.cell_count();
+            (
+                json!({ "kind": "unstructured grid", "cells": count }),
+                lower,
+                upper,
+            )
+        }
+        Geometry::Splats(cloud) => {
+            let (lower, upper) = bounds(cloud.positions.iter().copied());
+            let count = cloud.positions.len();
+            (json!({ "kind": "splats", "count": count }), lower, upper)
         }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());

@@ -1,0 +1,185 @@
+//! Unstructured grids as files hold them.
+
+use glam::DVec3;
+
+/// Cells of any shape over shared nodes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellMesh {
+    /// Node positions.
+    pub nodes: Vec<DVec3>,
+    /// Kind of each cell.
+    pub kinds: Vec<CellKind>,
+    /// Where each cell's entries of `connectivity` begin; one more at the end.
+    pub offsets: Vec<u32>,
+    /// Nodes of the cells, in VTK's order. A polyhedron has its faces instead: their number, then
+    /// for each face the number of its nodes and the nodes.
+    pub connectivity: Vec<u32>,
+}
+
+impl CellMesh {
+    /// How many cells there are.
+    pub fn cell_count(&self) -> usize {
+        self.kinds.len()
+    }
+
+    /// The entries of `connectivity` of one cell.
+    pub fn cell(&self, i: usize) -> &[u32] {
+        &self.connectivity[self.offsets[i] as usize..self.offsets[i + 1] as usize]
+    }
+}
+
+/// The kind of a cell, by VTK's number for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CellKind(pub u8);
+
+impl CellKind {
+    /// A single node.
+    pub const VERTEX: Self = Self(1);
+    /// Several nodes, each a point of its own.
+    pub const POLY_VERTEX: Self = Self(2);
+    /// A line.
+    pub const LINE: Self = Self(3);
+    /// A chain of lines.
+    pub const POLY_LINE: Self = Self(4);
+    /// A triangle.
+    pub const TRIANGLE: Self = Self(5);
+    /// A strip of triangles.
+    pub const TRIANGLE_STRIP: Self = Self(6);
+    /// A polygon.
+    pub const POLYGON: Self = Self(7);
+    /// A quadrilateral.
+    pub const QUAD: Self = Self(9);
+    /// A tetrahedron.
+    pub const TETRA: Self = Self(10);
+    /// A cuboid whose nodes are numbered x fastest.
+    pub const VOXEL: Self = Self(11);
+    /// A hexahedron.
+    pub const HEXAHEDRON: Self = Self(12);
+    /// A triangular prism.
+    pub const WEDGE: Self = Self(13);
+    /// A pyramid over a quadrilateral.
+    pub const PYRAMID: Self = Self(14);
+    /// A solid bounded by any polygons.
+    pub const POLYHEDRON: Self = Self(42);
+
+    /// The name, for people.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            0 => "empty cell",
+            1 => "vertex",
+            2 => "poly-vertex",
+            3 => "line",
+            4 => "poly-line",
+            5 => "triangle",
+            6 => "triangle strip",
+            7 => "polygon",
+            8 => "pixel",
+            9 => "quadrilateral",
+            10 => "tetrahedron",
+            11 => "voxel",
+            12 => "hexahedron",
+            13 => "wedge",
+            14 => "pyramid",
+            15 => "pentagonal prism",
+            16 => "hexagonal prism",
+            21 => "quadratic edge",
+            22 => "quadratic triangle",
+            23 => "quadratic quadrilateral",
+            24 => "quadratic tetrahedron",
+            25 => "quadratic hexahedron",
+            26 => "quadratic wedge",
+            27 => "quadratic pyramid",
+            28 => "biquadratic quadrilateral",
+            29 => "triquadratic hexahedron",
+            30 => "quadratic-linear quadrilateral",
+            31 => "quadratic-linear wedge",
+            32 => "biquadratic wedge",
+            33 => "biquadratic hexahedron",
+            34 => "biquadratic triangle",
+            35 => "cubic line",
+            36 => "quadratic polygon",
+            37 => "triquadratic pyramid",
+            41 => "convex point set",
+            42 => "polyhedron",
+            68 => "Lagrange curve",
+            69 => "Lagrange triangle",
+            70 => "Lagrange quadrilateral",
+            71 => "Lagrange tetrahedron",
+            72 => "Lagrange hexahedron",
+            73 => "Lagrange wedge",
+            74 => "Lagrange pyramid",
+            75 => "Bezier curve",
+            76 => "Bezier triangle",
+            77 => "Bezier quadrilateral",
+            78 => "Bezier tetrahedron",
+            79 => "Bezier hexahedron",
+            80 => "Bezier wedge",
+            81 => "Bezier pyramid",
+            _ => "unknown cell",
+        }
+    }
+
+    /// The corners of a solid cell of fixed shape, by their places among the cell's nodes, face by
+    /// face, seen from outside anticlockwise. Cells of higher order are taken by their corners,
+    /// which VTK numbers first. `None` for all others, polyhedra among them.
+    pub fn faces(self) -> Option<&'static [&'static [u8]]> {
+        Some(match self.0 {
+            10 | 24 | 71 | 78 => &[&[0, 1, 3], &[1, 2, 3], &[2, 0, 3], &[0, 2, 1]],
+            11 => &[
+                &[0, 4, 6, 2],
+                &[1, 3, 7, 5],
+                &[0, 1, 5, 4],
+                &[2, 6, 7, 3],
+                &[0, 2, 3, 1],
+                &[4, 5, 7, 6],
+            ],
+            12 | 25 | 29 | 33 | 72 | 79 => &[
+                &[0, 4, 7, 3],
+                &[1, 2, 6, 5],
+                &[0, 1, 5, 4],
+                &[3, 7, 6, 2],
+                &[0, 3, 2, 1],
+                &[4, 5, 6, 7],
+            ],
+            13 | 26 | 31 | 32 | 73 | 80 => &[
+                &[0, 1, 2],
+                &[3, 5, 4],
+                &[0, 3, 4, 1],
+                &[1, 4, 5, 2],
+                &[2, 5, 3, 0],
+            ],
+            14 | 27 | 37 | 74 | 81 => &[
+                &[0, 3, 2, 1],
+                &[0, 1, 4],
+                &[1, 2, 4],
+                &[2, 3, 4],
+                &[3, 0, 4],
+            ],
+            15 => &[
+                &[0, 4, 3, 2, 1],
+                &[5, 6, 7, 8, 9],
+                &[0, 1, 6, 5],
+                &[1, 2, 7, 6],
+                &[2, 3, 8, 7],
+                &[3, 4, 9, 8],
+                &[4, 0, 5, 9],
+            ],
+            16 => &[
+                &[0, 5, 4, 3, 2, 1],
+                &[6, 7, 8, 9, 10, 11],
+                &[0, 1, 7, 6],
+                &[1, 2, 8, 7],
+                &[2, 3, 9, 8],
+                &[3, 4, 10, 9],
+                &[4, 5, 11, 10],
+                &[5, 0, 6, 11],
+            ],
+            _ => return None,
+        })
+    }
+
+    /// Whether [`CellKind::faces`] leaves out nodes of the cell that are no corners.
+    pub fn is_of_higher_order(self) -> bool {
+        matches!(self.0, 21..=37 | 68..=81)
+    }
+}

@@ -1,0 +1,147 @@
+//! What the VTK readers of cells share: from nodes and cells to a checked data set.
+
+use std::path::Path;
+
+use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::{CellKind, CellMesh};
+use crate::error::{Error, Result};
+
+/// A data set of cells, checked; of particles where the only cells are points, or where there are
+/// none.
+///
+/// Values of vertex cells become the particles' own where there is one cell for each node;
+/// otherwise they are left out, with a note.
+///
+/// # Errors
+/// Not one node, offsets that run backwards or past the end, a cell with too few nodes for its
+/// kind, a node that does not exist.
+#[allow(dead_code, reason = "its readers come next")]
+pub(super) fn dataset(
+    path: &Path,
+    format: &'static str,
+    mesh: CellMesh,
+    mut fields: Vec<Field>,
+) -> Result<Dataset> {
+    let error = |place: String, expected: &str, found: String| {
+        let advice = "the file is damaged: save it again";
+        Err(Error::format(path, place, expected, found, advice))
+    };
+    if mesh.nodes.is_empty() {
+        return error("points".into(), "at least one point", "none".into());
+    }
+    if mesh.offsets.len() != mesh.kinds.len() + 1
+        || mesh.offsets.last().map(|&n| n as usize) != Some(mesh.connectivity.len())
+        || mesh.offsets.windows(2).any(|w| w[0] > w[1])
+    {
+        return error(
+            "cells".into(),
+            "offsets that rise to the length of the connectivity",
+            format!(
+                "{} offsets for {} cells and {} numbers",
+                mesh.offsets.len(),
+                mesh.kinds.len(),
+                mesh.connectivity.len()
+            ),
+        );
+    }
+    for (i, &kind) in mesh.kinds.iter().enumerate() {
+        if let Err(found) = check_cell(kind, mesh.cell(i), mesh.nodes.len()) {
+            let place = format!("cell {i}, {}", kind.name());
+            let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
+            return error(place, &expected, found);
+        }
+    }
+    let is_point = |kind: &CellKind| {
+        matches!(
+            *kind,
+            CellKind(0) | CellKind::VERTEX | CellKind::POLY_VERTEX
+        )
+    };
+    if !mesh.kinds.iter().all(is_point) {
+        return Ok(Dataset::new(path, format, Geometry::Cells(mesh), fields));
+    }
+
+    let mut notes = Vec::new();
+    if let Some(cell_of_node) = cell_of_node(&mesh) {
+        for field in fields
+            .iter_mut()
+            .filter(|f| f.association == Association::Cells)
+        {
+            field.association = Association::Nodes;
+            match &mut field.source {
+                FieldSource::Scalar(values) => *values = values.gather(&cell_of_node),
+                FieldSource::Vector(components) => {
+                    for values in components {
+                        *values = values.gather(&cell_of_node);
+                    }
+                }
+                FieldSource::Derived(_) => {}
+            }
+        }
+    } else {
+        let before = fields.len();
+        fields.retain(|f| f.association == Association::Nodes);
+        if fields.len() < before {
+            let count = before - fields.len();
+            notes.push(format!(
+                "{count} cell arrays left out: there is not one vertex cell for each point"
+            ));
+        }
+    }
+    let geometry = Geometry::Points {
+        positions: mesh.nodes,
+    };
+    Ok(Dataset {
+        notes,
+        ..Dataset::new(path, format, geometry, fields)
+    })
+}
+
+/// For each node the one vertex cell that is its own, if all nodes have one.
+fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
+    let count = mesh.nodes.len();
+    if mesh.cell_count() != count || mesh.connectivity.len() != count {
+        return None;
+    }
+    let mut cells = vec![u32::MAX; count];
+    for (cell, node) in (0..).zip(&mesh.connectivity) {
+        cells[*node as usize] = cell;
+    }
+    let one_each = mesh.offsets.windows(2).all(|w| w[1] - w[0] == 1) && !cells.contains(&u32::MAX);
+    one_each.then_some(cells)
+}
+
+/// Whether a cell's entries are what its kind asks for; else what was found.
+fn check_cell(kind: CellKind, cell: &[u32], node_count: usize) -> Result<(), String> {
+    let exists = |n: &u32| (*n as usize) < node_count;
+    let missing = |nodes: &[u32]| match nodes.iter().find(|n| !exists(n)) {
+        Some(n) => Err(format!("node {n}")),
+        None => Ok(()),
+    };
+    if kind == CellKind::POLYHEDRON {
+        let Some((&face_count, mut rest)) = cell.split_first() else {
+            return Err("no faces".into());
+        };
+        for _ in 0..face_count {
+            let face = rest.split_first().and_then(|(&n, tail)| {
+                let face = tail.get(..n as usize)?;
+                rest = &tail[n as usize..];
+                Some(face)
+            });
+            missing(face.ok_or("a face beyond the cell's end")?)?;
+        }
+        return if rest.is_empty() {
+            Ok(())
+        } else {
+            Err(format!("{} numbers after its faces", rest.len()))
+        };
+    }
+    let corner_count = kind.faces().map_or(0, |faces| {
+        let corners = faces.iter().flat_map(|f| f.iter());
+        corners.max().map_or(0, |&c| usize::from(c) + 1)
+    });
+    if cell.len() < corner_count {
+        return Err(format!("{} nodes", cell.len()));
+    }
+    missing(cell)
+}
