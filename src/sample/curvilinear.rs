@@ -19,13 +19,16 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::blanking::Blanking;
+use super::kernels::{Kernel, Kernels};
+use super::left_out::LeftOut;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, index_u32, keep,
-    lower_factor, narrowed, nothing_left, take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, keep, lower_factor,
+    nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
-use crate::scene::{Particles, Values};
+use crate::scene::Particles;
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -38,7 +41,7 @@ const SEAM_TOLERANCE: f64 = 1e-4;
 /// cells of boundary layers are thin, not sheared to nothing: they stay above 1e-3.
 const DEGENERATE_VOLUME: f64 = 1e-9;
 
-/// A grid of nodes, i fastest.
+/// One block.
 struct Grid<'a> {
     dims: [usize; 3],
     nodes: &'a [DVec3],
@@ -46,6 +49,10 @@ struct Grid<'a> {
     periodic: [bool; 3],
     /// Sign of the determinant of most of the grid.
     handedness: f64,
+    blanking: &'a Blanking,
+    /// Where the grid's nodes and cells begin among those of all blocks.
+    first_node: usize,
+    first_cell: usize,
 }
 
 /// A kernel before narrowing.
@@ -56,40 +63,9 @@ struct Part {
     jacobian: DMat3,
 }
 
-/// Why a sample gives no particle.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum LeftOut {
-    NonFinitePosition,
-    NonFiniteValue,
-    Blanked,
-    Degenerate,
-    Seam,
-    BeyondSinglePrecision,
-}
-
-const REASONS: [(LeftOut, &str); 6] = [
-    (LeftOut::NonFinitePosition, "position not finite"),
-    (LeftOut::NonFiniteValue, "value not finite"),
-    (LeftOut::Blanked, "blanked (iblank 0)"),
-    (LeftOut::Degenerate, "no volume"),
-    (
-        LeftOut::Seam,
-        "on a periodic seam, the same as the first plane",
-    ),
-    (
-        LeftOut::BeyondSinglePrecision,
-        "shape or volume beyond single precision; rescale the grid",
-    ),
-];
-
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, options.field.as_deref())?;
-    let blank = dataset
-        .fields
-        .iter()
-        .find(|f| f.name.eq_ignore_ascii_case("iblank"))
-        .map(|f| Ok::<_, Error>((f.association, dataset.field_scalar(f)?)))
-        .transpose()?;
     let Geometry::Curvilinear { blocks } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
@@ -107,65 +83,55 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         sample_count,
         ..SampleReport::default()
     };
-    let mut grids = Vec::with_capacity(blocks.len());
+    let mut samples = Vec::with_capacity(blocks.len());
     let mut counts = CellCounts::default();
+    let (mut first_node, mut first_cell, mut first_sample) = (0, 0, 0);
     for block in blocks {
-        grids.push(Grid::new(block, &mut counts));
-    }
-    counts.report(&mut report);
-    let mut kernels = Vec::with_capacity(sample_count);
-    // Where the block's nodes and cells begin in the fields.
-    let mut first_node = 0;
-    let mut first_cell = 0;
-    for (grid, block) in grids.iter().zip(blocks) {
-        let samples = BlockSamples {
-            grid,
-            association: taken.association,
-            values: &taken.values,
-            blank: blank.as_ref(),
+        let mut grid = Grid {
+            dims: block.dims,
+            nodes: &block.nodes,
+            periodic: [false; 3],
+            handedness: 1.0,
+            blanking: &blanking,
             first_node,
             first_cell,
-            kernel_width: options.kernel_width,
         };
-        kernels.par_extend(
-            (0..samples_of(block))
-                .into_par_iter()
-                .map(|i| samples.kernel(i)),
-        );
+        grid.look_around(&mut counts);
+        samples.push((first_sample, grid));
         first_node += block.nodes.len();
         first_cell += block.dims_of(Association::Cells).iter().product::<usize>();
+        first_sample += samples_of(block);
     }
+    counts.report(&mut report);
 
     let noun = match taken.association {
         Association::Nodes => "nodes",
         Association::Cells => "cells",
     };
-    for (reason, text) in REASONS {
-        let count = kernels.iter().filter(|k| k.err() == Some(reason)).count();
-        report.leave_out(count, noun, text);
-    }
-    let count = kernels.iter().filter(|k| k.is_ok()).count();
-    let mut kept = Vec::with_capacity(count);
-    let mut positions = Vec::with_capacity(count);
-    let mut factors = Vec::with_capacity(count);
-    let mut volumes = Vec::with_capacity(count);
-    for (index, kernel) in kernels.into_iter().enumerate() {
-        if let Ok((position, factor, volume)) = kernel {
-            kept.push(index_u32(index));
-            positions.push(position);
-            factors.push(factor);
-            volumes.push(volume);
+    let kernels = Kernels::collect(sample_count, &mut report, noun, |i| {
+        let block = samples.partition_point(|(first, _)| *first <= i) - 1;
+        let (first, grid) = &samples[block];
+        let part = match taken.association {
+            Association::Nodes => grid.node_part(i - first),
+            Association::Cells => grid.cell_part(i - first),
+        }?;
+        if !taken.values.get(i).is_finite() {
+            return Err(LeftOut::Value);
         }
-    }
-    if kept.is_empty() {
+        let factor = lower_factor(part.jacobian * options.kernel_width);
+        Kernel::new(part.centroid, factor, part.volume)
+    });
+    if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    let total: f64 = volumes.iter().copied().map(f64::from).sum();
-    let mean_spacing = (total / count as f64).cbrt();
+    let mean_spacing = kernels.mean_spacing();
     classified(
-        Particles::Anisotropic { positions, factors },
-        volumes,
-        keep(taken.values, &kept),
+        Particles::Anisotropic {
+            positions: kernels.positions,
+            factors: kernels.factors,
+        },
+        kernels.volumes,
+        keep(taken.values, &kernels.kept),
         report,
         mean_spacing,
         options,
@@ -195,87 +161,6 @@ fn check_block(dataset: &Dataset, block: &CurvilinearBlock) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// The samples of one block.
-struct BlockSamples<'a> {
-    grid: &'a Grid<'a>,
-    association: Association,
-    /// Of all blocks, as is `blank`.
-    values: &'a Values,
-    blank: Option<&'a (Association, Values)>,
-    first_node: usize,
-    first_cell: usize,
-    kernel_width: f64,
-}
-
-impl BlockSamples<'_> {
-    /// Position, factor and volume of one sample of the block.
-    fn kernel(&self, index: usize) -> Result<(DVec3, [f32; 6], f32), LeftOut> {
-        let grid = self.grid;
-        let of_nodes = self.association == Association::Nodes;
-        let [ni, nj, _] = if of_nodes {
-            grid.dims
-        } else {
-            grid.dims.map(|n| n - 1)
-        };
-        let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
-        if self.is_blanked(ijk) {
-            return Err(LeftOut::Blanked);
-        }
-        let part = if of_nodes {
-            if (0..3).any(|d| grid.periodic[d] && ijk[d] + 1 == grid.dims[d]) {
-                return Err(LeftOut::Seam);
-            }
-            if !grid.nodes[index].is_finite() {
-                return Err(LeftOut::NonFinitePosition);
-            }
-            grid.node_part(ijk)
-        } else {
-            if corners(ijk).any(|c| !grid.nodes[grid.node_index(c)].is_finite()) {
-                return Err(LeftOut::NonFinitePosition);
-            }
-            grid.cell_part(ijk)
-        };
-        let first = if of_nodes {
-            self.first_node
-        } else {
-            self.first_cell
-        };
-        if !self.values.get(first + index).is_finite() {
-            return Err(LeftOut::NonFiniteValue);
-        }
-        let part = part.ok_or(LeftOut::Degenerate)?;
-        let factor = lower_factor(part.jacobian * self.kernel_width).map(narrowed);
-        let volume = narrowed(part.volume);
-        let sound = factor.iter().all(|l| l.is_finite())
-            && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
-            && volume.is_finite()
-            && volume >= f32::MIN_POSITIVE;
-        if sound {
-            Ok((part.centroid, factor, volume))
-        } else {
-            Err(LeftOut::BeyondSinglePrecision)
-        }
-    }
-
-    fn is_blanked(&self, ijk: [usize; 3]) -> bool {
-        let node = |ijk| self.first_node + self.grid.node_index(ijk);
-        let cell = |ijk| self.first_cell + self.grid.cell_index(ijk);
-        match (self.blank, self.association) {
-            (None, _) | (Some((Association::Cells, _)), Association::Nodes) => false,
-            (Some((Association::Nodes, b)), Association::Nodes) => is_blank(b, node(ijk)),
-            (Some((Association::Nodes, b)), Association::Cells) => {
-                corners(ijk).any(|corner| is_blank(b, node(corner)))
-            }
-            (Some((Association::Cells, b)), Association::Cells) => is_blank(b, cell(ijk)),
-        }
-    }
-}
-
-fn is_blank(iblank: &Values, index: usize) -> bool {
-    // PLOT3D: 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
-    index < iblank.len() && iblank.get(index).abs() < 0.5
 }
 
 /// The eight corners of a cell, i fastest.
@@ -328,16 +213,12 @@ impl CellCounts {
     }
 }
 
-impl<'a> Grid<'a> {
-    fn new(block: &'a CurvilinearBlock, counts: &mut CellCounts) -> Self {
-        let dims = block.dims;
-        let mut grid = Self {
-            dims,
-            nodes: &block.nodes,
-            periodic: [false; 3],
-            handedness: 1.0,
-        };
-        grid.periodic = [0, 1, 2].map(|d| grid.is_seam(d));
+impl Grid<'_> {
+    /// Finds seams and handedness, and counts cells with something about them.
+    fn look_around(&mut self, counts: &mut CellCounts) {
+        self.periodic = [0, 1, 2].map(|d| self.is_seam(d));
+        let grid = &*self;
+        let dims = grid.dims;
         let cell_count = dims.iter().map(|n| n - 1).product::<usize>();
         let [ci, cj, _] = dims.map(|n| n - 1);
         let volumes: Vec<f64> = (0..cell_count)
@@ -353,11 +234,10 @@ impl<'a> Grid<'a> {
             .count();
         // Cells without volume have volume 0 here.
         let sum: f64 = volumes.iter().filter(|v| v.is_finite()).sum();
-        grid.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
+        self.handedness = if sum < 0.0 { -1.0 } else { 1.0 };
         let count = |f: &dyn Fn(f64) -> bool| volumes.iter().filter(|&&v| f(v)).count();
         counts.empty += count(&|v| v.abs() <= 0.0);
-        counts.inverted += count(&|v| v * grid.handedness < 0.0);
-        grid
+        counts.inverted += count(&|v| v * self.handedness < 0.0);
     }
 
     fn node_index(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -419,9 +299,20 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// The part of the grid that belongs to a node: `None` if it has no volume.
-    fn node_part(&self, ijk: [usize; 3]) -> Option<Part> {
-        let origin = self.nodes[self.node_index(ijk)];
+    /// The part of the grid that belongs to a node.
+    fn node_part(&self, index: usize) -> Result<Part, LeftOut> {
+        let [ni, nj, _] = self.dims;
+        let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
+        if self.blanking.node(self.first_node + index) {
+            return Err(LeftOut::Blanked);
+        }
+        if (0..3).any(|d| self.periodic[d] && ijk[d] + 1 == self.dims[d]) {
+            return Err(LeftOut::Seam);
+        }
+        let origin = self.nodes[index];
+        if !origin.is_finite() {
+            return Err(LeftOut::Position);
+        }
         let mut volume = 0.0;
         let mut moment = DVec3::ZERO;
         let mut jacobian = DMat3::ZERO;
@@ -440,6 +331,9 @@ impl<'a> Grid<'a> {
                 };
                 s[d] = if above { GAUSS[0] } else { GAUSS[1] };
             }
+            if self.blanking.cell(self.first_cell + self.cell_index(cell)) {
+                continue;
+            }
             // Relative to the node, so that a far origin costs no digits. Across a seam the
             // cell's own end is the node, within the seam's tolerance.
             let corners = self.cell_corners(cell).map(|c| c - origin);
@@ -456,19 +350,36 @@ impl<'a> Grid<'a> {
             centroid: origin + moment / volume,
             jacobian: jacobian * (1.0 / volume),
         };
-        (volume > 0.0 && volume.is_finite()).then_some(part)
+        if volume > 0.0 && volume.is_finite() {
+            Ok(part)
+        } else {
+            Err(LeftOut::Degenerate)
+        }
     }
 
-    /// A whole cell: its centre, the Jacobian there and its volume; `None` if degenerate.
-    fn cell_part(&self, cell: [usize; 3]) -> Option<Part> {
-        let volume = self.signed_volume(cell) * self.handedness;
-        let (centroid, jacobian) = trilinear(&self.cell_corners(cell), [0.5; 3]);
-        let part = Part {
-            volume,
-            centroid,
-            jacobian,
-        };
-        (volume > 0.0 && volume.is_finite()).then_some(part)
+    /// A whole cell: its centre, the Jacobian there and its volume.
+    fn cell_part(&self, index: usize) -> Result<Part, LeftOut> {
+        let [ci, cj, _] = self.dims.map(|n| n - 1);
+        let ijk = [index % ci, index / ci % cj, index / (ci * cj)];
+        let is_blank = |ijk| self.blanking.node(self.first_node + self.node_index(ijk));
+        if self.blanking.cell(self.first_cell + index) || corners(ijk).any(is_blank) {
+            return Err(LeftOut::Blanked);
+        }
+        let corners = self.cell_corners(ijk);
+        if !corners.iter().all(|c| c.is_finite()) {
+            return Err(LeftOut::Position);
+        }
+        let volume = self.signed_volume(ijk) * self.handedness;
+        let (centroid, jacobian) = trilinear(&corners, [0.5; 3]);
+        if volume > 0.0 && volume.is_finite() {
+            Ok(Part {
+                volume,
+                centroid,
+                jacobian,
+            })
+        } else {
+            Err(LeftOut::Degenerate)
+        }
     }
 }
 

@@ -1,9 +1,13 @@
 //! From a data set and a field to a point volume: kernels whose shapes follow the local
 //! spacing, and cell volumes that add up to the volume of the grid.
 
+mod blanking;
+mod cells;
 mod curvilinear;
 mod factor;
+mod kernels;
 mod lattice;
+mod left_out;
 mod neighbours;
 mod points;
 mod report;
@@ -106,11 +110,12 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
         Geometry::Points { .. } => points::volume(dataset, options),
-        Geometry::Cells(_) | Geometry::Splats(_) => Err(Error::format(
+        Geometry::Cells(_) => cells::volume(dataset, options),
+        Geometry::Splats(_) => Err(Error::format(
             &dataset.path,
             "geometry",
             "a grid or particles",
-            "cells or splats",
+            "splats",
             "these are not sampled yet",
         )),
     }
@@ -151,11 +156,18 @@ fn take_scalar(dataset: &mut Dataset, selector: Option<&str>) -> Result<TakenSca
     })
 }
 
-/// Names of fields that describe the grid and are nothing to show.
-const GRID_FIELDS: [&str; 1] = ["iblank"];
+/// Whether a field describes the grid or numbers its parts, and is nothing to show.
+fn describes_the_grid(name: &str) -> bool {
+    let lower = name.to_ascii_lowercase();
+    let is_number = matches!(lower.as_str(), "id" | "ids" | "index" | "indices")
+        || ["Id", "Ids", "_id", "_ids"]
+            .iter()
+            .any(|end| name.ends_with(end));
+    lower == "iblank" || lower.starts_with("vtkghost") || is_number
+}
 
 fn default_field(dataset: &Dataset) -> Result<String> {
-    let shown = |f: &&Field| !GRID_FIELDS.iter().any(|g| f.name.eq_ignore_ascii_case(g));
+    let shown = |f: &&Field| !describes_the_grid(&f.name);
     let varies = |f: &&Field| match &f.source {
         FieldSource::Scalar(values) => values.finite_range().is_some_and(|[lo, hi]| lo < hi),
         _ => false,

@@ -1,0 +1,71 @@
+//! Nodes and cells that a file declares not to be part of its data.
+
+use crate::error::Result;
+use crate::io::{Association, Dataset};
+use crate::scene::Values;
+
+/// Bits of VTK's `vtkGhostType` that take a cell out: a copy of another piece's, replaced by a
+/// finer one, hidden.
+const GHOST_CELL: u8 = 1 | 8 | 32;
+/// The bit that hides a node. Copies of another piece's nodes stay: they carry their own cells.
+const HIDDEN_NODE: u8 = 2;
+
+/// Which nodes and cells are blanked: by PLOT3D's `iblank`, by VTK's ghost arrays.
+#[derive(Debug, Default)]
+pub(super) struct Blanking {
+    nodes: Option<Vec<bool>>,
+    cells: Option<Vec<bool>>,
+}
+
+impl Blanking {
+    pub(super) fn of(dataset: &Dataset) -> Result<Self> {
+        let mut blanking = Self::default();
+        for field in &dataset.fields {
+            let of_nodes = field.association == Association::Nodes;
+            let is = |name: &str| field.name.eq_ignore_ascii_case(name);
+            let bits = if of_nodes { HIDDEN_NODE } else { GHOST_CELL };
+            let is_blank: &dyn Fn(f32) -> bool = if is("iblank") {
+                // 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
+                &|v| v.abs() < 0.5
+            } else if is("vtkGhostType") {
+                &|v| ghost_bits(v) & bits != 0
+            } else if is("vtkGhostLevels") && !of_nodes {
+                &|v| v > 0.5
+            } else {
+                continue;
+            };
+            let values: Values = dataset.field_scalar(field)?;
+            let mask = if of_nodes {
+                &mut blanking.nodes
+            } else {
+                &mut blanking.cells
+            };
+            let mask = mask.get_or_insert_with(|| vec![false; values.len()]);
+            for (i, blank) in mask.iter_mut().enumerate().take(values.len()) {
+                *blank |= is_blank(values.get(i));
+            }
+        }
+        Ok(blanking)
+    }
+
+    pub(super) fn node(&self, i: usize) -> bool {
+        self.nodes
+            .as_ref()
+            .is_some_and(|mask| mask.get(i) == Some(&true))
+    }
+
+    pub(super) fn cell(&self, i: usize) -> bool {
+        self.cells
+            .as_ref()
+            .is_some_and(|mask| mask.get(i) == Some(&true))
+    }
+}
+
+/// The bits of a ghost array's number, an unsigned byte.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "ghost arrays are bytes; anything else saturates"
+)]
+fn ghost_bits(value: f32) -> u8 {
+    value as u8
+}

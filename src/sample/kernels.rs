@@ -1,0 +1,108 @@
+//! Arrays of anisotropic kernels, filled in parallel.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::left_out::LeftOut;
+use super::{SampleReport, index_u32, narrowed};
+
+/// One kernel, as the scene stores it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Kernel {
+    pub(super) position: DVec3,
+    /// Lower-triangular factor.
+    pub(super) factor: [f32; 6],
+    pub(super) volume: f32,
+}
+
+impl Kernel {
+    /// Narrows a factor and a volume to single precision, if it can hold them.
+    pub(super) fn new(position: DVec3, factor: [f64; 6], volume: f64) -> Result<Self, LeftOut> {
+        let kernel = Self {
+            position,
+            factor: factor.map(narrowed),
+            volume: narrowed(volume),
+        };
+        let sound = kernel.factor.iter().all(|l| l.is_finite())
+            && kernel.factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
+            && kernel.volume.is_finite()
+            && kernel.volume >= f32::MIN_POSITIVE;
+        if sound {
+            Ok(kernel)
+        } else {
+            Err(LeftOut::BeyondSinglePrecision)
+        }
+    }
+}
+
+/// The kernels of those samples that have one.
+#[derive(Debug, Default)]
+pub(super) struct Kernels {
+    pub(super) positions: Vec<DVec3>,
+    pub(super) factors: Vec<[f32; 6]>,
+    pub(super) volumes: Vec<f32>,
+    /// Which sample each of them is.
+    pub(super) kept: Vec<u32>,
+}
+
+impl Kernels {
+    /// Asks `kernel_of` for the kernels of samples 0 to `count`, and reports those without.
+    ///
+    /// Written in place and closed up afterwards: a second copy of a great grid's kernels may be
+    /// more than there is memory.
+    pub(super) fn collect(
+        count: usize,
+        report: &mut SampleReport,
+        noun: &'static str,
+        kernel_of: impl Fn(usize) -> Result<Kernel, LeftOut> + Sync,
+    ) -> Self {
+        let mut all = Self {
+            positions: vec![DVec3::ZERO; count],
+            factors: vec![[0.0; 6]; count],
+            volumes: vec![0.0; count],
+            kept: Vec::new(),
+        };
+        let mut faults: Vec<Option<LeftOut>> = vec![None; count];
+        (
+            &mut all.positions,
+            &mut all.factors,
+            &mut all.volumes,
+            &mut faults,
+        )
+            .into_par_iter()
+            .enumerate()
+            .for_each(
+                |(i, (position, factor, volume, fault))| match kernel_of(i) {
+                    Ok(kernel) => {
+                        (*position, *factor, *volume) =
+                            (kernel.position, kernel.factor, kernel.volume);
+                    }
+                    Err(reason) => *fault = Some(reason),
+                },
+            );
+        LeftOut::report(report, noun, faults.iter().copied().flatten());
+        let is_kept = |i: &usize| faults[*i].is_none();
+        all.kept = (0..count).filter(is_kept).map(index_u32).collect();
+        if all.kept.len() < count {
+            close_up(&mut all.positions, &all.kept);
+            close_up(&mut all.factors, &all.kept);
+            close_up(&mut all.volumes, &all.kept);
+        }
+        all
+    }
+
+    /// The cube root of their mean volume.
+    pub(super) fn mean_spacing(&self) -> f64 {
+        let total: f64 = self.volumes.iter().copied().map(f64::from).sum();
+        (total / self.volumes.len() as f64).cbrt()
+    }
+}
+
+/// Moves the `kept` entries, in rising order, to the front and drops the rest.
+fn close_up<T: Copy>(entries: &mut Vec<T>, kept: &[u32]) {
+    for (to, &from) in kept.iter().enumerate() {
+        entries[to] = entries[from as usize];
+    }
+    entries.truncate(kept.len());
+    entries.shrink_to_fit();
+}

@@ -1,0 +1,69 @@
+//! Why a sample gives no particle.
+
+use super::SampleReport;
+
+/// Why a sample gives no particle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LeftOut {
+    Position,
+    Value,
+    Blanked,
+    Degenerate,
+    LowerDimension,
+    Unused,
+    Seam,
+    Size,
+    Indefinite,
+    Strength,
+    Colour,
+    BeyondSinglePrecision,
+}
+
+impl LeftOut {
+    const ALL: [Self; 12] = [
+        Self::Position,
+        Self::Value,
+        Self::Blanked,
+        Self::Degenerate,
+        Self::LowerDimension,
+        Self::Unused,
+        Self::Seam,
+        Self::Size,
+        Self::Indefinite,
+        Self::Strength,
+        Self::Colour,
+        Self::BeyondSinglePrecision,
+    ];
+
+    fn reason(self) -> &'static str {
+        match self {
+            Self::Position => "position not finite",
+            Self::Value => "value not finite",
+            Self::Blanked => "blanked (iblank 0, or hidden by vtkGhostType)",
+            Self::Degenerate => "no volume, or inverted",
+            Self::LowerDimension => "points, lines and surfaces have no volume",
+            Self::Unused => "corner of no cell with a volume",
+            Self::Seam => "on a periodic seam, the same as the first plane",
+            Self::Size => "size zero, negative or not finite",
+            Self::Indefinite => "variance indefinite or not finite",
+            Self::Strength => "strength or volume negative or not finite",
+            Self::Colour => "colour not finite",
+            Self::BeyondSinglePrecision => "shape, volume or mass beyond single precision; rescale",
+        }
+    }
+
+    /// Counts `faults` by reason into the report.
+    pub(super) fn report(
+        report: &mut SampleReport,
+        noun: &'static str,
+        faults: impl Iterator<Item = Self>,
+    ) {
+        let mut counts = [0; Self::ALL.len()];
+        for fault in faults {
+            counts[fault as usize] += 1;
+        }
+        for (fault, count) in Self::ALL.into_iter().zip(counts) {
+            report.leave_out(count, noun, fault.reason());
+        }
+    }
+}
