@@ -60,17 +60,29 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
 /// By its eigenvectors, not by Cholesky's recurrence: near a singular variance that divides the
 /// rounding of the elements by a small pivot and finds sound f32 data indefinite. Eigenvalues
 /// that rounding of the elements may have made negative (1e-6 of the trace) count as zero.
-pub(super) fn factor_of_variance([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Option<[f64; 6]> {
+pub(super) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
     const ROUNDING: f64 = 1e-6;
+    let [xx, _, _, yy, _, zz] = variance;
     let trace = xx + yy + zz;
-    if !(trace > 0.0 && [xx, xy, xz, yy, yz, zz].iter().all(|v| v.is_finite())) {
+    if !(trace > 0.0 && variance.iter().all(|v| v.is_finite())) {
         return None;
     }
+    let (eigenvalues, axes) = eigen(variance.map(|v| v / trace));
+    if eigenvalues.min_element() < -ROUNDING {
+        return None;
+    }
+    let sigmas = (eigenvalues.max(DVec3::ZERO) * trace).map(f64::sqrt);
+    Some(lower_factor(axes * DMat3::from_diagonal(sigmas)))
+}
+
+/// Eigenvalues of a symmetric matrix xx, xy, xz, yy, yz, zz, in no order, and the axes that belong
+/// to them, as columns.
+pub(super) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
     let mut v = DMat3::from_cols(
         DVec3::new(xx, xy, xz),
         DVec3::new(xy, yy, yz),
         DVec3::new(xz, yz, zz),
-    ) * (1.0 / trace);
+    );
     // Cyclic Jacobi (Golub and Van Loan, Matrix Computations, 8.5); quadratic, so that eight
     // sweeps leave rounding only.
     let mut axes = DMat3::IDENTITY;
@@ -93,12 +105,15 @@ pub(super) fn factor_of_variance([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Option<[
             axes *= rotation;
         }
     }
-    let eigenvalues = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);
-    if eigenvalues.min_element() < -ROUNDING {
-        return None;
-    }
-    let sigmas = (eigenvalues.max(DVec3::ZERO) * trace).map(f64::sqrt);
-    Some(lower_factor(axes * DMat3::from_diagonal(sigmas)))
+    (DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z), axes)
+}
+
+/// axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
+pub(super) fn from_eigen(eigenvalues: DVec3, axes: DMat3) -> [f64; 6] {
+    let v = axes * DMat3::from_diagonal(eigenvalues) * axes.transpose();
+    [
+        v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
+    ]
 }
 
 /// The standard deviations along the principal axes of L Lᵀ, greatest first.

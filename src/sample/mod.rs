@@ -11,11 +11,14 @@ mod left_out;
 mod neighbours;
 mod points;
 mod report;
+mod shepard;
+mod sph;
+mod yu_turk;
 
 use std::path::PathBuf;
 
 use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, Field, FieldSource, Geometry};
+use crate::io::{Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel};
 use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
@@ -41,6 +44,33 @@ pub struct SampleOptions {
     /// The length \[world units\] over which opacities are stated. `None` takes the transfer
     /// function file's own, and where there is none, the mean spacing of the samples.
     pub unit_distance: Option<f64>,
+    /// What the lengths of particles mean, where the data's own convention does not hold.
+    pub length: Option<LengthMeaning>,
+    /// The smoothing kernel that lengths belong to, where the data's own does not hold; the cubic
+    /// spline where they name none.
+    pub kernel: Option<SphKernel>,
+    /// One length \[world units\] for all particles instead of what the data say; a standard
+    /// deviation unless `length` says otherwise.
+    pub radius: Option<f64>,
+    /// The shape of particles that state none.
+    pub shape: ParticleShape,
+    /// How many times cell volumes are corrected to reproduce a uniform field at the particles.
+    /// That evens out irregular samples; it shifts mass between neighbours.
+    pub shepard_passes: u32,
+}
+
+/// The shape of kernels whose particles state a length at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ParticleShape {
+    /// Spheres; ellipsoids where particles without lengths are truly stretched or layered.
+    #[default]
+    Automatic,
+    /// Spheres.
+    Isotropic,
+    /// Ellipsoids after the covariance of the nearest neighbours; for particles without lengths.
+    Covariance,
+    /// Ellipsoids after Yu and Turk (2013); for particles with lengths.
+    YuTurk,
 }
 
 impl Default for SampleOptions {
@@ -50,6 +80,11 @@ impl Default for SampleOptions {
             kernel_width: DEFAULT_KERNEL_WIDTH,
             transfer: TransferChoice::Automatic,
             unit_distance: None,
+            length: None,
+            kernel: None,
+            radius: None,
+            shape: ParticleShape::Automatic,
+            shepard_passes: 0,
         }
     }
 }
@@ -106,11 +141,11 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
             format!("{DEFAULT_KERNEL_WIDTH} is the default"),
         ));
     }
-    match &dataset.geometry {
+    let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
-        Geometry::Points { .. } => points::volume(dataset, options),
         Geometry::Cells(_) => cells::volume(dataset, options),
+        Geometry::Points { .. } => points::volume(dataset, options),
         Geometry::Splats(_) => Err(Error::format(
             &dataset.path,
             "geometry",
@@ -118,7 +153,11 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
             "splats",
             "these are not sampled yet",
         )),
+    }?;
+    if options.shepard_passes > 0 {
+        shepard::even_out(&mut sampled.volume, options.shepard_passes);
     }
+    Ok(sampled)
 }
 
 /// The field to show and its values, taken out of the data set.

@@ -1,4 +1,4 @@
-//! The spacing of scattered points, from their nearest neighbours.
+//! Neighbours of scattered points: spacings, shapes, and sums of kernels.
 
 use std::num::NonZero;
 
@@ -6,68 +6,282 @@ use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// Neighbours that a spacing is taken from: enough to average, few enough to stay local.
-const NEIGHBOUR_COUNT: usize = 14;
+use super::index_u32;
 
-/// For each point the share of a ball that is its own: the ball reaches to the
-/// [`NEIGHBOUR_COUNT`]-th neighbour, and its volume is shared among the neighbours within.
+/// Neighbours that a spacing is taken from: enough to average, few enough to stay local.
+pub(super) const NEIGHBOUR_COUNT: usize = 14;
+
+/// Kernels end here in [`PointIndex::kernel_sums`], standard deviations; .1 % of a kernel lies
+/// beyond.
+const SUM_CUTOFF: f64 = 4.0;
+
+/// Kernels whose terms are held at a time by [`PointIndex::kernel_sums`].
+const SUM_BATCH: usize = 1 << 15;
+
+/// A k-d tree of the finite points of a set.
 ///
-/// Points at one position share what one would have had; they are put in the tree once, so
-/// that no node of it holds more equal points than it can split. Points that are not finite
-/// get NaN. `None` with fewer than two distinct positions.
-pub(super) fn neighbour_volumes(positions: &[DVec3]) -> Option<Vec<f64>> {
-    let mut order: Vec<usize> = (0..positions.len())
-        .filter(|&i| positions[i].is_finite())
-        .collect();
-    // + 0.0 makes -0 and 0 one position.
-    let key = |i: usize| (positions[i] + DVec3::ZERO).to_array();
-    order.par_sort_unstable_by(|&a, &b| {
-        let (a, b) = (key(a), key(b));
-        a[0].total_cmp(&b[0])
-            .then(a[1].total_cmp(&b[1]))
-            .then(a[2].total_cmp(&b[2]))
-    });
-    let groups: Vec<&[usize]> = order
-        .chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits))
-        .collect();
-    if groups.len() < 2 {
-        return None;
-    }
-    // Relative to a point: squared distances stay exact far from the origin.
-    let origin = positions[groups[0][0]];
-    let points: Vec<[f64; 3]> = groups
-        .iter()
-        .map(|g| (positions[g[0]] - origin).to_array())
-        .collect();
-    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&points).ok()?;
-    let wanted = NonZero::new(NEIGHBOUR_COUNT + 1)?;
-    let volumes: Vec<f64> = points
-        .par_iter()
-        .map(|point| {
-            let nearest = tree
-                .query(point)
-                .nearest_n::<SquaredEuclidean<f64>>(wanted)
-                .execute();
-            let mut within = 0;
-            let mut squared_radius = 0.0;
-            for found in nearest {
-                squared_radius = found.distance;
-                within += usize::try_from(found.item).map_or(1, |i| groups[i].len());
-                if squared_radius > 0.0 && within > NEIGHBOUR_COUNT {
-                    break;
-                }
-            }
-            let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
-            ball / (within - 1).max(1) as f64
+/// Points at one position are put in the tree once, so that no node of it holds more equal points
+/// than it can split.
+pub(super) struct PointIndex<'a> {
+    positions: &'a [DVec3],
+    /// Indices of the finite points, those at one position beside one another.
+    order: Vec<u32>,
+    /// Where the points of each distinct position begin in `order`; one more at the end.
+    starts: Vec<u32>,
+    /// Positions in the tree are relative to it: squared distances stay exact far from the
+    /// world's origin.
+    origin: DVec3,
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+/// Points at the distinct positions nearest to one.
+struct Nearest {
+    /// Squared distance of the last that was needed.
+    squared_radius: f64,
+    /// Points within, itself included.
+    within: usize,
+    /// Distinct positions within, itself included, nearest first.
+    groups: Vec<usize>,
+}
+
+impl<'a> PointIndex<'a> {
+    /// `None` with fewer than two distinct positions.
+    pub(super) fn new(positions: &'a [DVec3]) -> Option<Self> {
+        let mut order: Vec<u32> = (0..positions.len())
+            .filter(|&i| positions[i].is_finite())
+            .map(index_u32)
+            .collect();
+        // + 0.0 makes -0 and 0 one position.
+        let key = |i: u32| (positions[i as usize] + DVec3::ZERO).to_array();
+        order.par_sort_unstable_by(|&i, &j| {
+            let (a, b) = (key(i), key(j));
+            a[0].total_cmp(&b[0])
+                .then(a[1].total_cmp(&b[1]))
+                .then(a[2].total_cmp(&b[2]))
+                .then(i.cmp(&j))
+        });
+        let mut starts = Vec::with_capacity(order.len() + 1);
+        let mut points = Vec::with_capacity(order.len());
+        let origin = positions[*order.first()? as usize];
+        let groups = order.chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits));
+        let mut start = 0;
+        for group in groups {
+            starts.push(start);
+            start += index_u32(group.len());
+            points.push((positions[group[0] as usize] - origin).to_array());
+        }
+        starts.push(start);
+        if points.len() < 2 {
+            return None;
+        }
+        let tree = ImmutableKdTree::new_from_slice(&points).ok()?;
+        Some(Self {
+            positions,
+            order,
+            starts,
+            origin,
+            tree,
         })
-        .collect();
-    let mut by_point = vec![f64::NAN; positions.len()];
-    for (group, volume) in groups.iter().zip(volumes) {
-        for &i in *group {
-            by_point[i] = volume;
+    }
+
+    fn group_count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The points at one position.
+    fn group(&self, g: usize) -> &[u32] {
+        &self.order[self.starts[g] as usize..self.starts[g + 1] as usize]
+    }
+
+    /// Relative to the origin.
+    fn group_point(&self, g: usize) -> DVec3 {
+        self.positions[self.group(g)[0] as usize] - self.origin
+    }
+
+    fn nearest(&self, g: usize) -> Nearest {
+        let wanted = NonZero::new(NEIGHBOUR_COUNT + 1).unwrap_or(NonZero::<usize>::MIN);
+        let found = self
+            .tree
+            .query(&self.group_point(g).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(wanted)
+            .execute();
+        let mut nearest = Nearest {
+            squared_radius: 0.0,
+            within: 0,
+            groups: Vec::with_capacity(NEIGHBOUR_COUNT + 1),
+        };
+        for found in found {
+            let Ok(other) = usize::try_from(found.item) else {
+                continue;
+            };
+            nearest.squared_radius = found.distance;
+            nearest.within += self.group(other).len();
+            nearest.groups.push(other);
+            if nearest.squared_radius > 0.0 && nearest.within > NEIGHBOUR_COUNT {
+                break;
+            }
+        }
+        nearest
+    }
+
+    /// One number per group, spread to its points; NaN for points that are not finite.
+    fn spread<T: Copy + Send>(&self, of_groups: &[T], missing: T) -> Vec<T> {
+        let mut of_points = vec![missing; self.positions.len()];
+        for (g, value) in of_groups.iter().enumerate() {
+            for &i in self.group(g) {
+                of_points[i as usize] = *value;
+            }
+        }
+        of_points
+    }
+
+    /// For each point the share of a ball that is its own: the ball reaches to the
+    /// [`NEIGHBOUR_COUNT`]-th neighbour, and its volume is shared among the neighbours within.
+    ///
+    /// Points at one position share what one would have had. Points that are not finite get NaN.
+    pub(super) fn volumes(&self) -> Vec<f64> {
+        let volumes: Vec<f64> = (0..self.group_count())
+            .into_par_iter()
+            .map(|g| {
+                let nearest = self.nearest(g);
+                let ball =
+                    4.0 / 3.0 * std::f64::consts::PI * f64::powf(nearest.squared_radius, 1.5);
+                ball / (nearest.within - 1).max(1) as f64
+            })
+            .collect();
+        self.spread(&volumes, f64::NAN)
+    }
+
+    /// Covariance of a group's nearest positions about their mean: xx, xy, xz, yy, yz, zz.
+    fn covariance(&self, g: usize) -> [f64; 6] {
+        let nearest = self.nearest(g);
+        let at = self.group_point(g);
+        let offsets = || nearest.groups.iter().map(|&o| self.group_point(o) - at);
+        let count = nearest.groups.len() as f64;
+        let mean = offsets().sum::<DVec3>() / count;
+        let mut sum = [0.0; 6];
+        for d in offsets().map(|d| d - mean) {
+            let terms = [
+                d.x * d.x,
+                d.x * d.y,
+                d.x * d.z,
+                d.y * d.y,
+                d.y * d.z,
+                d.z * d.z,
+            ];
+            for (sum, term) in sum.iter_mut().zip(terms) {
+                *sum += term / count;
+            }
+        }
+        sum
+    }
+
+    /// The mean of the covariances of a group and of its nearest: less noisy by far than its own.
+    fn smoothed_covariance(&self, g: usize, covariance: impl Fn(usize) -> [f64; 6]) -> [f64; 6] {
+        let nearest = self.nearest(g);
+        let mut sum = [0.0; 6];
+        for &other in &nearest.groups {
+            for (sum, term) in sum.iter_mut().zip(covariance(other)) {
+                *sum += term / nearest.groups.len() as f64;
+            }
+        }
+        sum
+    }
+
+    /// Covariances of the nearest neighbours of each point, smoothed over these neighbours.
+    pub(super) fn covariances(&self) -> Vec<[f64; 6]> {
+        let own: Vec<[f64; 6]> = (0..self.group_count())
+            .into_par_iter()
+            .map(|g| self.covariance(g))
+            .collect();
+        let smoothed: Vec<[f64; 6]> = (0..self.group_count())
+            .into_par_iter()
+            .map(|g| self.smoothed_covariance(g, |o| own[o]))
+            .collect();
+        self.spread(&smoothed, [f64::NAN; 6])
+    }
+
+    /// Smoothed covariances of at most `count` points, spread over the set.
+    pub(super) fn some_covariances(&self, count: usize) -> Vec<[f64; 6]> {
+        let step = self.group_count().div_ceil(count).max(1);
+        (0..self.group_count())
+            .into_par_iter()
+            .step_by(step)
+            .map(|g| self.smoothed_covariance(g, |o| self.covariance(o)))
+            .collect()
+    }
+
+    /// Calls `visit` with each point within `radius` of `centre` and its offset from there.
+    pub(super) fn for_each_within(
+        &self,
+        centre: DVec3,
+        radius: f64,
+        mut visit: impl FnMut(u32, DVec3),
+    ) {
+        let centre = centre - self.origin;
+        let found = self
+            .tree
+            .query(&centre.to_array())
+            .within::<SquaredEuclidean<f64>>(radius * radius)
+            .unsorted()
+            .execute();
+        for found in found {
+            let Ok(g) = usize::try_from(found.item) else {
+                continue;
+            };
+            let offset = self.group_point(g) - centre;
+            for &i in self.group(g) {
+                visit(i, offset);
+            }
         }
     }
-    Some(by_point)
+
+    /// At each point the sum over kernels j of amplitude x Gaussian. `kernel(j)` gives the
+    /// lower-triangular factor, the greatest standard deviation and the amplitude of the kernel at
+    /// point j, or `None`. 0 for points that are not finite.
+    ///
+    /// The terms are summed in the order of the points, whatever the number of threads.
+    pub(super) fn kernel_sums(
+        &self,
+        kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
+    ) -> Vec<f64> {
+        let mut sums = vec![0.0; self.positions.len()];
+        let points: Vec<usize> = self.order.iter().map(|&i| i as usize).collect();
+        for batch in points.chunks(SUM_BATCH) {
+            let terms: Vec<Vec<(u32, f64)>> = batch
+                .par_chunks(256)
+                .map(|chunk| {
+                    let mut terms = Vec::new();
+                    for &j in chunk {
+                        let Some((factor, sigma, amplitude)) = kernel(j) else {
+                            continue;
+                        };
+                        self.for_each_within(self.positions[j], SUM_CUTOFF * sigma, |i, d| {
+                            let term = amplitude * gaussian(factor, d);
+                            // A flat kernel has no density.
+                            if term.is_finite() {
+                                terms.push((i, term));
+                            }
+                        });
+                    }
+                    terms
+                })
+                .collect();
+            for (i, term) in terms.iter().flatten() {
+                sums[*i as usize] += term;
+            }
+        }
+        sums
+    }
+}
+
+/// The Gaussian of unit integral with variance L Lᵀ at offset `d`.
+fn gaussian([l00, l10, l11, l20, l21, l22]: [f64; 6], d: DVec3) -> f64 {
+    let x = d.x / l00;
+    let y = (d.y - l10 * x) / l11;
+    let z = (d.z - l20 * x - l21 * y) / l22;
+    let volume = std::f64::consts::TAU.powf(1.5) * l00 * l11 * l22;
+    (-0.5 * (x * x + y * y + z * z)).exp() / volume
 }
 
 #[cfg(test)]
@@ -79,6 +293,10 @@ mod tests {
         (0..n * n * n)
             .map(|i| DVec3::new(at(i % n), at(i / n % n), at(i / (n * n))))
             .collect()
+    }
+
+    fn neighbour_volumes(points: &[DVec3]) -> Option<Vec<f64>> {
+        PointIndex::new(points).map(|index| index.volumes())
     }
 
     #[test]
@@ -110,5 +328,39 @@ mod tests {
         assert!(neighbour_volumes(&plane).unwrap().iter().all(|v| *v > 0.0));
         let line: Vec<DVec3> = (0..5000).map(|i| DVec3::X * f64::from(i)).collect();
         assert!(neighbour_volumes(&line).unwrap().iter().all(|v| *v > 0.0));
+    }
+
+    #[test]
+    fn kernels_of_unit_cells_add_up_to_one() {
+        let points = lattice(9, 100.0);
+        let index = PointIndex::new(&points).unwrap();
+        let sigma = 0.7;
+        let sums = index.kernel_sums(|_| Some(([sigma, 0.0, sigma, 0.0, 0.0, sigma], sigma, 1.0)));
+        // Within the cut-off's .1 % and the ripple of sigma .7, .04 %.
+        let centre = sums[4 + 9 * (4 + 9 * 4)];
+        assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
+        // An eighth of the kernels at a corner, more than that of their sum.
+        assert!(sums[0] > 0.2 && sums[0] < 0.6, "{}", sums[0]);
+    }
+
+    #[test]
+    fn covariances_are_those_of_the_neighbours() {
+        // Spacing 2 along x: the 14 nearest of a point are those of its plane x = const first.
+        let points: Vec<DVec3> = lattice(11, 0.0)
+            .into_iter()
+            .map(|p| p * DVec3::new(2.0, 1.0, 1.0))
+            .collect();
+        let index = PointIndex::new(&points).unwrap();
+        let centre = index.covariances()[5 + 11 * (5 + 11 * 5)];
+        assert!(
+            (centre[3] - centre[5]).abs() < 0.3 * centre[3],
+            "{centre:?}"
+        );
+        let beside = [centre[1], centre[2], centre[4]];
+        assert!(
+            beside.iter().all(|c| c.abs() < 0.2 * centre[3]),
+            "{centre:?}"
+        );
+        assert_eq!(index.some_covariances(10).len(), 10);
     }
 }

@@ -5,22 +5,24 @@ use std::borrow::Cow;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::factor::{factor_of_variance, principal_sigmas};
-use super::neighbours::neighbour_volumes;
+use super::factor::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+use super::left_out::LeftOut;
+use super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
 use super::{
-    SampleOptions, SampleReport, Sampled, TakenScalar, check_count, check_len, index_u32, keep,
-    lower_factor, narrowed, nothing_left, take_scalar, transfer_function,
+    DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, SampleReport, Sampled, TakenScalar,
+    check_count, check_len, describes_the_grid, index_u32, keep, lower_factor, narrowed,
+    nothing_left, sph, take_scalar, transfer_function, yu_turk,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, FieldSource, Geometry};
+use crate::io::{Association, Dataset, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength, Values};
-
-/// Variance of the cubic spline kernel (support 2h) per axis, over h².
-const CUBIC_SPLINE_VARIANCE: f64 = 0.3;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
 const NUMBER_DENSITY: &str = "log10 number density";
+
+/// The name that the report gives to mass over volume where no density is stated.
+const MASS_DENSITY: &str = "density (mass over volume)";
 
 const VARIANCE: [&str; 6] = ["vxx", "vxy", "vxz", "vyy", "vyz", "vzz"];
 const SCALES: [&str; 7] = [
@@ -29,12 +31,13 @@ const SCALES: [&str; 7] = [
 const RGB: [&str; 3] = ["r", "g", "b"];
 
 /// Columns with a meaning of their own: none is the field to show by default.
-const RESERVED: [&str; 11] = [
+const RESERVED: [&str; 12] = [
     "x",
     "y",
     "z",
     "sigma",
     "h",
+    "radius",
     "mass",
     "m",
     "extinction",
@@ -46,14 +49,36 @@ const RESERVED: [&str; 11] = [
 /// Fields preferred where none is named.
 const DENSITIES: [&str; 2] = ["rho", "density"];
 
-/// The columns that give shapes.
+/// A set is truly anisotropic if the smoothed neighbourhoods of this share of its points are
+/// longer than wide by [`TRUE_RATIO`]. Poisson points and jittered lattices have almost none such.
+const TRUE_SHARE: f64 = 0.25;
+/// See [`TRUE_SHARE`]; a ratio of standard deviations.
+const TRUE_RATIO: f64 = 2.0;
+/// Points whose neighbourhoods are looked at for it.
+const TRUE_SAMPLE: usize = 4096;
+
+/// No neighbourhood is thinner than this share of its spacing.
+const LEAST_THICKNESS: f64 = 0.02;
+
+/// What gives shapes.
 enum Shape<'a> {
-    Sigma(&'a Values),
-    SmoothingLength(&'a Values),
+    /// Standard deviations of spheres.
+    Spheres(Vec<f64>),
     Variance([&'a Values; 6]),
     ScaleRotation([&'a Values; 7]),
-    /// Cell volumes from the neighbours \[length³\].
-    Neighbours(Vec<f64>),
+    /// Variances computed here.
+    Computed(Vec<[f64; 6]>),
+}
+
+/// Shapes, and volumes where these came with them.
+struct Shapes<'a> {
+    shape: Shape<'a>,
+    /// The space that each particle has to itself \[length³\]; NaN where there is none.
+    volumes: Option<Vec<f64>>,
+    /// Whether there is nothing but positions.
+    bare: bool,
+    /// The convention for the lengths, in words.
+    lengths: Option<String>,
 }
 
 /// The columns that give masses.
@@ -71,37 +96,12 @@ enum Mass<'a> {
 enum Volume<'a> {
     Column(&'a Values),
     MassOverDensity(&'a Values, &'a Values),
+    /// What the neighbours leave.
+    Computed(&'a [f64]),
     /// The volume whose kernel this is: the product of the principal standard deviations over
     /// kernel_width³.
     Kernel,
 }
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum LeftOut {
-    Position,
-    Value,
-    Size,
-    Indefinite,
-    Strength,
-    Colour,
-    BeyondSinglePrecision,
-}
-
-const REASONS: [(LeftOut, &str); 7] = [
-    (LeftOut::Position, "position not finite"),
-    (LeftOut::Value, "value not finite"),
-    (LeftOut::Size, "size zero, negative or not finite"),
-    (LeftOut::Indefinite, "variance indefinite or not finite"),
-    (
-        LeftOut::Strength,
-        "strength or volume negative or not finite",
-    ),
-    (LeftOut::Colour, "colour not finite"),
-    (
-        LeftOut::BeyondSinglePrecision,
-        "shape, volume or mass beyond single precision; rescale",
-    ),
-];
 
 /// What becomes of one row.
 struct Particle {
@@ -124,18 +124,24 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         dataset: &dataset,
         count,
     };
-    let shape = columns.shape(positions)?;
-    let mass = columns.mass()?;
+    let shapes = columns.shapes(positions, options)?;
+    let mass = columns.mass(&shapes)?;
+    let shape = &shapes.shape;
     let is_classified = matches!(mass, Mass::Classified(_));
     let rgb = columns.set(RGB)?;
 
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified && !matches!(shape, Shape::Neighbours(_)) => columns.default_field(),
+        None if is_classified && !shapes.bare => columns.default_field(),
         None => None,
     };
     let computed = is_classified && wanted.is_none();
+    // Mass over volume, where masses are known and nothing else is to be shown.
+    let masses = match computed {
+        true => columns.get(columns.names().1)?,
+        false => None,
+    };
     // A named field colours, even beside masses; else r, g, b do.
     let named = options.field.is_some();
     let rgb = rgb.filter(|_| !named);
@@ -147,19 +153,19 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         None => None,
     };
 
-    let isotropic = matches!(
-        shape,
-        Shape::Sigma(_) | Shape::SmoothingLength(_) | Shape::Neighbours(_)
-    );
+    let isotropic = matches!(shape, Shape::Spheres(_));
+    // Stated shapes are those of the default width.
+    let scale = options.kernel_width / DEFAULT_KERNEL_WIDTH;
     let width_cubed = options.kernel_width.powi(3);
     let row = |i: usize| -> Result<Particle, LeftOut> {
         if !positions[i].is_finite() {
             return Err(LeftOut::Position);
         }
-        if field.as_ref().is_some_and(|v| !v.get(i).is_finite()) {
+        let is_known = |v: &Values| v.get(i).is_finite();
+        if !field.as_deref().is_none_or(is_known) || !masses.is_none_or(is_known) {
             return Err(LeftOut::Value);
         }
-        let (factor, sigmas) = shape.at(i, options.kernel_width)?;
+        let (factor, sigmas) = shape.at(i, scale)?;
         let kernel_volume = sigmas.iter().product::<f64>() / width_cubed;
         let (strength, volume) = mass.at(i, sigmas, kernel_volume)?;
         let colour = rgb.map_or([1.0; 3], |c| c.map(|c| c.get(i)));
@@ -185,18 +191,17 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let rows: Vec<Result<Particle, LeftOut>> = (0..count).into_par_iter().map(row).collect();
 
     let mut report = SampleReport {
-        field: if computed {
-            Some(NUMBER_DENSITY.into())
-        } else {
-            wanted.clone()
+        field: match (computed, masses) {
+            (true, Some(_)) => Some(MASS_DENSITY.into()),
+            (true, None) => Some(NUMBER_DENSITY.into()),
+            (false, _) => wanted.clone(),
         },
+        lengths: shapes.lengths.clone(),
         sample_count: count,
         ..SampleReport::default()
     };
-    for (reason, text) in REASONS {
-        let failed = |r: &&Result<Particle, LeftOut>| r.as_ref().err() == Some(&reason);
-        report.leave_out(rows.iter().filter(failed).count(), "particles", text);
-    }
+    let faults = rows.iter().filter_map(|row| row.as_ref().err().copied());
+    LeftOut::report(&mut report, "particles", faults);
     let mut kept = Vec::with_capacity(count);
     let mut particles = Vec::with_capacity(count);
     for (i, row) in rows.into_iter().enumerate() {
@@ -223,7 +228,10 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             &kept,
         )),
         _ if computed => {
-            let density = particles.iter().map(|p| narrowed(-p.volume.log10()));
+            let density = particles.iter().zip(&kept).map(|(p, &i)| match masses {
+                Some(m) => narrowed(f64::from(m.get(i as usize)) / p.volume),
+                None => narrowed(-p.volume.log10()),
+            });
             Some(Values::F32(density.collect()))
         }
         _ => None,
@@ -368,36 +376,162 @@ impl<'a> Columns<'a> {
         Ok(taken.values)
     }
 
-    fn shape(&self, positions: &[DVec3]) -> Result<Shape<'a>> {
-        let shape = self.one_of(
-            "shape",
-            [
-                ("sigma", self.get("sigma")?.map(Shape::Sigma)),
-                ("h", self.get("h")?.map(Shape::SmoothingLength)),
-                ("vxx..vzz", self.set(VARIANCE)?.map(Shape::Variance)),
-                (
-                    "scale_0..2, rot_0..3",
-                    self.set(SCALES)?.map(Shape::ScaleRotation),
-                ),
-            ],
-        )?;
-        match shape {
-            Some(shape) => Ok(shape),
-            None => neighbour_volumes(positions)
-                .map(Shape::Neighbours)
-                .ok_or_else(|| {
-                    Error::format(
-                        &self.dataset.path,
-                        "columns",
-                        "a shape: sigma, h, vxx..vzz or scale_0..2 with rot_0..3",
-                        "fewer than two distinct positions to take a spacing from",
-                        "add a column `sigma`",
-                    )
-                }),
+    /// The fields with lengths, masses and densities of smoothed particles.
+    fn names(&self) -> (&'a str, &'a str, &'a str) {
+        match &self.dataset.smoothing {
+            Some(Smoothing {
+                length,
+                mass,
+                density,
+                ..
+            }) => {
+                let or_none = |name: &'a Option<String>| name.as_deref().unwrap_or("");
+                (length, or_none(mass), or_none(density))
+            }
+            None => ("h", "m", "rho"),
         }
     }
 
-    fn mass(&self) -> Result<Mass<'a>> {
+    fn shapes(&self, positions: &[DVec3], options: &SampleOptions) -> Result<Shapes<'a>> {
+        enum Stated<'a> {
+            Length(&'a Values, &'a str, LengthMeaning),
+            Variance([&'a Values; 6]),
+            ScaleRotation([&'a Values; 7]),
+        }
+        let length = |name: &'a str, meaning| {
+            let column = self.get(name)?;
+            Ok::<_, Error>(column.map(|column| Stated::Length(column, name, meaning)))
+        };
+        let smoothing = self.dataset.smoothing.as_ref();
+        let meaning = smoothing.map_or(LengthMeaning::SmoothingLength, |s| s.meaning);
+        let stated = self.one_of(
+            "shape",
+            [
+                ("sigma", length("sigma", LengthMeaning::Sigma)?),
+                (self.names().0, length(self.names().0, meaning)?),
+                ("radius", length("radius", LengthMeaning::Sigma)?),
+                ("vxx..vzz", self.set(VARIANCE)?.map(Stated::Variance)),
+                (
+                    "scale_0..2, rot_0..3",
+                    self.set(SCALES)?.map(Stated::ScaleRotation),
+                ),
+            ],
+        )?;
+        let kernel = options.kernel.or(smoothing.map(|s| s.kernel));
+        let kernel = kernel.unwrap_or(SphKernel::CubicSpline);
+        let stated_shape = |shape| Shapes {
+            shape,
+            volumes: None,
+            bare: false,
+            lengths: None,
+        };
+        match (options.radius, stated) {
+            (Some(radius), _) => {
+                let meaning = options.length.unwrap_or(LengthMeaning::Sigma);
+                let lengths = Lengths::new("the radius given", meaning, kernel, |_| radius);
+                Ok(self.of_lengths(positions, options, &lengths, true)?)
+            }
+            (None, Some(Stated::Length(column, name, meaning))) => {
+                let meaning = options.length.unwrap_or(meaning);
+                let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
+                // A stated sigma is a kernel's own size, whatever its neighbours.
+                self.of_lengths(positions, options, &lengths, name != "sigma")
+            }
+            (None, Some(Stated::Variance(v))) => Ok(stated_shape(Shape::Variance(v))),
+            (None, Some(Stated::ScaleRotation(s))) => Ok(stated_shape(Shape::ScaleRotation(s))),
+            (None, None) => self.of_neighbours(positions, options),
+        }
+    }
+
+    /// Shapes from lengths; where nothing else gives volumes, the neighbours do: 1 over the sum of
+    /// the kernels at a particle, the number density of SPH.
+    fn of_lengths(
+        &self,
+        positions: &[DVec3],
+        options: &SampleOptions,
+        lengths: &Lengths<impl Fn(usize) -> f64 + Sync>,
+        crowded: bool,
+    ) -> Result<Shapes<'a>> {
+        let sigma = |i: usize| lengths.sigma_over_length * (lengths.of)(i);
+        let (_, mass, density) = self.names();
+        let known = self.get("volume")?.is_some()
+            || self.get("mass")?.is_some()
+            || self.get("extinction")?.is_some()
+            || self.get("opacity")?.is_some()
+            || (self.get(mass)?.is_some() && self.get(density)?.is_some());
+        let with_yu_turk = options.shape == ParticleShape::YuTurk;
+        let index = if with_yu_turk || (crowded && !known) {
+            PointIndex::new(positions)
+        } else {
+            None
+        };
+        let shape = match &index {
+            Some(index) if with_yu_turk => {
+                let support = lengths.support_over_length;
+                let sizes = |i: usize| (sigma(i), support * (lengths.of)(i));
+                Shape::Computed(yu_turk::variances(index, positions, sizes))
+            }
+            _ => Shape::Spheres((0..self.count).into_par_iter().map(sigma).collect()),
+        };
+        let volumes = index.filter(|_| crowded && !known).map(|index| {
+            let sums = index.kernel_sums(|j| {
+                let s = sigma(j);
+                (s > 0.0 && s.is_finite()).then_some(([s, 0.0, s, 0.0, 0.0, s], s, 1.0))
+            });
+            sums.into_iter().map(|sum| 1.0 / sum).collect()
+        });
+        Ok(Shapes {
+            shape,
+            volumes,
+            bare: false,
+            lengths: Some(lengths.convention.clone()),
+        })
+    }
+
+    /// Shapes from the nearest neighbours: spheres, or ellipsoids where the set is anisotropic.
+    fn of_neighbours(&self, positions: &[DVec3], options: &SampleOptions) -> Result<Shapes<'a>> {
+        let index = PointIndex::new(positions).ok_or_else(|| {
+            Error::format(
+                &self.dataset.path,
+                "columns",
+                "a shape: sigma, h, radius, vxx..vzz or scale_0..2 with rot_0..3",
+                "fewer than two distinct positions to take a spacing from",
+                "add a column `sigma`, or give --radius",
+            )
+        })?;
+        let volumes = index.volumes();
+        let with_covariances = match options.shape {
+            ParticleShape::Covariance => true,
+            ParticleShape::Automatic => is_truly_anisotropic(&index.some_covariances(TRUE_SAMPLE)),
+            ParticleShape::Isotropic | ParticleShape::YuTurk => false,
+        };
+        let width = DEFAULT_KERNEL_WIDTH;
+        let shape = if with_covariances {
+            // A ball of the spacing's own volume for each of k points has this variance per axis.
+            let count = NEIGHBOUR_COUNT as f64;
+            let ball = (3.0 * count / (4.0 * std::f64::consts::PI)).powf(2.0 / 3.0) / 5.0;
+            let variance = |(c, volume): (&[f64; 6], &f64)| {
+                let least = (LEAST_THICKNESS * volume.cbrt()).powi(2);
+                let (spread, axes) = eigen(c.map(|c| c / ball));
+                from_eigen(spread.max(DVec3::splat(least)) * width * width, axes)
+            };
+            let covariances = index.covariances();
+            Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
+        } else {
+            Shape::Spheres(volumes.par_iter().map(|v| width * v.cbrt()).collect())
+        };
+        Ok(Shapes {
+            shape,
+            volumes: Some(volumes),
+            bare: true,
+            lengths: None,
+        })
+    }
+
+    fn mass<'s>(&self, shapes: &'s Shapes<'_>) -> Result<Mass<'s>>
+    where
+        'a: 's,
+    {
         let volume = self.get("volume")?;
         let extinction = match (self.get("extinction")?, volume) {
             (Some(extinction), Some(volume)) => Some(Mass::Extinction(extinction, volume)),
@@ -422,11 +556,18 @@ impl<'a> Columns<'a> {
         )?;
         Ok(match stated {
             Some(stated) => stated,
-            None => Mass::Classified(match (volume, self.get("m")?, self.get("rho")?) {
-                (Some(volume), ..) => Volume::Column(volume),
-                (None, Some(m), Some(rho)) => Volume::MassOverDensity(m, rho),
-                _ => Volume::Kernel,
-            }),
+            None => {
+                let (_, mass, density) = self.names();
+                let volumes = shapes.volumes.as_deref();
+                Mass::Classified(
+                    match (volume, self.get(mass)?, self.get(density)?, volumes) {
+                        (Some(volume), ..) => Volume::Column(volume),
+                        (None, Some(m), Some(rho), _) => Volume::MassOverDensity(m, rho),
+                        (_, _, _, Some(volumes)) => Volume::Computed(volumes),
+                        _ => Volume::Kernel,
+                    },
+                )
+            }
         })
     }
 
@@ -434,40 +575,72 @@ impl<'a> Columns<'a> {
     /// not constant.
     fn default_field(&self) -> Option<String> {
         let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
+        let (length, mass, density) = self.names();
+        let own = [length, mass];
         let varying = || {
             self.dataset.fields.iter().filter(|f| match &f.source {
                 FieldSource::Scalar(values) => {
                     values.finite_range().is_some_and(|[lo, hi]| lo < hi)
-                        && ![&RESERVED[..], &VARIANCE, &SCALES, &RGB]
+                        && ![&RESERVED[..], &VARIANCE, &SCALES, &RGB, &own]
                             .iter()
                             .any(|list| is(&f.name, list))
+                        && !describes_the_grid(&f.name)
                 }
                 _ => false,
             })
         };
         varying()
-            .find(|f| is(&f.name, &DENSITIES))
+            .find(|f| is(&f.name, &DENSITIES) || is(&f.name, &[density]))
             .or_else(|| varying().next())
             .map(|f| f.name.clone())
     }
 }
 
+/// One length per particle and what it means.
+struct Lengths<F> {
+    of: F,
+    sigma_over_length: f64,
+    support_over_length: f64,
+    convention: String,
+}
+
+impl<F> Lengths<F> {
+    fn new(name: &str, meaning: LengthMeaning, kernel: SphKernel, of: F) -> Self {
+        Self {
+            of,
+            sigma_over_length: sph::sigma_over_length(meaning, kernel),
+            support_over_length: sph::support_over_length(meaning, kernel),
+            convention: sph::convention(name, meaning, kernel),
+        }
+    }
+}
+
+/// See [`TRUE_SHARE`].
+fn is_truly_anisotropic(covariances: &[[f64; 6]]) -> bool {
+    let is_long = |c: &&[f64; 6]| {
+        let (spread, _) = eigen(**c);
+        spread.max_element() > TRUE_RATIO * TRUE_RATIO * spread.min_element()
+    };
+    let long = covariances.iter().filter(is_long).count();
+    long as f64 > TRUE_SHARE * covariances.len() as f64
+}
+
 impl Shape<'_> {
-    /// The factor of row `i` and its principal standard deviations, greatest first.
-    fn at(&self, i: usize, kernel_width: f64) -> Result<([f64; 6], [f64; 3]), LeftOut> {
-        let sphere = |sigma: f64| {
-            if sigma > 0.0 && sigma.is_finite() {
-                Ok(([sigma, 0.0, sigma, 0.0, 0.0, sigma], [sigma; 3]))
-            } else {
-                Err(LeftOut::Size)
-            }
-        };
+    /// The factor of row `i`, `scale` times as wide as stated, and its principal standard
+    /// deviations, greatest first.
+    fn at(&self, i: usize, scale: f64) -> Result<([f64; 6], [f64; 3]), LeftOut> {
         let number = |column: &Values| f64::from(column.get(i));
         let factor = match self {
-            Self::Sigma(sigma) => return sphere(number(sigma)),
-            Self::SmoothingLength(h) => return sphere(CUBIC_SPLINE_VARIANCE.sqrt() * number(h)),
-            Self::Neighbours(volumes) => return sphere(kernel_width * volumes[i].cbrt()),
+            Self::Spheres(sigmas) => {
+                let sigma = scale * sigmas[i];
+                return if sigma > 0.0 && sigma.is_finite() {
+                    Ok(([sigma, 0.0, sigma, 0.0, 0.0, sigma], [sigma; 3]))
+                } else {
+                    Err(LeftOut::Size)
+                };
+            }
             Self::Variance(v) => factor_of_variance(v.map(number)).ok_or(LeftOut::Indefinite)?,
+            Self::Computed(variances) => factor_of_variance(variances[i]).ok_or(LeftOut::Size)?,
             Self::ScaleRotation(columns) => {
                 let [sx, sy, sz, w, x, y, z] = columns.map(number);
                 let scales = DVec3::new(sx, sy, sz);
@@ -485,6 +658,7 @@ impl Shape<'_> {
                 lower_factor(rotation * DMat3::from_diagonal(scales))
             }
         };
+        let factor = factor.map(|l| scale * l);
         let sigmas = principal_sigmas(factor);
         if sigmas[0] > 0.0 && sigmas[0].is_finite() {
             Ok((factor, sigmas))
@@ -518,6 +692,7 @@ impl Mass<'_> {
                 let volume = match volume {
                     Volume::Column(volume) => number(volume),
                     Volume::MassOverDensity(m, rho) => number(m) / number(rho),
+                    Volume::Computed(volumes) => volumes[i],
                     Volume::Kernel => kernel_volume,
                 };
                 if volume <= 0.0 {

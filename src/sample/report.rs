@@ -9,6 +9,8 @@ pub struct SampleReport {
     pub value_range: Option<[f32; 2]>,
     /// The length \[world units\] over which opacities are stated.
     pub unit_distance: f64,
+    /// What the particles' lengths are taken for, in words; `None` where there are none.
+    pub lengths: Option<String>,
     /// Samples in the file.
     pub sample_count: usize,
     /// Particles made of them.

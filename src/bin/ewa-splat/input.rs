@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::Result;
-use ewa_splat::io::{Dataset, Geometry, OpenOptions, RawLayout, RawType};
-use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice};
+use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
+use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -30,6 +30,22 @@ pub(crate) struct DataOptions {
     /// Kernel width: standard deviation over spacing [default: 0.6; 0.55 sharp, 0.7 smooth]
     #[arg(long, value_name = "RHO", value_parser = parse::positive)]
     pub(crate) kernel_width: Option<f64>,
+    /// Particles: what their lengths mean, where the file's convention does not hold
+    #[arg(long, value_enum, value_name = "MEANING")]
+    pub(crate) length: Option<Length>,
+    /// Particles: smoothing kernel that their lengths belong to [default: the file's, or cubic]
+    #[arg(long, value_enum, value_name = "KERNEL")]
+    pub(crate) kernel: Option<Kernel>,
+    /// Particles: one length for all instead of the file's; a standard deviation unless --length
+    #[arg(long, value_name = "R", value_parser = parse::positive)]
+    pub(crate) radius: Option<f64>,
+    /// Particles: shape of those that state a length at most
+    #[arg(long, value_enum, value_name = "SHAPE", default_value = "auto")]
+    pub(crate) shape: Shape,
+    /// Correct the cell volumes of irregular data N times to reproduce a uniform field
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
+          value_parser = clap::value_parser!(u32).range(0..=100))]
+    pub(crate) shepard: u32,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
@@ -62,6 +78,47 @@ pub(crate) enum Scalar {
     I16,
     U16,
     F32,
+}
+
+/// What a length means.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Length {
+    /// The smoothing length h
+    H,
+    /// The radius at which the kernel ends
+    Support,
+    /// One standard deviation
+    Sigma,
+    /// Full width at half maximum
+    Fwhm,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Kernel {
+    /// Cubic spline M4, support 2 h
+    Cubic,
+    /// Quartic spline M5, support 2.5 h
+    Quartic,
+    /// Quintic spline M6, support 3 h
+    Quintic,
+    /// Wendland C2, support 2 h
+    WendlandC2,
+    /// Wendland C4, support 2 h
+    WendlandC4,
+    /// Wendland C6, support 2 h
+    WendlandC6,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Shape {
+    /// Spheres; ellipsoids where particles without lengths are truly anisotropic
+    Auto,
+    /// Spheres
+    Isotropic,
+    /// After the covariance of the nearest neighbours (particles without lengths)
+    Covariance,
+    /// After Yu and Turk 2013 (particles with lengths)
+    YuTurk,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -148,6 +205,28 @@ impl DataOptions {
                 Some(name) => TransferChoice::Named(name.clone()),
             },
             unit_distance: self.unit_distance,
+            length: self.length.map(|length| match length {
+                Length::H => LengthMeaning::SmoothingLength,
+                Length::Support => LengthMeaning::Support,
+                Length::Sigma => LengthMeaning::Sigma,
+                Length::Fwhm => LengthMeaning::Fwhm,
+            }),
+            kernel: self.kernel.map(|kernel| match kernel {
+                Kernel::Cubic => SphKernel::CubicSpline,
+                Kernel::Quartic => SphKernel::QuarticSpline,
+                Kernel::Quintic => SphKernel::QuinticSpline,
+                Kernel::WendlandC2 => SphKernel::WendlandC2,
+                Kernel::WendlandC4 => SphKernel::WendlandC4,
+                Kernel::WendlandC6 => SphKernel::WendlandC6,
+            }),
+            radius: self.radius,
+            shape: match self.shape {
+                Shape::Auto => ParticleShape::Automatic,
+                Shape::Isotropic => ParticleShape::Isotropic,
+                Shape::Covariance => ParticleShape::Covariance,
+                Shape::YuTurk => ParticleShape::YuTurk,
+            },
+            shepard_passes: self.shepard,
         };
         ewa_splat::sample::volume(dataset, &options)
     }

@@ -1,0 +1,55 @@
+//! Shepard passes: cell volumes corrected until a uniform field is reproduced at the particles.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::factor::principal_sigmas;
+use super::narrowed;
+use super::neighbours::PointIndex;
+use crate::scene::{Particles, PointVolume, Strength};
+
+/// At a boundary half of a kernel's neighbours are missing; what would more than double a volume
+/// several times over is no ripple.
+const LEAST_SUM: f64 = 0.2;
+
+/// Divides each particle's volume by the sum of all volumes' kernels at its centre, `passes` times,
+/// and then scales all so that their total is what it was.
+///
+/// Lattices need none, and masses that the data state are theirs: both stay.
+pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
+    let Strength::Classified { volumes } = &mut volume.strength else {
+        return;
+    };
+    let (positions, factor): (&[DVec3], &(dyn Fn(usize) -> [f64; 6] + Sync)) =
+        match &volume.particles {
+            Particles::Lattice { .. } => return,
+            Particles::Isotropic { positions, sigmas } => (positions, &|i| {
+                let s = f64::from(sigmas[i]);
+                [s, 0.0, s, 0.0, 0.0, s]
+            }),
+            Particles::Anisotropic { positions, factors } => {
+                (positions, &|i| factors[i].map(f64::from))
+            }
+        };
+    let Some(index) = PointIndex::new(positions) else {
+        return;
+    };
+    let total = |volumes: &[f32]| volumes.iter().copied().map(f64::from).sum::<f64>();
+    let before = total(volumes);
+    for _ in 0..passes {
+        let sums = index.kernel_sums(|j| {
+            let factor = factor(j);
+            Some((factor, principal_sigmas(factor)[0], f64::from(volumes[j])))
+        });
+        volumes
+            .par_iter_mut()
+            .zip(&sums)
+            .for_each(|(volume, sum)| *volume = narrowed(f64::from(*volume) / sum.max(LEAST_SUM)));
+    }
+    let scale = before / total(volumes);
+    if scale.is_finite() {
+        for volume in volumes {
+            *volume = narrowed(f64::from(*volume) * scale);
+        }
+    }
+}
