@@ -22,6 +22,7 @@ use super::blanking::Blanking;
 use super::factor::factor_of_variance;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
+use super::neighbours::square;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified, keep, nothing_left,
     take_scalar,
@@ -48,18 +49,6 @@ struct Moments {
     first: DVec3,
     /// ∫ x xᵀ dV: xx, xy, xz, yy, yz, zz.
     second: [f64; 6],
-}
-
-/// x xᵀ as xx, xy, xz, yy, yz, zz.
-fn square(x: DVec3) -> [f64; 6] {
-    [
-        x.x * x.x,
-        x.x * x.y,
-        x.x * x.z,
-        x.y * x.y,
-        x.y * x.z,
-        x.z * x.z,
-    ]
 }
 
 impl Moments {

@@ -13,6 +13,7 @@ mod points;
 mod report;
 mod shepard;
 mod sph;
+mod statistics;
 mod yu_turk;
 
 use std::path::PathBuf;
@@ -25,6 +26,7 @@ use crate::scene::{
 
 pub use factor::lower_factor;
 pub use report::{Finding, SampleReport};
+pub use statistics::{PERCENTILES, ShapeStatistics};
 
 /// Standard deviation of a kernel over the local spacing, where nothing else is asked for.
 ///

@@ -49,13 +49,20 @@ const RESERVED: [&str; 12] = [
 /// Fields preferred where none is named.
 const DENSITIES: [&str; 2] = ["rho", "density"];
 
-/// A set is truly anisotropic if the smoothed neighbourhoods of this share of its points are
-/// longer than wide by [`TRUE_RATIO`]. Poisson points and jittered lattices have almost none such.
-const TRUE_SHARE: f64 = 0.25;
+/// A set is truly anisotropic, lying on surfaces or along lines, if the neighbourhoods of this
+/// share of its points are longer than wide by [`TRUE_RATIO`], the wide ones of
+/// [`TRUE_NEIGHBOURS`] points: sets that fill space look flat at a few neighbours where they lie in
+/// layers, and round at many.
+const TRUE_SHARE: f64 = 0.5;
 /// See [`TRUE_SHARE`]; a ratio of standard deviations.
-const TRUE_RATIO: f64 = 2.0;
+const TRUE_RATIO: f64 = 3.0;
+/// See [`TRUE_SHARE`].
+const TRUE_NEIGHBOURS: usize = 60;
 /// Points whose neighbourhoods are looked at for it.
 const TRUE_SAMPLE: usize = 4096;
+
+/// A neighbourhood is flat, or a line, where the next standard deviation is smaller by this.
+const FLAT_RATIO: f64 = 2.5;
 
 /// No neighbourhood is thinner than this share of its spacing.
 const LEAST_THICKNESS: f64 = 0.02;
@@ -502,18 +509,13 @@ impl<'a> Columns<'a> {
         let volumes = index.volumes();
         let with_covariances = match options.shape {
             ParticleShape::Covariance => true,
-            ParticleShape::Automatic => is_truly_anisotropic(&index.some_covariances(TRUE_SAMPLE)),
+            ParticleShape::Automatic => is_truly_anisotropic(&index),
             ParticleShape::Isotropic | ParticleShape::YuTurk => false,
         };
         let width = DEFAULT_KERNEL_WIDTH;
         let shape = if with_covariances {
-            // A ball of the spacing's own volume for each of k points has this variance per axis.
-            let count = NEIGHBOUR_COUNT as f64;
-            let ball = (3.0 * count / (4.0 * std::f64::consts::PI)).powf(2.0 / 3.0) / 5.0;
             let variance = |(c, volume): (&[f64; 6], &f64)| {
-                let least = (LEAST_THICKNESS * volume.cbrt()).powi(2);
-                let (spread, axes) = eigen(c.map(|c| c / ball));
-                from_eigen(spread.max(DVec3::splat(least)) * width * width, axes)
+                neighbourhood_variance(*c, *volume).map(|v| v * width * width)
             };
             let covariances = index.covariances();
             Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
@@ -616,13 +618,36 @@ impl<F> Lengths<F> {
 }
 
 /// See [`TRUE_SHARE`].
-fn is_truly_anisotropic(covariances: &[[f64; 6]]) -> bool {
+fn is_truly_anisotropic(index: &PointIndex<'_>) -> bool {
+    let covariances = index.some_covariances(TRUE_SAMPLE, TRUE_NEIGHBOURS);
     let is_long = |c: &&[f64; 6]| {
         let (spread, _) = eigen(**c);
         spread.max_element() > TRUE_RATIO * TRUE_RATIO * spread.min_element()
     };
     let long = covariances.iter().filter(is_long).count();
     long as f64 > TRUE_SHARE * covariances.len() as f64
+}
+
+/// The variance of a kernel of width 1 from the covariance of its point's neighbours: divided by
+/// that of k points at unit spacing, in a ball, on a disc or along a line, whichever the
+/// neighbours resemble.
+fn neighbourhood_variance(covariance: [f64; 6], volume: f64) -> [f64; 6] {
+    use std::f64::consts::PI;
+    let count = NEIGHBOUR_COUNT as f64;
+    let ball = (3.0 * count / (4.0 * PI)).powf(2.0 / 3.0) / 5.0;
+    let disc = count / (4.0 * PI);
+    let line = count * count / 12.0;
+    let (spread, axes) = eigen(covariance);
+    let mut sorted = spread.to_array();
+    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
+    let drops = |i: usize| sorted[i] > FLAT_RATIO * FLAT_RATIO * sorted[i + 1];
+    let unit = match (drops(0), drops(1)) {
+        (true, _) => line,
+        (false, true) => disc,
+        (false, false) => ball,
+    };
+    let least = (LEAST_THICKNESS * volume.cbrt()).powi(2);
+    from_eigen((spread / unit).max(DVec3::splat(least)), axes)
 }
 
 impl Shape<'_> {

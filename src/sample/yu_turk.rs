@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::factor::{eigen, from_eigen};
-use super::neighbours::PointIndex;
+use super::neighbours::{PointIndex, square};
 
 /// Greatest ratio of the widths of one kernel.
 const MAX_RATIO: f64 = 4.0;
@@ -42,18 +42,10 @@ pub(super) fn variances(
             let mut second = [0.0; 6];
             index.for_each_within(positions[i], support, |_, d| {
                 let weight = 1.0 - (d.length() / support).powi(3);
-                let terms = [
-                    d.x * d.x,
-                    d.x * d.y,
-                    d.x * d.z,
-                    d.y * d.y,
-                    d.y * d.z,
-                    d.z * d.z,
-                ];
                 count += 1;
                 total += weight;
                 first += d * weight;
-                for (sum, term) in second.iter_mut().zip(terms) {
+                for (sum, term) in second.iter_mut().zip(square(d)) {
                     *sum += term * weight;
                 }
             });
@@ -62,14 +54,7 @@ pub(super) fn variances(
                 return sphere(LONE_WIDTH);
             }
             let mean = first / total;
-            let about = [
-                mean.x * mean.x,
-                mean.x * mean.y,
-                mean.x * mean.z,
-                mean.y * mean.y,
-                mean.y * mean.z,
-                mean.z * mean.z,
-            ];
+            let about = square(mean);
             let covariance = std::array::from_fn(|c| second[c] / total - about[c]);
             let (spread, axes) = eigen(covariance);
             let greatest = spread.max_element();

@@ -1,11 +1,13 @@
 //! `ewa-splat info`
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
 use ewa_splat::blocks::BlockedVolume;
-use ewa_splat::io::{Association, Dataset, Geometry};
+use ewa_splat::io::{Association, CellKind, Dataset, Geometry};
+use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -28,7 +30,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut description = describe(&dataset)?;
     // What rendering makes of it.
     let sampled = arguments.data.sample(dataset)?;
-    description["left_out"] = json!(sampled.report.warnings());
+    let report = &sampled.report;
+    description["shown"] = json!(report.field);
+    description["lengths"] = json!(report.lengths);
+    description["left_out"] = json!(report.warnings());
+    if let Some(shapes) = ShapeStatistics::of(&sampled.volume.particles) {
+        description["kernels"] = json!({
+            "percentiles": PERCENTILES,
+            "size": shapes.size,
+            "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
+        });
+    }
     description["requirements"] = json!(Requirements::of(&sampled.volume));
     let blocked = BlockedVolume::new(sampled.volume);
     description["particles"] = json!(blocked.particle_count());
@@ -72,9 +84,17 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         }
         Geometry::Cells(mesh) => {
             let (lower, upper) = bounds(mesh.nodes.iter().copied());
-            let count = mesh.cell_count();
+            let mut kinds: BTreeMap<CellKind, usize> = BTreeMap::new();
+            for kind in &mesh.kinds {
+                *kinds.entry(*kind).or_default() += 1;
+            }
+            let kinds: Vec<_> = kinds
+                .into_iter()
+                .map(|(kind, count)| json!({ "kind": kind.name(), "count": count }))
+                .collect();
+            let (nodes, cells) = (mesh.nodes.len(), mesh.cell_count());
             (
-                json!({ "kind": "unstructured grid", "cells": count }),
+                json!({ "kind": "unstructured grid", "nodes": nodes, "cells": cells, "cell_kinds": kinds }),
                 lower,
                 upper,
             )
@@ -113,6 +133,7 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         "geometry": geometry,
         "bounds": [lower.to_array(), upper.to_array()],
         "fields": fields,
+        "notes": dataset.notes,
     }))
 }
 
@@ -124,23 +145,115 @@ fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
         })
 }
 
+/// Blocks whose dimensions the table lists.
+const MOST_BLOCKS: usize = 8;
+
+/// The percentiles of a row, in words.
+const AT: &str = "least, 5 %, median, 95 %, greatest";
+
+/// `[2, 3, 4]` as `2 x 3 x 4`.
+fn times(dims: &Value) -> String {
+    let dims = dims.as_array().into_iter().flatten();
+    dims.map(Value::to_string).collect::<Vec<_>>().join(" x ")
+}
+
+/// Six significant digits, in powers of ten where they would not be seen otherwise.
+fn significant(x: f64) -> String {
+    let size = x.abs();
+    if size > 0.0 && !(1e-4..1e7).contains(&size) {
+        return format!("{x:.5e}");
+    }
+    let text = format!("{x:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" {
+        "0".into()
+    } else {
+        text.into()
+    }
+}
+
 fn print_table(description: &Value) {
     let text = |v: &Value| v.as_str().map_or_else(|| v.to_string(), str::to_string);
     let row = |name: &str, value: String| crate::say!("{name:<18} {value}");
     row("file", text(&description["file"]));
     row("format", text(&description["format"]));
-    if let Some(geometry) = description["geometry"].as_object() {
-        for (name, value) in geometry {
-            row(name, text(value));
+    let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), significant);
+    let vector = |v: &Value| {
+        let numbers = v.as_array().into_iter().flatten().map(number);
+        numbers.collect::<Vec<String>>().join(", ")
+    };
+    let lines = |v: &Value| v.as_array().cloned().unwrap_or_default();
+    let geometry = &description["geometry"];
+    row("kind", text(&geometry["kind"]));
+    match &geometry["dims"] {
+        Value::Array(blocks) if blocks.first().is_some_and(Value::is_array) => {
+            let shown = blocks.iter().take(MOST_BLOCKS).map(times);
+            let mut shown: Vec<String> = shown.collect();
+            if blocks.len() > MOST_BLOCKS {
+                shown.push(format!("... {} blocks in all", blocks.len()));
+            }
+            row("nodes along i, j, k", shown.join(", "));
+        }
+        Value::Array(_) => row("samples", times(&geometry["dims"])),
+        _ => {}
+    }
+    for name in ["nodes", "cells", "count"] {
+        if let Some(count) = geometry[name].as_u64() {
+            row(name, count.to_string());
         }
     }
-    row("lower bound", text(&description["bounds"][0]));
-    row("upper bound", text(&description["bounds"][1]));
+    for kind in lines(&geometry["cell_kinds"]) {
+        row(
+            "  of kind",
+            format!("{} {}", text(&kind["count"]), text(&kind["kind"])),
+        );
+    }
+    if geometry["spacing"].is_array() {
+        row("spacing", vector(&geometry["spacing"]));
+    }
+    row("lower bound", vector(&description["bounds"][0]));
+    row("upper bound", vector(&description["bounds"][1]));
     row("particles", text(&description["particles"]));
+    if description["shown"].is_string() {
+        row("shown field", text(&description["shown"]));
+    }
+    if description["lengths"].is_string() {
+        row("lengths", text(&description["lengths"]));
+    }
+    let kernels = &description["kernels"];
+    if kernels.is_object() {
+        row(
+            "kernel sigma",
+            format!("{} ({})", vector(&kernels["size"]), AT),
+        );
+        row(
+            "anisotropy",
+            format!("{} ({})", vector(&kernels["anisotropy"]), AT),
+        );
+    }
     let bytes = description["bytes_per_particle"].as_f64().unwrap_or(0.0);
-    row("bytes per particle", format!("{bytes:.2}"));
-    for line in description["left_out"].as_array().into_iter().flatten() {
-        row("note", text(line));
+    let requirements = &description["requirements"];
+    let stored = [
+        (
+            "positions",
+            requirements["positions"].as_bool() == Some(true),
+        ),
+        ("shapes", requirements["shape_floats"] != 0),
+        ("values", requirements["values"] != "none"),
+        ("strengths", requirements["strength_floats"] != 0),
+        ("colours", requirements["colour_floats"] != 0),
+    ];
+    let stored = stored.iter().filter(|(_, is)| *is).map(|(name, _)| *name);
+    let stored: Vec<&str> = stored.collect();
+    row(
+        "bytes per particle",
+        format!("{bytes:.2}: {}", stored.join(", ")),
+    );
+    for note in lines(&description["notes"]) {
+        row("note", text(&note));
+    }
+    for line in lines(&description["left_out"]) {
+        row("note", text(&line));
     }
     let fields = description["fields"]
         .as_array()
@@ -157,7 +270,6 @@ fn print_table(description: &Value) {
         );
     }
     for field in fields {
-        let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), |x| format!("{x:.6}"));
         crate::say!(
             "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
             text(&field["name"]),
