@@ -10,8 +10,11 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::io::{CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, open};
+use ewa_splat::io::{
+    CellKind, CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, open,
+};
 use ewa_splat::scene::Values;
+use glam::DVec3;
 
 /// The path of a real file, or `None` (with a word about it) where it is absent.
 fn real(name: &str) -> Option<PathBuf> {
@@ -143,12 +146,101 @@ fn halo_particles_lie_in_their_box() {
     assert!(data.fields.is_empty());
 }
 
+/// Ranges that the manifest prints with so many decimals.
+fn assert_range(data: &Dataset, field: &str, range: [f32; 2], tolerance: f32) {
+    let found = data.scalar(field).unwrap().1.finite_range().unwrap();
+    let close = |i: usize| (found[i] - range[i]).abs() <= tolerance;
+    assert!(close(0) && close(1), "{field}: {found:?} for {range:?}");
+}
+
+fn bounds(positions: &[DVec3]) -> [DVec3; 2] {
+    positions
+        .iter()
+        .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[a, b], &p| {
+            [a.min(p), b.max(p)]
+        })
+}
+
+#[test]
+fn the_rectilinear_grid_has_its_bounds() {
+    let Some(path) = real("rectilinear/RectGrid2.vtk") else {
+        return;
+    };
+    let data = read(&path);
+    let Geometry::Lattice(lattice) = &data.geometry else {
+        panic!()
+    };
+    assert_eq!(lattice.dims, [47, 33, 11]);
+    let corners = [
+        lattice.position([0; 3]),
+        lattice.position(lattice.dims.map(|n| n - 1)),
+    ];
+    let expected = [DVec3::new(-1.224, -1.25, 0.0), DVec3::new(1.172, 1.25, 0.9)];
+    for (corner, expected) in corners.iter().zip(expected) {
+        assert!(corner.abs_diff_eq(expected, 5e-4), "{corner}");
+    }
+    assert_eq!(data.field_names(), ["scalars", "vectors"]);
+    assert_range(&data, "scalars", [0.0, 10.396], 5e-4);
+    assert_eq!(data.scalar("vectors:z").unwrap().1.len(), 47 * 33 * 11);
+}
+
+#[test]
+fn the_cylinder_is_of_tetrahedra() {
+    let Some(path) = real("unstructured/CylinderLinear.vtk") else {
+        return;
+    };
+    let data = read(&path);
+    let Geometry::Cells(mesh) = &data.geometry else {
+        panic!()
+    };
+    assert_eq!((mesh.nodes.len(), mesh.cell_count()), (465, 1522));
+    assert!(mesh.kinds.iter().all(|&kind| kind == CellKind::TETRA));
+    assert_eq!(mesh.connectivity.len(), 4 * 1522);
+    let [low, high] = bounds(&mesh.nodes);
+    assert!(
+        low.abs_diff_eq(DVec3::new(-0.01, -0.01, 0.0), 1e-6),
+        "{low}"
+    );
+    assert!(
+        high.abs_diff_eq(DVec3::new(0.01, 0.01, 0.1), 1e-6),
+        "{high}"
+    );
+    assert_range(&data, "vel_norm", [0.0, 1.0044], 5e-5);
+    // The norm of the velocity is stored beside it, in double precision.
+    let (norm, computed) = (
+        data.scalar("vel_norm").unwrap().1,
+        data.scalar("velocity").unwrap().1,
+    );
+    for i in 0..465 {
+        assert!((norm.get(i) - computed.get(i)).abs() < 1e-6, "{i}");
+    }
+}
+
+#[test]
+fn the_fluid_is_of_particles() {
+    let Some(path) = real("particles/bunny_frame_14_7705_particles.vtk") else {
+        return;
+    };
+    let data = read(&path);
+    let Geometry::Points { positions } = &data.geometry else {
+        panic!()
+    };
+    assert_eq!(positions.len(), 7706);
+    assert!(positions.iter().all(|p| p.is_finite()));
+    assert_eq!(data.field_names(), ["id", "velocity"]);
+    let ids = data.scalar("id").unwrap().1;
+    let mut ids: Vec<f32> = (0..ids.len()).map(|i| ids.get(i)).collect();
+    ids.sort_by(f32::total_cmp);
+    ids.dedup();
+    assert_eq!(ids.len(), 7706, "an id for each");
+    assert_eq!(data.scalar("velocity").unwrap().1.non_finite_count(), 0);
+}
+
 #[test]
 fn formats_to_come_are_refused_by_name() {
     for (name, words) in [
         ("curvilinear/multicomb_0.vts", "StructuredGrid"),
         ("unstructured/can.vtu", "UnstructuredGrid"),
-        ("unstructured/CylinderLinear.vtk", "legacy VTK"),
         ("particles/phantom_mhd_00000.h5", "HDF5"),
         ("unstructured/disk_out_ref.ex2", "Exodus"),
         ("splats/fruit_drops_minimal.ply", "PLY"),

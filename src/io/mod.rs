@@ -20,6 +20,7 @@ mod splats;
 mod table;
 mod vti;
 mod vtk_grid;
+mod vtk_legacy;
 mod vtk_xml;
 
 use std::path::{Path, PathBuf};
@@ -51,11 +52,6 @@ pub struct OpenOptions {
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
 /// what to do.
 const NOT_READ: &[(&[u8], &str, &str)] = &[
-    (
-        b"# vtk DataFile",
-        "a legacy VTK file",
-        "save it as VTK XML (.vti)",
-    ),
     (b"ply\n", "a PLY file", "export the particles as CSV or NPY"),
     (b"ply\r", "a PLY file", "export the particles as CSV or NPY"),
     (
@@ -119,6 +115,7 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
 /// | `<VTKFile type="ImageData"` | VTK image data |
+/// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words | PLOT3D grid, with its solution |
@@ -137,6 +134,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if vtk_xml::looks_like(&head) {
         return vti::read(path);
+    }
+    if head.starts_with(vtk_legacy::MAGIC) {
+        return vtk_legacy::read(path);
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
@@ -161,7 +161,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         Error::format(
             path,
             "format",
-            "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+            "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY or a raw volume",
             format!("{name}, which is not read yet"),
             advice,
         )
@@ -191,7 +191,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Err(Error::format(
         path,
         "format",
-        "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+        "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY or a raw volume",
         "none of these",
         "convert it to one of them; if it is a raw volume, add --dims and --type",
     ))

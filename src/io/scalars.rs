@@ -140,6 +140,41 @@ pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Optio
     }
 }
 
+/// Integers as node numbers, sizes or kinds of cells: exact, and never negative. The error is the
+/// place of the first number that is negative, too large or no integer.
+pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usize> {
+    use ScalarType as S;
+    macro_rules! ids {
+        ($t:ty) => {{
+            let number = |(i, chunk): (usize, &[u8])| {
+                let mut number = [0; size_of::<$t>()];
+                number.copy_from_slice(chunk);
+                if encoding.big_endian {
+                    number.reverse();
+                }
+                u32::try_from(<$t>::from_le_bytes(number)).map_err(|_| i)
+            };
+            let chunks = bytes.chunks_exact(size_of::<$t>()).enumerate();
+            let mut ids = Vec::with_capacity(chunks.len());
+            for chunk in chunks {
+                ids.push(number(chunk)?);
+            }
+            Ok(ids)
+        }};
+    }
+    match encoding.scalar {
+        S::I8 => ids!(i8),
+        S::U8 => ids!(u8),
+        S::I16 => ids!(i16),
+        S::U16 => ids!(u16),
+        S::I32 => ids!(i32),
+        S::U32 => ids!(u32),
+        S::I64 => ids!(i64),
+        S::U64 => ids!(u64),
+        S::F32 | S::F64 => Err(0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -174,6 +209,26 @@ mod tests {
             Some(Values::F32(vec![50_463_232.0]))
         );
         assert_eq!(at(ScalarType::F64, false, 2), None);
+    }
+
+    #[test]
+    fn node_ids_are_exact_and_never_negative() {
+        let encoding = |scalar, big_endian| Encoding { scalar, big_endian };
+        let large = 16_777_217_i64.to_be_bytes();
+        let big_i64 = encoding(ScalarType::I64, true);
+        assert_eq!(node_ids(&large, big_i64), Ok(vec![16_777_217]));
+        let beyond = [7_i64, 1 << 32].map(i64::to_be_bytes).concat();
+        assert_eq!(node_ids(&beyond, big_i64), Err(1));
+        let negative = [1_i32, 2, -1].map(i32::to_le_bytes).concat();
+        assert_eq!(
+            node_ids(&negative, encoding(ScalarType::I32, false)),
+            Err(2)
+        );
+        assert_eq!(
+            node_ids(&[1, 255], encoding(ScalarType::U8, false)),
+            Ok(vec![1, 255])
+        );
+        assert_eq!(node_ids(&[0; 4], encoding(ScalarType::F32, false)), Err(0));
     }
 
     #[test]

@@ -15,7 +15,6 @@ use crate::error::{Error, Result};
 /// # Errors
 /// Not one node, offsets that run backwards or past the end, a cell with too few nodes for its
 /// kind, a node that does not exist.
-#[allow(dead_code, reason = "its readers come next")]
 pub(super) fn dataset(
     path: &Path,
     format: &'static str,
