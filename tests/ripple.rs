@@ -5,7 +5,8 @@
 //! in space ripples more than any picture of it, which averages along rays.
 #![allow(
     clippy::unwrap_used,
-    reason = "helpers of tests fail by panicking, as tests do"
+    clippy::cast_possible_truncation,
+    reason = "helpers of tests fail by panicking, as tests do; columns are f32"
 )]
 
 mod common;
@@ -16,7 +17,7 @@ use common::Random;
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
 };
-use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, volume};
+use ewa_splat::sample::{SampleOptions, Sampled, volume};
 use ewa_splat::scene::{Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
 use glam::{DMat3, DVec3};
 
@@ -247,8 +248,8 @@ fn rectilinear_lattices() {
     let sampled = sample(Geometry::Lattice(lattice), Association::Nodes, 16 * 16 * 16);
     let mut random = Random::new(1);
     let (rms, mean) = ripple(&sampled.volume, || inner(&mut random));
-    println!("rectilinear {rms:.4} {mean:.4}");
-    assert!(rms < 0.01, "{rms} {mean}");
+    // .35 % measured: the lattice's own .3 % and spacings that change by 2 % from cell to cell.
+    assert!(rms < 0.005, "{rms} {mean}");
 }
 
 #[test]
@@ -270,95 +271,185 @@ fn curvilinear_grids() {
         let r = 1.0 + s.x;
         DVec3::new(r * cos, r * sin, s.z)
     };
-    let maps: [(&str, &dyn Fn(DVec3) -> DVec3); 2] = [("wavy", &wavy), ("polar", &polar)];
-    for (name, map) in maps {
+    let maps: [&dyn Fn(DVec3) -> DVec3; 2] = [&wavy, &polar];
+    for map in maps {
         for association in [Association::Nodes, Association::Cells] {
             let block = at(map);
             let count = block.dims_of(association).iter().product();
-            let geometry = Geometry::Curvilinear {
-                blocks: vec![block],
-            };
-            let sampled = sample(geometry, association, count);
+            let blocks = vec![block];
+            let sampled = sample(Geometry::Curvilinear { blocks }, association, count);
             let mut random = Random::new(1);
             let (rms, mean) = ripple(&sampled.volume, || map(inner(&mut random)));
-            println!("{name} {association:?} {rms:.4} {mean:.4}");
-            assert!(rms < 0.01, "{name} {association:?} {rms} {mean}");
+            // .2 to .5 % at width .6; .20 to .23 % measured.
+            assert!(rms < 0.005, "{association:?} {rms} {mean}");
         }
     }
 }
 
 #[test]
 fn unstructured_grids() {
-    let n = 12;
     type Cut = fn([usize; 3]) -> Vec<(CellKind, Vec<usize>)>;
-    let cuts: [(&str, Cut); 3] = [
-        ("tets", tetrahedra),
-        ("hexes", hexahedron),
-        ("mixed", mixed),
+    // Bounds for nodes and cells. 4 to 9 % and 2.5 to 5 % are known of tetrahedra; measured here:
+    // 3.7 % and 2.3 %, hexahedra 2.9 % and 2.2 %, mixed cells 4.4 % and 2.8 %.
+    let cuts: [(&str, Cut, [f64; 2]); 3] = [
+        ("tetrahedra", tetrahedra, [0.05, 0.03]),
+        ("hexahedra", hexahedron, [0.04, 0.03]),
+        ("mixed", mixed, [0.06, 0.04]),
     ];
-    for (name, cut) in cuts {
-        for (shape, mesh) in [
-            ("wavy", Mesh::new(n, wavy, cut)),
-            ("jittered", Mesh::new(n, jittered(n, 0.2), cut)),
-        ] {
-            for association in [Association::Nodes, Association::Cells] {
-                let sampled = mesh.sample(association);
-                println!("{:?}", sampled.report.warnings());
-                let whole = total(&sampled.volume);
-                let mut random = Random::new(1);
-                let (rms, mean) = ripple(&sampled.volume, || {
-                    let p = inner(&mut random);
-                    if shape == "wavy" { wavy(p) } else { p }
-                });
-                println!("{name} {shape} {association:?} {rms:.4} {mean:.4} {whole:.6}");
-            }
+    let n = 12;
+    for (name, cut, bounds) in cuts {
+        let smooth = Mesh::new(n, wavy, cut);
+        let rough = Mesh::new(n, jittered(n, 0.2), cut);
+        for (association, bound) in [Association::Nodes, Association::Cells]
+            .into_iter()
+            .zip(bounds)
+        {
+            let sampled = smooth.sample(association);
+            assert_eq!(sampled.report.warnings(), [""; 0]);
+            // The map keeps volumes but for the flats between bent edges: second order in the
+            // bend of a cell.
+            assert!((total(&sampled.volume) - 1.0).abs() < 1e-4);
+            let mut random = Random::new(1);
+            let (rms, mean) = ripple(&sampled.volume, || wavy(inner(&mut random)));
+            // A smooth mesh is better by far, but for the faces at which mixed cells change.
+            let share = if name == "mixed" { 0.7 } else { 0.1 };
+            assert!(rms < share * bound, "{name} {association:?} {rms} {mean}");
+
+            let sampled = rough.sample(association);
+            let whole = total(&sampled.volume);
+            // Mixed cells do not meet where a moved face is cut along its diagonal on one side.
+            let gap = if name == "mixed" { 3e-3 } else { 1e-6 };
+            assert!((whole - 1.0).abs() < gap, "{name} {whole}");
+            let mut random = Random::new(1);
+            let (rms, mean) = ripple(&sampled.volume, || inner(&mut random));
+            assert!(rms < bound, "{name} {association:?} {rms} {mean}");
+            assert!(mean.abs() < 0.005, "{name} {association:?} {mean}");
         }
+    }
+}
+
+/// A jittered lattice of n³ points at spacing 1/n, stretched along z.
+fn scattered(n: usize, jitter: f64, stretch: f64) -> Vec<DVec3> {
+    let mut random = Random::new(9);
+    let point = |i: usize| {
+        let cell = DVec3::new((i % n) as f64, (i / n % n) as f64, (i / (n * n)) as f64);
+        let p = (cell + 0.5 + random.point(jitter)) / n as f64;
+        p * DVec3::new(1.0, 1.0, stretch)
+    };
+    (0..n * n * n).map(point).collect()
+}
+
+fn named(options: SampleOptions) -> SampleOptions {
+    SampleOptions {
+        field: Some("one".into()),
+        ..options
     }
 }
 
 #[test]
 fn scattered_points() {
-    let n = 16;
-    for jitter in [0.2, 0.5] {
-        for stretch in [1.0, 3.0] {
-            for shape in [
-                ParticleShape::Automatic,
-                ParticleShape::Isotropic,
-                ParticleShape::Covariance,
-            ] {
-                for passes in [0, 1, 3] {
-                    let mut random = Random::new(9);
-                    let mut positions = Vec::new();
-                    for i in 0..n * n * n {
-                        let p =
-                            DVec3::new((i % n) as f64, (i / n % n) as f64, (i / (n * n)) as f64)
-                                + 0.5;
-                        positions.push(
-                            (p + random.point(jitter)) / n as f64 * DVec3::new(1.0, 1.0, stretch),
-                        );
-                    }
-                    let count = positions.len();
-                    let options = SampleOptions {
-                        shape,
-                        shepard_passes: passes,
-                        field: Some("one".into()),
-                        ..SampleOptions::default()
-                    };
-                    let sampled = sample_with(
-                        Geometry::Points { positions },
-                        Association::Nodes,
-                        count,
-                        &options,
-                    );
-                    let (rms, mean) = ripple(&sampled.volume, || {
-                        inner(&mut random) * DVec3::new(1.0, 1.0, stretch)
-                    });
-                    let kind = matches!(sampled.volume.particles, Particles::Isotropic { .. });
-                    println!(
-                        "jitter {jitter} stretch {stretch} {shape:?} iso {kind} shepard {passes}: {rms:.4} {mean:.4}"
-                    );
-                }
-            }
+    // Jitter, stretch, bound; measured: 6.1 %, 14.5 %, 22.4 %, 18.3 %. Layers three spacings apart
+    // fill space: they stay spheres.
+    for (jitter, stretch, bound) in [
+        (0.2, 1.0, 0.07),
+        (0.5, 1.0, 0.16),
+        (0.2, 3.0, 0.25),
+        (0.5, 3.0, 0.2),
+    ] {
+        let at = |passes| {
+            let positions = scattered(16, jitter, stretch);
+            let count = positions.len();
+            let options = named(SampleOptions {
+                shepard_passes: passes,
+                ..SampleOptions::default()
+            });
+            let geometry = Geometry::Points { positions };
+            let sampled = sample_with(geometry, Association::Nodes, count, &options);
+            let isotropic = matches!(sampled.volume.particles, Particles::Isotropic { .. });
+            assert!(isotropic, "jitter {jitter}, stretch {stretch}");
+            let mut random = Random::new(1);
+            let axes = DVec3::new(1.0, 1.0, stretch);
+            let (rms, mean) = ripple(&sampled.volume, || inner(&mut random) * axes);
+            (rms, mean, total(&sampled.volume))
+        };
+        let plain = at(0);
+        assert!(plain.0 < bound, "{jitter} {stretch} {plain:?}");
+        // Shepard passes even out, and keep the whole.
+        let passed = [at(1), at(3)];
+        assert!(
+            passed[0].0 < plain.0 && passed[1].0 < passed[0].0,
+            "{plain:?} {passed:?}"
+        );
+        for pass in passed {
+            assert!((pass.2 / plain.2 - 1.0).abs() < 1e-5, "{plain:?} {pass:?}");
         }
     }
+}
+
+#[test]
+fn smoothed_particles() {
+    let n = 16;
+    let positions = scattered(n, 0.2, 1.0);
+    let count = positions.len();
+    let spacing = 1.0 / n as f64;
+    let column = |name: &str, value: f64| Field {
+        name: name.into(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(Values::F32(vec![value as f32; count])),
+    };
+    let sampled = |fields: Vec<Field>| {
+        let geometry = Geometry::Points {
+            positions: positions.clone(),
+        };
+        let dataset = Dataset::new(Path::new("test"), "test", geometry, fields);
+        volume(dataset, &named(SampleOptions::default())).unwrap()
+    };
+    let inside = |volume: &PointVolume| {
+        let mut random = Random::new(1);
+        ripple(volume, || inner(&mut random))
+    };
+    let one = || column("one", 1.0);
+    // h at 1.2 spacings: sigma .66. Masses and densities are known exactly.
+    let (h, m) = (1.2 * spacing, 2.0 * spacing.powi(3));
+    let known = sampled(vec![
+        one(),
+        column("h", h),
+        column("m", m),
+        column("rho", 2.0),
+    ]);
+    let (rms, mean) = inside(&known.volume);
+    assert!((total(&known.volume) - 1.0).abs() < 1e-5);
+    // The jitter's own noise, 4.6 % measured, as for equal kernels at jittered points.
+    assert!(rms < 0.06 && mean.abs() < 0.01, "{rms} {mean}");
+    // Without them the neighbours say as much: the number density of SPH.
+    let derived = sampled(vec![one(), column("h", h)]);
+    let (rms, mean) = inside(&derived.volume);
+    assert!(rms < 0.06 && mean.abs() < 0.02, "{rms} {mean}");
+    // With masses only, the field shown is mass over volume.
+    let by_mass = volume(
+        Dataset::new(
+            Path::new("test"),
+            "test",
+            Geometry::Points {
+                positions: positions.clone(),
+            },
+            vec![column("h", h), column("m", m)],
+        ),
+        &SampleOptions::default(),
+    )
+    .unwrap();
+    assert_eq!(
+        by_mass.report.field.as_deref(),
+        Some("density (mass over volume)")
+    );
+    let values = by_mass.volume.values.unwrap();
+    let mut densities: Vec<f32> = (0..count).map(|i| values.get(i)).collect();
+    densities.sort_by(f32::total_cmp);
+    // 2 inside; less at the faces and corners, where kernels are missing, and more where the
+    // jitter crowds points: a fifth of them.
+    assert!(
+        (1.9..2.1).contains(&densities[count * 6 / 10]),
+        "{densities:?}"
+    );
+    assert!(densities[0] > 0.3 && densities[count - 1] < 2.6);
 }
