@@ -36,10 +36,10 @@ use crate::scene::Particles;
 const DEGENERATE_VOLUME: f64 = 1e-12;
 
 /// Cells whose parts are computed at a time by one task.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 1024;
 
 /// Chunks of cells whose parts are held at a time: enough for many threads, little memory.
-const CHUNKS_AT_ONCE: usize = 64;
+const CHUNKS_AT_ONCE: usize = 16;
 
 /// Volume and moments of a part of space, relative to a point.
 #[derive(Debug, Clone, Copy, Default)]
@@ -220,6 +220,24 @@ fn is_solid(kind: CellKind) -> bool {
     kind.faces().is_some() || kind == CellKind::POLYHEDRON
 }
 
+/// Six times the volume of a cell of fixed shape with its sign, its faces cut into triangles:
+/// enough to tell which way most cells of a kind are numbered. 0 for all others.
+fn rough_volume(mesh: &CellMesh, cell: usize) -> f64 {
+    let Some(faces) = mesh.kinds[cell].faces() else {
+        return 0.0;
+    };
+    let entries = mesh.cell(cell);
+    let origin = mesh.nodes[entries[0] as usize];
+    let corner = |i: u8| mesh.nodes[entries[usize::from(i)] as usize] - origin;
+    let fans = faces.iter().flat_map(|face| {
+        face.windows(2)
+            .skip(1)
+            .map(move |pair| (face[0], pair[0], pair[1]))
+    });
+    fans.map(|(a, b, c)| corner(a).dot(corner(b).cross(corner(c))))
+        .sum()
+}
+
 /// Longest extent of a cell's box.
 fn extent(mesh: &CellMesh, parts: &[(u32, Moments)]) -> f64 {
     let nodes = || parts.iter().map(|(n, _)| mesh.nodes[*n as usize]);
@@ -310,25 +328,19 @@ impl Duals {
     }
 
     fn handedness(mesh: &CellMesh) -> [f64; 256] {
-        let count = mesh.cell_count();
-        let sums = (0..count)
+        let sums = (0..mesh.cell_count())
             .into_par_iter()
             .with_min_len(CHUNK)
             .fold(
-                || (Vec::new(), vec![0.0; 256]),
-                |(mut parts, mut sums), cell| {
-                    let kind = mesh.kinds[cell];
-                    if is_solid(kind) {
-                        parts.clear();
-                        let (volume, _) = cut(mesh, cell, &mut parts);
-                        if volume.is_finite() {
-                            sums[usize::from(kind.0)] += volume;
-                        }
+                || vec![0.0; 256],
+                |mut sums, cell| {
+                    let volume = rough_volume(mesh, cell);
+                    if volume.is_finite() {
+                        sums[usize::from(mesh.kinds[cell].0)] += volume;
                     }
-                    (parts, sums)
+                    sums
                 },
             )
-            .map(|(_, sums)| sums)
             .reduce(
                 || vec![0.0; 256],
                 |mut a, b| {

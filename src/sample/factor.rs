@@ -57,9 +57,10 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
 /// The lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz, or `None`
 /// if it is indefinite, zero or not finite.
 ///
-/// By its eigenvectors, not by Cholesky's recurrence: near a singular variance that divides the
-/// rounding of the elements by a small pivot and finds sound f32 data indefinite. Eigenvalues
-/// that rounding of the elements may have made negative (1e-6 of the trace) count as zero.
+/// By Cholesky's recurrence where no pivot is small. Near a singular variance that would divide
+/// the rounding of the elements by a small pivot and find sound f32 data indefinite: there, by its
+/// eigenvectors. Eigenvalues that rounding of the elements may have made negative (1e-6 of the
+/// trace) count as zero.
 pub(super) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
     const ROUNDING: f64 = 1e-6;
     let [xx, _, _, yy, _, zz] = variance;
@@ -67,12 +68,27 @@ pub(super) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
     if !(trace > 0.0 && variance.iter().all(|v| v.is_finite())) {
         return None;
     }
+    if let Some(factor) = cholesky(variance, ROUNDING * trace) {
+        return Some(factor);
+    }
     let (eigenvalues, axes) = eigen(variance.map(|v| v / trace));
     if eigenvalues.min_element() < -ROUNDING {
         return None;
     }
     let sigmas = (eigenvalues.max(DVec3::ZERO) * trace).map(f64::sqrt);
     Some(lower_factor(axes * DMat3::from_diagonal(sigmas)))
+}
+
+/// Cholesky's factor, if all squared pivots are greater than `least`.
+fn cholesky([xx, xy, xz, yy, yz, zz]: [f64; 6], least: f64) -> Option<[f64; 6]> {
+    let l00 = xx.sqrt();
+    let (l10, l20) = (xy / l00, xz / l00);
+    let pivot_y = yy - l10 * l10;
+    let l11 = pivot_y.sqrt();
+    let l21 = (yz - l20 * l10) / l11;
+    let pivot_z = zz - l20 * l20 - l21 * l21;
+    let is_sound = xx > least && pivot_y > least && pivot_z > least;
+    is_sound.then(|| [l00, l10, l11, l20, l21, pivot_z.sqrt()])
 }
 
 /// Eigenvalues of a symmetric matrix xx, xy, xz, yy, yz, zz, in no order, and the axes that belong
@@ -87,6 +103,10 @@ pub(super) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
     // sweeps leave rounding only.
     let mut axes = DMat3::IDENTITY;
     for _ in 0..8 {
+        let beside = v.y_axis.x.abs() + v.z_axis.x.abs() + v.z_axis.y.abs();
+        if beside <= f64::MIN_POSITIVE {
+            break;
+        }
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let beside = v.col(q)[p];
             if beside.abs() <= f64::MIN_POSITIVE {
