@@ -1,0 +1,229 @@
+//! Particles: what their lengths mean, and the shapes of those that state none.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "helpers of tests fail by panicking, as tests do; columns are f32"
+)]
+
+mod common;
+
+use std::path::Path;
+
+use common::Random;
+use ewa_splat::io::{
+    Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel,
+};
+use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, volume};
+use ewa_splat::scene::{Particles, Strength, Values};
+use glam::{DMat3, DVec3};
+
+fn column(name: &str, values: Vec<f32>) -> Field {
+    Field {
+        name: name.into(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(Values::F32(values)),
+    }
+}
+
+fn dataset(positions: Vec<DVec3>, columns: Vec<Field>) -> Dataset {
+    let geometry = Geometry::Points { positions };
+    Dataset::new(Path::new("test"), "test", geometry, columns)
+}
+
+fn sample(dataset: Dataset, options: SampleOptions) -> Sampled {
+    volume(dataset, &options).unwrap()
+}
+
+fn sigmas(sampled: &Sampled) -> &[f32] {
+    match &sampled.volume.particles {
+        Particles::Isotropic { sigmas, .. } => sigmas,
+        other => panic!("spheres expected, found {other:?}"),
+    }
+}
+
+/// Factors as matrices.
+fn factors(sampled: &Sampled) -> Vec<DMat3> {
+    let Particles::Anisotropic { factors, .. } = &sampled.volume.particles else {
+        panic!("ellipsoids expected")
+    };
+    let matrix = |l: &[f32; 6]| {
+        let [a, b, c, d, e, f] = l.map(f64::from);
+        DMat3::from_cols(
+            DVec3::new(a, b, d),
+            DVec3::new(0.0, c, e),
+            DVec3::new(0.0, 0.0, f),
+        )
+    };
+    factors.iter().map(matrix).collect()
+}
+
+fn cube(n: usize) -> Vec<DVec3> {
+    (0..n * n * n)
+        .map(|i| DVec3::new((i % n) as f64, (i / n % n) as f64, (i / (n * n)) as f64))
+        .collect()
+}
+
+#[test]
+fn lengths_mean_what_is_stated() {
+    let points = || cube(2);
+    let lengths = |name: &str| vec![column(name, vec![0.5; 8]), column("m", vec![1.0; 8])];
+    let with = |name: &str, options: SampleOptions| {
+        let sampled = sample(dataset(points(), lengths(name)), options);
+        f64::from(sigmas(&sampled)[3])
+    };
+    let is = |sigma: f64, expected: f64| assert!((sigma / expected - 1.0).abs() < 1e-6, "{sigma}");
+    let default = SampleOptions::default;
+    // Cubic spline: variance .3 h², support 2 h.
+    is(with("h", default()), 0.5 * 0.3_f64.sqrt());
+    is(with("sigma", default()), 0.5);
+    is(with("radius", default()), 0.5);
+    let meaning = |length| SampleOptions {
+        length: Some(length),
+        ..default()
+    };
+    is(
+        with("h", meaning(LengthMeaning::Support)),
+        0.25 * 0.3_f64.sqrt(),
+    );
+    is(with("h", meaning(LengthMeaning::Sigma)), 0.5);
+    is(
+        with("radius", meaning(LengthMeaning::Fwhm)),
+        0.5 / (8.0 * 2.0_f64.ln()).sqrt(),
+    );
+    let quintic = SampleOptions {
+        kernel: Some(SphKernel::QuinticSpline),
+        ..default()
+    };
+    is(with("h", quintic), 0.5 * (7.0_f64 / 15.0).sqrt());
+    // One for all, whatever the columns say; the width scales everything.
+    let given = SampleOptions {
+        radius: Some(2.0),
+        ..default()
+    };
+    is(with("h", given), 2.0);
+    let wide = SampleOptions {
+        kernel_width: 1.2,
+        ..default()
+    };
+    is(with("sigma", wide), 1.0);
+
+    // A format that names its fields and its kernel.
+    let mut snapshot = dataset(
+        points(),
+        vec![
+            column("Lengths", vec![0.5; 8]),
+            column("Masses", vec![3.0; 8]),
+            column("Densities", vec![6.0; 8]),
+        ],
+    );
+    snapshot.smoothing = Some(Smoothing {
+        length: "Lengths".into(),
+        meaning: LengthMeaning::Support,
+        kernel: SphKernel::WendlandC2,
+        mass: Some("Masses".into()),
+        density: Some("Densities".into()),
+    });
+    let sampled = sample(snapshot, default());
+    is(f64::from(sigmas(&sampled)[0]), 0.5 / 15.0_f64.sqrt());
+    let Strength::Classified { volumes } = &sampled.volume.strength else {
+        panic!()
+    };
+    assert!(volumes.iter().all(|v| (v - 0.5).abs() < 1e-6));
+    let lengths = sampled.report.lengths.unwrap();
+    assert!(
+        lengths.contains("support radius of the Wendland C2"),
+        "{lengths}"
+    );
+}
+
+#[test]
+fn radii_over_many_decades_are_kept_and_none_are_left_out() {
+    let mut radii: Vec<f32> = (0..64)
+        .map(|i| 10_f32.powf(i as f32 / 63.0 * 5.0 - 4.0))
+        .collect();
+    radii[3] = 0.0;
+    radii[5] = -1.0;
+    radii[7] = f32::NAN;
+    let columns = vec![column("radius", radii), column("one", vec![1.0; 64])];
+    let sampled = sample(dataset(cube(4), columns), SampleOptions::default());
+    assert_eq!(sampled.volume.particles.len(), 61);
+    assert_eq!(
+        sampled.report.warnings(),
+        ["3 particles left out: size zero, negative or not finite"]
+    );
+}
+
+/// Points on the unit sphere, evenly.
+fn sphere(count: usize) -> Vec<DVec3> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+            let r = (1.0 - z * z).sqrt();
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            DVec3::new(r * cos, r * sin, z)
+        })
+        .collect()
+}
+
+#[test]
+fn points_of_a_surface_become_its_discs() {
+    let points = sphere(4000);
+    let sampled = sample(dataset(points.clone(), vec![]), SampleOptions::default());
+    // An area of 4 pi / 4000 each; width .6 of its root.
+    let expected = 0.6 * (std::f64::consts::PI / 1000.0).sqrt();
+    for (point, l) in points.iter().zip(factors(&sampled)) {
+        let along = (l.transpose() * *point).length();
+        let tangent = point.any_orthonormal_vector();
+        let across = (l.transpose() * tangent).length();
+        // The neighbourhood's curvature and its shape: a third.
+        assert!(
+            (across / expected - 1.0).abs() < 0.35,
+            "{across} {expected}"
+        );
+        assert!(along < 0.2 * across, "{along} {across}");
+    }
+    // What fills space stays spheres, in layers too; and a cloud without order.
+    let mut random = Random::new(3);
+    let cloud = (0..4000).map(|_| random.point(1.0)).collect();
+    let layers = cube(16)
+        .into_iter()
+        .map(|p| p * DVec3::new(1.0, 1.0, 4.0))
+        .collect();
+    for points in [cloud, layers, cube(12)] {
+        let sampled = sample(dataset(points, vec![]), SampleOptions::default());
+        assert!(!sigmas(&sampled).is_empty());
+    }
+}
+
+#[test]
+fn fluid_kernels_are_flat_along_a_sheet() {
+    // Two layers of a lattice of spacing 1, and a drop on its own.
+    let mut points: Vec<DVec3> = cube(20).into_iter().filter(|p| p.z < 2.0).collect();
+    points.push(DVec3::splat(50.0));
+    let count = points.len();
+    let columns = || {
+        vec![
+            column("h", vec![2.0; count]),
+            column("rho", vec![1.0; count]),
+            column("m", vec![1.0; count]),
+            column("one", vec![1.0; count]),
+        ]
+    };
+    let sampled = sample(
+        dataset(points.clone(), columns()),
+        SampleOptions {
+            shape: ParticleShape::YuTurk,
+            ..SampleOptions::default()
+        },
+    );
+    let factors = factors(&sampled);
+    let sigma = 2.0 * 0.3_f64.sqrt();
+    let middle = factors[10 + 20 * 10];
+    let [x, z] = [DVec3::X, DVec3::Z].map(|axis| (middle.transpose() * axis).length());
+    // Widths follow the eigenvalues, a quarter of the greatest at least.
+    assert!(z < 0.5 * x && z > 0.24 * x, "{x} {z}");
+    assert!((middle.determinant().abs() / sigma.powi(3) - 1.0).abs() < 1e-5);
+    let drop = factors[count - 1];
+    assert!((drop.determinant().abs() / (0.5 * sigma).powi(3) - 1.0).abs() < 1e-5);
+}
