@@ -30,7 +30,7 @@ const SIGMA: f64 = 0.1;
 const MIDDLE: DVec3 = DVec3::new(0.5, 0.5, 0.6);
 /// Extinction where the field is 1.
 const EXTINCTION: f64 = 8.0;
-const PIXELS: usize = 48;
+const PIXELS: usize = 32;
 
 fn field(p: DVec3) -> f64 {
     (-0.5 * p.distance_squared(MIDDLE) / SIGMA.powi(2)).exp()
@@ -198,8 +198,12 @@ fn samplings_of_one_field_agree_with_each_other_and_with_the_reference() {
         let from_blurred = worst(image, |x, y| analytic(&camera, x, y, blur));
         let from_field = worst(image, |x, y| analytic(&camera, x, y, 0.0));
         let from_first = worst(image, |x, y| alpha(&images[0], x, y));
-        println!(
-            "{name}: reference {from_reference:.1e}, blurred field {from_blurred:.1e}, field {from_field:.1e}, curvilinear {from_first:.1e}"
-        );
+        // The frame's tolerance; what kernels of width .6 leave of the field (the widened field's
+        // own picture, within the ripple); the widening itself; and all of it twice. Measured:
+        // 3e-5, .7 %, 1.9 %, 1.2 %.
+        assert!(from_reference < 1e-4, "{name} {from_reference:e}");
+        assert!(from_blurred < 0.01, "{name} {from_blurred:e}");
+        assert!(from_field < 0.025, "{name} {from_field:e}");
+        assert!(from_first < 0.015, "{name} {from_first:e}");
     }
 }
