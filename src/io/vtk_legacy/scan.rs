@@ -261,7 +261,7 @@ impl<'a> Scanner<'a> {
                 let size = block.encoding.scalar.size();
                 let bytes = block.bytes.get(i * size..(i + 1) * size);
                 let found = format!("the bytes {:02x?}", bytes.unwrap_or_default());
-                self.fault(format!("{WHAT} as number {i} of {count}"), found)
+                self.fault(format!("{WHAT} as number {} of {count}", i + 1), found)
             });
         }
         let mut ids = Vec::new();
