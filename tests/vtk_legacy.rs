@@ -288,8 +288,10 @@ fn write_attributes(vtk: &mut LegacyVtk) {
     vtk.line("PEDIGREE_IDS who string");
     vtk.texts(&["a b", "", "POINT_DATA 7", "x\ny"]);
     vtk.array("edge_flags e", &support::uint8("", 1, &[0, 1, 1, 0]));
-    vtk.lines("FIELD f 4\nNULL_ARRAY\nlabels 2 2 string");
+    vtk.lines("FIELD f 5\nNULL_ARRAY\nlabels 2 2 string");
     vtk.texts(&["p", "q", "r s", "t"]);
+    // Two variants: text in binary files too.
+    vtk.lines("any 1 2 variant\n6 3\n13 a%20b");
     vtk.line("bits 1 4 bit");
     if vtk.binary {
         vtk.file.push(0b0110_0000);
@@ -373,7 +375,11 @@ fn all_attributes_are_read_and_what_stands_between_them_is_not() {
         of_cells("i64", Values::F32(vec![-5e9]));
         of_cells("u64", Values::F32(vec![5e9]));
         assert_eq!(data.notes.len(), 1);
-        assert!(data.notes[0].contains("who, labels"), "{}", data.notes[0]);
+        assert!(
+            data.notes[0].contains("who, labels, any"),
+            "{}",
+            data.notes[0]
+        );
     }
 }
 
@@ -411,15 +417,6 @@ fn flat_grids_keep_their_points_and_leave_out_their_cells() {
         assert_eq!(data.field_names(), ["kept"]);
         assert!(data.notes[0].contains("flat"), "{:?}", data.notes);
     }
-}
-
-#[test]
-fn values_of_many_types_end_the_attributes() {
-    let text = "# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 0\n\
-                POINT_DATA 1\nFIELD f 3\na 1 1 int\n7\nb 1 1 variant\n5 x\nc 1 1 int\n7\n";
-    let data = try_read(text.as_bytes()).unwrap();
-    assert_eq!(data.field_names(), ["a"]);
-    assert!(data.notes[0].contains("`b`"), "{:?}", data.notes);
 }
 
 #[test]
