@@ -242,6 +242,20 @@ fn vertices_and_bare_points_are_particles() {
     }
 }
 
+/// Positions are decoded some thousands at a time.
+#[test]
+fn many_points_keep_their_order() {
+    for binary in [false, true] {
+        let mut vtk = LegacyVtk::new("3.0", binary, false);
+        vtk.line("DATASET POLYDATA");
+        write_points(&mut vtk, 10_001);
+        let Geometry::Points { positions: found } = read(&vtk).geometry else {
+            panic!();
+        };
+        assert!(found == positions(10_001), "binary {binary}");
+    }
+}
+
 /// Every attribute there is, with what may stand between them.
 fn write_attributes(vtk: &mut LegacyVtk) {
     let of = |components: usize| f32s(4 * components, |i| i as f32 + 0.5);
