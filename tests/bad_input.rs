@@ -17,6 +17,7 @@ use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
 use proptest::prelude::*;
+use support::vtk_legacy::LegacyVtk;
 use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
 
 /// Names and contents of sound files.
@@ -53,6 +54,9 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
             ));
             seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
         }
+        for file in legacy_vtk() {
+            seeds.push(("a.vtk".into(), file));
+        }
         for _ in 0..16 {
             let plain = "{'descr': '>f8', 'fortran_order': True, 'shape': (3, 4), }    \n";
             seeds.push(("a.npy".into(), support::npy(1, plain, &[1; 96])));
@@ -65,6 +69,67 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
         }
         seeds
     })
+}
+
+/// Small legacy VTK files of every kind, in text and binary, in the old and the new style.
+fn legacy_vtk() -> Vec<Vec<u8>> {
+    let coordinates = support::float32("", 3, &[0.5; 24]);
+    let values = |vtk: &mut LegacyVtk, cells: i32| {
+        vtk.line("POINT_DATA 8");
+        vtk.lines("SCALARS s short 1\nLOOKUP_TABLE default");
+        vtk.numbers(&support::int16("", 1, &[1, 2, 3, 4, 5, 6, 7, 8]));
+        vtk.lines("METADATA\nCOMPONENT_NAMES\ns\n");
+        vtk.line("");
+        vtk.line("PEDIGREE_IDS id string");
+        vtk.texts(&["a", "b", "c", "d", "e", "f", "g", "h"]);
+        vtk.line(&format!("CELL_DATA {cells}"));
+        let cells = vec![0.25; cells as usize];
+        vtk.field(&[support::float64("c", 1, &cells)]);
+    };
+    let write = |vtk: &mut LegacyVtk, kind: usize| match kind {
+        0 => {
+            vtk.lines("DATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1");
+            values(vtk, 1);
+        }
+        1 => {
+            vtk.lines("DATASET RECTILINEAR_GRID\nDIMENSIONS 2 2 2");
+            for axis in ["X", "Y", "Z"] {
+                let heading = format!("{axis}_COORDINATES 2");
+                vtk.array(&heading, &support::float32("", 1, &[0.0, 1.0]));
+            }
+            values(vtk, 1);
+        }
+        2 => {
+            vtk.lines("DATASET STRUCTURED_GRID\nDIMENSIONS 2 2 2");
+            vtk.array("POINTS 8", &coordinates);
+            values(vtk, 1);
+        }
+        3 => {
+            vtk.line("DATASET UNSTRUCTURED_GRID");
+            vtk.array("POINTS 8", &coordinates);
+            let faces = [4, 3, 0, 1, 2, 3, 0, 1, 3, 3, 0, 2, 3, 3, 1, 2, 3];
+            vtk.cells("CELLS", &[&[4, 5, 6, 7], &faces]);
+            vtk.line("CELL_TYPES 2");
+            vtk.numbers(&support::int32("", 1, &[10, 42]));
+            values(vtk, 2);
+        }
+        _ => {
+            vtk.line("DATASET POLYDATA");
+            vtk.array("POINTS 8", &coordinates);
+            vtk.cells("VERTICES", &[&[0]]);
+            vtk.cells("POLYGONS", &[&[0, 1, 2], &[2, 3, 4, 5]]);
+            values(vtk, 3);
+        }
+    };
+    let mut files = Vec::new();
+    for (version, binary) in [("3.0", false), ("5.1", false), ("3.0", true), ("5.1", true)] {
+        for kind in 0..5 {
+            let mut vtk = LegacyVtk::new(version, binary, false);
+            write(&mut vtk, kind);
+            files.push(vtk.file);
+        }
+    }
+    files
 }
 
 /// Names and contents of sound images.
@@ -271,4 +336,53 @@ fn deeply_nested_xml_is_answered() {
     let text = format!("<VTKFile type=\"ImageData\">{deep}</VTKFile>");
     std::fs::write(&path, text).unwrap();
     check(open(&path, &OpenOptions::default()).map(drop));
+}
+
+/// A file cut anywhere is answered: by an error, or, after a whole section, by what there is.
+#[test]
+fn legacy_files_cut_at_every_byte_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.vtk");
+    for bytes in legacy_vtk() {
+        let mut errors = 0;
+        for len in 1..bytes.len() {
+            std::fs::write(&path, &bytes[..len]).unwrap();
+            let answer = open(&path, &OpenOptions::default());
+            errors += usize::from(answer.is_err());
+            check(answer.map(drop));
+        }
+        // Whole sections are few, but each may be followed by a name or a blank.
+        assert!(errors > bytes.len() / 2, "{errors} of {}", bytes.len());
+    }
+}
+
+/// A count that the file cannot hold is refused before anything of that size is allocated or
+/// waited for.
+#[test]
+fn legacy_files_with_wrong_counts_are_answered_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("counts.vtk");
+    for bytes in legacy_vtk() {
+        let text: Vec<u8> = bytes.clone();
+        let mut at = 0;
+        while let Some(start) = text[at..].iter().position(u8::is_ascii_digit) {
+            let start = at + start;
+            let len = text[start..]
+                .iter()
+                .take_while(|b| b.is_ascii_digit())
+                .count();
+            at = start + len;
+            for count in [
+                "0",
+                "3",
+                "4294967295",
+                "9223372036854775807",
+                "18446744073709551615",
+            ] {
+                let damaged = [&text[..start], count.as_bytes(), &text[at..]].concat();
+                std::fs::write(&path, damaged).unwrap();
+                check(open(&path, &OpenOptions::default()).map(drop));
+            }
+        }
+    }
 }

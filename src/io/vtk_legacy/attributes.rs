@@ -59,7 +59,6 @@ pub(super) fn read(scan: &mut Scanner<'_>, samples: Samples) -> Result<(Vec<Fiel
         not_numbers: Vec::new(),
         flat: Vec::new(),
     };
-    let mut notes = Vec::new();
     let mut count = None;
     loop {
         if scan.skip_metadata() {
@@ -84,14 +83,9 @@ pub(super) fn read(scan: &mut Scanner<'_>, samples: Samples) -> Result<(Vec<Fiel
         let Some(tuple_count) = count else {
             return Err(scan.fault("POINT_DATA or CELL_DATA", format!("`{keyword}`")));
         };
-        if !attributes.read_one(scan, &keyword, tuple_count)? {
-            notes.push(format!(
-                "what follows array `{}` left out: its values are of many types",
-                attributes.not_numbers.pop().unwrap_or_default()
-            ));
-            break;
-        }
+        attributes.read_one(scan, &keyword, tuple_count)?;
     }
+    let mut notes = Vec::new();
     let mut note = |names: &[String], why: &str| {
         if !names.is_empty() {
             notes.push(format!("arrays left out: {} ({why})", names.join(", ")));
@@ -110,23 +104,17 @@ pub(super) fn skip_field(scan: &mut Scanner<'_>) -> Result<()> {
     for_each_array(scan, |scan, heading| {
         let count = heading.number_count(scan)?;
         match heading.data_type {
-            DataType::Text => scan.skip_texts(count)?,
-            DataType::Variant => {
-                let found = format!("`{}`, whose values are of many types", heading.name);
-                return Err(scan.error("arrays of one type", found, "save the file without it"));
-            }
-            data_type => drop(scan.array(data_type, count)?),
+            texts @ (DataType::Text | DataType::Variant) => scan.skip_texts(texts, count),
+            numbers => scan.array(numbers, count).map(drop),
         }
-        Ok(true)
-    })?;
-    Ok(())
+    })
 }
 
-/// The arrays of a `FIELD`, one after the other, until `read` says no.
+/// Hands the headings of the arrays of a `FIELD` to `read`, which reads what follows them.
 fn for_each_array(
     scan: &mut Scanner<'_>,
-    mut read: impl FnMut(&mut Scanner<'_>, Heading) -> Result<bool>,
-) -> Result<bool> {
+    mut read: impl FnMut(&mut Scanner<'_>, Heading) -> Result<()>,
+) -> Result<()> {
     scan.name()?;
     let count = scan.count("a number of arrays")?;
     for _ in 0..count {
@@ -141,11 +129,9 @@ fn for_each_array(
             data_type: scan.data_type()?,
             name,
         };
-        if !read(scan, heading)? {
-            return Ok(false);
-        }
+        read(scan, heading)?;
     }
-    Ok(true)
+    Ok(())
 }
 
 /// The attributes while they are read.
@@ -154,7 +140,7 @@ struct Attributes {
     /// Of the section that is being read.
     association: Association,
     fields: Vec<Field>,
-    /// Arrays of text.
+    /// Arrays of text and of values of many types.
     not_numbers: Vec<String>,
     /// Cell arrays of flat grids.
     flat: Vec<String>,
@@ -168,14 +154,13 @@ impl Attributes {
         }
     }
 
-    /// Reads one attribute, from the word after `keyword` on. `false` where what follows it
-    /// cannot be read; the array's name is then the last of `not_numbers`.
+    /// Reads one attribute, from the word after `keyword` on.
     fn read_one(
         &mut self,
         scan: &mut Scanner<'_>,
         keyword: &str,
         tuple_count: usize,
-    ) -> Result<bool> {
+    ) -> Result<()> {
         let component_count = match keyword {
             "FIELD" => return for_each_array(scan, |scan, heading| self.add(scan, heading)),
             "SCALARS" => return self.scalars(scan, tuple_count),
@@ -185,7 +170,7 @@ impl Attributes {
                 let entries = scan.count("a number of colours")?;
                 let colours = entries.saturating_mul(4);
                 scan.array(colour_type(scan), colours)?;
-                return Ok(true);
+                return Ok(());
             }
             "TEXTURE_COORDINATES" => {
                 let name = scan.name()?;
@@ -217,7 +202,7 @@ impl Attributes {
         self.add(scan, heading)
     }
 
-    fn scalars(&mut self, scan: &mut Scanner<'_>, tuple_count: usize) -> Result<bool> {
+    fn scalars(&mut self, scan: &mut Scanner<'_>, tuple_count: usize) -> Result<()> {
         let name = scan.name()?;
         let data_type = scan.data_type()?;
         let mut component_count = 1;
@@ -248,7 +233,7 @@ impl Attributes {
     }
 
     /// Colours become bytes, as binary files have them.
-    fn colours(&mut self, scan: &mut Scanner<'_>, tuple_count: usize) -> Result<bool> {
+    fn colours(&mut self, scan: &mut Scanner<'_>, tuple_count: usize) -> Result<()> {
         let heading = Heading {
             name: scan.name()?,
             component_count: scan.count("a number of components")?,
@@ -256,7 +241,7 @@ impl Attributes {
             data_type: colour_type(scan),
         };
         let before = self.fields.len();
-        let goes_on = self.add(scan, heading)?;
+        self.add(scan, heading)?;
         for field in &mut self.fields[before..] {
             let components = match &mut field.source {
                 FieldSource::Scalar(values) => std::slice::from_mut(values),
@@ -269,30 +254,23 @@ impl Attributes {
                 }
             }
         }
-        Ok(goes_on)
+        Ok(())
     }
 
     /// Reads the numbers of an array.
-    fn add(&mut self, scan: &mut Scanner<'_>, heading: Heading) -> Result<bool> {
+    fn add(&mut self, scan: &mut Scanner<'_>, heading: Heading) -> Result<()> {
         scan.section = format!("{}, array `{}`", self.section(), clip(&heading.name));
         let number_count = heading.number_count(scan)?;
         let (expected, one) = match self.association {
             Association::Nodes => (self.samples.nodes, "point"),
             Association::Cells => (self.samples.cells, "cell"),
         };
-        match heading.data_type {
-            DataType::Variant => {
+        if let texts @ (DataType::Text | DataType::Variant) = heading.data_type {
+            scan.skip_texts(texts, number_count)?;
+            if !self.not_numbers.contains(&heading.name) {
                 self.not_numbers.push(heading.name);
-                return Ok(false);
             }
-            DataType::Text => {
-                scan.skip_texts(number_count)?;
-                if !self.not_numbers.contains(&heading.name) {
-                    self.not_numbers.push(heading.name);
-                }
-                return Ok(true);
-            }
-            _ => {}
+            return Ok(());
         }
         if heading.tuple_count != expected {
             return Err(scan.fault(
@@ -306,11 +284,11 @@ impl Attributes {
         }
         let block = scan.array(heading.data_type, number_count)?;
         if number_count == 0 {
-            return Ok(true);
+            return Ok(());
         }
         if self.association == Association::Cells && !self.samples.keeps_cells {
             self.flat.push(heading.name);
-            return Ok(true);
+            return Ok(());
         }
         let component = |c| {
             let values = block.component(c, heading.component_count);
@@ -327,7 +305,7 @@ impl Attributes {
             association: self.association,
             source,
         });
-        Ok(true)
+        Ok(())
     }
 }
 

@@ -92,7 +92,7 @@ fn header(scan: &mut Scanner<'_>) -> Result<()> {
     let line = String::from_utf8_lossy(scan.line()).into_owned();
     let version = line.split_ascii_whitespace().nth(4);
     let major = version.and_then(|v| v.split('.').next()?.parse::<u32>().ok());
-    if !major.is_some_and(|n| n <= NEWEST) {
+    if major.is_none_or(|n| n > NEWEST) {
         return Err(scan.error(
             format!("`# vtk DataFile Version` and a version up to {NEWEST}"),
             format!("`{}`", quote(line.as_bytes())),

@@ -20,7 +20,7 @@ pub(super) enum DataType {
     Bit,
     /// Text: one percent-encoded line each, or a length and bytes.
     Text,
-    /// Values of any type.
+    /// Values of many types: a line each, in binary files too.
     Variant,
 }
 
@@ -261,7 +261,7 @@ impl<'a> Scanner<'a> {
                 let size = block.encoding.scalar.size();
                 let bytes = block.bytes.get(i * size..(i + 1) * size);
                 let found = format!("the bytes {:02x?}", bytes.unwrap_or_default());
-                self.fault(format!("{WHAT} as number {i} of {count}"), found)
+                self.fault(format!("{WHAT} as number {} of {count}", i + 1), found)
             });
         }
         let mut ids = Vec::new();
@@ -271,8 +271,8 @@ impl<'a> Scanner<'a> {
         Ok(ids)
     }
 
-    /// Goes past `count` texts.
-    pub(super) fn skip_texts(&mut self, count: usize) -> Result<()> {
+    /// Goes past `count` values that are no numbers.
+    pub(super) fn skip_texts(&mut self, data_type: DataType, count: usize) -> Result<()> {
         if count == 0 {
             return Ok(());
         }
@@ -284,7 +284,7 @@ impl<'a> Scanner<'a> {
             if self.is_at_end() {
                 return cut(self);
             }
-            if !self.is_binary {
+            if !self.is_binary || data_type == DataType::Variant {
                 self.line();
                 continue;
             }
@@ -512,15 +512,15 @@ mod tests {
             let bytes = [b" \n", prefix, &vec![b'\n'; length], b"END"].concat();
             let mut scan = Scanner::new(Path::new("t"), &bytes);
             scan.is_binary = true;
-            scan.skip_texts(1).unwrap();
+            scan.skip_texts(DataType::Text, 1).unwrap();
             assert_eq!(scan.word(), Some(&b"END"[..]), "{prefix:x?}");
             let mut cut = Scanner::new(Path::new("t"), &bytes[..prefix.len() + 1 + length]);
             cut.is_binary = true;
-            assert!(cut.skip_texts(1).is_err(), "{prefix:x?}");
+            assert!(cut.skip_texts(DataType::Text, 1).is_err(), "{prefix:x?}");
         }
         let mut huge = Scanner::new(Path::new("t"), b"\n\x3f\xff\xff\xff\xff\xff\xff\xff");
         huge.is_binary = true;
-        assert!(huge.skip_texts(usize::MAX).is_err());
+        assert!(huge.skip_texts(DataType::Text, usize::MAX).is_err());
     }
 
     #[test]
