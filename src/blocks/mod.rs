@@ -102,9 +102,11 @@ impl BlockedVolume {
         let masses = match &self.strength {
             Strength::Classified { volumes } => volumes.len() * 4,
             Strength::Mass(masses) => masses.len() * 4,
+            Strength::PeakOpacity { opacities, .. } => opacities.len() * 4,
         };
         let colours = match &self.colour {
             Colour::PerParticle(c) => c.len() * 12,
+            Colour::Harmonics { coefficients, .. } => coefficients.len() * 4,
             _ => 0,
         };
         let values = self

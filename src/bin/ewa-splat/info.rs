@@ -26,9 +26,10 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let dataset = arguments.data.open(&arguments.input)?;
     let mut description = describe(&dataset)?;
+    let notes = dataset.notes.clone();
     // What rendering makes of it.
     let sampled = arguments.data.sample(dataset)?;
-    description["left_out"] = json!(sampled.report.warnings());
+    description["left_out"] = json!([notes, sampled.report.warnings()].concat());
     description["requirements"] = json!(Requirements::of(&sampled.volume));
     let blocked = BlockedVolume::new(sampled.volume);
     description["particles"] = json!(blocked.particle_count());
@@ -82,7 +83,11 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         Geometry::Splats(cloud) => {
             let (lower, upper) = bounds(cloud.positions.iter().copied());
             let count = cloud.positions.len();
-            (json!({ "kind": "splats", "count": count }), lower, upper)
+            let kind = json!({
+                "kind": "splats", "count": count, "degree": cloud.harmonics_degree,
+                "anti_aliased": cloud.is_anti_aliased,
+            });
+            (kind, lower, upper)
         }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());
