@@ -17,7 +17,9 @@ use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
 use proptest::prelude::*;
-use support::splats::{Ply, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked};
+use support::splats::{
+    Element, Ply, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked,
+};
 use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
 
 /// Names and contents of sound files.
@@ -73,7 +75,7 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
                 let vertices: &[&str] = &["list uchar int l", "float x", "double y", "short z"];
                 let rows = [vec![1.0, 7.0, 0.5, 1.5, 2.0], vec![0.0, 3.5, 4.5, 5.0]];
                 let faces: &[&str] = &["list uchar int vertex_indices"];
-                let elements: [(&str, &[&str], &[Vec<f64>]); 2] = [
+                let elements: [Element<'_>; 2] = [
                     ("vertex", vertices, &rows),
                     ("face", faces, &[vec![3.0, 0.0, 1.0, 0.0]]),
                 ];

@@ -2,6 +2,9 @@
 
 use std::io::Write;
 
+/// Name, properties as the header has them, rows.
+pub(crate) type Element<'a> = (&'a str, &'a [&'a str], &'a [Vec<f64>]);
+
 /// The three encodings of PLY.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ply {
@@ -45,7 +48,7 @@ impl Ply {
 
     /// A file of some elements: name, properties as the header has them, rows. A list's length
     /// stands before its items.
-    pub(crate) fn file(self, comments: &str, elements: &[(&str, &[&str], &[Vec<f64>])]) -> Vec<u8> {
+    pub(crate) fn file(self, comments: &str, elements: &[Element<'_>]) -> Vec<u8> {
         let mut out = format!("ply\nformat {} 1.0\n{comments}", self.name()).into_bytes();
         for (name, properties, rows) in elements {
             writeln!(out, "element {name} {}", rows.len()).unwrap();
