@@ -313,6 +313,19 @@ fn splats_from_ply_in_every_encoding_degree_and_layout() {
             let data = folder.open("a.ply", &file);
             assert_holds(cloud(&data), &splats, degree, &FLOATS);
             assert!(!cloud(&data).is_anti_aliased && data.fields.is_empty());
+            // Marks: the last one holds.
+            for (comments, is_marked) in [
+                ("comment antialiased 1\n", true),
+                ("comment splatrendermode:MIP\n", true),
+                (
+                    "comment antialiased 1\ncomment SplatRenderMode: default\n",
+                    false,
+                ),
+                ("comment antialiased 0\n", false),
+            ] {
+                let data = folder.open("a.ply", &splat_ply(encoding, comments, &splats, &[]));
+                assert_eq!(cloud(&data).is_anti_aliased, is_marked, "{comments}");
+            }
             // Trailing properties of any kind, flat splats, a mark.
             for splat in &mut splats {
                 splat.scales.pop();

@@ -133,8 +133,8 @@ impl BlockedVolume {
         let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
             (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
-                let whole = |b| self.splats_box(b).or_else(|| Some(self.whole_box(b)));
-                return self.blocks.iter().filter_map(whole).collect();
+                let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
+                return self.blocks.iter().map(seen).collect();
             }
         };
         let [lowest, highest] = transfer.range();
@@ -185,7 +185,7 @@ impl BlockedVolume {
                     Vec3::new(l10, l11, 0.0),
                     Vec3::new(l20, l21, l22),
                 ];
-                let (centre, reach) = (Vec3::from(offsets[i]), rows.map(Vec3::length).into());
+                let (centre, reach) = (Vec3::from(offsets[i]), Vec3::from(rows.map(Vec3::length)));
                 (centre - reach, centre + reach)
             })
             .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));

@@ -16,7 +16,7 @@
 //! | all others | fields |
 //!
 //! A file with `f_dc_0` has the splat layout, any other is a table. A comment
-//! `SplatRenderMode: mip` marks splats made for the low-pass filter of Yu et al. 2024,
+//! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
 //! *Mip-Splatting*, that keeps opacity times area.
 //!
 //! The parser is our own: `ply-rs-bw` 4.0 reads into a map of names per vertex (some kilobytes
@@ -688,6 +688,16 @@ impl Table<'_> {
     }
 }
 
+/// Whether a comment says that splats are, or are not, made for the anti-aliasing filter.
+fn anti_aliasing_mark(comment: &str) -> Option<bool> {
+    let words = comment.to_ascii_lowercase().replace(':', " ");
+    match words.split_ascii_whitespace().collect::<Vec<_>>()[..] {
+        ["splatrendermode", mode] => Some(mode == "mip"),
+        ["antialiased", flag] => Some(flag == "1"),
+        _ => None,
+    }
+}
+
 /// Reads the rows as splats.
 fn splats(table: &Table<'_>, comments: &[String], notes: &mut Vec<String>) -> Result<Dataset> {
     let path = table.path;
@@ -761,17 +771,14 @@ fn splats(table: &Table<'_>, comments: &[String], notes: &mut Vec<String>) -> Re
             rotation[k] = value;
         }
     }
-    let is_mark = |comment: &String| {
-        let (key, value) = comment.split_once(':').unwrap_or_default();
-        key.trim().eq_ignore_ascii_case("SplatRenderMode") && value.trim() == "mip"
-    };
+    let marks = comments.iter().filter_map(|c| anti_aliasing_mark(c));
     let cloud = SplatCloud {
         scales: scales.collect(),
         rotations,
         opacities: table.floats(opacity)?.into_iter().map(sigmoid).collect(),
         harmonics_degree: degree,
         harmonics,
-        is_anti_aliased: comments.iter().any(is_mark),
+        is_anti_aliased: marks.last().unwrap_or(false),
         positions,
     };
     cloud.dataset(path, SPLAT_FORMAT, table.fields(&used)?)
