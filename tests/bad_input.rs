@@ -343,7 +343,12 @@ fn splat_files_of_every_length_are_answered() {
         let packed = gzip(&unpacked);
         for n in 0..packed.len() {
             let is_read = answer("a.spz", &packed[..n]);
-            assert!(!is_read || n + 8 >= packed.len(), "{n} of {}", packed.len());
+            // Of version 1 the file holds more than is asked for, so that less will do.
+            assert!(
+                !is_read || version == 1 || n + 8 >= packed.len(),
+                "{n} of {}",
+                packed.len()
+            );
         }
     }
 }

@@ -288,7 +288,10 @@ fn a_splat_file_is_described_and_rendered() {
     assert_eq!(info["geometry"]["kind"], "splats");
     assert_eq!(info["geometry"]["degree"], 0);
     assert_eq!(info["requirements"]["peak_opacity"], true);
-    let render = ["render", "a.splat", "--size", "9x9", "--out", "a.npy"];
+    let render = [
+        "render", "a.splat", "--eye", "0,-8,0", "--target", "0,0,0", "--size", "9x9", "--out",
+        "a.npy",
+    ];
     let output = run(folder.path(), &render);
     assert!(output.status.success());
     let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
