@@ -14,6 +14,7 @@ mod image_file;
 mod npy;
 mod plot3d;
 mod ply;
+mod ply_splats;
 mod raw;
 mod scalars;
 mod smoothing;
