@@ -60,7 +60,7 @@ pub struct ClassifiedParticle {
     pub view: u32,
     /// Which particle of the block.
     pub local: u32,
-    /// g = extinction x volume \[length²\].
+    /// g = extinction x volume \[length²\]; for splats: the peak opacity.
     pub mass: f32,
     /// Linear RGB.
     pub colour: [f32; 3],
@@ -81,7 +81,7 @@ pub struct Footprint {
     /// Second row r.
     pub form_r: [f32; 2],
     /// Optical depth at the centre. On the exact path: divided by |D0|. For near kernels:
-    /// g/(2 pi), in the units of its terms.
+    /// g/(2 pi), in the units of its terms. For splats: the opacity at the centre.
     pub tau: f32,
     /// Square of the cut-off radius.
     pub cutoff_squared: f32,
@@ -90,7 +90,8 @@ pub struct Footprint {
     /// Camera-space z of the centre.
     pub depth: f32,
     /// What evaluates it: one of the `PATH_` constants, in the low two bits; above them, the
-    /// index of its [`NearTerms`]. Exact terms lie at the footprint's own index.
+    /// index of its [`NearTerms`], or what makes [`PATH_PEAK`] of [`PATH_AFFINE`]. Exact terms lie
+    /// at the footprint's own index.
     pub path: u32,
     /// First and one-past-last pixel column, low and high half word.
     pub columns: u32,
@@ -103,6 +104,9 @@ pub struct Footprint {
 
 /// Affine footprint: EWA and everything cheaper.
 pub const PATH_AFFINE: u32 = 0;
+/// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the
+/// frame.
+pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
 /// Exact perspective: [`ExactTerms`].
 pub const PATH_EXACT: u32 = 1;
 /// Perspective kernel that crosses the camera plane: [`NearTerms`].

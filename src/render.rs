@@ -12,8 +12,8 @@ use crate::image::{DepthImage, Image};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
-use crate::scene::{PointVolume, Requirements};
-use crate::splat::Filter;
+use crate::scene::{PointVolume, Requirements, Strength};
+use crate::splat::{Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, Projection};
 
 /// How a frame is drawn.
@@ -22,12 +22,13 @@ pub struct Settings {
     /// The largest error in linear colour, as a fraction of full scale, that one approximation of
     /// one kernel may add to a pixel. Errors of kernels that overlap may add up.
     pub tolerance: f32,
-    /// Which footprint draws a kernel.
+    /// Which footprint draws a kernel. Splats that state their opacity are always drawn by the
+    /// rule of their format, [`peak_footprint`](crate::splat::peak_footprint).
     pub filter: Filter,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau): off by at most tau²/2 for one kernel, by at
     /// most a share 1/e of the greatest tau for many behind one another.
     pub linear_opacity: bool,
-    /// Variance of the low-pass filter, px².
+    /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations; `None` follows the tolerance.
     pub cutoff: Option<f32>,
@@ -170,7 +171,13 @@ impl Renderer {
         let mut clock = Clock(Instant::now());
 
         // Cull, and the range of depth keys over what is left and in view.
-        let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
+        let is_splats = |v: &BlockedVolume| matches!(v.strength, Strength::PeakOpacity { .. });
+        let low_pass = if self.volumes.iter().any(is_splats) {
+            settings.low_pass_variance_px2.max(SPLAT_LOW_PASS_PX2)
+        } else {
+            settings.low_pass_variance_px2
+        };
+        let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass).sqrt();
         let frustum = Frustum::new(camera, margin);
         // Uniform scaling enlarges kernels beyond any reach.
         let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
@@ -205,6 +212,7 @@ impl Renderer {
         for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
             let (out, others) = rest.split_at_mut(total);
             cpu::classify(volume, views, out);
+            cpu::shade(volume, views, camera, out);
             rest = others;
         }
         times.classify = clock.lap();
@@ -212,7 +220,8 @@ impl Renderer {
         // Project.
         resize(&mut self.footprints, counts.classified);
         let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
-            && camera.projection == Projection::Perspective;
+            && camera.projection == Projection::Perspective
+            && !self.volumes.iter().all(is_splats);
         resize(
             &mut self.exact,
             if may_be_exact { counts.classified } else { 0 },

@@ -17,6 +17,9 @@ use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
 use proptest::prelude::*;
+use support::splats::{
+    Element, Ply, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked,
+};
 use support::vtk_legacy::LegacyVtk;
 use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
 
@@ -66,6 +69,23 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
             let text = b"# made\nx,y,z,h,name\n1,2,3,0.5,a\n4,5,6,nan,\"b\"\n7,8,9,,c\n";
             seeds.push(("a.csv".into(), text.to_vec()));
             seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
+        }
+        for encoding in Ply::ALL {
+            for degree in 0..4 {
+                let splats = some_splats(3, degree);
+                let file = splat_ply(encoding, "comment x\n", &splats, &["uchar flag"]);
+                seeds.push(("a.ply".into(), file));
+                seeds.push(("a.spz".into(), spz(2 + degree as u32 % 2, 0, &splats)));
+                let vertices: &[&str] = &["list uchar int l", "float x", "double y", "short z"];
+                let rows = [vec![1.0, 7.0, 0.5, 1.5, 2.0], vec![0.0, 3.5, 4.5, 5.0]];
+                let faces: &[&str] = &["list uchar int vertex_indices"];
+                let elements: [Element<'_>; 2] = [
+                    ("vertex", vertices, &rows),
+                    ("face", faces, &[vec![3.0, 0.0, 1.0, 0.0]]),
+                ];
+                seeds.push(("b.ply".into(), encoding.file("", &elements)));
+            }
+            seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
         }
         seeds
     })
@@ -313,6 +333,88 @@ fn the_sound_files_are_read() {
         );
         assert_eq!(answer.is_err(), name == "a.q", "{name}: {answer:?}");
         std::fs::remove_file(&path).unwrap();
+    }
+}
+
+/// Splat files cut at every byte, packed and unpacked, and headers that claim too much.
+#[test]
+fn splat_files_of_every_length_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let answer = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let answer = open(&path, &OpenOptions::default());
+        let is_read = answer.is_ok();
+        check(answer.map(drop));
+        is_read
+    };
+    let splats = some_splats(2, 1);
+    for encoding in Ply::ALL {
+        let file = splat_ply(encoding, "", &splats, &[]);
+        // The last byte of a text is the end of its line.
+        let whole = file.len() - usize::from(encoding == Ply::Ascii);
+        let read: Vec<usize> = (0..file.len())
+            .filter(|&n| answer("a.ply", &file[..n]))
+            .collect();
+        // Text may be cut within its last number, and is one all the same.
+        assert!(
+            read.iter()
+                .all(|&n| encoding == Ply::Ascii && n + 24 > whole),
+            "{read:?}"
+        );
+        let text = String::from_utf8_lossy(&file).into_owned();
+        for count in [
+            "3",
+            "99999999999",
+            "18446744073709551615",
+            "18446744073709551616",
+            "0",
+        ] {
+            let head = text.replacen("vertex 2", &format!("vertex {count}"), 1);
+            let end = head.find("end_header\n").unwrap() + 11;
+            let body = file.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+            let claims = [&head.as_bytes()[..end], &file[body..]].concat();
+            assert!(!answer("a.ply", &claims), "{count}");
+        }
+    }
+    // A list that claims 2^31 items, and an element of no size that claims 2^64 rows.
+    let head =
+        "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty list uint double l\n";
+    let claims = [head.as_bytes(), b"end_header\n\xff\xff\xff\x7f"].concat();
+    assert!(!answer("a.ply", &claims));
+    let nothing = "ply\nformat ascii 1.0\nelement nothing 18446744073709551615\nelement vertex 1\n\
+                   property float x\nproperty float y\nproperty float z\nend_header\n1 2 3       ";
+    assert!(answer("a.ply", nothing.as_bytes()));
+    assert!(answer(
+        "a.ply",
+        nothing.replace("ascii", "binary_big_endian").as_bytes()
+    ));
+
+    let records = splat_records(&splats);
+    for n in 0..=records.len() {
+        assert_eq!(answer("a.splat", &records[..n]), n > 0 && n % 32 == 0);
+    }
+    for version in [1, 2, 3] {
+        let unpacked = spz_unpacked(version, 0, &splats);
+        for n in 0..unpacked.len() {
+            // Version 1 has shorter positions: this writer's files hold more than it asks for.
+            let is_read = answer("a.spz", &gzip(&unpacked[..n]));
+            assert_eq!(
+                is_read,
+                version == 1 && n + 6 >= unpacked.len(),
+                "{version}, {n}"
+            );
+        }
+        let packed = gzip(&unpacked);
+        for n in 0..packed.len() {
+            let is_read = answer("a.spz", &packed[..n]);
+            // Of version 1 the file holds more than is asked for, so that less will do.
+            assert!(
+                !is_read || version == 1 || n + 8 >= packed.len(),
+                "{n} of {}",
+                packed.len()
+            );
+        }
     }
 }
 

@@ -274,6 +274,37 @@ fn info_tells_what_is_there() {
     assert!(String::from_utf8_lossy(&table.stdout).contains("bytes per particle"));
 }
 
+/// A file of one splat, from its bytes to its pixel.
+#[test]
+fn a_splat_file_is_described_and_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut record: Vec<u8> = [0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0]
+        .map(f32::to_le_bytes)
+        .concat();
+    record.extend([255, 255, 0, 204, 255, 128, 128, 128]);
+    std::fs::write(folder.path().join("a.splat"), record).unwrap();
+    let output = run(folder.path(), &["info", "a.splat", "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["geometry"]["kind"], "splats");
+    assert_eq!(info["geometry"]["degree"], 0);
+    assert_eq!(info["requirements"]["peak_opacity"], true);
+    let render = [
+        "render", "a.splat", "--eye", "0,-8,0", "--target", "0,0,0", "--size", "9x9", "--out",
+        "a.npy",
+    ];
+    let output = run(folder.path(), &render);
+    assert!(output.status.success());
+    let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    let [r, g, b, a] = image.pixel(4, 4);
+    // 204/255 at the centre of the middle pixel; full red and green, and a little blue left of the
+    // coefficient's rounding.
+    assert!((a - 0.8).abs() < 1e-5 && (r - 0.8).abs() < 1e-5 && (g - 0.8).abs() < 1e-5);
+    assert!(b.abs() < 1e-5);
+    let output = run(folder.path(), &[&render[..], &["--reference"]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("without the reference"));
+}
+
 #[test]
 fn measures_every_variant_and_writes_three_reports() {
     let folder = tempfile::tempdir().unwrap();

@@ -331,7 +331,6 @@ fn what_is_no_data_file_is_refused() {
     let folder = Folder::new();
     for (name, bytes, words) in [
         ("empty.vti", &b""[..], "empty"),
-        ("a.ply", b"ply\nformat ascii 1.0\n", "PLY"),
         ("a.vtk", b"# vtk DataFile Version 3.0\n", "ASCII or BINARY"),
         ("a.obj", b"v 0 0 0\n", "OBJ"),
         ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5"),

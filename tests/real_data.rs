@@ -11,8 +11,10 @@
 use std::path::{Path, PathBuf};
 
 use ewa_splat::io::{
-    CellKind, CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, open,
+    CellKind, CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType, SplatCloud,
+    open,
 };
+use ewa_splat::sample::{SampleOptions, volume as sample};
 use ewa_splat::scene::Values;
 use glam::DVec3;
 
@@ -236,14 +238,120 @@ fn the_fluid_is_of_particles() {
     assert_eq!(data.scalar("velocity").unwrap().1.non_finite_count(), 0);
 }
 
+fn splats(data: &Dataset) -> &SplatCloud {
+    match &data.geometry {
+        Geometry::Splats(cloud) => cloud,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn fruit_drops_are_splats_of_degree_3() {
+    let Some(path) = real("splats/fruit_drops_minimal.ply") else {
+        return;
+    };
+    let data = read(&path);
+    let cloud = splats(&data);
+    assert_eq!((cloud.positions.len(), cloud.harmonics_degree), (4721, 3));
+    assert!(!cloud.is_anti_aliased && data.notes.is_empty());
+    // Normals, and one property that the layout does not know.
+    assert_eq!(data.field_names(), ["nx", "ny", "nz", "transform"]);
+    let length = |q: &[f32; 4]| q.iter().map(|c| c * c).sum::<f32>().sqrt();
+    let lengths = cloud.rotations.iter().map(length);
+    let [least, most] = lengths.fold([f32::MAX, 0.0], |[a, b], l| [a.min(l), b.max(l)]);
+    // The manifest prints three decimals.
+    assert!(
+        (least - 0.598).abs() < 5e-4 && (most - 1.928).abs() < 5e-4,
+        "{least} {most}"
+    );
+    assert!(cloud.scales.iter().flatten().all(|s| *s > 0.0 && *s < 1.0));
+    let sampled = sample(data, &SampleOptions::default()).unwrap();
+    assert_eq!(sampled.report.left_out_count(), 0);
+}
+
+/// Three splats of one scene as PLY, .splat and SPZ: in one place, of one shape and colour.
+#[test]
+fn one_scene_in_three_formats_is_one_scene() {
+    let names = ["ply", "splat", "spz"];
+    let paths = names.map(|e| real(&format!("splats/test-splat.3-points-from-train.{e}")));
+    let [Some(ply), Some(records), Some(spz)] = paths else {
+        return;
+    };
+    let (ply, records, spz) = (read(&ply), read(&records), read(&spz));
+    let of = |data: &Dataset| splats(data).clone();
+    let (ply, records, spz) = (of(&ply), of(&records), of(&spz));
+    assert_eq!((ply.harmonics_degree, spz.harmonics_degree), (3, 3));
+    let unit = |q: [f32; 4]| {
+        let length = q.iter().map(|c| c * c).sum::<f32>().sqrt();
+        q.map(|c| c / length * q[0].signum())
+    };
+    let near = |a: f32, b: f32, most: f32, what: &str| {
+        assert!((a - b).abs() <= most, "{what}: {a} {b}");
+    };
+    // A quantum is what one step of the format's integers is worth; half of it is the most that
+    // rounding takes, a whole one what its cutting off does (the .splat file was cut).
+    for (other, position, scale, rotation, opacity, constant) in [
+        (
+            &records,
+            0.0,
+            1e-6,
+            1.0 / 64.0,
+            1.0 / 255.0,
+            1.0 / 255.0 / 0.282,
+        ),
+        // Step 1/4096, of logarithms 1/16, of ten bits 1/(511 sqrt 2).
+        (
+            &spz,
+            0.5 / 4096.0,
+            0.5 / 16.0 + 1e-5,
+            0.002,
+            0.5 / 255.0 + 1e-6,
+            0.5 / 255.0 / 0.15 + 1e-6,
+        ),
+    ] {
+        assert_eq!(other.positions.len(), 3);
+        for i in 0..3 {
+            let apart = (ply.positions[i] - other.positions[i]).abs().max_element();
+            assert!(apart <= position, "{apart}");
+            let (p, q) = (unit(ply.rotations[i]), unit(other.rotations[i]));
+            for k in 0..4 {
+                near(p[k], q[k], rotation, "rotation");
+            }
+            for k in 0..3 {
+                near(
+                    ply.scales[i][k].ln(),
+                    other.scales[i][k].ln(),
+                    scale,
+                    "scale",
+                );
+                let (a, b) = (
+                    ply.harmonics[i * ply.harmonics_stride() + k],
+                    other.harmonics[i * other.harmonics_stride() + k],
+                );
+                near(a, b, constant, "constant");
+            }
+            near(ply.opacities[i], other.opacities[i], opacity, "opacity");
+        }
+    }
+    // Five bits for degree 1, four for the others, in -1..1: half a step of 1/8.
+    for (a, b) in ply.harmonics.iter().zip(&spz.harmonics) {
+        near(*a, *b, 1.0 / 16.0 + 1.0 / 128.0, "harmonic");
+    }
+    // The signs of what is large enough to have one after that.
+    let large = |(a, b): &(&f32, &f32)| a.abs() > 0.07 && b.abs() > 0.03;
+    let pairs = || ply.harmonics.iter().zip(&spz.harmonics).filter(large);
+    assert!(pairs().count() >= 12);
+    assert!(pairs().all(|(a, b)| a * b > 0.0));
+}
+
 #[test]
 fn formats_to_come_are_refused_by_name() {
     for (name, words) in [
         ("curvilinear/multicomb_0.vts", "StructuredGrid"),
         ("unstructured/can.vtu", "UnstructuredGrid"),
+        ("unstructured/CylinderLinear.vtk", "legacy VTK"),
         ("particles/phantom_mhd_00000.h5", "HDF5"),
         ("unstructured/disk_out_ref.ex2", "Exodus"),
-        ("splats/fruit_drops_minimal.ply", "PLY"),
         ("meshes/gltf/Duck.glb", "glTF"),
         ("curvilinear/bluntfin/bluntfinq.bin", "--solution"),
     ] {

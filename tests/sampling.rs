@@ -39,6 +39,7 @@ fn check(sampled: &Sampled) {
     assert_eq!(sampled.report.particle_count, n);
     match &v.strength {
         Strength::Mass(m) => assert_eq!(m.len(), n),
+        Strength::PeakOpacity { opacities, .. } => assert_eq!(opacities.len(), n),
         Strength::Classified { volumes } => {
             assert!(v.values.is_some() && v.transfer_function.is_some());
             match v.particles {
@@ -98,7 +99,7 @@ fn grid(dims: [usize; 3], association: Association, at: impl Fn(DVec3) -> DVec3)
 fn total_volume(sampled: &Sampled) -> f64 {
     match &sampled.volume.strength {
         Strength::Classified { volumes } => volumes.iter().map(|v| f64::from(*v)).sum(),
-        Strength::Mass(_) => panic!("classified volumes expected"),
+        _ => panic!("classified volumes expected"),
     }
 }
 
@@ -434,7 +435,7 @@ fn table(columns: &[(&str, &[f32])]) -> Dataset {
 fn masses(sampled: &Sampled) -> &[f32] {
     match &sampled.volume.strength {
         Strength::Mass(m) => m,
-        Strength::Classified { .. } => panic!("masses expected"),
+        _ => panic!("masses expected"),
     }
 }
 

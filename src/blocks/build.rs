@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, value_range};
 use crate::constants::BLOCK_CAPACITY;
+use crate::math::harmonics_count;
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
 pub(super) fn build(volume: PointVolume) -> BlockedVolume {
@@ -89,10 +90,28 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
                 volumes: pick(&volumes),
             },
             Strength::Mass(masses) => Strength::Mass(pick(&masses)),
+            Strength::PeakOpacity {
+                opacities,
+                is_anti_aliased,
+            } => Strength::PeakOpacity {
+                opacities: pick(&opacities),
+                is_anti_aliased,
+            },
         },
         colour: match colour {
             Colour::PerParticle(colours) => {
                 Colour::PerParticle(order.iter().map(|&i| colours[i as usize]).collect())
+            }
+            Colour::Harmonics {
+                degree,
+                coefficients,
+            } => {
+                let stride = 3 * harmonics_count(degree);
+                let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
+                Colour::Harmonics {
+                    degree,
+                    coefficients: order.iter().flat_map(set).copied().collect(),
+                }
             }
             other => other,
         },

@@ -78,8 +78,8 @@ pub struct Block {
     pub value_range: [f32; 2],
 }
 
-/// The share of a transfer function's greatest extinction below which a fitted camera takes a
-/// particle for haze.
+/// The share of a transfer function's greatest extinction, and the opacity of a splat, below which a
+/// fitted camera takes a particle for haze.
 const FAINT_SHARE: f32 = 0.01;
 
 /// No value: contains nothing.
@@ -102,9 +102,11 @@ impl BlockedVolume {
         let masses = match &self.strength {
             Strength::Classified { volumes } => volumes.len() * 4,
             Strength::Mass(masses) => masses.len() * 4,
+            Strength::PeakOpacity { opacities, .. } => opacities.len() * 4,
         };
         let colours = match &self.colour {
             Colour::PerParticle(c) => c.len() * 12,
+            Colour::Harmonics { coefficients, .. } => coefficients.len() * 4,
             _ => 0,
         };
         let values = self
@@ -130,7 +132,10 @@ impl BlockedVolume {
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
             (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
-            _ => return self.blocks.iter().map(|b| self.whole_box(b)).collect(),
+            _ => {
+                let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
+                return self.blocks.iter().map(seen).collect();
+            }
         };
         let [lowest, highest] = transfer.range();
         let least = (transfer.max_extinction(lowest, highest) * FAINT_SHARE).max(f32::MIN_POSITIVE);
@@ -159,6 +164,35 @@ impl BlockedVolume {
             })
         };
         self.blocks.iter().filter_map(seen).collect()
+    }
+
+    /// The box of splats that state their opacity, each grown by its own extent: among small ones
+    /// there are very large ones.
+    fn splats_box(&self, block: &Block) -> Option<(DVec3, DVec3)> {
+        let Strength::PeakOpacity { opacities, .. } = &self.strength else {
+            return None;
+        };
+        let BlockedParticles::Anisotropic { offsets, factors } = &self.particles else {
+            return None;
+        };
+        let members = block.first as usize..(block.first + block.count) as usize;
+        let bounds = members
+            .filter(|&i| opacities[i] >= FAINT_SHARE)
+            .map(|i| {
+                let [l00, l10, l11, l20, l21, l22] = factors[i];
+                let rows = [
+                    Vec3::X * l00,
+                    Vec3::new(l10, l11, 0.0),
+                    Vec3::new(l20, l21, l22),
+                ];
+                let (centre, reach) = (Vec3::from(offsets[i]), Vec3::from(rows.map(Vec3::length)));
+                (centre - reach, centre + reach)
+            })
+            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        bounds.map(|(lower, upper)| {
+            let middle = block.origin + ((lower + upper) / 2.0).as_dvec3();
+            (middle, ((upper - lower) / 2.0).as_dvec3())
+        })
     }
 
     fn whole_box(&self, block: &Block) -> (DVec3, DVec3) {

@@ -1,6 +1,7 @@
 //! Stage: from values to masses and colours, per particle, once.
 //!
-//! Counting and emitting share one loop body ([`visit`]), so that they cannot disagree.
+//! Counting and emitting share one loop body ([`visit`]), so that they cannot disagree. Colours
+//! that depend on the view are left to [`shade`](super::shade).
 
 use rayon::prelude::*;
 
@@ -109,6 +110,8 @@ fn visit_with(
         Colour::Classified => [class[0], class[1], class[2]],
         Colour::PerParticle(colours) => colours[i],
         Colour::Uniform(colour) => *colour,
+        // `shade` fills these in.
+        Colour::Harmonics { .. } => [0.0; 3],
     };
     match &volume.particles {
         BlockedParticles::Lattice(grid) => {
@@ -131,6 +134,7 @@ fn visit_with(
                                 class[3] * uniform.unwrap_or_else(|| grid.cell_volume(cell))
                             }
                             Strength::Mass(masses) => masses[i],
+                            Strength::PeakOpacity { opacities, .. } => opacities[i],
                         };
                         if mass > 0.0 {
                             let local = BrickGrid::local(corner, [corner[0] + x, j, k]);
@@ -148,6 +152,7 @@ fn visit_with(
                 let mass = match &volume.strength {
                     Strength::Classified { volumes } => class[3] * volumes[i],
                     Strength::Mass(masses) => masses[i],
+                    Strength::PeakOpacity { opacities, .. } => opacities[i],
                 };
                 if mass > 0.0 {
                     emit(local, mass, colour_of(i, class));

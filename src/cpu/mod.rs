@@ -3,6 +3,7 @@
 //! | stage | reads | writes |
 //! |---|---|---|
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
+//! | `shade.rs` | visible particles, where colours depend on the view | their colours |
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
@@ -23,6 +24,7 @@ mod lanes;
 mod project;
 mod rasterise;
 mod resolve;
+mod shade;
 mod sort;
 
 pub use bin::{Bins, bin, for_each_tile};
@@ -31,4 +33,5 @@ pub use lanes::{SimdLevel, Tile};
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};
 pub use resolve::{resolve, resolve_depth};
+pub use shade::shade;
 pub use sort::{footprint_index, sort};

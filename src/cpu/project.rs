@@ -10,12 +10,13 @@ use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::{MAX_CUTOFF, TILE_SIZE};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
-    PATH_HALF_LINE, PATH_NEAR, ViewUniform, pack_range,
+    PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform, pack_range,
 };
 use crate::math::Factor;
+use crate::scene::Strength;
 use crate::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, choose_exact, cutoff_radius, cutoff_share,
-    edge_growth, exact_extent, half_line_terms, near_terms, project_kernel,
+    edge_growth, exact_extent, half_line_terms, near_terms, peak_footprint, project_kernel,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -65,6 +66,12 @@ pub fn project(
     /// Particles per parallel task: a few blocks.
     const GRAIN: usize = 2048;
     let shapes = Shapes::new(volume, rotation);
+    let splats = match volume.strength {
+        Strength::PeakOpacity {
+            is_anti_aliased, ..
+        } => Some(is_anti_aliased),
+        _ => None,
+    };
     let task =
         |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
             let mut any_exact = false;
@@ -84,6 +91,10 @@ pub fn project(
                     mass: particle.mass,
                 };
                 let key = depth_key(view, block, origin, offset);
+                if let Some(is_anti_aliased) = splats {
+                    out[i] = splat_footprint(view, &kernel, is_anti_aliased, particle.colour, key);
+                    continue;
+                }
                 let mut terms = None;
                 out[i] = footprint(
                     view,
@@ -211,17 +222,10 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
 /// large numbers.
 const NEAR_MARGIN: f32 = 1.2;
 
-/// The footprint of one kernel; invisible where it reaches no pixel.
+/// A footprint that reaches no pixel yet.
 #[inline]
-pub(crate) fn footprint(
-    view: &ViewUniform,
-    kernel: &Kernel,
-    colour: [f32; 3],
-    key: u32,
-    exact: &mut Option<ExactTerms>,
-    near: &Mutex<Vec<NearTerms>>,
-) -> Footprint {
-    let mut out = Footprint {
+fn invisible(kernel: &Kernel, colour: [f32; 3], key: u32) -> Footprint {
+    Footprint {
         centre_px: [0.0; 2],
         form_p: [0.0; 2],
         form_r: [0.0; 2],
@@ -233,7 +237,43 @@ pub(crate) fn footprint(
         columns: 0,
         rows: 0,
         key,
+    }
+}
+
+/// The footprint of a splat whose opacity is stated: what the cut-off leaves out is not given
+/// back, the peak stays.
+#[inline]
+fn splat_footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    is_anti_aliased: bool,
+    colour: [f32; 3],
+    key: u32,
+) -> Footprint {
+    let mut out = invisible(kernel, colour, key);
+    let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
+        return out;
     };
+    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    affine_part(&mut out, &screen, &image, r);
+    out.tau = image.tau;
+    out.path = PATH_PEAK;
+    let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    set_bounds(view, &mut out, screen.centre_px, half);
+    out
+}
+
+/// The footprint of one kernel; invisible where it reaches no pixel.
+#[inline]
+pub(crate) fn footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    colour: [f32; 3],
+    key: u32,
+    exact: &mut Option<ExactTerms>,
+    near: &Mutex<Vec<NearTerms>>,
+) -> Footprint {
+    let mut out = invisible(kernel, colour, key);
     let h2 = view.low_pass_variance_px2;
     let reach = kernel.factor.z.length();
     if kernel.centre.z < -MAX_CUTOFF * reach {

@@ -7,7 +7,7 @@ use super::bin::Bins;
 use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
 use crate::constants::{TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
-    ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, ViewUniform,
+    ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform,
 };
 use crate::math::normal_cdf;
 use crate::splat::evaluate_near;
@@ -15,7 +15,7 @@ use crate::splat::evaluate_near;
 /// What specialises the rasteriser.
 #[derive(Debug, Clone, Copy)]
 pub struct RasteriseSettings {
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats have it anyway.
     pub linear_opacity: bool,
     /// Whether depths are wanted.
     pub depth: bool,
@@ -152,7 +152,7 @@ impl TileRaster<'_> {
             width: self.width(),
         };
         let mode = Mode {
-            linear: self.settings.linear_opacity,
+            linear: self.settings.linear_opacity || footprint.path == PATH_PEAK,
             depth: self.settings.depth,
         };
         let terms = near.get((footprint.path >> 2) as usize);

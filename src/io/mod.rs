@@ -13,10 +13,14 @@ mod file;
 mod image_file;
 mod npy;
 mod plot3d;
+mod ply;
+mod ply_splats;
 mod raw;
 mod scalars;
 mod smoothing;
+mod splat;
 mod splats;
+mod spz;
 mod table;
 mod vti;
 mod vtk_grid;
@@ -52,8 +56,6 @@ pub struct OpenOptions {
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
 /// what to do.
 const NOT_READ: &[(&[u8], &str, &str)] = &[
-    (b"ply\n", "a PLY file", "export the particles as CSV or NPY"),
-    (b"ply\r", "a PLY file", "export the particles as CSV or NPY"),
     (
         b"glTF",
         "a binary glTF file",
@@ -101,13 +103,13 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     ),
 ];
 
+/// What is read, for messages.
+const KNOWN: &str =
+    "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY, PLY, .splat, SPZ or a raw volume";
+
 /// Formats of `NOT_READ` that carry no magic number.
-const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
-    ("obj", "a Wavefront OBJ file"),
-    ("gltf", "a glTF file"),
-    ("splat", "a .splat file"),
-    ("spz", "an SPZ file"),
-];
+const NOT_READ_EXTENSIONS: &[(&str, &str)] =
+    &[("obj", "a Wavefront OBJ file"), ("gltf", "a glTF file")];
 
 /// Reads a data file.
 ///
@@ -116,6 +118,9 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
 /// | `<VTKFile type="ImageData"` | VTK image data |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
+/// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
+/// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
+/// | `.splat` | splats, 32 bytes each |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words | PLOT3D grid, with its solution |
@@ -137,6 +142,15 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if head.starts_with(vtk_legacy::MAGIC) {
         return vtk_legacy::read(path);
+    }
+    if ply::looks_like(&head) {
+        return ply::read(path);
+    }
+    if extension == "spz" || spz::looks_like(&head) {
+        return spz::read(path);
+    }
+    if extension == "splat" {
+        return splat::read(path);
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
@@ -161,7 +175,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         Error::format(
             path,
             "format",
-            "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY or a raw volume",
+            KNOWN,
             format!("{name}, which is not read yet"),
             advice,
         )
@@ -191,7 +205,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Err(Error::format(
         path,
         "format",
-        "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY or a raw volume",
+        KNOWN,
         "none of these",
         "convert it to one of them; if it is a raw volume, add --dims and --type",
     ))

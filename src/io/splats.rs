@@ -1,6 +1,19 @@
-//! Splats as radiance fields store them.
+//! Splats as radiance fields store them: what PLY, .splat and SPZ files share.
+//!
+//! # Axes
+//!
+//! None of the formats states its axes. Those of the training scenes are x right, y down,
+//! z forward (COLMAP's), and PLY and .splat files usually hold them; both are taken as they are.
+//! SPZ files hold x right, y up, z back by convention and are turned to the axes of the others,
+//! so that one scene in three formats lies in one place.
+
+use std::path::Path;
 
 use glam::DVec3;
+
+use super::dataset::{Dataset, Field, Geometry};
+use crate::error::{Error, Result};
+use crate::math::{HARMONIC_0, harmonics_count};
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is
 /// peak x exp(-Q/2), the same from every side: not the optical depth of a volume.
@@ -18,8 +31,12 @@ pub struct SplatCloud {
     /// Degree of the spherical harmonics, 0 to 3.
     pub harmonics_degree: u8,
     /// (degree + 1)² coefficients of three colour channels per splat, one splat after another:
-    /// R, G, B of the first coefficient, of the second, ... A colour is 1/2 + their sum, as an
-    /// sRGB-encoded value.
+    /// R, G, B of the first coefficient, of the second, ...
+    ///
+    /// They are what the harmonics are multiplied by, the constant one of .28209479 included:
+    /// with the basis Y of [`harmonics`](crate::math::harmonics) a colour is
+    /// 1/2 + sum c_k Y_k(d), d the unit direction from the eye to the splat; an sRGB-encoded
+    /// value, 0 where the sum is negative.
     pub harmonics: Vec<f32>,
     /// Whether the file says that it was made for a low-pass filter that keeps a splat's
     /// opacity times its area.
@@ -29,6 +46,40 @@ pub struct SplatCloud {
 impl SplatCloud {
     /// Numbers of colour per splat: three for each of (degree + 1)² coefficients.
     pub fn harmonics_stride(&self) -> usize {
-        3 * (usize::from(self.harmonics_degree) + 1).pow(2)
+        3 * harmonics_count(self.harmonics_degree)
     }
+}
+
+impl SplatCloud {
+    /// A data set of these splats.
+    ///
+    /// # Errors
+    /// There is not a single splat.
+    pub(crate) fn dataset(
+        self,
+        path: &Path,
+        format: &'static str,
+        fields: Vec<Field>,
+    ) -> Result<Dataset> {
+        if self.positions.is_empty() {
+            return Err(Error::format(
+                path,
+                "splats",
+                "at least one",
+                "none",
+                "check that the file was written completely",
+            ));
+        }
+        Ok(Dataset::new(path, format, Geometry::Splats(self), fields))
+    }
+}
+
+/// 1 / (1 + exp(-x)): the opacity of a logit.
+pub(crate) fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// The coefficient of the constant harmonic that makes a colour, an sRGB code of 0 to 1.
+pub(crate) fn constant_of_colour(code: f32) -> f32 {
+    (code - 0.5) / HARMONIC_0
 }

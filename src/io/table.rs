@@ -1,4 +1,4 @@
-//! Particle tables: what CSV and NPY files share.
+//! Particle tables: what CSV, NPY and PLY files share.
 //!
 //! A table has named columns. `x`, `y` and `z` (in either case) are needed and become the
 //! positions, in double precision; every other numeric column becomes a field. What the
@@ -46,7 +46,7 @@ pub(crate) fn position_columns<'a>(
 }
 
 /// A bounded list of names, for messages.
-fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const MOST: usize = 16;
     let mut shown: Vec<String> = names
         .take(MOST + 1)

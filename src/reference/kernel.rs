@@ -59,11 +59,14 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                     f64::from(class[3]) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
                 }
                 Strength::Mass(masses) => f64::from(masses[i]),
+                // `Integrator::new` refuses these.
+                Strength::PeakOpacity { .. } => 0.0,
             };
             let colour = match &volume.colour {
                 Colour::Classified => [class[0], class[1], class[2]],
                 Colour::PerParticle(colours) => colours[i],
                 Colour::Uniform(colour) => *colour,
+                Colour::Harmonics { .. } => [0.0; 3],
             };
             let is_finite = position.is_finite()
                 && factor.is_finite()

@@ -9,7 +9,8 @@
 //!
 //! What it leaves out: a rod or a point (a variance of rank one or none) has no line integral, and
 //! its true image is empty, because almost no ray meets it; [`PixelFilter::Kernels`] gives it the
-//! width of the pixel's filter and shows it.
+//! width of the pixel's filter and shows it. Splats of radiance fields are refused: their opacity
+//! is a rule of drawing, not an integral.
 //!
 //! ```
 //! use ewa_splat::reference::{Integrator, ReferenceSettings};
@@ -53,7 +54,7 @@ use glam::{DVec2, DVec3};
 
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::scene::PointVolume;
+use crate::scene::{Colour, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 use kernel::{Kernel, Particle};
 use ray::Scratch;
@@ -124,10 +125,22 @@ impl Integrator {
     /// out, as the renderer does.
     ///
     /// # Errors
-    /// As [`PointVolume::validate`].
+    /// As [`PointVolume::validate`]; splats, which state an opacity and no extinction, and
+    /// colours that depend on the view.
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
         for volume in scene {
             volume.validate()?;
+            let is_splats = matches!(volume.strength, Strength::PeakOpacity { .. })
+                || matches!(volume.colour, Colour::Harmonics { .. });
+            if is_splats {
+                return Err(Error::format(
+                    "reference",
+                    "scene",
+                    "volumes with an extinction to integrate",
+                    "splats, whose opacity on the image is stated and depends on no integral",
+                    "render them without the reference",
+                ));
+            }
         }
         Ok(Self {
             particles: kernel::particles(scene),

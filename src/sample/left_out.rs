@@ -14,13 +14,15 @@ pub(super) enum LeftOut {
     Seam,
     Size,
     Indefinite,
+    Rotation,
     Strength,
+    Opacity,
     Colour,
     BeyondSinglePrecision,
 }
 
 impl LeftOut {
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 14] = [
         Self::Position,
         Self::Value,
         Self::Blanked,
@@ -30,7 +32,9 @@ impl LeftOut {
         Self::Seam,
         Self::Size,
         Self::Indefinite,
+        Self::Rotation,
         Self::Strength,
+        Self::Opacity,
         Self::Colour,
         Self::BeyondSinglePrecision,
     ];
@@ -46,6 +50,8 @@ impl LeftOut {
             Self::Seam => "on a periodic seam, the same as the first plane",
             Self::Size => "size zero, negative or not finite",
             Self::Indefinite => "variance indefinite or not finite",
+            Self::Rotation => "quaternion zero or not finite",
+            Self::Opacity => "opacity negative or not a number",
             Self::Strength => "strength or volume negative or not finite",
             Self::Colour => "colour not finite",
             Self::BeyondSinglePrecision => "shape, volume or mass beyond single precision; rescale",

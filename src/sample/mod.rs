@@ -1,5 +1,5 @@
 //! From a data set and a field to a point volume: kernels whose shapes follow the local
-//! spacing, and cell volumes that add up to the volume of the grid.
+//! spacing, and cell volumes that add up to the volume of the grid. Splats come with their shapes.
 
 mod blanking;
 mod cells;
@@ -13,6 +13,7 @@ mod points;
 mod report;
 mod shepard;
 mod sph;
+mod splats;
 mod statistics;
 mod yu_turk;
 
@@ -121,6 +122,10 @@ pub struct Sampled {
 ///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`; `mass` | `extinction` with `volume` |
 ///   `opacity` | a scalar with a transfer function; `r,g,b`. Without shape columns kernels are
 ///   spheres sized by the distances to the nearest neighbours.
+/// - Splats keep their shapes, opacities and colours, and their format's own rule of drawing;
+///   a named field replaces the colours. Their colours are sRGB-encoded and are decoded, because
+///   compositing is linear here; most viewers of splats blend the encoded values, so that
+///   half-transparent edges look lighter here than there.
 ///
 /// With no field named, PLOT3D data show `density`, others their first scalar that is not
 /// constant, nodes before cells.
@@ -148,13 +153,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
         Geometry::Cells(_) => cells::volume(dataset, options),
         Geometry::Points { .. } => points::volume(dataset, options),
-        Geometry::Splats(_) => Err(Error::format(
-            &dataset.path,
-            "geometry",
-            "a grid or particles",
-            "splats",
-            "these are not sampled yet",
-        )),
+        Geometry::Splats(_) => splats::volume(dataset, options),
     }?;
     if options.shepard_passes > 0 {
         shepard::even_out(&mut sampled.volume, options.shepard_passes);

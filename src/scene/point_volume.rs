@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::{Lattice, TransferFunction, Values};
 use crate::error::{Error, Result};
+use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 /// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
 /// times a mass g = extinction x volume \[length²\].
@@ -59,6 +60,17 @@ pub enum Strength {
     },
     /// The masses themselves \[length²\].
     Mass(Vec<f32>),
+    /// Splats of a radiance field: no extinction, but an opacity on the image of
+    /// peak x exp(-Q/2), the same from every side and distance.
+    ///
+    /// They are drawn by the rule of their format, whatever the settings say of filters and
+    /// opacities ([`crate::splat::peak_footprint`]).
+    PeakOpacity {
+        /// The opacity at the centre, 0 to 1.
+        opacities: Vec<f32>,
+        /// Whether the opacity falls as the low-pass filter widens the footprint.
+        is_anti_aliased: bool,
+    },
 }
 
 /// Where the colour of a particle comes from.
@@ -70,6 +82,14 @@ pub enum Colour {
     PerParticle(Vec<[f32; 3]>),
     /// One linear RGB for all.
     Uniform([f32; 3]),
+    /// Colours that depend on the side from which a particle is seen: the sRGB-encoded value is
+    /// [`crate::math::harmonics_sum`] in the direction from the eye to the particle, at least 0.
+    Harmonics {
+        /// 1 to 3.
+        degree: u8,
+        /// (degree + 1)² coefficients of R, G and B per particle, one particle after another.
+        coefficients: Vec<f32>,
+    },
 }
 
 impl Particles {
@@ -123,9 +143,35 @@ impl PointVolume {
             Strength::Classified { volumes } if is_lattice && volumes.is_empty() => {}
             Strength::Classified { volumes } => check("cell volumes", volumes.len())?,
             Strength::Mass(masses) => check("masses", masses.len())?,
+            Strength::PeakOpacity { opacities, .. } => check("opacities", opacities.len())?,
         }
-        if let Colour::PerParticle(colours) = &self.colour {
-            check("colours", colours.len())?;
+        match &self.colour {
+            Colour::PerParticle(colours) => check("colours", colours.len())?,
+            Colour::Harmonics {
+                degree,
+                coefficients,
+            } => {
+                if *degree > MAX_HARMONICS_DEGREE {
+                    return Err(Error::format(
+                        "point volume",
+                        "degree of the harmonics",
+                        format!("at most {MAX_HARMONICS_DEGREE}"),
+                        degree.to_string(),
+                        "leave out the coefficients of higher degrees",
+                    ));
+                }
+                let stride = 3 * harmonics_count(*degree);
+                if count.checked_mul(stride) != Some(coefficients.len()) {
+                    return Err(Error::format(
+                        "point volume",
+                        "harmonics",
+                        format!("{stride} per particle of {count}"),
+                        coefficients.len().to_string(),
+                        "give all coefficients for each particle",
+                    ));
+                }
+            }
+            Colour::Classified | Colour::Uniform(_) => {}
         }
         let classified = self.is_classified();
         if classified || self.values.is_some() {

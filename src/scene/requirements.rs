@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Colour, Particles, PointVolume, Strength};
+use crate::math::harmonics_count;
 
 /// What one volume makes the renderer store and run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -15,10 +16,14 @@ pub struct Requirements {
     pub values: &'static str,
     /// Whether a transfer function is applied every frame.
     pub classification: bool,
-    /// Floats of mass or cell volume stored per particle.
+    /// Floats of mass, cell volume or opacity stored per particle.
     pub strength_floats: usize,
     /// Floats of colour stored per particle.
     pub colour_floats: usize,
+    /// Whether particles state an opacity on the image instead of an optical depth.
+    pub peak_opacity: bool,
+    /// Degree of the spherical harmonics that are evaluated for every frame; 0: none.
+    pub harmonics_degree: u8,
 }
 
 impl Requirements {
@@ -36,10 +41,16 @@ impl Requirements {
             classification: volume.is_classified(),
             strength_floats: match &volume.strength {
                 Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
-                Strength::Mass(_) => 1,
+                Strength::Mass(_) | Strength::PeakOpacity { .. } => 1,
             },
             colour_floats: match volume.colour {
                 Colour::PerParticle(_) => 3,
+                Colour::Harmonics { degree, .. } => 3 * harmonics_count(degree),
+                _ => 0,
+            },
+            peak_opacity: matches!(volume.strength, Strength::PeakOpacity { .. }),
+            harmonics_degree: match volume.colour {
+                Colour::Harmonics { degree, .. } => degree,
                 _ => 0,
             },
         }

@@ -6,6 +6,7 @@
 //! | `footprint.rs` | eq. 20 and 25 of Zwicker et al. 2001 in factored form |
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
+//! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
 
@@ -15,6 +16,7 @@ mod exact;
 mod filter;
 mod footprint;
 mod near;
+mod peak;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
@@ -22,3 +24,4 @@ pub use exact::{exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 pub use near::{evaluate_near, half_line_terms, near_terms};
+pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+pub(crate) mod splats;
 pub(crate) mod vtk_legacy;
 
 use std::io::Write;

@@ -102,7 +102,11 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         Geometry::Splats(cloud) => {
             let (lower, upper) = bounds(cloud.positions.iter().copied());
             let count = cloud.positions.len();
-            (json!({ "kind": "splats", "count": count }), lower, upper)
+            let kind = json!({
+                "kind": "splats", "count": count, "degree": cloud.harmonics_degree,
+                "anti_aliased": cloud.is_anti_aliased,
+            });
+            (kind, lower, upper)
         }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());

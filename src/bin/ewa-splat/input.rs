@@ -160,6 +160,9 @@ impl DataOptions {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
             scene.grids_only &= !matches!(dataset.geometry, Geometry::Points { .. });
+            for note in &dataset.notes {
+                progress.suspend(|| eprintln!("{}: {note}", path.display()));
+            }
             let sampled = self.sample(dataset)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));

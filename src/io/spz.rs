@@ -1,0 +1,334 @@
+//! SPZ, versions 1 to 3: splats in some 20 to 65 bytes each, behind gzip; little-endian.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0..4 | `NGSP` |
+//! | 4..8 | version |
+//! | 8..12 | number of splats N |
+//! | 12 | degree of the harmonics |
+//! | 13 | fractional bits b of positions |
+//! | 14 | flags: 1 made for an anti-aliasing filter, 2 extensions follow |
+//! | 15 | reserved |
+//! | 9 N | positions: three signed 24-bit numbers in units of 2^-b (version 1: 6 N, half floats) |
+//! | N | peak opacities, 0 to 255 |
+//! | 3 N | coefficients of the constant harmonic: (byte / 255 - 1/2) / .15 |
+//! | 3 N | scales: exp(byte / 16 - 10) |
+//! | 4 N | version 3: quaternions without their largest component; see [`smallest_three`] |
+//! | 3 N | versions 1 and 2: quaternions' x, y, z, each byte / 127.5 - 1; w is not negative |
+//! | the rest | per splat and coefficient R, G, B, each (byte - 128) / 128 |
+//!
+//! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
+//! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
+//! harmonics that are odd under this turn.
+
+use std::array;
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::MultiGzDecoder;
+use glam::DVec3;
+
+use super::dataset::Dataset;
+use super::file::open_regular;
+use super::splats::SplatCloud;
+use crate::error::{Error, Result};
+use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+
+const MAGIC: &[u8; 4] = b"NGSP";
+const HEADER: usize = 16;
+
+/// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
+/// its size.
+const GREATEST_RATIO: u64 = 1032;
+
+/// The signs that the harmonics take under half a turn about x: (x, y, z) to (x, -y, -z).
+const TURNED: [f32; 16] = [
+    1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
+];
+
+/// Whether a file's first bytes are those of an SPZ file, packed or (version 4) not.
+pub(crate) fn looks_like(head: &[u8]) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    head.starts_with(MAGIC)
+        || (head.starts_with(b"\x1f\x8b")
+            && MultiGzDecoder::new(head).read_exact(&mut magic).is_ok()
+            && &magic == MAGIC)
+}
+
+/// Reads splats.
+///
+/// # Errors
+/// Another version, or fewer bytes than the header says.
+pub(crate) fn read(path: &Path) -> Result<Dataset> {
+    let (mut file, len) = open_regular(path)?;
+    let io = |e| Error::io(path, "reading", e, "check the disk");
+    let mut start = [0; HEADER];
+    let mut started = 0;
+    // A short file is told of below.
+    while started < HEADER {
+        match file.read(&mut start[started..]).map_err(io)? {
+            0 => break,
+            n => started += n,
+        }
+    }
+    if start.starts_with(MAGIC) {
+        // Version 4 packs its arrays, not the file.
+        return Err(unknown_version(path, word(&start, 4)));
+    }
+    let packed = start[..started].chain(file.take(len.saturating_sub(HEADER as u64)));
+    let mut unpacked = MultiGzDecoder::new(packed);
+    let damaged = |e: std::io::Error| {
+        let advice = "the file is damaged or is no SPZ file: get it again";
+        Error::io(path, "unpacking", e, advice)
+    };
+    let mut header = [0; HEADER];
+    unpacked.read_exact(&mut header).map_err(damaged)?;
+    if !header.starts_with(MAGIC) {
+        return Err(Error::format(
+            path,
+            "header",
+            "`NGSP`",
+            format!("bytes {:02x?}", &header[..4]),
+            "give an SPZ file",
+        ));
+    }
+    let version = word(&header, 4);
+    if !(1..=3).contains(&version) {
+        return Err(unknown_version(path, version));
+    }
+    let [degree, fraction_bits, flags] = [header[12], header[13], header[14]];
+    // Degree 4 is the greatest that the format knows.
+    if degree > 4 || fraction_bits > 24 {
+        return Err(Error::format(
+            path,
+            "header",
+            "harmonics of degree 0 to 4 and up to 24 fractional bits",
+            format!("degree {degree} and {fraction_bits} bits"),
+            "the file is damaged: get it again",
+        ));
+    }
+    let layout = Layout::new(version, degree);
+    let count = u64::from(word(&header, 8));
+    let size = count.saturating_mul(layout.bytes_per_splat() as u64);
+    let too_short = |found: String| {
+        Error::format(
+            path,
+            "size",
+            format!("{size} bytes for {count} splats of degree {degree}"),
+            found,
+            "the file is cut off or its header is wrong: get it again",
+        )
+    };
+    if size > len.saturating_mul(GREATEST_RATIO) {
+        return Err(too_short(format!("a file of {len} bytes")));
+    }
+    let mut body = Vec::new();
+    (&mut unpacked)
+        .take(size)
+        .read_to_end(&mut body)
+        .map_err(damaged)?;
+    if body.len() as u64 != size {
+        return Err(too_short(format!("{} bytes", body.len())));
+    }
+    let mut notes = Vec::new();
+    let more = unpacked.read(&mut [0]).map_err(damaged)? > 0;
+    if more || flags & 2 != 0 {
+        notes.push("what follows the splats (extensions) is not read".into());
+    }
+    if degree > MAX_HARMONICS_DEGREE {
+        notes.push(format!(
+            "harmonics of degree {degree}: those above {MAX_HARMONICS_DEGREE} are not used"
+        ));
+    }
+    let scale = 0.5_f64.powi(i32::from(fraction_bits));
+    let cloud = layout.splats(&body, scale, flags & 1 != 0);
+    let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
+    data.notes = notes;
+    Ok(data)
+}
+
+fn word(header: &[u8; HEADER], at: usize) -> u32 {
+    u32::from_le_bytes(array::from_fn(|i| header[at + i]))
+}
+
+fn unknown_version(path: &Path, version: u32) -> Error {
+    Error::format(
+        path,
+        "header",
+        "version 1, 2 or 3",
+        format!("version {version}, which is not read"),
+        "save it as version 3, or as PLY",
+    )
+}
+
+/// How many bytes the arrays have per splat.
+struct Layout {
+    position: usize,
+    rotation: usize,
+    /// Coefficients beyond the constant one.
+    coefficients: usize,
+    degree: u8,
+}
+
+impl Layout {
+    fn new(version: u32, degree: u8) -> Self {
+        Self {
+            position: if version == 1 { 6 } else { 9 },
+            rotation: if version < 3 { 3 } else { 4 },
+            coefficients: harmonics_count(degree) - 1,
+            degree,
+        }
+    }
+
+    fn bytes_per_splat(&self) -> usize {
+        self.position + 1 + 3 + 3 + self.rotation + 3 * self.coefficients
+    }
+
+    /// Decodes the arrays; `body` holds whole ones.
+    fn splats(&self, body: &[u8], scale: f64, is_anti_aliased: bool) -> SplatCloud {
+        let count = body.len() / self.bytes_per_splat();
+        let mut rest = body;
+        let mut array = |bytes: usize| {
+            let (array, others) = rest.split_at(count * bytes);
+            rest = others;
+            array
+        };
+        let positions = array(self.position);
+        let opacities = array(1);
+        let constants = array(3);
+        let scales = array(3);
+        let rotations = array(self.rotation);
+        let others = array(3 * self.coefficients);
+
+        let degree = self.degree.min(MAX_HARMONICS_DEGREE);
+        let kept = harmonics_count(degree) - 1;
+        let mut harmonics = Vec::with_capacity(count * 3 * (kept + 1));
+        for (i, constant) in constants.chunks_exact(3).enumerate() {
+            let of_byte = |&b: &u8| (f32::from(b) / 255.0 - 0.5) / 0.15;
+            harmonics.extend(constant.iter().map(of_byte));
+            let set = &others[i * 3 * self.coefficients..][..3 * kept];
+            for (rgb, sign) in set.chunks_exact(3).zip(&TURNED[1..]) {
+                harmonics.extend(rgb.iter().map(|&b| sign * (f32::from(b) - 128.0) / 128.0));
+            }
+        }
+        let position = |p: &[u8]| {
+            let [x, y, z] = array::from_fn(|i| {
+                if self.position == 6 {
+                    half(u16::from_le_bytes([p[2 * i], p[2 * i + 1]]))
+                } else {
+                    // The sign lies in the third byte: shifted up, then down again.
+                    let n = i32::from_le_bytes([0, p[3 * i], p[3 * i + 1], p[3 * i + 2]]) >> 8;
+                    f64::from(n) * scale
+                }
+            });
+            DVec3::new(x, -y, -z)
+        };
+        let rotation = |q: &[u8]| {
+            let [x, y, z, w] = if self.rotation == 4 {
+                smallest_three(u32::from_le_bytes(array::from_fn(|i| q[i])))
+            } else {
+                let [x, y, z] = array::from_fn(|i| f32::from(q[i]) / 127.5 - 1.0);
+                [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
+            };
+            [w, x, -y, -z]
+        };
+        let scale_of = |s: &[u8]| array::from_fn(|i| (f32::from(s[i]) / 16.0 - 10.0).exp());
+        SplatCloud {
+            positions: positions
+                .chunks_exact(self.position)
+                .map(position)
+                .collect(),
+            scales: scales.chunks_exact(3).map(scale_of).collect(),
+            rotations: rotations
+                .chunks_exact(self.rotation)
+                .map(rotation)
+                .collect(),
+            opacities: opacities.iter().map(|&a| f32::from(a) / 255.0).collect(),
+            harmonics_degree: degree,
+            harmonics,
+            is_anti_aliased,
+        }
+    }
+}
+
+/// A unit quaternion x, y, z, w from its three smaller components: the upper two bits say which
+/// is left out (not negative), then ten bits for each of the others, a sign and a magnitude in
+/// units of 1 / (511 sqrt 2), the last component in the lowest bits.
+fn smallest_three(packed: u32) -> [f32; 4] {
+    const UNIT: f32 = std::f32::consts::FRAC_1_SQRT_2 / 511.0;
+    let largest = (packed >> 30) as usize;
+    let mut q = [0.0_f32; 4];
+    let mut bits = packed;
+    for i in (0..4).rev().filter(|&i| i != largest) {
+        let magnitude = UNIT * (bits & 511) as f32;
+        q[i] = if bits & 512 == 0 {
+            magnitude
+        } else {
+            -magnitude
+        };
+        bits >>= 10;
+    }
+    q[largest] = (1.0 - q.iter().map(|c| c * c).sum::<f32>()).max(0.0).sqrt();
+    q
+}
+
+/// An IEEE 754 half float.
+fn half(bits: u16) -> f64 {
+    let sign = if bits >> 15 == 0 { 1.0 } else { -1.0 };
+    let (exponent, fraction) = (bits >> 10 & 31, f64::from(bits & 1023));
+    sign * match exponent {
+        0 => fraction * 2_f64.powi(-24),
+        31 if fraction > 0.0 => f64::NAN,
+        31 => f64::INFINITY,
+        e => (1024.0 + fraction) * 2_f64.powi(i32::from(e) - 25),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::harmonics;
+    use glam::Vec3;
+
+    #[test]
+    fn harmonics_turn_with_their_signs() {
+        let d = Vec3::new(0.48, -0.6, 0.64);
+        let turned = harmonics(Vec3::new(d.x, -d.y, -d.z));
+        for (i, (a, b)) in harmonics(d).into_iter().zip(turned).enumerate() {
+            assert!((TURNED[i] * a - b).abs() < 1e-6, "{i}: {a}, {b}");
+            assert!(a.abs() > 1e-3, "{i} tells nothing");
+        }
+    }
+
+    #[test]
+    fn halves_have_their_values() {
+        for (bits, value) in [
+            (0x0000, 0.0),
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_953_125),
+            (0x7bff, 65_504.0),
+            (0x0001, 5.960_464_477_539_063e-8),
+            (0x7c00, f64::INFINITY),
+        ] {
+            assert_eq!(half(bits).to_bits(), f64::to_bits(value), "{bits:x}");
+        }
+        assert!(half(0x7e00).is_nan());
+    }
+
+    #[test]
+    fn quaternions_come_back_within_their_quantum() {
+        // The largest is z (index 2): x = .1, y = -.2, w = .3.
+        let bits = |c: f32| {
+            let magnitude = c.abs() * 511.0 * std::f32::consts::SQRT_2;
+            let nearest = (0..512).find(|&n| n as f32 + 0.5 >= magnitude);
+            u32::from(c < 0.0) << 9 | nearest.unwrap()
+        };
+        let packed = 2 << 30 | bits(0.1) << 20 | bits(-0.2) << 10 | bits(0.3);
+        let expected = [0.1, -0.2, 0.86_f32.sqrt(), 0.3];
+        for (a, b) in smallest_three(packed).into_iter().zip(expected) {
+            // Half a unit of 1 / (511 sqrt 2), and what it does to the largest.
+            assert!((a - b).abs() < 1.0e-3, "{a}, {b}");
+        }
+    }
+}

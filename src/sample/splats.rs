@@ -1,0 +1,137 @@
+//! Splats: shapes and opacities as the file states them.
+
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::left_out::LeftOut;
+use super::{
+    SampleOptions, SampleReport, Sampled, check_count, check_len, index_u32, keep, lower_factor,
+    narrowed, nothing_left, take_scalar, transfer_function,
+};
+use crate::error::Result;
+use crate::image::linear_from_srgb;
+use crate::io::{Dataset, Geometry, SplatCloud};
+use crate::math::{HARMONIC_0, harmonics_count};
+use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+
+pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    let Geometry::Splats(cloud) = &mut dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let cloud = std::mem::take(cloud);
+    let count = cloud.positions.len();
+    check_count(&dataset, count)?;
+    // A named field colours; nothing else of the fields is looked at.
+    let field = match &options.field {
+        Some(name) => {
+            let taken = take_scalar(&mut dataset, Some(name))?;
+            check_len(&dataset, &taken, count)?;
+            Some(taken)
+        }
+        None => None,
+    };
+    let values = field.as_ref().map(|f| &f.values);
+    let row = |i: usize| factor(&cloud, values, i);
+    let rows: Vec<Result<[f32; 6], LeftOut>> = (0..count).into_par_iter().map(row).collect();
+
+    let mut report = SampleReport {
+        field: field.as_ref().map(|f| f.name.clone()),
+        unit_distance: options.unit_distance.unwrap_or(1.0),
+        sample_count: count,
+        ..SampleReport::default()
+    };
+    let faults = rows.iter().filter_map(|row| row.as_ref().err().copied());
+    LeftOut::report(&mut report, "splats", faults);
+    let (kept, factors): (Vec<u32>, Vec<[f32; 6]>) = rows
+        .into_iter()
+        .enumerate()
+        .filter_map(|(i, row)| row.ok().map(|factor| (index_u32(i), factor)))
+        .unzip();
+    if kept.is_empty() {
+        return Err(nothing_left(&dataset, &report));
+    }
+    report.particle_count = kept.len();
+
+    let values = field.map(|f| keep(f.values, &kept));
+    let transfer_function = match &values {
+        Some(values) => Some(transfer_function(values, &[], 1.0, options)?),
+        None => None,
+    };
+    report.value_range = values.as_ref().and_then(Values::finite_range);
+    let SplatCloud {
+        positions,
+        opacities,
+        harmonics,
+        harmonics_degree: degree,
+        is_anti_aliased,
+        ..
+    } = cloud;
+    let colour = if values.is_some() {
+        Colour::Classified
+    } else if degree == 0 {
+        let decoded = harmonics
+            .chunks_exact(3)
+            .map(|rgb| [0, 1, 2].map(|c| linear_from_srgb((0.5 + HARMONIC_0 * rgb[c]).max(0.0))));
+        Colour::PerParticle(picked(decoded.collect(), &kept, 1))
+    } else {
+        Colour::Harmonics {
+            degree,
+            coefficients: picked(harmonics, &kept, 3 * harmonics_count(degree)),
+        }
+    };
+    let mut opacities = picked(opacities, &kept, 1);
+    for opacity in &mut opacities {
+        *opacity = opacity.min(1.0);
+    }
+    Ok(Sampled {
+        volume: PointVolume {
+            particles: Particles::Anisotropic {
+                positions: picked(positions, &kept, 1),
+                factors,
+            },
+            strength: Strength::PeakOpacity {
+                opacities,
+                is_anti_aliased,
+            },
+            colour,
+            values,
+            transfer_function,
+        },
+        report,
+    })
+}
+
+/// The factor of splat `i`, or why it cannot be drawn.
+fn factor(cloud: &SplatCloud, values: Option<&Values>, i: usize) -> Result<[f32; 6], LeftOut> {
+    let missing = |sound: bool, reason| if sound { Ok(()) } else { Err(reason) };
+    missing(cloud.positions[i].is_finite(), LeftOut::Position)?;
+    let scales = DVec3::from(cloud.scales[i].map(f64::from));
+    let [w, x, y, z] = cloud.rotations[i].map(f64::from);
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    let length = rotation.length();
+    missing(
+        scales.is_finite() && scales.min_element() >= 0.0 && scales.max_element() > 0.0,
+        LeftOut::Size,
+    )?;
+    missing(length > 0.0 && length.is_finite(), LeftOut::Rotation)?;
+    missing(cloud.opacities[i] >= 0.0, LeftOut::Opacity)?;
+    let stride = cloud.harmonics_stride();
+    let harmonics = &cloud.harmonics[i * stride..][..stride];
+    missing(harmonics.iter().all(|c| c.is_finite()), LeftOut::Colour)?;
+    missing(values.is_none_or(|v| v.get(i).is_finite()), LeftOut::Value)?;
+    let rotation = DMat3::from_quat(rotation * (1.0 / length));
+    let factor = lower_factor(rotation * DMat3::from_diagonal(scales)).map(narrowed);
+    let is_there =
+        factor.iter().all(|l| l.is_finite()) && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE);
+    missing(is_there, LeftOut::Size)?;
+    Ok(factor)
+}
+
+/// The kept sets of `stride` entries each: moved where all are kept.
+fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
+    if kept.len() * stride == all.len() {
+        return all;
+    }
+    let set = |&i: &u32| &all[i as usize * stride..][..stride];
+    kept.iter().flat_map(set).copied().collect()
+}

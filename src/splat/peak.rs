@@ -1,0 +1,76 @@
+//! Splats of radiance fields, by the rule of their format (Kerbl et al. 2023, *3D Gaussian
+//! Splatting for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
+
+use glam::Vec2;
+
+use super::filter::Filter;
+use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
+use crate::layout::ViewUniform;
+
+/// Variance added to a splat's footprint, px²: what the training of Kerbl et al. adds to keep
+/// splats from falling between pixels. Its peak stays.
+pub const SPLAT_LOW_PASS_PX2: f32 = 0.3;
+
+/// The same for splats made for the anti-aliasing filter of Yu et al. 2024, *Mip-Splatting*: a
+/// pixel's box as a Gaussian. The peak falls as the area grows.
+pub const ANTI_ALIASED_LOW_PASS_PX2: f32 = 0.1;
+
+/// How far beyond the image the Jacobian follows a splat, as a share of half the image. Farther
+/// out it is that of this slope: the affine footprints of what lies beside the eye would reach
+/// across the picture, and the training knew no such footprints.
+const JACOBIAN_MARGIN: f32 = 0.3;
+
+/// The footprint of a splat, its `tau` the opacity at the centre; `None` where the rule draws
+/// nothing.
+///
+/// - `kernel`: its mass is the peak opacity.
+///
+/// The projection is affine, whatever the filter of the frame: the opacities were trained with it.
+/// An anti-aliased splat's opacity is multiplied by sqrt(det V / det (V + h²)), V its footprint's
+/// variance, so that opacity times area stays that of the unfiltered footprint; the opacity of
+/// others stays whatever their size. Not drawn are splats whose centre lies behind the eye or
+/// nearer in front of it than their own standard deviation along the camera's axis: an affine
+/// footprint means nothing there. (The viewers' own limit is a distance in scene units.) Their
+/// ceiling of alpha at .99 and their floor at 1/255 are not copied.
+#[inline]
+pub fn peak_footprint(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    is_anti_aliased: bool,
+) -> Option<(ScreenFactor, ImageKernel)> {
+    let (z, reach) = (kernel.centre.z, kernel.factor.z.length());
+    let nearest = if view.orthographic != 0 { 0.0 } else { reach };
+    // Phrased so that NaN draws nothing.
+    if !(z > nearest) {
+        return None;
+    }
+    let mut screen = project_kernel(view, kernel);
+    if view.orthographic == 0 {
+        let focal = Vec2::from(view.focal_px);
+        let size = Vec2::new(view.size[0] as f32, view.size[1] as f32);
+        let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
+        let lower = -Vec2::from(view.centre_px) / focal - margin;
+        let upper = (size - Vec2::from(view.centre_px)) / focal + margin;
+        let slope = screen.slope.max(lower).min(upper);
+        if slope != screen.slope {
+            let per_depth = 1.0 / z;
+            let s = screen.relative_depth;
+            screen.row_x = (kernel.factor.x * per_depth - s * slope.x) * focal.x;
+            screen.row_y = (kernel.factor.y * per_depth - s * slope.y) * focal.y;
+        }
+    }
+    let h2 = if is_anti_aliased {
+        ANTI_ALIASED_LOW_PASS_PX2
+    } else {
+        SPLAT_LOW_PASS_PX2
+    };
+    let mut image = screen.filtered(Filter::Ewa, h2);
+    image.tau = kernel.mass;
+    if is_anti_aliased {
+        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        let determinant = screen.row_x.cross(screen.row_y).length_squared();
+        image.tau *= (determinant / image.determinant).sqrt();
+    }
+    let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
+    (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
+}

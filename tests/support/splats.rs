@@ -1,0 +1,238 @@
+//! PLY, .splat and SPZ files.
+
+use std::io::Write;
+
+/// Name, properties as the header has them, rows.
+pub(crate) type Element<'a> = (&'a str, &'a [&'a str], &'a [Vec<f64>]);
+
+/// The three encodings of PLY.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ply {
+    Ascii,
+    Little,
+    Big,
+}
+
+impl Ply {
+    pub(crate) const ALL: [Self; 3] = [Self::Ascii, Self::Little, Self::Big];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::Little => "binary_little_endian",
+            Self::Big => "binary_big_endian",
+        }
+    }
+
+    fn number(self, out: &mut Vec<u8>, kind: &str, value: f64) {
+        if self == Self::Ascii {
+            write!(out, "{value} ").unwrap();
+            return;
+        }
+        let mut bytes = match kind {
+            "char" | "int8" => (value as i8).to_le_bytes().to_vec(),
+            "uchar" | "uint8" => (value as u8).to_le_bytes().to_vec(),
+            "short" | "int16" => (value as i16).to_le_bytes().to_vec(),
+            "ushort" | "uint16" => (value as u16).to_le_bytes().to_vec(),
+            "int" | "int32" => (value as i32).to_le_bytes().to_vec(),
+            "uint" | "uint32" => (value as u32).to_le_bytes().to_vec(),
+            "float" | "float32" => (value as f32).to_le_bytes().to_vec(),
+            "double" | "float64" => value.to_le_bytes().to_vec(),
+            _ => panic!("{kind}"),
+        };
+        if self == Self::Big {
+            bytes.reverse();
+        }
+        out.extend(bytes);
+    }
+
+    /// A file of some elements: name, properties as the header has them, rows. A list's length
+    /// stands before its items.
+    pub(crate) fn file(self, comments: &str, elements: &[Element<'_>]) -> Vec<u8> {
+        let mut out = format!("ply\nformat {} 1.0\n{comments}", self.name()).into_bytes();
+        for (name, properties, rows) in elements {
+            writeln!(out, "element {name} {}", rows.len()).unwrap();
+            for property in *properties {
+                writeln!(out, "property {property}").unwrap();
+            }
+        }
+        out.extend(b"end_header\n");
+        for (_, properties, rows) in elements {
+            for row in *rows {
+                let mut values = row.iter().copied();
+                for property in *properties {
+                    let words: Vec<&str> = property.split(' ').collect();
+                    match words.as_slice() {
+                        ["list", count, item, _] => {
+                            let n = values.next().unwrap();
+                            self.number(&mut out, count, n);
+                            for _ in 0..n as usize {
+                                self.number(&mut out, item, values.next().unwrap());
+                            }
+                        }
+                        [kind, _] => self.number(&mut out, kind, values.next().unwrap()),
+                        _ => panic!("{property}"),
+                    }
+                }
+                assert_eq!(values.next(), None);
+                if self == Self::Ascii {
+                    out.push(b'\n');
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A splat as people think of it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Splat {
+    pub(crate) position: [f64; 3],
+    /// Standard deviations; two for a flat splat.
+    pub(crate) scales: Vec<f64>,
+    /// w, x, y, z.
+    pub(crate) rotation: [f64; 4],
+    pub(crate) opacity: f64,
+    /// R, G, B per harmonic.
+    pub(crate) harmonics: Vec<[f64; 3]>,
+}
+
+/// Some splats of a degree, all different.
+pub(crate) fn some_splats(count: usize, degree: usize) -> Vec<Splat> {
+    let of = |i: usize| {
+        let t = i as f64;
+        let coefficient = |k: usize, c: usize| ((7 * i + 3 * k + c) % 11) as f64 / 32.0 - 0.15;
+        Splat {
+            position: [0.5 + t, -0.25 * t, 2.0 - t],
+            scales: vec![0.5, 0.25 + 0.125 * t, 0.0625],
+            rotation: [0.5, 0.25 * t - 0.5, 0.25, 0.75],
+            opacity: 0.25 + 0.5 * t / count as f64,
+            harmonics: (0..(degree + 1).pow(2))
+                .map(|k| [0, 1, 2].map(|c| coefficient(k, c)))
+                .collect(),
+        }
+    };
+    (0..count).map(of).collect()
+}
+
+/// INRIA's layout; `extra` trails each row.
+pub(crate) fn splat_ply(
+    encoding: Ply,
+    comments: &str,
+    splats: &[Splat],
+    extra: &[&str],
+) -> Vec<u8> {
+    let (sizes, harmonics) = (splats[0].scales.len(), splats[0].harmonics.len());
+    let named = |name: &str, n: usize| (0..n).map(|i| format!("float {name}_{i}")).collect();
+    let names: Vec<String> = [
+        ["x", "y", "z"].map(|n| format!("float {n}")).to_vec(),
+        named("f_dc", 3),
+        named("f_rest", 3 * (harmonics - 1)),
+        vec!["float opacity".into()],
+        named("scale", sizes),
+        named("rot", 4),
+        extra.iter().map(|&e| e.to_owned()).collect(),
+    ]
+    .concat();
+    let rows: Vec<Vec<f64>> = splats
+        .iter()
+        .map(|s| {
+            let mut row = s.position.to_vec();
+            row.extend(s.harmonics[0]);
+            for channel in 0..3 {
+                row.extend(s.harmonics[1..].iter().map(|rgb| rgb[channel]));
+            }
+            row.push((s.opacity / (1.0 - s.opacity)).ln());
+            row.extend(s.scales.iter().map(|s| s.ln()));
+            row.extend(s.rotation);
+            row.extend(extra.iter().map(|_| 7.0));
+            row
+        })
+        .collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    encoding.file(comments, &[("vertex", &names, &rows)])
+}
+
+/// 32-byte records.
+pub(crate) fn splat_records(splats: &[Splat]) -> Vec<u8> {
+    let mut out = Vec::new();
+    for s in splats {
+        for value in s.position.iter().chain(&s.scales) {
+            out.extend((*value as f32).to_le_bytes());
+        }
+        let code = |c: f64| (255.0 * (0.5 + 0.282_094_791_773_878_14 * c)).round() as u8;
+        out.extend(s.harmonics[0].map(code));
+        out.push((255.0 * s.opacity).round() as u8);
+        let length = s.rotation.iter().map(|q| q * q).sum::<f64>().sqrt();
+        out.extend(
+            s.rotation
+                .map(|q| (128.0 + 128.0 * q / length).round() as u8),
+        );
+    }
+    out
+}
+
+/// Gzip of anything.
+pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+/// An SPZ file of version 2 or 3 before it is packed, 12 fractional bits. Positions, rotations
+/// and harmonics are turned to x right, y up, z back.
+pub(crate) fn spz_unpacked(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
+    let degree = splats[0].harmonics.len().isqrt() as u8 - 1;
+    let mut out = b"NGSP".to_vec();
+    out.extend(version.to_le_bytes());
+    out.extend((splats.len() as u32).to_le_bytes());
+    out.extend([degree, 12, flags, 0]);
+    let turned = |v: [f64; 3]| [v[0], -v[1], -v[2]];
+    for s in splats {
+        for x in turned(s.position) {
+            out.extend(&((x * 4096.0).round() as i32).to_le_bytes()[..3]);
+        }
+    }
+    let byte = |x: f64| x.round().clamp(0.0, 255.0) as u8;
+    out.extend(splats.iter().map(|s| byte(255.0 * s.opacity)));
+    for s in splats {
+        out.extend(s.harmonics[0].map(|c| byte(255.0 * (0.5 + 0.15 * c))));
+    }
+    for s in splats {
+        out.extend(s.scales.iter().map(|s| byte(16.0 * (s.ln() + 10.0))));
+    }
+    for s in splats {
+        let [w, x, y, z] = s.rotation;
+        let length = s.rotation.iter().map(|q| q * q).sum::<f64>().sqrt();
+        let q = [x, -y, -z, w].map(|c| c / length);
+        if version < 3 {
+            let sign = q[3].signum();
+            out.extend(q[..3].iter().map(|c| byte(127.5 * (1.0 + sign * c))));
+            continue;
+        }
+        let largest = (0..4)
+            .max_by(|&a, &b| q[a].abs().total_cmp(&q[b].abs()))
+            .unwrap();
+        let mut packed = largest as u32;
+        for i in (0..4).filter(|&i| i != largest) {
+            let c = q[i] * q[largest].signum();
+            let magnitude = (511.0 * c.abs() * std::f64::consts::SQRT_2).round() as u32;
+            packed = packed << 10 | u32::from(c < 0.0) << 9 | magnitude;
+        }
+        out.extend(packed.to_le_bytes());
+    }
+    // Degree 1 in the order y, z, x: only x keeps its sign.
+    let signs = [
+        1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
+    ];
+    for s in splats {
+        for (k, rgb) in s.harmonics.iter().enumerate().skip(1) {
+            out.extend(rgb.map(|c| byte(128.0 + 128.0 * signs.get(k).unwrap_or(&1.0) * c)));
+        }
+    }
+    out
+}
+
+pub(crate) fn spz(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
+    gzip(&spz_unpacked(version, flags, splats))
+}
