@@ -19,8 +19,17 @@ mod smoothing;
 mod splats;
 mod table;
 mod vti;
+mod vtk_array;
+mod vtk_codec;
+mod vtk_extent;
 mod vtk_grid;
+mod vtk_meshes;
+mod vtk_pieces;
 mod vtk_xml;
+mod vtp;
+mod vtr;
+mod vts;
+mod vtu;
 
 use std::path::{Path, PathBuf};
 
@@ -54,7 +63,7 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     (
         b"# vtk DataFile",
         "a legacy VTK file",
-        "save it as VTK XML (.vti)",
+        "save it as VTK XML (.vtu, .vts, .vtr or .vti)",
     ),
     (b"ply\n", "a PLY file", "export the particles as CSV or NPY"),
     (b"ply\r", "a PLY file", "export the particles as CSV or NPY"),
@@ -71,12 +80,12 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     (
         b"CDF\x01",
         "a netCDF or Exodus file",
-        "save it as VTK XML (.vti), or export CSV",
+        "save it as VTK XML (.vtu), or export CSV",
     ),
     (
         b"CDF\x02",
         "a netCDF or Exodus file",
-        "save it as VTK XML (.vti), or export CSV",
+        "save it as VTK XML (.vtu), or export CSV",
     ),
     (
         b"NRRD",
@@ -113,12 +122,44 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
     ("spz", "an SPZ file"),
 ];
 
+/// What is read, in messages about what is not.
+const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), PLOT3D, CSV, NPY or a raw volume";
+
+/// Types of VTK XML files that are not read: how they begin, and what to do.
+const VTK_NOT_READ: &[(&str, &str)] = &[
+    ("vtkMultiBlock", "give one of the files that it names"),
+    ("vtkPartitioned", "give one of the files that it names"),
+    ("vtkMultiPiece", "give one of the files that it names"),
+    (
+        "vtkHierarchical",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    (
+        "vtkOverlapping",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    (
+        "vtkNonOverlapping",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    ("Collection", "give the file of one time step that it names"),
+    ("HyperTreeGrid", "resample it to ImageData (.vti)"),
+    ("PHyperTreeGrid", "resample it to ImageData (.vti)"),
+    ("Table", "export it as CSV with columns x, y and z"),
+    ("PTable", "export it as CSV with columns x, y and z"),
+];
+
 /// Reads a data file.
 ///
 /// | recognised by | format |
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
 /// | `<VTKFile type="ImageData"` | VTK image data |
+/// | `<VTKFile type="RectilinearGrid"` | VTK rectilinear grid |
+/// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
+/// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid |
+/// | `<VTKFile type="PolyData"` | VTK polygonal data |
+/// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words | PLOT3D grid, with its solution |
@@ -136,7 +177,14 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         return npy::read(path);
     }
     if vtk_xml::looks_like(&head) {
-        return vti::read(path);
+        return match vtk_xml::file_type(&head).unwrap_or("") {
+            "ImageData" | "PImageData" => vti::read(path),
+            "RectilinearGrid" | "PRectilinearGrid" => vtr::read(path),
+            "StructuredGrid" | "PStructuredGrid" => vts::read(path),
+            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(path),
+            "PolyData" | "PPolyData" => vtp::read(path),
+            other => Err(refuse_vtk_type(path, other)),
+        };
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
@@ -161,7 +209,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         Error::format(
             path,
             "format",
-            "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+            KNOWN,
             format!("{name}, which is not read yet"),
             advice,
         )
@@ -191,10 +239,25 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Err(Error::format(
         path,
         "format",
-        "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+        KNOWN,
         "none of these",
         "convert it to one of them; if it is a raw volume, add --dims and --type",
     ))
+}
+
+/// A VTK XML file of a type that is not read.
+fn refuse_vtk_type(path: &Path, kind: &str) -> Error {
+    let advice = VTK_NOT_READ
+        .iter()
+        .find(|(start, _)| kind.starts_with(start));
+    let advice = advice.map_or("save it as one of these", |(_, advice)| advice);
+    Error::format(
+        path,
+        "VTKFile, `type`",
+        "ImageData, RectilinearGrid, StructuredGrid, UnstructuredGrid or PolyData",
+        format!("`{}`, which is not read yet", vtk_xml::clip(kind)),
+        advice,
+    )
 }
 
 /// The extension in lower case, or nothing.
