@@ -344,6 +344,56 @@ fn vts_pieces_are_put_together() {
     assert!(err.contains("12 samples, found 8 samples"), "{err}");
 }
 
+/// Eight pieces around one node, each with nodes and a cell of its own.
+#[test]
+fn pieces_join_along_every_axis() {
+    let folder = Folder::new();
+    let node = |i: usize, j: usize, k: usize| [i, j + 10, k + 20].map(|n| n as f64);
+    let ranges = |cut: usize, far: bool| if far { cut..4 } else { 0..cut + 1 };
+    let mut pieces = Vec::new();
+    for octant in 0..8 {
+        let [is, js, ks] =
+            [(1, 1), (2, 2), (2, 4)].map(|(cut, bit)| ranges(cut, octant & bit != 0));
+        let mut at = Vec::new();
+        let mut p = Vec::new();
+        let mut c = Vec::new();
+        for k in ks.clone() {
+            for j in js.clone() {
+                for i in is.clone() {
+                    at.extend(node(i, j, k));
+                    p.push((16 * k + 4 * j + i) as u8);
+                    if i + 1 < is.end && j + 1 < js.end && k + 1 < ks.end {
+                        c.push((9 * k + 3 * j + i) as u8);
+                    }
+                }
+            }
+        }
+        let extent = [&is, &js, &ks].map(|r| format!("{} {}", r.start, r.end - 1));
+        pieces.push(structured(
+            &extent.join(" "),
+            vec![uint8("p", 1, &p)],
+            vec![uint8("c", 1, &c)],
+            points(&at),
+        ));
+    }
+    let file = |pieces: &[XmlPiece]| {
+        vtk_xml(
+            VtkEncoding::RAW,
+            "StructuredGrid",
+            &whole("0 3 0 3 0 3"),
+            pieces,
+        )
+    };
+    let data = folder.open("a.vts", &file(&pieces));
+    assert_eq!(values(&data, "p"), Values::U8((0..64).collect()));
+    assert_eq!(values(&data, "c"), Values::U8((0..27).collect()));
+    let numbers = (0..64).flat_map(|n| node(n % 4, n / 4 % 4, n / 16));
+    assert_eq!(block(&data).nodes, to_points(&numbers.collect::<Vec<_>>()));
+    pieces[3] = pieces[4].clone();
+    let err = folder.refuse("a.vts", &file(&pieces));
+    assert!(err.contains("in none of them"), "{err}");
+}
+
 /// The cells of a piece of an unstructured grid, in the numbers of `ids`.
 fn unstructured(
     node_count: usize,
@@ -504,6 +554,19 @@ fn vtu_pieces_are_put_one_after_another() {
         let file = vtk_xml(encoding, "UnstructuredGrid", "", &vtu_pieces());
         check_vtu_pieces(&folder.open("a.vtu", &file));
     }
+}
+
+/// What has no cells does not lack their arrays.
+#[test]
+fn a_piece_without_cells_keeps_the_arrays_of_cells() {
+    let folder = Folder::new();
+    let [full, ..] = vtu_pieces();
+    let bare = unstructured(8, vec![], 0, vec![float32("p", 1, &[3.0; 8])], vec![]);
+    let file = vtk_xml(VtkEncoding::RAW, "UnstructuredGrid", "", &[full, bare]);
+    let data = folder.open("a.vtu", &file);
+    assert_eq!(data.field_names(), ["p", "c"]);
+    assert_eq!(cells(&data), mixed_expected(0));
+    assert_eq!(mesh(&data).nodes.len(), 16);
 }
 
 /// A node that the piece lacks must not become one of the next piece's.
