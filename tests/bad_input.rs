@@ -21,7 +21,7 @@ use support::splats::{
     Element, Ply, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked,
 };
 use support::vtk_legacy::LegacyVtk;
-use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
+use support::{Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
 /// Names and contents of sound files.
 fn seeds() -> &'static [(String, Vec<u8>)] {
@@ -47,6 +47,7 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
             let halves = [half("0 1 0 1 0 0"), half("1 2 0 1 0 0")];
             let attributes = "WholeExtent=\"0 2 0 1 0 0\"";
             seeds.push(("b.vti".into(), support::vti(encoding, attributes, &halves)));
+            seeds.extend(vtk_grids(encoding));
         }
         for encoding in Plot3dEncoding::all() {
             let coordinates: Vec<f64> = (0..24).map(f64::from).collect();
@@ -150,6 +151,83 @@ fn legacy_vtk() -> Vec<Vec<u8>> {
         }
     }
     files
+}
+
+/// One file of each other VTK XML format, of two pieces each.
+fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
+    let values = ("PointData", vec![support::uint8("a", 1, &[1; 8])]);
+    let points = ("Points", vec![support::float32("Points", 3, &[0.5; 24])]);
+    let axis = |name, numbers: &[f64]| support::float64(name, 1, numbers);
+    let halves = |geometry: [&(&'static str, Vec<support::VtkArray>); 2]| {
+        let mut halves = Vec::new();
+        for (extent, geometry) in ["0 1 0 1 0 1", "1 2 0 1 0 1"].into_iter().zip(geometry) {
+            halves.push(XmlPiece {
+                attributes: format!("Extent=\"{extent}\""),
+                elements: vec![values.clone(), geometry.clone()],
+            });
+        }
+        halves
+    };
+    let coordinates = |x: [f64; 2]| {
+        let (y, z) = (axis("y", &[0.0, 1.0]), axis("z", &[5.0, 3.0]));
+        ("Coordinates", vec![axis("x", &x), y, z])
+    };
+    let boxes = halves([&coordinates([0.0, 1.0]), &coordinates([1.0, 4.0])]);
+    let blocks = halves([&points, &points]);
+
+    let mut cells = vec![
+        support::int32("connectivity", 1, &[0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3]),
+        support::int64("offsets", 1, &[8, 12]),
+        support::uint8("types", 1, &[12, 42]),
+    ];
+    let faces = [4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1];
+    let streams = [
+        support::int64("faces", 1, &faces),
+        support::int64("faceoffsets", 1, &[-1, 17]),
+    ];
+    let shared = [
+        support::int64(
+            "face_connectivity",
+            1,
+            &[0, 1, 3, 1, 2, 3, 2, 0, 3, 0, 2, 1],
+        ),
+        support::int64("face_offsets", 1, &[3, 6, 9, 12]),
+        support::int64("polyhedron_to_faces", 1, &[0, 1, 2, 3]),
+        support::int64("polyhedron_offsets", 1, &[0, 4]),
+    ];
+    let mut solids = Vec::new();
+    for faces in [&streams[..], &shared] {
+        cells.truncate(3);
+        cells.extend_from_slice(faces);
+        solids.push(XmlPiece {
+            attributes: "NumberOfPoints=\"8\" NumberOfCells=\"2\"".into(),
+            elements: vec![values.clone(), points.clone(), ("Cells", cells.clone())],
+        });
+    }
+    let runs = |nodes: &[i32], end| {
+        let offsets = support::int32("offsets", 1, &[end]);
+        vec![support::int32("connectivity", 1, nodes), offsets]
+    };
+    let surface = XmlPiece {
+        attributes: "NumberOfPoints=\"8\" NumberOfVerts=\"1\" NumberOfPolys=\"1\"".into(),
+        elements: vec![
+            values.clone(),
+            points.clone(),
+            ("Verts", runs(&[7], 1)),
+            ("Polys", runs(&[0, 1, 2, 3], 4)),
+        ],
+    };
+    let whole = "WholeExtent=\"0 2 0 1 0 1\"";
+    let file = |name: &str, kind, attributes, pieces: &[XmlPiece]| {
+        let bytes = support::vtk_xml(encoding, kind, attributes, pieces);
+        (name.to_owned(), bytes)
+    };
+    vec![
+        file("a.vtr", "RectilinearGrid", whole, &boxes),
+        file("a.vts", "StructuredGrid", whole, &blocks),
+        file("a.vtu", "UnstructuredGrid", "", &solids),
+        file("a.vtp", "PolyData", "", &[surface.clone(), surface]),
+    ]
 }
 
 /// Names and contents of sound images.
@@ -427,6 +505,34 @@ fn devices_are_refused_before_they_are_opened() {
         assert!(open(path, &OpenOptions::default()).is_err());
     }
     assert!(read_image(std::path::Path::new("/dev/zero")).is_err());
+}
+
+/// An index in front of damaged pieces, and a damaged one in front of sound ones.
+#[test]
+fn damaged_indices_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, piece) = &vtk_grids(VtkEncoding::RAW)[2];
+    let index = "<VTKFile type=\"PUnstructuredGrid\"><PUnstructuredGrid><Piece Source=\"a.vtu\"/>\
+                 <Piece Source=\"b.vtu\"/></PUnstructuredGrid></VTKFile>";
+    let answer = |index: &str, piece: &[u8]| {
+        std::fs::write(folder.path().join("a.vtu"), piece).unwrap();
+        std::fs::write(folder.path().join("b.vtu"), piece).unwrap();
+        let path = folder.path().join("a.pvtu");
+        std::fs::write(&path, index).unwrap();
+        open(&path, &OpenOptions::default()).map(drop)
+    };
+    answer(index, piece).unwrap();
+    for cut in (0..index.len()).step_by(3) {
+        check(answer(&index[..cut.max(1)], piece));
+        check(answer(
+            &(index[..cut].to_owned() + &index[cut + 1..]),
+            piece,
+        ));
+    }
+    for cut in (1..piece.len()).step_by(31) {
+        check(answer(index, &piece[..cut]));
+        check(answer(index, &[&piece[..cut], &piece[cut + 1..]].concat()));
+    }
 }
 
 /// Deep nesting must not exhaust the stack.

@@ -23,9 +23,18 @@ mod splats;
 mod spz;
 mod table;
 mod vti;
+mod vtk_array;
+mod vtk_codec;
+mod vtk_extent;
 mod vtk_grid;
 mod vtk_legacy;
+mod vtk_meshes;
+mod vtk_pieces;
 mod vtk_xml;
+mod vtp;
+mod vtr;
+mod vts;
+mod vtu;
 
 use std::path::{Path, PathBuf};
 
@@ -69,12 +78,12 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     (
         b"CDF\x01",
         "a netCDF or Exodus file",
-        "save it as VTK XML (.vti), or export CSV",
+        "save it as VTK XML (.vtu), or export CSV",
     ),
     (
         b"CDF\x02",
         "a netCDF or Exodus file",
-        "save it as VTK XML (.vti), or export CSV",
+        "save it as VTK XML (.vtu), or export CSV",
     ),
     (
         b"NRRD",
@@ -103,13 +112,37 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     ),
 ];
 
-/// What is read, for messages.
-const KNOWN: &str =
-    "VTK image data (.vti), legacy VTK, PLOT3D, CSV, NPY, PLY, .splat, SPZ or a raw volume";
-
 /// Formats of `NOT_READ` that carry no magic number.
 const NOT_READ_EXTENSIONS: &[(&str, &str)] =
     &[("obj", "a Wavefront OBJ file"), ("gltf", "a glTF file")];
+
+/// What is read, in messages about what is not.
+const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, CSV, NPY, PLY, \
+     .splat, SPZ or a raw volume";
+
+/// Types of VTK XML files that are not read: how they begin, and what to do.
+const VTK_NOT_READ: &[(&str, &str)] = &[
+    ("vtkMultiBlock", "give one of the files that it names"),
+    ("vtkPartitioned", "give one of the files that it names"),
+    ("vtkMultiPiece", "give one of the files that it names"),
+    (
+        "vtkHierarchical",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    (
+        "vtkOverlapping",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    (
+        "vtkNonOverlapping",
+        "give one of the files that it names, or resample it to ImageData (.vti)",
+    ),
+    ("Collection", "give the file of one time step that it names"),
+    ("HyperTreeGrid", "resample it to ImageData (.vti)"),
+    ("PHyperTreeGrid", "resample it to ImageData (.vti)"),
+    ("Table", "export it as CSV with columns x, y and z"),
+    ("PTable", "export it as CSV with columns x, y and z"),
+];
 
 /// Reads a data file.
 ///
@@ -117,6 +150,11 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] =
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
 /// | `<VTKFile type="ImageData"` | VTK image data |
+/// | `<VTKFile type="RectilinearGrid"` | VTK rectilinear grid |
+/// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
+/// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid |
+/// | `<VTKFile type="PolyData"` | VTK polygonal data |
+/// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
 /// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
@@ -138,7 +176,14 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         return npy::read(path);
     }
     if vtk_xml::looks_like(&head) {
-        return vti::read(path);
+        return match vtk_xml::file_type(&head).unwrap_or("") {
+            "ImageData" | "PImageData" => vti::read(path),
+            "RectilinearGrid" | "PRectilinearGrid" => vtr::read(path),
+            "StructuredGrid" | "PStructuredGrid" => vts::read(path),
+            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(path),
+            "PolyData" | "PPolyData" => vtp::read(path),
+            other => Err(refuse_vtk_type(path, other)),
+        };
     }
     if head.starts_with(vtk_legacy::MAGIC) {
         return vtk_legacy::read(path);
@@ -209,6 +254,21 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         "none of these",
         "convert it to one of them; if it is a raw volume, add --dims and --type",
     ))
+}
+
+/// A VTK XML file of a type that is not read.
+fn refuse_vtk_type(path: &Path, kind: &str) -> Error {
+    let advice = VTK_NOT_READ
+        .iter()
+        .find(|(start, _)| kind.starts_with(start));
+    let advice = advice.map_or("save it as one of these", |(_, advice)| advice);
+    Error::format(
+        path,
+        "VTKFile, `type`",
+        "ImageData, RectilinearGrid, StructuredGrid, UnstructuredGrid or PolyData",
+        format!("`{}`, which is not read yet", vtk_xml::clip(kind)),
+        advice,
+    )
 }
 
 /// The extension in lower case, or nothing.

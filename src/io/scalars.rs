@@ -1,5 +1,7 @@
 //! Numbers as files hold them: ten scalar types, two byte orders, narrowed to [`Values`].
 
+use glam::DVec3;
+
 use crate::scene::Values;
 
 /// The scalar types of binary files.
@@ -143,35 +145,84 @@ pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Optio
 /// Integers as node numbers, sizes or kinds of cells: exact, and never negative. The error is the
 /// place of the first number that is negative, too large or no integer.
 pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usize> {
-    use ScalarType as S;
-    macro_rules! ids {
+    integers(bytes, encoding, |n| u32::try_from(n).ok()).map_err(|fault| match fault {
+        NotIntegers::Fractions => 0,
+        NotIntegers::Refused(place, _) => place,
+    })
+}
+
+/// `count` positions, x, y and z of one after those of another. `None` where they do not lie
+/// within `bytes`.
+pub(crate) fn points(bytes: &[u8], encoding: Encoding, count: usize) -> Option<Vec<DVec3>> {
+    /// As many at a time, so that no second copy of all of them is made.
+    const BATCH: usize = 4096;
+    let step = encoding.scalar.size();
+    let number_count = count.checked_mul(3)?;
+    let all = Stride {
+        first: 0,
+        step,
+        count: number_count,
+    };
+    if !all.fits(step, bytes.len()) {
+        return None;
+    }
+    let mut points = Vec::with_capacity(count);
+    for first in (0..number_count).step_by(3 * BATCH) {
+        let batch = Stride {
+            first: first * step,
+            step,
+            count: (number_count - first).min(3 * BATCH),
+        };
+        let numbers = doubles(bytes, encoding, batch)?;
+        points.extend(numbers.chunks_exact(3).map(DVec3::from_slice));
+    }
+    Some(points)
+}
+
+/// Why numbers are not the integers that are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NotIntegers {
+    /// They are floating-point numbers.
+    Fractions,
+    /// This number, at this place, is not allowed.
+    Refused(usize, i128),
+}
+
+/// All of `bytes` as integers, each exactly, as far as `convert` allows it.
+pub(crate) fn integers<T>(
+    bytes: &[u8],
+    encoding: Encoding,
+    convert: impl Fn(i128) -> Option<T>,
+) -> Result<Vec<T>, NotIntegers> {
+    macro_rules! each {
         ($t:ty) => {{
-            let number = |(i, chunk): (usize, &[u8])| {
+            let number = |(at, chunk): (usize, &[u8])| {
                 let mut number = [0; size_of::<$t>()];
                 number.copy_from_slice(chunk);
                 if encoding.big_endian {
                     number.reverse();
                 }
-                u32::try_from(<$t>::from_le_bytes(number)).map_err(|_| i)
+                let number = i128::from(<$t>::from_le_bytes(number));
+                convert(number).ok_or(NotIntegers::Refused(at, number))
             };
-            let chunks = bytes.chunks_exact(size_of::<$t>()).enumerate();
-            let mut ids = Vec::with_capacity(chunks.len());
-            for chunk in chunks {
-                ids.push(number(chunk)?);
+            let chunks = bytes.chunks_exact(size_of::<$t>());
+            let mut all = Vec::with_capacity(chunks.len());
+            for chunk in chunks.enumerate() {
+                all.push(number(chunk)?);
             }
-            Ok(ids)
+            Ok(all)
         }};
     }
     match encoding.scalar {
-        S::I8 => ids!(i8),
-        S::U8 => ids!(u8),
-        S::I16 => ids!(i16),
-        S::U16 => ids!(u16),
-        S::I32 => ids!(i32),
-        S::U32 => ids!(u32),
-        S::I64 => ids!(i64),
-        S::U64 => ids!(u64),
-        S::F32 | S::F64 => Err(0),
+        ScalarType::I8 => each!(i8),
+        ScalarType::U8 => each!(u8),
+        ScalarType::I16 => each!(i16),
+        ScalarType::U16 => each!(u16),
+        ScalarType::I32 => each!(i32),
+        ScalarType::U32 => each!(u32),
+        ScalarType::I64 => each!(i64),
+        ScalarType::U64 => each!(u64),
+        ScalarType::F32 | ScalarType::F64 => Err(NotIntegers::Fractions),
     }
 }
 
@@ -251,6 +302,65 @@ mod tests {
                 }
             ),
             Some(Values::U8(vec![8, 10]))
+        );
+    }
+
+    #[test]
+    fn positions_keep_every_bit_in_any_batch() {
+        let numbers: Vec<f64> = (0..3 * 5000).map(|i| f64::from(i) / 3.0).collect();
+        for big_endian in [false, true] {
+            let bytes: Vec<u8> = numbers
+                .iter()
+                .flat_map(|x| {
+                    if big_endian {
+                        x.to_be_bytes()
+                    } else {
+                        x.to_le_bytes()
+                    }
+                })
+                .collect();
+            let encoding = Encoding {
+                scalar: ScalarType::F64,
+                big_endian,
+            };
+            let read = points(&bytes, encoding, 5000).unwrap();
+            assert_eq!(
+                read.iter().flat_map(|p| p.to_array()).collect::<Vec<_>>(),
+                numbers
+            );
+            assert_eq!(points(&bytes, encoding, 5001), None);
+            assert_eq!(points(&bytes, encoding, usize::MAX), None);
+        }
+    }
+
+    /// 2^24 + 1 is the first integer that single precision misses.
+    #[test]
+    fn integers_are_exact_and_none_is_wrapped() {
+        let index = |n: i128| u32::try_from(n).ok();
+        let read = |scalar, big_endian, bytes: &[u8]| {
+            integers(bytes, Encoding { scalar, big_endian }, index)
+        };
+        let exact = (1_u32 << 24) + 1;
+        assert_eq!(
+            read(ScalarType::I32, true, &exact.to_be_bytes()),
+            Ok(vec![exact])
+        );
+        assert_eq!(
+            read(ScalarType::U64, false, &u64::from(u32::MAX).to_le_bytes()),
+            Ok(vec![u32::MAX])
+        );
+        assert_eq!(read(ScalarType::U8, false, &[7, 255]), Ok(vec![7, 255]));
+        assert_eq!(
+            read(ScalarType::I8, false, &[7, 255]),
+            Err(NotIntegers::Refused(1, -1))
+        );
+        assert_eq!(
+            read(ScalarType::I64, false, &(1_i64 << 32).to_le_bytes()),
+            Err(NotIntegers::Refused(0, 1 << 32))
+        );
+        assert_eq!(
+            read(ScalarType::F32, false, &[0; 4]),
+            Err(NotIntegers::Fractions)
         );
     }
 }

@@ -21,35 +21,7 @@ pub(super) fn dataset(
     mesh: CellMesh,
     mut fields: Vec<Field>,
 ) -> Result<Dataset> {
-    let error = |place: String, expected: &str, found: String| {
-        let advice = "the file is damaged: save it again";
-        Err(Error::format(path, place, expected, found, advice))
-    };
-    if mesh.nodes.is_empty() {
-        return error("points".into(), "at least one point", "none".into());
-    }
-    if mesh.offsets.len() != mesh.kinds.len() + 1
-        || mesh.offsets.last().map(|&n| n as usize) != Some(mesh.connectivity.len())
-        || mesh.offsets.windows(2).any(|w| w[0] > w[1])
-    {
-        return error(
-            "cells".into(),
-            "offsets that rise to the length of the connectivity",
-            format!(
-                "{} offsets for {} cells and {} numbers",
-                mesh.offsets.len(),
-                mesh.kinds.len(),
-                mesh.connectivity.len()
-            ),
-        );
-    }
-    for (i, &kind) in mesh.kinds.iter().enumerate() {
-        if let Err(found) = check_cell(kind, mesh.cell(i), mesh.nodes.len()) {
-            let place = format!("cell {i}, {}", kind.name());
-            let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
-            return error(place, &expected, found);
-        }
-    }
+    check(path, &mesh)?;
     let is_point = |kind: &CellKind| {
         matches!(
             *kind,
@@ -94,6 +66,43 @@ pub(super) fn dataset(
         notes,
         ..Dataset::new(path, format, geometry, fields)
     })
+}
+
+/// Refuses a mesh without nodes and cells that are not whole.
+///
+/// # Errors
+/// As [`dataset`].
+pub(super) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
+    let error = |place: String, expected: &str, found: String| {
+        let advice = "the file is damaged: save it again";
+        Err(Error::format(path, place, expected, found, advice))
+    };
+    if mesh.nodes.is_empty() {
+        return error("points".into(), "at least one point", "none".into());
+    }
+    if mesh.offsets.len() != mesh.kinds.len() + 1
+        || mesh.offsets.last().map(|&n| n as usize) != Some(mesh.connectivity.len())
+        || mesh.offsets.windows(2).any(|w| w[0] > w[1])
+    {
+        return error(
+            "cells".into(),
+            "offsets that rise to the length of the connectivity",
+            format!(
+                "{} offsets for {} cells and {} numbers",
+                mesh.offsets.len(),
+                mesh.kinds.len(),
+                mesh.connectivity.len()
+            ),
+        );
+    }
+    for (i, &kind) in mesh.kinds.iter().enumerate() {
+        if let Err(found) = check_cell(kind, mesh.cell(i), mesh.nodes.len()) {
+            let place = format!("cell {i}, {}", kind.name());
+            let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
+            return error(place, &expected, found);
+        }
+    }
+    Ok(())
 }
 
 /// For each node the one vertex cell that is its own, if all nodes have one.

@@ -6,9 +6,42 @@ pub(crate) mod splats;
 pub(crate) mod vtk_legacy;
 
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use ewa_splat::io::{Dataset, OpenOptions, open};
+
+/// A folder for the files of one test.
+pub(crate) struct Folder(pub(crate) tempfile::TempDir);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    pub(crate) fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    pub(crate) fn open(&self, name: &str, bytes: &[u8]) -> Dataset {
+        open(&self.file(name, bytes), &OpenOptions::default()).unwrap()
+    }
+
+    /// The error's text.
+    pub(crate) fn refuse(&self, name: &str, bytes: &[u8]) -> String {
+        let path = self.file(name, bytes);
+        open(&path, &OpenOptions::default())
+            .unwrap_err()
+            .to_string()
+    }
+}
 
 /// How a VTK array is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,12 +56,21 @@ pub(crate) enum Format {
     AppendedRaw,
 }
 
+/// How the arrays of a VTK file are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Compression {
+    None,
+    Zlib,
+    Lz4,
+    Lzma,
+}
+
 /// How a VTK file is stored.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VtkEncoding {
     pub(crate) format: Format,
     pub(crate) wide_header: bool,
-    pub(crate) compressed: bool,
+    pub(crate) compression: Compression,
     pub(crate) big_endian: bool,
 }
 
@@ -38,18 +80,39 @@ impl VtkEncoding {
         use Format::{AppendedBase64, AppendedRaw, Ascii, Binary};
         let mut all = Vec::new();
         for format in [Ascii, Binary, AppendedBase64, AppendedRaw] {
-            for bits in 0..8 {
-                let [wide_header, compressed, big_endian] = [1, 2, 4].map(|bit| bits & bit != 0);
-                all.push(Self {
-                    format,
-                    wide_header,
-                    compressed,
-                    big_endian,
-                });
+            for compression in [
+                Compression::None,
+                Compression::Zlib,
+                Compression::Lz4,
+                Compression::Lzma,
+            ] {
+                for bits in 0..4 {
+                    let [wide_header, big_endian] = [1, 2].map(|bit| bits & bit != 0);
+                    all.push(Self {
+                        format,
+                        wide_header,
+                        compression,
+                        big_endian,
+                    });
+                }
             }
         }
         all
     }
+
+    /// Raw bytes after the XML, not compressed.
+    pub(crate) const RAW: Self = Self {
+        format: Format::AppendedRaw,
+        wide_header: false,
+        compression: Compression::None,
+        big_endian: false,
+    };
+
+    /// Text.
+    pub(crate) const TEXT: Self = Self {
+        format: Format::Ascii,
+        ..Self::RAW
+    };
 
     fn word(self, n: usize) -> Vec<u8> {
         let mut bytes = (n as u64).to_le_bytes()[..if self.wide_header { 8 } else { 4 }].to_vec();
@@ -63,10 +126,15 @@ impl VtkEncoding {
     fn parts(self, bytes: &[u8]) -> Vec<Vec<u8>> {
         /// Small, so that arrays have several blocks.
         const BLOCK: usize = 24;
-        if !self.compressed {
+        if self.compression == Compression::None {
             return vec![[self.word(bytes.len()), bytes.to_vec()].concat()];
         }
-        let blocks: Vec<Vec<u8>> = bytes.chunks(BLOCK).map(zlib).collect();
+        let compress = match self.compression {
+            Compression::Lz4 => lz4_flex::block::compress,
+            Compression::Lzma => xz,
+            _ => zlib,
+        };
+        let blocks: Vec<Vec<u8>> = bytes.chunks(BLOCK).map(compress).collect();
         let mut header = self.word(blocks.len());
         header.extend(self.word(BLOCK));
         header.extend(self.word(bytes.len() % BLOCK));
@@ -86,6 +154,16 @@ impl VtkEncoding {
 
 fn zlib(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// An .xz stream, with the check that VTK's writer asks for.
+pub(crate) fn xz(bytes: &[u8]) -> Vec<u8> {
+    let mut options = lzma_rust2::XzOptions::with_preset(0);
+    options.lzma_options.dict_size = 4096;
+    options.set_check_sum_type(lzma_rust2::CheckType::Crc32);
+    let mut encoder = lzma_rust2::XzWriter::new(Vec::new(), options).unwrap();
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()
 }
@@ -137,6 +215,31 @@ pub(crate) struct VtkPiece {
 
 /// A VTK image file. `attributes` are those of the `ImageData` element.
 pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) -> Vec<u8> {
+    let piece = |piece: &VtkPiece| XmlPiece {
+        attributes: format!("Extent=\"{}\"", piece.extent),
+        elements: vec![
+            ("PointData", piece.point_data.clone()),
+            ("CellData", piece.cell_data.clone()),
+        ],
+    };
+    let pieces: Vec<_> = pieces.iter().map(piece).collect();
+    vtk_xml(encoding, "ImageData", attributes, &pieces)
+}
+
+/// A piece of any VTK XML file: its attributes, and its elements with their arrays.
+#[derive(Debug, Clone)]
+pub(crate) struct XmlPiece {
+    pub(crate) attributes: String,
+    pub(crate) elements: Vec<(&'static str, Vec<VtkArray>)>,
+}
+
+/// A VTK XML file of type `kind`. `attributes` are those of the element of that name.
+pub(crate) fn vtk_xml(
+    encoding: VtkEncoding,
+    kind: &str,
+    attributes: &str,
+    pieces: &[XmlPiece],
+) -> Vec<u8> {
     let mut appended = Vec::new();
     let mut element = |array: &VtkArray| {
         let mut bytes = array.bytes.clone();
@@ -171,13 +274,12 @@ pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) 
     };
     let mut body = String::new();
     for piece in pieces {
-        let points: String = piece.point_data.iter().map(&mut element).collect();
-        let cells: String = piece.cell_data.iter().map(&mut element).collect();
-        body += &format!(
-            "<Piece Extent=\"{}\"><PointData>{points}</PointData><CellData>{cells}</CellData>\
-             </Piece>\n",
-            piece.extent
-        );
+        body += &format!("<Piece {}>", piece.attributes);
+        for (name, arrays) in &piece.elements {
+            let arrays: String = arrays.iter().map(&mut element).collect();
+            body += &format!("<{name}>{arrays}</{name}>");
+        }
+        body += "</Piece>\n";
     }
     let order = if encoding.big_endian {
         "BigEndian"
@@ -189,14 +291,15 @@ pub(crate) fn vti(encoding: VtkEncoding, attributes: &str, pieces: &[VtkPiece]) 
     } else {
         ""
     };
-    let compressor = if encoding.compressed {
-        " compressor=\"vtkZLibDataCompressor\""
-    } else {
-        ""
+    let compressor = match encoding.compression {
+        Compression::None => "",
+        Compression::Zlib => " compressor=\"vtkZLibDataCompressor\"",
+        Compression::Lz4 => " compressor=\"vtkLZ4DataCompressor\"",
+        Compression::Lzma => " compressor=\"vtkLZMADataCompressor\"",
     };
     let mut file = format!(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" \
-         byte_order=\"{order}\"{header}{compressor}>\n<ImageData {attributes}>\n{body}</ImageData>\n"
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" \
+         byte_order=\"{order}\"{header}{compressor}>\n<{kind} {attributes}>\n{body}</{kind}>\n"
     )
     .into_bytes();
     let appended_kind = match encoding.format {

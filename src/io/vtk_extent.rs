@@ -1,0 +1,343 @@
+//! What the structured VTK XML formats share: extents, and pieces put together by them.
+//!
+//! ```text
+//! <StructuredGrid WholeExtent="i0 i1 j0 j1 k0 k1">
+//!   <Piece Extent="i0 i1 j0 j1 k0 k1"> <PointData/> <CellData/> ... </Piece> ...
+//! </StructuredGrid>
+//! ```
+//!
+//! An extent names the first and the last node along each axis; cells lie between nodes. Pieces
+//! must cover the whole extent, and may overlap: then the last one counts, but for `vtkGhostType`,
+//! whose marks stay only where all of them have them (a node is another piece's in one piece and
+//! its own in the other).
+
+use std::path::Path;
+
+use roxmltree::Node;
+
+use super::dataset::{Association, Field};
+use super::vtk_array::Array;
+use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
+use super::vtk_xml::numbers;
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// First and last node along each axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Extent {
+    pub(super) first: [i64; 3],
+    pub(super) last: [i64; 3],
+}
+
+impl Extent {
+    fn from_numbers([i0, i1, j0, j1, k0, k1]: [i32; 6]) -> Self {
+        Self {
+            first: [i0, j0, k0].map(i64::from),
+            last: [i1, j1, k1].map(i64::from),
+        }
+    }
+
+    /// The whole extent of a data set, which has at least one node.
+    pub(super) fn whole(path: &Path, element: Node<'_, '_>) -> Result<Self> {
+        let whole = Self::from_numbers(numbers(path, element, "WholeExtent", None)?);
+        if whole.is_empty() || whole.count(Association::Nodes).is_none() {
+            return Err(Error::format(
+                path,
+                format!("{}, `WholeExtent`", element.tag_name().name()),
+                "last nodes that are not before the first ones, and a count that fits into memory",
+                format!("{:?} to {:?}", whole.first, whole.last),
+                "correct the attribute",
+            ));
+        }
+        Ok(whole)
+    }
+
+    /// The extent of a piece; `None` where it is empty.
+    pub(super) fn of_piece(whole: &Self, piece: Piece<'_>) -> Result<Option<Self>> {
+        let extent = match piece.node.attribute("Extent") {
+            None => *whole,
+            Some(_) => Self::from_numbers(numbers(piece.path, piece.node, "Extent", None)?),
+        };
+        if extent.is_empty() {
+            return Ok(None);
+        }
+        let inside = (0..3).all(|axis| {
+            extent.first[axis] >= whole.first[axis] && extent.last[axis] <= whole.last[axis]
+        });
+        if !inside {
+            return Err(Error::format(
+                piece.path,
+                "Piece, `Extent`",
+                format!("an extent within {:?} to {:?}", whole.first, whole.last),
+                format!("{:?} to {:?}", extent.first, extent.last),
+                "correct the attribute",
+            ));
+        }
+        Ok(Some(extent))
+    }
+
+    fn is_empty(&self) -> bool {
+        (0..3).any(|axis| self.last[axis] < self.first[axis])
+    }
+
+    /// Nodes, or cells, along each axis.
+    pub(super) fn dims(&self, association: Association) -> [usize; 3] {
+        [0, 1, 2].map(|axis| {
+            let steps = usize::try_from(self.last[axis] - self.first[axis]).unwrap_or(0);
+            match association {
+                Association::Nodes => steps + 1,
+                Association::Cells => steps,
+            }
+        })
+    }
+
+    pub(super) fn count(&self, association: Association) -> Option<usize> {
+        let [x, y, z] = self.dims(association);
+        x.checked_mul(y)?.checked_mul(z)
+    }
+
+    /// How far this extent begins after another one along each axis.
+    pub(super) fn shift_from(&self, whole: &Self) -> [usize; 3] {
+        [0, 1, 2].map(|axis| usize::try_from(self.first[axis] - whole.first[axis]).unwrap_or(0))
+    }
+
+    /// Where each row along i goes: its start here, its start in the whole, its length.
+    fn rows(
+        &self,
+        whole: &Self,
+        association: Association,
+    ) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
+        let [whole_x, whole_y, _] = whole.dims(association);
+        let [nx, ny, nz] = self.dims(association);
+        let [dx, dy, dz] = self.shift_from(whole);
+        (0..nz).flat_map(move |k| {
+            (0..ny).map(move |j| {
+                let to = ((k + dz) * whole_y + j + dy) * whole_x + dx;
+                ((k * ny + j) * nx, to, nx)
+            })
+        })
+    }
+}
+
+/// One piece with its arrays decoded, and whatever else its format has.
+#[derive(Debug)]
+pub(super) struct Part<G = ()> {
+    pub(super) extent: Extent,
+    pub(super) geometry: G,
+    node_arrays: Vec<Array>,
+    cell_arrays: Vec<Array>,
+}
+
+impl Part {
+    /// Decodes the arrays of a piece; `None` where it is empty.
+    pub(super) fn read(whole: &Extent, piece: Piece<'_>) -> Result<Option<Self>> {
+        let Some(extent) = Extent::of_piece(whole, piece)? else {
+            return Ok(None);
+        };
+        let arrays = |association| {
+            let count = extent.count(association).unwrap_or(usize::MAX);
+            piece.fields(association, count)
+        };
+        Ok(Some(Self {
+            extent,
+            geometry: (),
+            node_arrays: arrays(Association::Nodes)?,
+            cell_arrays: arrays(Association::Cells)?,
+        }))
+    }
+
+    /// The same with what else was read of the piece.
+    pub(super) fn with<G>(self, geometry: G) -> Part<G> {
+        Part {
+            extent: self.extent,
+            geometry,
+            node_arrays: self.node_arrays,
+            cell_arrays: self.cell_arrays,
+        }
+    }
+}
+
+impl<G> Part<G> {
+    /// What else was read, apart from the rest.
+    pub(super) fn split(self) -> (Part, (Extent, G)) {
+        let part = Part {
+            extent: self.extent,
+            geometry: (),
+            node_arrays: self.node_arrays,
+            cell_arrays: self.cell_arrays,
+        };
+        (part, (self.extent, self.geometry))
+    }
+}
+
+/// Puts the arrays of all parts together: fields, and notes on what was left out.
+///
+/// # Errors
+/// Parts that do not cover the whole, or no array at all.
+pub(super) fn join(
+    path: &Path,
+    whole: &Extent,
+    parts: Vec<Part>,
+) -> Result<(Vec<Field>, Vec<String>)> {
+    let mut notes = Vec::new();
+    let mut nodes = Vec::new();
+    let mut cells = Vec::new();
+    for part in parts {
+        nodes.push((part.extent, part.node_arrays));
+        cells.push((part.extent, part.cell_arrays));
+    }
+    let mut fields = Vec::new();
+    for (association, parts) in [(Association::Nodes, nodes), (Association::Cells, cells)] {
+        let arrays = assemble(path, whole, parts, association, &mut notes)?;
+        fields.extend(to_fields(arrays, association));
+    }
+    if fields.is_empty() {
+        let why = notes.first().map_or("", |note| note.as_str());
+        let separator = if why.is_empty() { "" } else { ", " };
+        return Err(Error::format(
+            path,
+            "PointData and CellData",
+            "at least one array of numbers",
+            format!("none{separator}{why}"),
+            "save the grid with its data (one that is one node thick has no cells)",
+        ));
+    }
+    Ok((fields, notes))
+}
+
+/// Puts the arrays of nodes, or those of cells, together.
+fn assemble(
+    path: &Path,
+    whole: &Extent,
+    parts: Vec<(Extent, Vec<Array>)>,
+    association: Association,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Array>> {
+    let element = element_of(association);
+    // A piece one node thick adds no cells.
+    let (extents, mut arrays): (Vec<_>, Vec<_>) = parts
+        .into_iter()
+        .filter(|(extent, _)| extent.count(association) != Some(0))
+        .unzip();
+    keep_common(&mut arrays, element, notes);
+    let array_count = arrays.first().map_or(0, Vec::len);
+    if array_count == 0 {
+        return Ok(Vec::new());
+    }
+    if extents == [*whole] {
+        return Ok(arrays.remove(0));
+    }
+    check_cover(path, whole, &extents, association, element)?;
+    let mut arrays: Vec<_> = arrays.into_iter().map(Vec::into_iter).collect();
+    let mut joined = Vec::with_capacity(array_count);
+    for _ in 0..array_count {
+        // One array of all parts at a time, so that the parts are freed on the way.
+        let parts: Vec<Array> = arrays.iter_mut().filter_map(Iterator::next).collect();
+        joined.push(join_array(whole, &extents, parts, association));
+    }
+    Ok(joined)
+}
+
+/// Copies the parts of one array, alike in name and kind, into the whole.
+fn join_array(
+    whole: &Extent,
+    extents: &[Extent],
+    parts: Vec<Array>,
+    association: Association,
+) -> Array {
+    /// VTK's name for the array that marks the cells and nodes of other pieces.
+    const GHOSTS: &str = "vtkGhostType";
+    let mut name = String::new();
+    let mut components = Vec::new();
+    for part in parts {
+        name = part.name;
+        components.push(part.components.into_iter());
+    }
+    let mut whole_components = Vec::new();
+    loop {
+        let parts: Vec<Values> = components.iter_mut().filter_map(Iterator::next).collect();
+        macro_rules! copy {
+            ($kind:ident, $fill:expr, $combine:expr) => {{
+                let parts =
+                    parts
+                        .into_iter()
+                        .zip(extents)
+                        .filter_map(|(part, &extent)| match part {
+                            Values::$kind(values) => Some((extent, values)),
+                            _ => None,
+                        });
+                Values::$kind(place(whole, association, $fill, parts, $combine))
+            }};
+        }
+        whole_components.push(match parts.first() {
+            None => break,
+            Some(Values::U8(_)) if name == GHOSTS => copy!(U8, u8::MAX, |a, b| a & b),
+            Some(Values::U8(_)) => copy!(U8, 0, |_, b| b),
+            Some(Values::I16(_)) => copy!(I16, 0, |_, b| b),
+            Some(Values::U16(_)) => copy!(U16, 0, |_, b| b),
+            Some(Values::F32(_)) => copy!(F32, 0.0, |_, b| b),
+        });
+    }
+    Array {
+        name,
+        components: whole_components,
+    }
+}
+
+/// Puts the samples of all parts into the whole, first filled with `fill`. The parts must have
+/// been found to cover it.
+pub(super) fn place<T: Copy>(
+    whole: &Extent,
+    association: Association,
+    fill: T,
+    parts: impl Iterator<Item = (Extent, Vec<T>)>,
+    combine: impl Fn(T, T) -> T,
+) -> Vec<T> {
+    let mut all = vec![fill; whole.count(association).unwrap_or(0)];
+    for (extent, part) in parts {
+        for (from, to, n) in extent.rows(whole, association) {
+            for (old, &new) in all[to..to + n].iter_mut().zip(&part[from..from + n]) {
+                *old = combine(*old, new);
+            }
+        }
+    }
+    all
+}
+
+/// Refuses parts that leave holes. What is allocated is bounded: the parts' samples are in memory
+/// already, and the whole may not have more of them.
+pub(super) fn check_cover(
+    path: &Path,
+    whole: &Extent,
+    extents: &[Extent],
+    association: Association,
+    element: &str,
+) -> Result<()> {
+    let error = |expected: String, found: String| {
+        let advice = "save the grid as one piece";
+        Err(Error::format(path, element, expected, found, advice))
+    };
+    let count = whole.count(association).unwrap_or(usize::MAX);
+    let present = extents.iter().fold(0_usize, |sum, extent| {
+        sum.saturating_add(extent.count(association).unwrap_or(0))
+    });
+    if count > present {
+        return error(
+            format!("pieces that cover the whole extent of {count} samples"),
+            format!("{present} samples"),
+        );
+    }
+    let mut covered = vec![false; count];
+    for extent in extents {
+        for (_, to, n) in extent.rows(whole, association) {
+            covered[to..to + n].fill(true);
+        }
+    }
+    match covered.iter().position(|&c| !c) {
+        None => Ok(()),
+        Some(hole) => error(
+            "pieces that cover the whole extent".to_owned(),
+            format!("sample {hole} in none of them"),
+        ),
+    }
+}

@@ -1,0 +1,215 @@
+//! What the VTK XML formats of cells share: pieces with cells of their own, put one after another.
+
+use std::path::Path;
+
+use super::dataset::{Association, Dataset};
+use super::vtk_array::Array;
+use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
+use super::{CellKind, CellMesh, vtk_grid};
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// One piece, decoded. Its cells name its own nodes, counted from 0.
+#[derive(Debug)]
+pub(super) struct Part {
+    mesh: CellMesh,
+    node_arrays: Vec<Array>,
+    cell_arrays: Vec<Array>,
+}
+
+impl Part {
+    /// Decodes the nodes and arrays of a piece, after `cells` has read so many cells, and checks
+    /// it all; `None` where it is empty.
+    pub(super) fn read(
+        piece: Piece<'_>,
+        cell_count: usize,
+        cells: impl FnOnce() -> Result<CellMesh>,
+    ) -> Result<Option<Self>> {
+        let node_count = piece.count("NumberOfPoints")?;
+        if node_count == 0 && cell_count == 0 {
+            return Ok(None);
+        }
+        let mut mesh = cells()?;
+        if node_count > 0 {
+            let points = piece.only_array("Points")?;
+            mesh.nodes = piece.decoder.points(points, node_count)?;
+        }
+        vtk_grid::check(piece.path, &mesh)?;
+        Ok(Some(Self {
+            mesh,
+            node_arrays: piece.fields(Association::Nodes, node_count)?,
+            cell_arrays: piece.fields(Association::Cells, cell_count)?,
+        }))
+    }
+}
+
+/// Cells as an element stores them: the nodes of all, and where each cell's end.
+#[derive(Debug)]
+pub(super) struct Runs {
+    /// Where each cell's nodes begin; one more at the end.
+    pub(super) offsets: Vec<u32>,
+    pub(super) connectivity: Vec<u32>,
+}
+
+impl Runs {
+    /// Decodes `connectivity` and `offsets` of `count` cells.
+    pub(super) fn read(piece: Piece<'_>, element: &str, count: usize) -> Result<Self> {
+        let offsets = read_offsets(piece, element, "offsets", Some(count))?;
+        let end = offsets.last().map(|&n| n as usize);
+        let connectivity = read_indices(piece, element, "connectivity", end)?;
+        Ok(Self {
+            offsets,
+            connectivity,
+        })
+    }
+
+    /// The nodes of one cell.
+    pub(super) fn cell(&self, i: usize) -> &[u32] {
+        &self.connectivity[self.offsets[i] as usize..self.offsets[i + 1] as usize]
+    }
+}
+
+/// Decodes an array of indices.
+pub(super) fn read_indices(
+    piece: Piece<'_>,
+    element: &str,
+    name: &str,
+    count: Option<usize>,
+) -> Result<Vec<u32>> {
+    let array = piece.array_named(element, name);
+    let array = array.ok_or_else(|| piece.missing(&format!("{element}, `{name}`")))?;
+    let expected = "whole numbers from 0 to 4294967295";
+    piece
+        .decoder
+        .integers(array, count, expected, |n| u32::try_from(n).ok())
+}
+
+/// Decodes an array of ends, which may not fall, and puts a 0 before them.
+pub(super) fn read_offsets(
+    piece: Piece<'_>,
+    element: &str,
+    name: &str,
+    count: Option<usize>,
+) -> Result<Vec<u32>> {
+    let mut offsets = read_indices(piece, element, name, count)?;
+    if let Some(i) = offsets.windows(2).position(|w| w[0] > w[1]) {
+        return Err(Error::format(
+            piece.path,
+            format!("{element}, `{name}`"),
+            "ends that do not fall",
+            format!("{} after {}", offsets[i + 1], offsets[i]),
+            "the file is damaged: save it again",
+        ));
+    }
+    offsets.insert(0, 0);
+    Ok(offsets)
+}
+
+/// Puts parts one after another.
+///
+/// # Errors
+/// No part, or more nodes or entries than `u32` counts.
+pub(super) fn join(path: &Path, format: &'static str, mut parts: Vec<Part>) -> Result<Dataset> {
+    let mut notes = Vec::new();
+    let mut fields = Vec::new();
+    for association in [Association::Nodes, Association::Cells] {
+        let mut arrays: Vec<Vec<Array>> = parts
+            .iter_mut()
+            // A part without cells says nothing about arrays of cells; the same of nodes.
+            .filter(|part| part.count(association) > 0)
+            .map(|part| match association {
+                Association::Nodes => std::mem::take(&mut part.node_arrays),
+                Association::Cells => std::mem::take(&mut part.cell_arrays),
+            })
+            .collect();
+        keep_common(&mut arrays, element_of(association), &mut notes);
+        let arrays = arrays.into_iter().reduce(append_arrays).unwrap_or_default();
+        fields.extend(to_fields(arrays, association));
+    }
+    let mut meshes = parts.into_iter().map(|part| part.mesh);
+    let mut mesh = meshes.next().unwrap_or_else(|| CellMesh {
+        offsets: vec![0],
+        ..CellMesh::default()
+    });
+    for part in meshes {
+        append_mesh(path, &mut mesh, part)?;
+    }
+    let mut data = vtk_grid::dataset(path, format, mesh, fields)?;
+    data.notes.splice(0..0, notes);
+    Ok(data)
+}
+
+impl Part {
+    fn count(&self, association: Association) -> usize {
+        match association {
+            Association::Nodes => self.mesh.nodes.len(),
+            Association::Cells => self.mesh.kinds.len(),
+        }
+    }
+}
+
+/// Appends arrays to those of the same names and kinds.
+fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array> {
+    for (all, part) in all.iter_mut().zip(part) {
+        for (all, part) in all.components.iter_mut().zip(part.components) {
+            match (all, part) {
+                (Values::U8(all), Values::U8(mut part)) => all.append(&mut part),
+                (Values::I16(all), Values::I16(mut part)) => all.append(&mut part),
+                (Values::U16(all), Values::U16(mut part)) => all.append(&mut part),
+                (Values::F32(all), Values::F32(mut part)) => all.append(&mut part),
+                _ => {}
+            }
+        }
+    }
+    all
+}
+
+/// Appends a mesh, whose nodes are renumbered to follow.
+fn append_mesh(path: &Path, all: &mut CellMesh, mut part: CellMesh) -> Result<()> {
+    let sum = |name: &str, a: usize, b: usize| match u32::try_from(a.saturating_add(b)) {
+        Ok(_) => u32::try_from(a).map_err(|_| name.to_owned()),
+        Err(_) => Err(name.to_owned()),
+    };
+    let (node_shift, entry_shift) = sum("nodes", all.nodes.len(), part.nodes.len())
+        .and_then(|nodes| {
+            let entries = sum(
+                "entries of cells",
+                all.connectivity.len(),
+                part.connectivity.len(),
+            )?;
+            Ok((nodes, entries))
+        })
+        .map_err(|name| {
+            Error::format(
+                path,
+                "all pieces together",
+                format!("at most {} {name}", u32::MAX),
+                "more",
+                "read the pieces one by one",
+            )
+        })?;
+    for (i, &kind) in part.kinds.iter().enumerate() {
+        let range = part.offsets[i] as usize..part.offsets[i + 1] as usize;
+        shift_nodes(kind, &mut part.connectivity[range], node_shift);
+    }
+    all.nodes.append(&mut part.nodes);
+    all.kinds.append(&mut part.kinds);
+    all.connectivity.append(&mut part.connectivity);
+    let offsets = part.offsets.iter().skip(1);
+    all.offsets.extend(offsets.map(|&n| n + entry_shift));
+    Ok(())
+}
+
+/// Renumbers the nodes of a cell that has been checked.
+fn shift_nodes(kind: CellKind, mut cell: &mut [u32], shift: u32) {
+    if kind != CellKind::POLYHEDRON {
+        cell.iter_mut().for_each(|n| *n += shift);
+        return;
+    }
+    cell = &mut cell[1..];
+    while let Some((&mut count, rest)) = cell.split_first_mut() {
+        let (face, rest) = rest.split_at_mut(count as usize);
+        face.iter_mut().for_each(|n| *n += shift);
+        cell = rest;
+    }
+}

@@ -1,0 +1,265 @@
+//! The pieces of a VTK XML data set: those of one file, or of the files that a parallel index
+//! names.
+//!
+//! ```text
+//! <VTKFile type="UnstructuredGrid">        <VTKFile type="PUnstructuredGrid">
+//!   <UnstructuredGrid>                       <PUnstructuredGrid>
+//!     <Piece ...>                              <PPointData> ... </PPointData>
+//!       <PointData> ... </PointData>           <Piece Source="part_0.vtu"/>
+//!       <CellData> ... </CellData> ...         <Piece Source="part_1.vtu"/>
+//!     </Piece> ...                           </PUnstructuredGrid>
+//!   </UnstructuredGrid>                    </VTKFile>
+//! </VTKFile>
+//! ```
+//!
+//! A `Source` is relative to the index's folder, and names a file of pieces, never another index.
+//! What the index says of arrays (`PPointData`, ...) is not needed: the pieces say it themselves.
+//! One file at a time is in memory; what is made of its pieces is kept.
+
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+
+use roxmltree::{Document, Node};
+
+use super::dataset::{Association, Field, FieldSource};
+use super::file::read_all;
+use super::vtk_array::{Array, Decoder};
+use super::vtk_xml::{Frame, child, clip};
+use crate::error::{Error, Result};
+
+/// One `Piece` element of a file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece<'p> {
+    pub(super) path: &'p Path,
+    pub(super) node: Node<'p, 'p>,
+    pub(super) decoder: &'p Decoder<'p>,
+}
+
+/// Reads the data set's own attributes with `head` and each piece with `piece`, which may leave
+/// out empty ones. `kind` is the `type` of the pieces' files.
+///
+/// # Errors
+/// A file of another type, a damaged one, a piece's file that is not there, and what `head` and
+/// `piece` say.
+pub(super) fn read<H, P>(
+    path: &Path,
+    kind: &str,
+    head: impl FnOnce(&Path, Node<'_, '_>) -> Result<H>,
+    mut piece: impl FnMut(&H, Piece<'_>) -> Result<Option<P>>,
+) -> Result<(H, Vec<P>)> {
+    let bytes = read_all(path)?;
+    let frame = Frame::new(path, &bytes)?;
+    let document = frame.document()?;
+    let index_kind = format!("P{kind}");
+    let is_index = document.root_element().attribute("type") == Some(&index_kind);
+    let element = data_set(path, &document, if is_index { &index_kind } else { kind })?;
+    let head = head(path, element)?;
+    let mut pieces = Vec::new();
+    if !is_index {
+        each_piece(path, &frame, &document, element, |p| {
+            pieces.extend(piece(&head, p)?);
+            Ok(())
+        })?;
+        return Ok((head, pieces));
+    }
+
+    let folder = path.parent().unwrap_or(Path::new(""));
+    // A file that is named often would be read into memory as often.
+    let mut named = HashSet::new();
+    for (i, node) in piece_nodes(element).enumerate() {
+        let place = format!("Piece {i}, `Source`");
+        let error = |expected: &str, found: String, advice: &str| {
+            Err(Error::format(path, place.clone(), expected, found, advice))
+        };
+        let Some(source) = node.attribute("Source").filter(|s| !s.is_empty()) else {
+            let advice = "the index is damaged: save it again";
+            return error("the name of the piece's file", "none".into(), advice);
+        };
+        let file = folder.join(source);
+        let Ok(resolved) = file.canonicalize() else {
+            let advice = "put the piece's file there, or save the whole as one file";
+            let found = format!("no file `{}`", clip(source));
+            return error("a file beside the index", found, advice);
+        };
+        if !named.insert(resolved) {
+            let advice = "the index is damaged: save it again";
+            return error(
+                "each file once",
+                format!("`{}` again", clip(source)),
+                advice,
+            );
+        }
+        let bytes = read_all(&file)?;
+        let frame = Frame::new(&file, &bytes)?;
+        let document = frame.document()?;
+        let element = data_set(&file, &document, kind)?;
+        each_piece(&file, &frame, &document, element, |p| {
+            pieces.extend(piece(&head, p)?);
+            Ok(())
+        })?;
+    }
+    Ok((head, pieces))
+}
+
+/// The data set's element, named as the file's `type` is.
+fn data_set<'d>(path: &Path, document: &'d Document<'_>, kind: &str) -> Result<Node<'d, 'd>> {
+    let root = document.root_element();
+    let found = root.attribute("type").unwrap_or("");
+    if root.tag_name().name() != "VTKFile" || found != kind {
+        return Err(Error::format(
+            path,
+            "VTKFile, `type`",
+            kind,
+            format!("`{}`", clip(found)),
+            "name a file of this type",
+        ));
+    }
+    child(root, kind).ok_or_else(|| {
+        let advice = "the file is damaged: save it again";
+        Error::format(path, kind, "this element", "none", advice)
+    })
+}
+
+fn piece_nodes<'d, 'i>(element: Node<'d, 'i>) -> impl Iterator<Item = Node<'d, 'i>> {
+    element.children().filter(|n| n.has_tag_name("Piece"))
+}
+
+fn each_piece(
+    path: &Path,
+    frame: &Frame<'_>,
+    document: &Document<'_>,
+    element: Node<'_, '_>,
+    mut work: impl FnMut(Piece<'_>) -> Result<()>,
+) -> Result<()> {
+    let decoder = Decoder::new(frame, document)?;
+    for node in piece_nodes(element) {
+        work(Piece {
+            path,
+            node,
+            decoder: &decoder,
+        })?;
+    }
+    Ok(())
+}
+
+impl<'p> Piece<'p> {
+    /// A count among the attributes; 0 where there is none.
+    pub(super) fn count(&self, name: &str) -> Result<usize> {
+        let text = self.node.attribute(name).unwrap_or("0");
+        text.trim().parse().map_err(|_| {
+            let found = format!("`{}`", clip(text));
+            let advice = "correct the attribute";
+            let place = format!("Piece, `{name}`");
+            Error::format(self.path, place, "a number", found, advice)
+        })
+    }
+
+    /// The first array of an element: `Points`.
+    pub(super) fn only_array(&self, element: &str) -> Result<Node<'p, 'p>> {
+        let node = child(self.node, element).and_then(|e| child(e, "DataArray"));
+        node.ok_or_else(|| self.missing(element))
+    }
+
+    /// All arrays of an element: `Coordinates`.
+    pub(super) fn array_nodes(&self, element: &str) -> Vec<Node<'p, 'p>> {
+        let element = child(self.node, element);
+        let children = element.into_iter().flat_map(|e| e.children());
+        children.filter(|n| n.has_tag_name("DataArray")).collect()
+    }
+
+    /// An array by the names of its element and its own.
+    pub(super) fn array_named(&self, element: &str, name: &str) -> Option<Node<'p, 'p>> {
+        let nodes = self.array_nodes(element);
+        nodes
+            .into_iter()
+            .find(|n| n.attribute("Name") == Some(name))
+    }
+
+    /// The arrays of nodes or of cells, each of `count` tuples.
+    pub(super) fn fields(&self, association: Association, count: usize) -> Result<Vec<Array>> {
+        match child(self.node, element_of(association)) {
+            Some(element) if count > 0 => self.decoder.arrays(element, count),
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    /// That an array is not there.
+    pub(super) fn missing(&self, place: &str) -> Error {
+        let advice = "the file is damaged: save it again";
+        Error::format(self.path, place, "an array", "none", advice)
+    }
+}
+
+/// The element that holds arrays of this kind.
+pub(super) fn element_of(association: Association) -> &'static str {
+    match association {
+        Association::Nodes => "PointData",
+        Association::Cells => "CellData",
+    }
+}
+
+/// Leaves each part only the arrays that all of them have, with the same name, number of
+/// components and kind of numbers, in the order of the first. Says in `notes` which went.
+pub(super) fn keep_common(parts: &mut [Vec<Array>], element: &str, notes: &mut Vec<String>) {
+    if parts.len() < 2 {
+        return;
+    }
+    let key = |array: &Array| {
+        let kinds = array.components.iter().map(|c| c.type_name());
+        (array.name.clone(), kinds.collect::<Vec<_>>())
+    };
+    let mut parts_with = HashMap::new();
+    let mut order = Vec::new();
+    for arrays in parts.iter_mut() {
+        let mut seen = HashSet::new();
+        arrays.retain(|array| seen.insert(key(array)));
+        for array in arrays {
+            let count = parts_with.entry(key(array)).or_insert(0_usize);
+            if *count == 0 {
+                order.push(key(array));
+            }
+            *count += 1;
+        }
+    }
+    let is_common = |key: &_| parts_with.get(key) == Some(&parts.len());
+    let (common, others): (Vec<_>, Vec<_>) = order.into_iter().partition(|key| is_common(key));
+    let mut names: Vec<String> = others
+        .iter()
+        .map(|(name, _)| format!("`{}`", clip(name)))
+        .collect();
+    names.dedup();
+    if !names.is_empty() {
+        const MOST_NAMES: usize = 8;
+        let more = match names.len().saturating_sub(MOST_NAMES) {
+            0 => String::new(),
+            n => format!(" and {n} more"),
+        };
+        names.truncate(MOST_NAMES);
+        let names = names.join(", ");
+        notes.push(format!(
+            "arrays of {element} left out, as not all pieces have them alike: {names}{more}"
+        ));
+    }
+    let rank: HashMap<_, _> = common.iter().zip(0_usize..).collect();
+    for arrays in parts {
+        arrays.retain(|array| rank.contains_key(&key(array)));
+        arrays.sort_by_key(|array| rank.get(&key(array)).copied());
+    }
+}
+
+/// Arrays as the fields of a data set.
+pub(super) fn to_fields(arrays: Vec<Array>, association: Association) -> Vec<Field> {
+    let to_field = |array: Array| {
+        let mut components = array.components;
+        Field {
+            name: array.name,
+            association,
+            source: if components.len() == 1 {
+                FieldSource::Scalar(components.remove(0))
+            } else {
+                FieldSource::Vector(components)
+            },
+        }
+    };
+    arrays.into_iter().map(to_field).collect()
+}

@@ -1,0 +1,60 @@
+//! VTK structured grids (`.vts`, `.pvts`): a curvilinear grid.
+//!
+//! ```text
+//! <StructuredGrid WholeExtent="i0 i1 j0 j1 k0 k1">
+//!   <Piece Extent="i0 i1 j0 j1 k0 k1">
+//!     <PointData> ... </PointData> <CellData> ... </CellData>
+//!     <Points> <DataArray NumberOfComponents="3" .../> </Points>
+//!   </Piece> ...
+//! </StructuredGrid>
+//! ```
+//!
+//! Nodes are stored i fastest, then j, then k. Several pieces are put together, see
+//! [`super::vtk_extent`].
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::CurvilinearBlock;
+use super::dataset::{Association, Dataset, Geometry};
+use super::vtk_extent::{Extent, Part, check_cover, join, place};
+use super::vtk_pieces::{self, Piece};
+use crate::error::Result;
+
+/// Reads a structured grid.
+///
+/// # Errors
+/// Not such a grid, damaged arrays, or pieces that do not make up the whole.
+pub(crate) fn read(path: &Path) -> Result<Dataset> {
+    let (whole, parts) = vtk_pieces::read(path, "StructuredGrid", Extent::whole, read_part)?;
+    let (parts, mut nodes): (Vec<_>, Vec<_>) = parts.into_iter().map(Part::split).unzip();
+    let nodes = match nodes.as_mut_slice() {
+        [(extent, nodes)] if *extent == whole => std::mem::take(nodes),
+        _ => {
+            let extents: Vec<Extent> = nodes.iter().map(|(extent, _)| *extent).collect();
+            check_cover(path, &whole, &extents, Association::Nodes, "Points")?;
+            let parts = nodes.into_iter();
+            place(&whole, Association::Nodes, DVec3::NAN, parts, |_, b| b)
+        }
+    };
+    let (fields, notes) = join(path, &whole, parts)?;
+    let dims = whole.dims(Association::Nodes);
+    let blocks = vec![CurvilinearBlock { dims, nodes }];
+    let geometry = Geometry::Curvilinear { blocks };
+    Ok(Dataset {
+        notes,
+        ..Dataset::new(path, "VTK structured grid", geometry, fields)
+    })
+}
+
+/// A piece with its own nodes.
+fn read_part(whole: &Extent, piece: Piece<'_>) -> Result<Option<Part<Vec<DVec3>>>> {
+    let Some(part) = Part::read(whole, piece)? else {
+        return Ok(None);
+    };
+    let count = part.extent.count(Association::Nodes).unwrap_or(usize::MAX);
+    let node = piece.only_array("Points")?;
+    let nodes = piece.decoder.points(node, count)?;
+    Ok(Some(part.with(nodes)))
+}

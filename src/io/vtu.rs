@@ -1,0 +1,200 @@
+//! VTK unstructured grids (`.vtu`, `.pvtu`): cells of any shape over shared nodes.
+//!
+//! ```text
+//! <UnstructuredGrid>
+//!   <Piece NumberOfPoints="n" NumberOfCells="m">
+//!     <PointData> ... </PointData> <CellData> ... </CellData>
+//!     <Points> <DataArray NumberOfComponents="3" .../> </Points>
+//!     <Cells>
+//!       <DataArray Name="connectivity"/>  nodes of one cell after those of another
+//!       <DataArray Name="offsets"/>       where each cell's nodes end
+//!       <DataArray Name="types"/>         VTK's number for each cell's kind
+//!     </Cells>
+//!   </Piece> ...
+//! </UnstructuredGrid>
+//! ```
+//!
+//! Several pieces are put one after another. Polyhedra have faces besides, in one of two forms:
+//!
+//! | until version 2.2 | |
+//! |---|---|
+//! | `faces` | for each polyhedron the number of its faces, then for each face the number of its nodes and the nodes |
+//! | `faceoffsets` | for each cell where its entries of `faces` end, or -1 |
+//!
+//! | version 2.3 | |
+//! |---|---|
+//! | `face_connectivity`, `face_offsets` | nodes of one face after those of another, and where each face's end |
+//! | `polyhedron_to_faces`, `polyhedron_offsets` | faces of one cell after those of another, and where each cell's end |
+
+use std::path::Path;
+
+use super::dataset::Dataset;
+use super::vtk_meshes::{Part, Runs, join, read_indices, read_offsets};
+use super::vtk_pieces::{self, Piece};
+use super::{CellKind, CellMesh};
+use crate::error::{Error, Result};
+
+const CELLS: &str = "Cells";
+
+/// Reads an unstructured grid.
+///
+/// # Errors
+/// Not such a grid, damaged arrays, cells of nodes that are not there.
+pub(crate) fn read(path: &Path) -> Result<Dataset> {
+    let ((), parts) = vtk_pieces::read(
+        path,
+        "UnstructuredGrid",
+        |_, _| Ok(()),
+        |(), piece| {
+            let cell_count = piece.count("NumberOfCells")?;
+            Part::read(piece, cell_count, || read_cells(piece, cell_count))
+        },
+    )?;
+    join(path, "VTK unstructured grid", parts)
+}
+
+/// The cells of a piece, without the nodes' positions.
+fn read_cells(piece: Piece<'_>, count: usize) -> Result<CellMesh> {
+    if count == 0 {
+        return Ok(CellMesh {
+            offsets: vec![0],
+            ..CellMesh::default()
+        });
+    }
+    let types = piece.array_named(CELLS, "types");
+    let types = types.ok_or_else(|| piece.missing("Cells, `types`"))?;
+    let kinds = piece
+        .decoder
+        .integers(types, Some(count), "kinds from 0 to 255", |n| {
+            u8::try_from(n).ok().map(CellKind)
+        })?;
+    let runs = Runs::read(piece, CELLS, count)?;
+    if !kinds.contains(&CellKind::POLYHEDRON) {
+        return Ok(CellMesh {
+            nodes: Vec::new(),
+            kinds,
+            offsets: runs.offsets,
+            connectivity: runs.connectivity,
+        });
+    }
+    let faces = if piece.array_named(CELLS, "polyhedron_offsets").is_some() {
+        read_shared_faces(piece, count)?
+    } else {
+        read_face_streams(piece, count)?
+    };
+    let mut mesh = CellMesh {
+        offsets: vec![0],
+        ..CellMesh::default()
+    };
+    for (i, &kind) in kinds.iter().enumerate() {
+        let cells = if kind == CellKind::POLYHEDRON {
+            &faces
+        } else {
+            &runs
+        };
+        mesh.connectivity.extend_from_slice(cells.cell(i));
+        let end = u32::try_from(mesh.connectivity.len());
+        mesh.offsets.push(end.map_err(|_| too_many(piece))?);
+    }
+    mesh.kinds = kinds;
+    Ok(mesh)
+}
+
+/// `faces` and `faceoffsets`: already in the form of [`CellMesh`].
+fn read_face_streams(piece: Piece<'_>, count: usize) -> Result<Runs> {
+    let ends = piece.array_named(CELLS, "faceoffsets");
+    let ends = ends.ok_or_else(|| piece.missing("Cells, `faceoffsets`"))?;
+    let expected = "whole numbers from 0 to 4294967295, or -1";
+    let end = |n| {
+        if n == -1 {
+            Some(None)
+        } else {
+            u32::try_from(n).ok().map(Some)
+        }
+    };
+    let ends = piece.decoder.integers(ends, Some(count), expected, end)?;
+    let mut offsets = vec![0];
+    let mut last = 0;
+    for end in ends {
+        let end = end.unwrap_or(last);
+        if end < last {
+            let place = "Cells, `faceoffsets`";
+            let found = format!("{end} after {last}");
+            return Err(damaged(piece, place, "ends that do not fall", found));
+        }
+        last = end;
+        offsets.push(end);
+    }
+    let connectivity = read_indices(piece, CELLS, "faces", Some(last as usize))?;
+    Ok(Runs {
+        offsets,
+        connectivity,
+    })
+}
+
+/// Faces with numbers of their own, which cells may share.
+fn read_shared_faces(piece: Piece<'_>, count: usize) -> Result<Runs> {
+    let face_ends = read_offsets(piece, CELLS, "face_offsets", None)?;
+    let node_count = face_ends.last().map(|&n| n as usize);
+    let faces = Runs {
+        offsets: face_ends,
+        connectivity: read_indices(piece, CELLS, "face_connectivity", node_count)?,
+    };
+    let cell_ends = read_offsets(piece, CELLS, "polyhedron_offsets", Some(count))?;
+    let face_count = cell_ends.last().map(|&n| n as usize);
+    let cells = Runs {
+        offsets: cell_ends,
+        connectivity: read_indices(piece, CELLS, "polyhedron_to_faces", face_count)?,
+    };
+
+    // A face lies between two cells. If one could be used at will, a small file could fill the
+    // memory.
+    let mut uses = vec![0_u8; faces.offsets.len() - 1];
+    let mut streams = Runs {
+        offsets: vec![0],
+        connectivity: Vec::new(),
+    };
+    for i in 0..count {
+        let cell = cells.cell(i);
+        if !cell.is_empty() {
+            // The count fits: it is a part of `polyhedron_to_faces`, whose end is a `u32`.
+            let face_count = u32::try_from(cell.len()).map_err(|_| too_many(piece))?;
+            streams.connectivity.push(face_count);
+        }
+        for &face in cell {
+            let used = uses.get_mut(face as usize).filter(|n| **n < 2);
+            let Some(used) = used else {
+                let expected = format!(
+                    "faces below {}, each at most twice",
+                    faces.offsets.len() - 1
+                );
+                let found = format!("face {face} in cell {i}");
+                return Err(damaged(
+                    piece,
+                    "Cells, `polyhedron_to_faces`",
+                    &expected,
+                    found,
+                ));
+            };
+            *used += 1;
+            let nodes = faces.cell(face as usize);
+            let node_count = u32::try_from(nodes.len()).map_err(|_| too_many(piece))?;
+            streams.connectivity.push(node_count);
+            streams.connectivity.extend_from_slice(nodes);
+        }
+        let end = u32::try_from(streams.connectivity.len());
+        streams.offsets.push(end.map_err(|_| too_many(piece))?);
+    }
+    Ok(streams)
+}
+
+fn damaged(piece: Piece<'_>, place: &str, expected: &str, found: String) -> Error {
+    let advice = "the file is damaged: save it again";
+    Error::format(piece.path, place, expected, found, advice)
+}
+
+fn too_many(piece: Piece<'_>) -> Error {
+    let expected = format!("at most {} entries of cells", u32::MAX);
+    let advice = "save the grid in several pieces, and read them one by one";
+    Error::format(piece.path, CELLS, expected, "more", advice)
+}
