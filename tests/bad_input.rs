@@ -17,7 +17,7 @@ use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
 use proptest::prelude::*;
-use support::{Plot3dEncoding, VtkEncoding, VtkPiece};
+use support::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece};
 
 /// Names and contents of sound files.
 fn seeds() -> &'static [(String, Vec<u8>)] {
@@ -52,6 +52,17 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
                 encoding.grid([2, 2, 2], &coordinates, Some(&[1; 8])),
             ));
             seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
+            if encoding.grid_count {
+                let block = |dims: [i32; 3]| Plot3dBlock {
+                    dims,
+                    numbers: (0..3 * dims.iter().product::<i32>())
+                        .map(f64::from)
+                        .collect(),
+                    iblank: vec![],
+                };
+                let two = [block([2, 3, 2]), block([3, 2, 2])];
+                seeds.push(("b.xyz".into(), encoding.grids(&two)));
+            }
         }
         for _ in 0..16 {
             let plain = "{'descr': '>f8', 'fortran_order': True, 'shape': (3, 4), }    \n";

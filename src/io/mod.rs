@@ -121,7 +121,7 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
 /// | `<VTKFile type="ImageData"` | VTK image data |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
-/// | size and first words | PLOT3D grid, with its solution |
+/// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -180,7 +180,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     if is_table {
         return csv::read(path);
     }
-    let is_plot3d = matches!(extension, "xyz" | "x" | "p3d" | "p3dx" | "q");
+    let is_plot3d = matches!(extension, "xyz" | "x" | "g" | "p3d" | "p3dx" | "q");
     let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());
     if is_text && (!is_plot3d || csv::names_positions(&head)) {
         return csv::read(path);
