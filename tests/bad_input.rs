@@ -64,6 +64,14 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("b.xyz".into(), encoding.grids(&two)));
             }
         }
+        for name in ["gadget_old", "gadget_old_packed", "swift", "phantom"] {
+            let name = format!("{name}.h5");
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(path.join(&name)).unwrap();
+            for _ in 0..8 {
+                seeds.push((name.clone(), bytes.clone()));
+            }
+        }
         for _ in 0..16 {
             let plain = "{'descr': '>f8', 'fortran_order': True, 'shape': (3, 4), }    \n";
             seeds.push(("a.npy".into(), support::npy(1, plain, &[1; 96])));

@@ -10,6 +10,7 @@ mod cells;
 mod csv;
 mod dataset;
 mod file;
+mod hdf5;
 mod image_file;
 mod npy;
 mod plot3d;
@@ -64,11 +65,6 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
         "give a volume or a particle table",
     ),
     (
-        b"\x89HDF",
-        "an HDF5 file",
-        "export the particles as CSV or NPY",
-    ),
-    (
         b"CDF\x01",
         "a netCDF or Exodus file",
         "save it as VTK XML (.vti), or export CSV",
@@ -119,6 +115,7 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
 /// | `<VTKFile type="ImageData"` | VTK image data |
+/// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
@@ -137,6 +134,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if vtk_xml::looks_like(&head) {
         return vti::read(path);
+    }
+    if head.starts_with(hdf5::MAGIC) {
+        return hdf5::read(path);
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
