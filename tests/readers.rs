@@ -443,6 +443,82 @@ fn npy_written_by_another_crate_is_read() {
     assert_eq!(values(&data, "c3"), Values::F32(vec![3.0, 7.0]));
 }
 
+fn npy_array<const N: usize>(descr: &str, shape: &str, numbers: &[[u8; N]]) -> Vec<u8> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+    support::npy(1, &header, numbers.as_flattened())
+}
+
+#[test]
+fn npz_archives_of_every_form() {
+    let folder = Folder::new();
+    let doubles = |numbers: &[f64]| numbers.iter().map(|n| n.to_le_bytes()).collect::<Vec<_>>();
+    let rows = doubles(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    let mass = npy_array("'>i2'", "(2,)", &[[0, 7], [0, 9]]);
+    let velocity = npy_array("'<f8'", "(2, 3)", &rows);
+    let axis = |a: f64, b: f64| npy_array("'<f8'", "(2,)", &doubles(&[a, b]));
+    let structured = npy_array("[('x', '<f8'), ('y', '<f8'), ('z', '<f8')]", "(2,)", &rows);
+    let whole = vec![
+        ("Pos.npy", velocity.clone()),
+        ("mass.npy", mass.clone()),
+        ("v.npy", velocity.clone()),
+        ("time.npy", axis(0.5, 0.5)[..].to_vec()),
+        ("box.npy", npy_array("'<f8'", "()", &doubles(&[8.0]))),
+    ];
+    let axes = vec![
+        ("x.npy", axis(1.0, 4.0)),
+        ("mass.npy", mass.clone()),
+        ("z.npy", axis(3.0, 6.0)),
+        ("y.npy", axis(2.0, 5.0)),
+    ];
+    for packed in [true, false] {
+        for (members, fields) in [
+            (whole.clone(), vec!["mass", "v", "time"]),
+            (axes.clone(), vec!["mass"]),
+            (vec![("arr_0.npy", structured.clone())], vec![]),
+            (vec![("arr_0.npy", velocity.clone())], vec![]),
+        ] {
+            let data = folder.open("a.npz", &support::npz(&members, packed));
+            let Geometry::Points { positions } = &data.geometry else {
+                panic!();
+            };
+            assert_eq!(
+                positions,
+                &[DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]
+            );
+            assert_eq!(data.field_names(), fields);
+            if fields.contains(&"mass") {
+                assert_eq!(values(&data, "mass"), Values::I16(vec![7, 9]));
+            }
+            if fields.contains(&"v") {
+                assert_eq!(values(&data, "v:z"), Values::F32(vec![3.0, 6.0]));
+                assert!(data.notes[0].contains("`box`"), "{:?}", data.notes);
+            }
+        }
+    }
+}
+
+#[test]
+fn npz_archives_that_claim_too_much_are_refused() {
+    let folder = Folder::new();
+    let other = support::npz(&[("a.txt", vec![1, 2, 3])], true);
+    assert!(folder.refuse("a.npz", &other).contains("no arrays"));
+    let array = npy_array("'<f4'", "(2, 3)", &[[0; 4]; 6]);
+    let short = support::npz(&[("x.npy", array.clone()), ("y.npy", array.clone())], true);
+    assert!(folder.refuse("a.npz", &short).contains("no column `z`"));
+    // The sizes that the directory states, made larger than deflate can reach.
+    let mut bomb = support::npz(&[("x.npy", array.clone())], true);
+    let size = (array.len() as u32).to_le_bytes();
+    let at: Vec<usize> = (0..bomb.len() - 4)
+        .filter(|&at| bomb[at..at + 4] == size)
+        .collect();
+    assert!(!at.is_empty());
+    for at in at {
+        bomb[at..at + 4].copy_from_slice(&0x7fff_ffff_u32.to_le_bytes());
+    }
+    let error = folder.refuse("a.npz", &bomb);
+    assert!(error.contains("2147483647 bytes packed into"), "{error}");
+}
+
 #[test]
 fn a_raw_volume_needs_its_layout() {
     let folder = Folder::new();

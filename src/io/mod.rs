@@ -13,6 +13,7 @@ mod file;
 mod hdf5;
 mod image_file;
 mod npy;
+mod npz;
 mod plot3d;
 mod raw;
 mod scalars;
@@ -80,11 +81,6 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
         "use its raw data with --dims and --type",
     ),
     (
-        b"PK\x03\x04",
-        "a ZIP archive (.npz is one)",
-        "unpack it and give the file inside",
-    ),
-    (
         b"\x89PNG",
         "a PNG image",
         "an image holds no volume: give a data file",
@@ -114,6 +110,7 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] = &[
 /// | recognised by | format |
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
+/// | `PK\x03\x04` | NPZ archive of such arrays |
 /// | `<VTKFile type="ImageData"` | VTK image data |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
@@ -134,6 +131,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if vtk_xml::looks_like(&head) {
         return vti::read(path);
+    }
+    if head.starts_with(npz::MAGIC) {
+        return npz::read(path);
     }
     if head.starts_with(hdf5::MAGIC) {
         return hdf5::read(path);
@@ -161,7 +161,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         Error::format(
             path,
             "format",
-            "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+            "VTK image data (.vti), PLOT3D, HDF5 particles, CSV, NPY, NPZ or a raw volume",
             format!("{name}, which is not read yet"),
             advice,
         )
@@ -191,7 +191,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Err(Error::format(
         path,
         "format",
-        "VTK image data (.vti), PLOT3D, CSV, NPY or a raw volume",
+        "VTK image data (.vti), PLOT3D, HDF5 particles, CSV, NPY, NPZ or a raw volume",
         "none of these",
         "convert it to one of them; if it is a raw volume, add --dims and --type",
     ))

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+pub(crate) mod damage;
+
 use std::io::Write;
 
 use base64::Engine;
@@ -349,4 +351,20 @@ pub(crate) fn npy(version: u8, header: &str, body: &[u8]) -> Vec<u8> {
     file.extend(header.as_bytes());
     file.extend(body);
     file
+}
+
+/// An NPZ file from its members' names and bytes.
+pub(crate) fn npz(members: &[(&str, Vec<u8>)], packed: bool) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let method = if packed {
+        zip::CompressionMethod::Deflated
+    } else {
+        zip::CompressionMethod::Stored
+    };
+    let options = zip::write::SimpleFileOptions::default().compression_method(method);
+    for (name, bytes) in members {
+        archive.start_file(*name, options).unwrap();
+        archive.write_all(bytes).unwrap();
+    }
+    archive.finish().unwrap().into_inner()
 }
