@@ -104,34 +104,20 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         seeds.push(("a.vti".into(), support::vti(encoding, attributes, &[piece])));
     }
 
-    let cube = |x: f64| {
-        let nodes = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9].map(f64::from));
-        let axis = |d: usize| {
-            nodes
-                .clone()
-                .map(move |p| p[d] + if d == 0 { x } else { 0.0 })
-        };
-        Plot3dBlock {
-            dims: [3; 3],
-            numbers: (0..3).flat_map(axis).collect(),
-            iblank: vec![1; 27],
-        }
-    };
-    for encoding in Plot3dEncoding::all() {
-        let grids = [cube(0.0), cube(2.0)];
-        let count = if encoding.grid_count { 2 } else { 1 };
-        seeds.push(("a.xyz".into(), encoding.grids(&grids[..count])));
+    for (i, encoding) in Plot3dEncoding::all().into_iter().enumerate() {
+        let grids = cubes(encoding, 3);
+        seeds.push((format!("{i}.xyz"), encoding.grids(&grids)));
     }
 
     let rows = "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }\n";
-    let named = "{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '<f8'), ('m', '<i2')], \
-                 'fortran_order': False, 'shape': (4,), }\n";
+    let named = "{'descr': [('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('m', '<f8')], \
+                 'fortran_order': False, 'shape': (3,), }\n";
     let reals: Vec<u8> = (0..12).flat_map(|i| f64::from(i).to_le_bytes()).collect();
     let array = support::npy(1, rows, &reals);
     let column = "{'descr': '<f4', 'fortran_order': False, 'shape': (4,), }\n";
-    let column = support::npy(1, column, &reals[..16]);
+    let column = support::npy(1, column, &[0, 0, 128, 63, 0, 0, 0, 63].repeat(2));
     let axes = ["x.npy", "y.npy", "z.npy", "h.npy"].map(|name| (name, column.clone()));
-    seeds.push(("b.npy".into(), support::npy(2, named, &[1; 72])));
+    seeds.push(("b.npy".into(), support::npy(2, named, &reals)));
     seeds.push(("a.npz".into(), support::npz(&axes, true)));
     seeds.push((
         "b.npz".into(),
@@ -139,6 +125,28 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
     ));
     seeds.push(("a.npy".into(), array));
     seeds
+}
+
+/// Two cubes beside each other, or one where the encoding holds no more: their nodes, or so
+/// many other numbers of each node.
+fn cubes(encoding: Plot3dEncoding, per_node: usize) -> Vec<Plot3dBlock> {
+    let cube = |x: f64| {
+        let nodes = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9].map(f64::from));
+        let axis = |d: usize| {
+            let nodes = nodes.clone();
+            nodes.map(move |p| p[d % 3] + if d == 0 { x } else { 0.0 })
+        };
+        Plot3dBlock {
+            dims: [3; 3],
+            numbers: (0..per_node).flat_map(axis).collect(),
+            iblank: vec![1; 27],
+        }
+    };
+    let mut cubes = vec![cube(0.0), cube(2.0)];
+    if !encoding.grid_count {
+        cubes.pop();
+    }
+    cubes
 }
 
 /// Reads and samples: whether the file was read, and whether it was sampled.
@@ -158,6 +166,11 @@ fn answer(path: &Path) -> (bool, bool) {
 fn damaged_files_cost_no_more_than_sound_ones() {
     let seeds = seeds();
     let folder = tempfile::tempdir().unwrap();
+    for (i, encoding) in Plot3dEncoding::all().into_iter().enumerate() {
+        // A sound solution beside each grid, so that there is something to sample.
+        let solution = encoding.solutions(&cubes(encoding, 5));
+        std::fs::write(folder.path().join(format!("{i}.q")), solution).unwrap();
+    }
     let measured = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
