@@ -266,6 +266,9 @@ fn plot3d_mismatches_are_explained() {
         short.contains("28 for 2 x 2 x 2 text") && short.contains("8 numbers"),
         "{short}"
     );
+    // More grids than the rest of the file has room for.
+    let bare = folder.refuse("bare.xyz", b"2 1 1 1 1 1 1\n");
+    assert!(bare.contains("7 numbers"), "{bare}");
     let molecule = folder.refuse("water.xyz", b"3\nwater\nO 0 0 0\n");
     assert!(
         molecule.contains("line 2") && molecule.contains("`water`"),

@@ -287,14 +287,13 @@ impl Layout {
                 .collect(),
             ..self.clone()
         };
-        // The header still counts the grids, so only the records after it are compared.
-        let header_gap = 12 * (planes.dims.len() - self.dims.len());
-        self.form.mark_size() > 0
-            && planes.dims.len() > self.dims.len()
-            && planes
-                .end(Kind::Grid)
-                .and_then(|end| end.checked_sub(header_gap))
-                == Some(contents.len())
+        let extra = planes.dims.len().checked_sub(self.dims.len());
+        let Some(extra) = extra.filter(|&n| n > 0 && self.form.mark_size() > 0) else {
+            return false;
+        };
+        // The header names the grids, not the planes.
+        let end = planes.end(Kind::Grid);
+        end.and_then(|end| end.checked_sub(12 * extra)) == Some(contents.len())
     }
 
     pub(super) fn describe(&self) -> String {
