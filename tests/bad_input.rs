@@ -17,11 +17,12 @@ use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
 use proptest::prelude::*;
+use support::damage::{apply, damage};
 use support::splats::{
     Element, Ply, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked,
 };
 use support::vtk_legacy::LegacyVtk;
-use support::{Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
+use support::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
 /// Names and contents of sound files.
 fn seeds() -> &'static [(String, Vec<u8>)] {
@@ -57,6 +58,25 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
                 encoding.grid([2, 2, 2], &coordinates, Some(&[1; 8])),
             ));
             seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
+            if encoding.grid_count {
+                let block = |dims: [i32; 3]| Plot3dBlock {
+                    dims,
+                    numbers: (0..3 * dims.iter().product::<i32>())
+                        .map(f64::from)
+                        .collect(),
+                    iblank: vec![],
+                };
+                let two = [block([2, 3, 2]), block([3, 2, 2])];
+                seeds.push(("b.xyz".into(), encoding.grids(&two)));
+            }
+        }
+        for name in ["gadget_old", "gadget_old_packed", "swift", "phantom"] {
+            let name = format!("{name}.h5");
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(path.join(&name)).unwrap();
+            for _ in 0..8 {
+                seeds.push((name.clone(), bytes.clone()));
+            }
         }
         for file in legacy_vtk() {
             seeds.push(("a.vtk".into(), file));
@@ -67,6 +87,14 @@ fn seeds() -> &'static [(String, Vec<u8>)] {
             let named = "{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '<f8'), ('v', '<i2', (2,)), \
                          ('', '|V4')], 'fortran_order': False, 'shape': (3,), }\n";
             seeds.push(("b.npy".into(), support::npy(2, named, &[2; 72])));
+            let at = "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 3), }    \n";
+            let mass = "{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }     \n";
+            let arrays = [
+                ("pos.npy", support::npy(1, at, &[1; 72])),
+                ("mass.npy", support::npy(1, mass, &[1; 12])),
+            ];
+            seeds.push(("a.npz".into(), support::npz(&arrays, true)));
+            seeds.push(("b.npz".into(), support::npz(&arrays, false)));
             let text = b"# made\nx,y,z,h,name\n1,2,3,0.5,a\n4,5,6,nan,\"b\"\n7,8,9,,c\n";
             seeds.push(("a.csv".into(), text.to_vec()));
             seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
@@ -247,77 +275,6 @@ fn image_seeds() -> &'static [(String, Vec<u8>)] {
             })
             .into()
     })
-}
-
-/// One way to damage a file; positions are fractions of its length.
-#[derive(Debug, Clone)]
-enum Damage {
-    Truncate(f64),
-    Flip(f64, u8),
-    /// Overwrite a word with an extreme one.
-    Word(f64, u64, bool),
-    /// Copy a stretch to another place.
-    Splice(f64, f64, usize),
-    Remove(f64, usize),
-    /// Put a digit where there is one.
-    Digit(f64, u8),
-}
-
-fn damage() -> impl Strategy<Value = Damage> {
-    let at = 0.0..1.0_f64;
-    let extreme = prop_oneof![
-        Just(u64::MAX),
-        Just(u64::MAX / 2),
-        Just(0),
-        Just(1 << 31),
-        Just(0x7fff_ffff_7fff_ffff),
-        any::<u64>(),
-    ];
-    prop_oneof![
-        at.clone().prop_map(Damage::Truncate),
-        (at.clone(), any::<u8>()).prop_map(|(at, b)| Damage::Flip(at, b)),
-        (at.clone(), extreme, any::<bool>()).prop_map(|(at, w, wide)| Damage::Word(at, w, wide)),
-        (at.clone(), at.clone(), 1..64_usize).prop_map(|(a, b, n)| Damage::Splice(a, b, n)),
-        (at.clone(), 1..64_usize).prop_map(|(at, n)| Damage::Remove(at, n)),
-        (at, b'0'..=b'9').prop_map(|(at, d)| Damage::Digit(at, d)),
-    ]
-}
-
-fn apply(bytes: &mut Vec<u8>, damage: &Damage) {
-    let len = bytes.len();
-    let index = |at: f64| (at * len as f64) as usize;
-    if bytes.is_empty() {
-        return;
-    }
-    match *damage {
-        Damage::Truncate(at) => bytes.truncate(index(at)),
-        Damage::Flip(at, bits) => bytes[index(at)] ^= bits,
-        Damage::Word(at, word, wide) => {
-            let n = if wide { 8 } else { 4 };
-            for (b, w) in bytes[index(at)..].iter_mut().zip(&word.to_le_bytes()[..n]) {
-                *b = *w;
-            }
-        }
-        Damage::Splice(from, to, n) => {
-            let stretch = bytes[index(from)..]
-                .iter()
-                .take(n)
-                .copied()
-                .collect::<Vec<_>>();
-            let at = index(to);
-            bytes.splice(at..at, stretch);
-        }
-        Damage::Remove(at, n) => {
-            let at = index(at);
-            bytes.drain(at..(at + n).min(len));
-        }
-        Damage::Digit(at, digit) => {
-            let at = index(at);
-            if let Some(b) = bytes[at..].iter_mut().find(|b| b.is_ascii_digit()) {
-                *b = digit;
-            }
-        }
-    }
 }
 
 /// An error must name what it found and what to do; a panic fails the test by itself.

@@ -16,7 +16,7 @@ use ewa_splat::io::{
 use ewa_splat::scene::Values;
 use exr::prelude::{ReadChannels, ReadLayers};
 use glam::DVec3;
-use support::{Folder, Plot3dEncoding, VtkEncoding, VtkPiece};
+use support::{Folder, Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece};
 
 fn values(data: &Dataset, field: &str) -> Values {
     data.scalar(field).unwrap().1
@@ -142,7 +142,9 @@ fn plot3d_in_every_encoding() {
             let bare = folder.open("fin.xyz", &grid);
             assert_eq!(bare.fields.len(), usize::from(iblank.is_some()));
             let mut solution = encoding.solution(DIMS, &variables());
-            solution.extend(vec![0; trailing]);
+            if !encoding.text {
+                solution.extend(vec![0; trailing]);
+            }
             folder.file("fin.q", &solution);
             let data = folder.open("fin.xyz", &grid);
             let Geometry::Curvilinear { blocks } = &data.geometry else {
@@ -178,6 +180,7 @@ fn plot3d_in_every_encoding() {
 #[test]
 fn plot3d_mismatches_are_explained() {
     let encoding = Plot3dEncoding {
+        text: false,
         double: false,
         big_endian: true,
         records: false,
@@ -208,15 +211,155 @@ fn plot3d_mismatches_are_explained() {
     let swapped = folder.refuse("q.bin", &encoding.solution(DIMS, &variables()));
     assert!(swapped.contains("--solution"), "{swapped}");
 
-    let mut two = encoding.words(&[2, 2, 2, 2, 1, 2, 3]);
-    two.extend(vec![0; 14 * 12]);
-    assert!(folder.refuse("two.xyz", &two).contains("2 grids"));
-
+    let mut flat = encoding.words(&[3, 2]);
+    flat.extend(encoding.reals(&coordinates()[..12]));
+    let flat = folder.refuse("flat.xyz", &flat);
     assert!(
-        folder
-            .refuse("text.xyz", b"1\n2 2 2\n0 1 0 1\n")
-            .contains("ASCII PLOT3D")
+        flat.contains("one of two: 3 x 2") && flat.contains("no volume"),
+        "{flat}"
     );
+
+    let short = folder.refuse("text.xyz", b"1\n2 2 2\n0 1 0 1\n");
+    assert!(
+        short.contains("28 for 2 x 2 x 2 text") && short.contains("8 numbers"),
+        "{short}"
+    );
+    // More grids than the rest of the file has room for.
+    let bare = folder.refuse("bare.xyz", b"2 1 1 1 1 1 1\n");
+    assert!(bare.contains("7 numbers"), "{bare}");
+    let molecule = folder.refuse("water.xyz", b"3\nwater\nO 0 0 0\n");
+    assert!(
+        molecule.contains("line 2") && molecule.contains("`water`"),
+        "{molecule}"
+    );
+}
+
+/// Two grids of different sizes, their solutions and their blanks.
+fn two_blocks() -> [[Plot3dBlock; 2]; 2] {
+    let block = |dims: [i32; 3], per_node: i32, first: f64| {
+        let nodes: i32 = dims.iter().product();
+        Plot3dBlock {
+            dims,
+            numbers: (0..per_node * nodes)
+                .map(|i| first + f64::from(i) / 8.0)
+                .collect(),
+            iblank: vec![],
+        }
+    };
+    [
+        [block([3, 2, 4], 3, -3.0), block([2, 2, 3], 3, 5.0)],
+        [block([3, 2, 4], 5, 1.0), block([2, 2, 3], 5, 100.0)],
+    ]
+}
+
+#[test]
+fn plot3d_of_several_grids_in_every_encoding() {
+    for encoding in Plot3dEncoding::all()
+        .into_iter()
+        .filter(|encoding| encoding.grid_count)
+    {
+        for blanked in [false, true] {
+            let [mut grids, solutions] = two_blocks();
+            if blanked {
+                grids[0].iblank = (0..24).collect();
+                grids[1].iblank = (0..12).map(|i| -i).collect();
+            }
+            let folder = Folder::new();
+            folder.file("two.q", &encoding.solutions(&solutions));
+            let data = folder.open("two.xyz", &encoding.grids(&grids));
+            assert!(data.notes.is_empty(), "{:?}", data.notes);
+            let Geometry::Curvilinear { blocks } = &data.geometry else {
+                panic!("{encoding:?}");
+            };
+            assert_eq!(blocks.len(), 2);
+            for (block, grid) in blocks.iter().zip(&grids) {
+                assert_eq!(block.dims, grid.dims.map(|n| n as usize));
+                let n = block.nodes.len();
+                for (i, node) in block.nodes.iter().enumerate() {
+                    let at = |axis: usize| grid.numbers[i + axis * n];
+                    assert_eq!(*node, DVec3::new(at(0), at(1), at(2)), "{encoding:?}");
+                }
+            }
+            let variable = |v: usize| {
+                let of = |s: &Plot3dBlock| {
+                    let n = s.numbers.len() / 5;
+                    let part = s.numbers[v * n..][..n].iter().map(|&x| x as f32);
+                    part.collect::<Vec<_>>()
+                };
+                Values::F32(solutions.iter().flat_map(of).collect())
+            };
+            assert_eq!(values(&data, "density"), variable(0), "{encoding:?}");
+            assert_eq!(values(&data, "momentum:y"), variable(2));
+            assert_eq!(values(&data, "energy"), variable(4));
+            assert_eq!(values(&data, "mach").len(), 36);
+            if blanked {
+                let words = (0..24).chain((0..12).map(|i| -i)).collect();
+                assert_eq!(values(&data, "iblank"), Values::I16(words));
+            }
+        }
+    }
+}
+
+#[test]
+fn plot3d_solutions_of_other_grids_are_explained() {
+    let [grids, solutions] = two_blocks();
+    for encoding in Plot3dEncoding::all()
+        .into_iter()
+        .filter(|encoding| encoding.grid_count)
+    {
+        let folder = Folder::new();
+        let grid = encoding.grids(&grids);
+        let mut other = solutions.clone();
+        other[1].dims = [3, 2, 2];
+        folder.file("a.q", &encoding.solutions(&other));
+        let error = folder.refuse("a.xyz", &grid);
+        assert!(
+            error.contains("2 x 2 x 3 nodes in grid 2") && error.contains("found 3 x 2 x 2"),
+            "{error}"
+        );
+        folder.file("b.q", &encoding.solutions(&solutions[..1]));
+        let error = folder.refuse("b.xyz", &grid);
+        assert!(
+            error.contains("expected 2 grids, as in the grid, found 1 grid of 3 x 2 x 4"),
+            "{error}"
+        );
+        let swapped = folder.refuse("c.xyz", &encoding.solutions(&solutions));
+        assert!(swapped.contains("--solution"), "{swapped}");
+    }
+}
+
+/// Each plane of k as a record of its own, as some Fortran programs write them.
+#[test]
+fn plot3d_by_planes_is_refused() {
+    let encoding = Plot3dEncoding {
+        text: false,
+        double: false,
+        big_endian: false,
+        records: true,
+        grid_count: true,
+    };
+    let [grids, _] = two_blocks();
+    let header = [encoding.word(2), encoding.words(&[3, 2, 4, 2, 2, 3])];
+    let planes = grids.iter().flat_map(|grid| {
+        let size = 4 * grid.numbers.len() / grid.dims[2] as usize;
+        vec![vec![0x3f; size]; grid.dims[2] as usize]
+    });
+    let records: Vec<Vec<u8>> = header.into_iter().chain(planes).collect();
+    let error = Folder::new().refuse("planes.xyz", &encoding.file(&records));
+    assert!(error.contains("whole format"), "{error}");
+}
+
+/// The file's size and the words at its start are enough.
+#[test]
+fn plot3d_of_several_grids_needs_no_extension() {
+    let [grids, _] = two_blocks();
+    for encoding in Plot3dEncoding::all()
+        .into_iter()
+        .filter(|encoding| encoding.grid_count && !encoding.text)
+    {
+        let data = Folder::new().open("grid", &encoding.grids(&grids));
+        assert_eq!(data.format, "PLOT3D grid");
+    }
 }
 
 #[test]
@@ -259,6 +402,82 @@ fn npy_written_by_another_crate_is_read() {
     writer.finish().unwrap();
     let data = folder.open("a.npy", &file);
     assert_eq!(values(&data, "c3"), Values::F32(vec![3.0, 7.0]));
+}
+
+fn npy_array<const N: usize>(descr: &str, shape: &str, numbers: &[[u8; N]]) -> Vec<u8> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+    support::npy(1, &header, numbers.as_flattened())
+}
+
+#[test]
+fn npz_archives_of_every_form() {
+    let folder = Folder::new();
+    let doubles = |numbers: &[f64]| numbers.iter().map(|n| n.to_le_bytes()).collect::<Vec<_>>();
+    let rows = doubles(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    let mass = npy_array("'>i2'", "(2,)", &[[0, 7], [0, 9]]);
+    let velocity = npy_array("'<f8'", "(2, 3)", &rows);
+    let axis = |a: f64, b: f64| npy_array("'<f8'", "(2,)", &doubles(&[a, b]));
+    let structured = npy_array("[('x', '<f8'), ('y', '<f8'), ('z', '<f8')]", "(2,)", &rows);
+    let whole = vec![
+        ("Pos.npy", velocity.clone()),
+        ("mass.npy", mass.clone()),
+        ("v.npy", velocity.clone()),
+        ("time.npy", axis(0.5, 0.5)[..].to_vec()),
+        ("box.npy", npy_array("'<f8'", "()", &doubles(&[8.0]))),
+    ];
+    let axes = vec![
+        ("x.npy", axis(1.0, 4.0)),
+        ("mass.npy", mass.clone()),
+        ("z.npy", axis(3.0, 6.0)),
+        ("y.npy", axis(2.0, 5.0)),
+    ];
+    for packed in [true, false] {
+        for (members, fields) in [
+            (whole.clone(), vec!["mass", "v", "time"]),
+            (axes.clone(), vec!["mass"]),
+            (vec![("arr_0.npy", structured.clone())], vec![]),
+            (vec![("arr_0.npy", velocity.clone())], vec![]),
+        ] {
+            let data = folder.open("a.npz", &support::npz(&members, packed));
+            let Geometry::Points { positions } = &data.geometry else {
+                panic!();
+            };
+            assert_eq!(
+                positions,
+                &[DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]
+            );
+            assert_eq!(data.field_names(), fields);
+            if fields.contains(&"mass") {
+                assert_eq!(values(&data, "mass"), Values::I16(vec![7, 9]));
+            }
+            if fields.contains(&"v") {
+                assert_eq!(values(&data, "v:z"), Values::F32(vec![3.0, 6.0]));
+                assert!(data.notes[0].contains("`box`"), "{:?}", data.notes);
+            }
+        }
+    }
+}
+
+#[test]
+fn npz_archives_that_claim_too_much_are_refused() {
+    let folder = Folder::new();
+    let other = support::npz(&[("a.txt", vec![1, 2, 3])], true);
+    assert!(folder.refuse("a.npz", &other).contains("no arrays"));
+    let array = npy_array("'<f4'", "(2, 3)", &[[0; 4]; 6]);
+    let short = support::npz(&[("x.npy", array.clone()), ("y.npy", array.clone())], true);
+    assert!(folder.refuse("a.npz", &short).contains("no column `z`"));
+    // The sizes that the directory states, made larger than deflate can reach.
+    let mut bomb = support::npz(&[("x.npy", array.clone())], true);
+    let size = (array.len() as u32).to_le_bytes();
+    let at: Vec<usize> = (0..bomb.len() - 4)
+        .filter(|&at| bomb[at..at + 4] == size)
+        .collect();
+    assert!(!at.is_empty());
+    for at in at {
+        bomb[at..at + 4].copy_from_slice(&0x7fff_ffff_u32.to_le_bytes());
+    }
+    let error = folder.refuse("a.npz", &bomb);
+    assert!(error.contains("2147483647 bytes packed into"), "{error}");
 }
 
 #[test]

@@ -10,8 +10,10 @@ mod cells;
 mod csv;
 mod dataset;
 mod file;
+mod hdf5;
 mod image_file;
 mod npy;
+mod npz;
 mod plot3d;
 mod ply;
 mod ply_splats;
@@ -71,11 +73,6 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
         "give a volume or a particle table",
     ),
     (
-        b"\x89HDF",
-        "an HDF5 file",
-        "export the particles as CSV or NPY",
-    ),
-    (
         b"CDF\x01",
         "a netCDF or Exodus file",
         "save it as VTK XML (.vtu), or export CSV",
@@ -89,11 +86,6 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
         b"NRRD",
         "an NRRD file",
         "use its raw data with --dims and --type",
-    ),
-    (
-        b"PK\x03\x04",
-        "a ZIP archive (.npz is one)",
-        "unpack it and give the file inside",
     ),
     (
         b"\x89PNG",
@@ -117,8 +109,8 @@ const NOT_READ_EXTENSIONS: &[(&str, &str)] =
     &[("obj", "a Wavefront OBJ file"), ("gltf", "a glTF file")];
 
 /// What is read, in messages about what is not.
-const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, CSV, NPY, PLY, \
-     .splat, SPZ or a raw volume";
+const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, HDF5 \
+     particles, CSV, NPY, NPZ, PLY, .splat, SPZ or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -149,6 +141,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | recognised by | format |
 /// |---|---|
 /// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
+/// | `PK\x03\x04` | NPZ archive of such arrays |
 /// | `<VTKFile type="ImageData"` | VTK image data |
 /// | `<VTKFile type="RectilinearGrid"` | VTK rectilinear grid |
 /// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
@@ -159,9 +152,10 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
+/// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
-/// | size and first words | PLOT3D grid, with its solution |
+/// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -196,6 +190,12 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if extension == "splat" {
         return splat::read(path);
+    }
+    if head.starts_with(npz::MAGIC) {
+        return npz::read(path);
+    }
+    if head.starts_with(hdf5::MAGIC) {
+        return hdf5::read(path);
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
@@ -239,7 +239,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     if is_table {
         return csv::read(path);
     }
-    let is_plot3d = matches!(extension, "xyz" | "x" | "p3d" | "p3dx" | "q");
+    let is_plot3d = matches!(extension, "xyz" | "x" | "g" | "p3d" | "p3dx" | "q");
     let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());
     if is_text && (!is_plot3d || csv::names_positions(&head)) {
         return csv::read(path);

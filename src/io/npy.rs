@@ -58,9 +58,12 @@ pub(crate) struct Array<'a> {
 /// # Errors
 /// A broken header, a size that differs from it, or no positions.
 pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
-    let array = parse(path, &bytes)?;
-    const FORMAT: &str = "NPY particle table";
+    table(path, "NPY particle table", &read_all(path)?)
+}
+
+/// A particle table from the bytes of an array.
+pub(crate) fn table(path: &Path, format: &'static str, bytes: &[u8]) -> Result<Dataset> {
+    let array = parse(path, bytes)?;
     let shape_error = |found: String| {
         Error::format(
             path,
@@ -106,40 +109,32 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
             }
             fields.push(field(member.name.clone(), components));
         }
-        return dataset(path, FORMAT, positions, fields);
+        return dataset(path, format, positions, fields);
     }
 
-    let &[count, columns] = array.shape.as_slice() else {
+    let &[_, columns] = array.shape.as_slice() else {
         return Err(broken());
     };
     let encoding = array.plain_encoding(path)?;
     if columns < 3 {
         return Err(broken());
     }
-    let size = encoding.scalar.size();
-    let stride = |column: usize| {
-        let [first, step] = if array.fortran_order {
-            [column * count, 1]
-        } else {
-            [column, columns]
-        };
-        Stride {
-            first: first * size,
-            step: step * size,
-            count,
-        }
+    let axis = |i: usize| {
+        let stride = array.column(i, encoding).ok_or_else(broken)?;
+        doubles(array.data, encoding, stride).ok_or_else(broken)
     };
-    let axis = |i: usize| doubles(array.data, encoding, stride(i)).ok_or_else(broken);
     let positions = zip_positions(axis(0)?, &axis(1)?, &axis(2)?);
     let mut fields = Vec::new();
     for column in 3..columns {
-        let column_values = values(array.data, encoding, stride(column)).ok_or_else(broken)?;
+        let stride = array.column(column, encoding).ok_or_else(broken)?;
+        let column_values = values(array.data, encoding, stride).ok_or_else(broken)?;
         fields.push(field(format!("c{column}"), vec![column_values]));
     }
-    dataset(path, FORMAT, positions, fields)
+    dataset(path, format, positions, fields)
 }
 
-fn zip_positions(x: Vec<f64>, y: &[f64], z: &[f64]) -> Vec<DVec3> {
+/// Positions from their coordinates.
+pub(crate) fn zip_positions(x: Vec<f64>, y: &[f64], z: &[f64]) -> Vec<DVec3> {
     x.into_iter()
         .zip(y)
         .zip(z)
@@ -147,7 +142,8 @@ fn zip_positions(x: Vec<f64>, y: &[f64], z: &[f64]) -> Vec<DVec3> {
         .collect()
 }
 
-fn field(name: String, mut components: Vec<crate::scene::Values>) -> Field {
+/// A field of one component or several.
+pub(crate) fn field(name: String, mut components: Vec<crate::scene::Values>) -> Field {
     let source = match (components.len(), components.pop()) {
         (1, Some(values)) => FieldSource::Scalar(values),
         (_, last) => {
@@ -164,15 +160,47 @@ fn field(name: String, mut components: Vec<crate::scene::Values>) -> Field {
 
 impl Array<'_> {
     /// The type of a plain array's numbers.
-    pub(crate) fn plain_encoding(&self, path: &Path) -> Result<Encoding> {
+    pub(crate) fn encoding(&self) -> Option<Encoding> {
         match self.members.as_slice() {
-            [
-                Member {
-                    encoding: Some(encoding),
-                    ..
-                },
-            ] if !self.structured => Ok(*encoding),
-            _ => Err(Error::format(
+            [member] if !self.structured => member.encoding,
+            _ => None,
+        }
+    }
+
+    /// Columns of a plain array of shape (N,) or (N, columns).
+    pub(crate) fn columns(&self) -> Option<usize> {
+        match self.shape.as_slice() {
+            [_] => Some(1),
+            [_, columns] => Some(*columns),
+            _ => None,
+        }
+    }
+
+    /// Where one column of such an array stands.
+    pub(crate) fn column(&self, column: usize, encoding: Encoding) -> Option<Stride> {
+        let columns = self.columns().filter(|&n| column < n)?;
+        let count = self.shape[0];
+        let size = encoding.scalar.size();
+        let [first, step] = if self.fortran_order {
+            [column * count, 1]
+        } else {
+            [column, columns]
+        };
+        Some(Stride {
+            first: first * size,
+            step: step * size,
+            count,
+        })
+    }
+
+    /// The type of a plain array's numbers.
+    ///
+    /// # Errors
+    /// It holds none.
+    pub(crate) fn plain_encoding(&self, path: &Path) -> Result<Encoding> {
+        match self.encoding() {
+            Some(encoding) => Ok(encoding),
+            None => Err(Error::format(
                 path,
                 "header, `descr`",
                 "integers of 1 to 8 bytes, or floats of 4 or 8",

@@ -411,11 +411,16 @@ impl<'a> Columns<'a> {
         };
         let smoothing = self.dataset.smoothing.as_ref();
         let meaning = smoothing.map_or(LengthMeaning::SmoothingLength, |s| s.meaning);
+        let own = self.names().0;
+        let sigma = match own {
+            "sigma" => None,
+            _ => length("sigma", LengthMeaning::Sigma)?,
+        };
         let stated = self.one_of(
             "shape",
             [
-                ("sigma", length("sigma", LengthMeaning::Sigma)?),
-                (self.names().0, length(self.names().0, meaning)?),
+                ("sigma", sigma),
+                (own, length(own, meaning)?),
                 ("radius", length("radius", LengthMeaning::Sigma)?),
                 ("vxx..vzz", self.set(VARIANCE)?.map(Stated::Variance)),
                 (
@@ -441,8 +446,9 @@ impl<'a> Columns<'a> {
             (None, Some(Stated::Length(column, name, meaning))) => {
                 let meaning = options.length.unwrap_or(meaning);
                 let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
-                // A stated sigma is a kernel's own size, whatever its neighbours.
-                self.of_lengths(positions, options, &lengths, name != "sigma")
+                // A sigma in a table is a kernel's own size, whatever its neighbours.
+                let crowded = smoothing.is_some() || name != "sigma";
+                self.of_lengths(positions, options, &lengths, crowded)
             }
             (None, Some(Stated::Variance(v))) => Ok(stated_shape(Shape::Variance(v))),
             (None, Some(Stated::ScaleRotation(s))) => Ok(stated_shape(Shape::ScaleRotation(s))),

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+pub(crate) mod damage;
 pub(crate) mod splats;
 pub(crate) mod vtk_legacy;
 
@@ -319,34 +320,45 @@ pub(crate) fn vtk_xml(
 /// How a PLOT3D file is stored.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plot3dEncoding {
+    /// As text; the next three do not matter then.
+    pub(crate) text: bool,
     pub(crate) double: bool,
     pub(crate) big_endian: bool,
     pub(crate) records: bool,
     pub(crate) grid_count: bool,
 }
 
+/// One grid of a PLOT3D file, or its solution.
+#[derive(Debug, Clone)]
+pub(crate) struct Plot3dBlock {
+    pub(crate) dims: [i32; 3],
+    /// All x, all y, all z; or the five variables.
+    pub(crate) numbers: Vec<f64>,
+    pub(crate) iblank: Vec<i32>,
+}
+
 impl Plot3dEncoding {
     /// Every combination.
     pub(crate) fn all() -> Vec<Self> {
-        (0..16)
-            .map(|bits| {
-                let [double, big_endian, records, grid_count] =
-                    [1, 2, 4, 8].map(|bit| bits & bit != 0);
-                Self {
-                    double,
-                    big_endian,
-                    records,
-                    grid_count,
-                }
-            })
-            .collect()
+        let of_bits = |bits: u32| {
+            let [double, big_endian, records, grid_count, text] =
+                [1, 2, 4, 8, 16].map(|bit| bits & bit != 0);
+            Self {
+                text,
+                double,
+                big_endian,
+                records,
+                grid_count,
+            }
+        };
+        (0..16).chain([16, 24]).map(of_bits).collect()
     }
 
     pub(crate) fn word(self, n: i32) -> Vec<u8> {
-        if self.big_endian {
-            n.to_be_bytes().to_vec()
-        } else {
-            n.to_le_bytes().to_vec()
+        match (self.text, self.big_endian) {
+            (true, _) => format!("  {n}\n").into_bytes(),
+            (_, true) => n.to_be_bytes().to_vec(),
+            (_, false) => n.to_le_bytes().to_vec(),
         }
     }
 
@@ -355,57 +367,83 @@ impl Plot3dEncoding {
     }
 
     pub(crate) fn reals(self, reals: &[f64]) -> Vec<u8> {
-        let one = |&x: &f64| match (self.double, self.big_endian) {
-            (true, true) => x.to_be_bytes().to_vec(),
-            (true, false) => x.to_le_bytes().to_vec(),
-            (false, true) => (x as f32).to_be_bytes().to_vec(),
-            (false, false) => (x as f32).to_le_bytes().to_vec(),
+        let one = |&x: &f64| match (self.text, self.double, self.big_endian) {
+            (true, ..) => format!(" {x:.9e}").into_bytes(),
+            (_, true, true) => x.to_be_bytes().to_vec(),
+            (_, true, false) => x.to_le_bytes().to_vec(),
+            (_, false, true) => (x as f32).to_be_bytes().to_vec(),
+            (_, false, false) => (x as f32).to_le_bytes().to_vec(),
         };
         reals.iter().flat_map(one).collect()
     }
 
-    fn file(self, records: &[Vec<u8>]) -> Vec<u8> {
+    pub(crate) fn file(self, records: &[Vec<u8>]) -> Vec<u8> {
+        let marked = self.records && !self.text;
         let mut file = Vec::new();
         for record in records {
             let mark = self.word(i32::try_from(record.len()).unwrap());
-            if self.records {
+            if marked {
                 file.extend(&mark);
             }
             file.extend(record);
-            if self.records {
+            if marked {
                 file.extend(&mark);
             }
         }
         file
     }
 
-    /// A grid file: all x, all y, all z, and perhaps iblank.
+    fn header(self, blocks: &[Plot3dBlock]) -> Vec<Vec<u8>> {
+        assert!(self.grid_count || blocks.len() == 1);
+        let dims: Vec<i32> = blocks.iter().flat_map(|b| b.dims).collect();
+        let count = self.word(i32::try_from(blocks.len()).unwrap());
+        let mut records = vec![count, self.words(&dims)];
+        if !self.grid_count {
+            records.remove(0);
+        }
+        records
+    }
+
+    /// A grid file.
+    pub(crate) fn grids(self, blocks: &[Plot3dBlock]) -> Vec<u8> {
+        let mut records = self.header(blocks);
+        for block in blocks {
+            records.push([self.reals(&block.numbers), self.words(&block.iblank)].concat());
+        }
+        self.file(&records)
+    }
+
+    /// A solution file.
+    pub(crate) fn solutions(self, blocks: &[Plot3dBlock]) -> Vec<u8> {
+        let mut records = self.header(blocks);
+        for block in blocks {
+            records.push(self.reals(&[2.95, 0.0, 2.1e6, 1.39]));
+            records.push(self.reals(&block.numbers));
+        }
+        self.file(&records)
+    }
+
+    /// A grid file of one grid: all x, all y, all z, and perhaps iblank.
     pub(crate) fn grid(
         self,
         dims: [i32; 3],
         coordinates: &[f64],
         iblank: Option<&[i32]>,
     ) -> Vec<u8> {
-        let mut records = Vec::new();
-        if self.grid_count {
-            records.push(self.word(1));
-        }
-        records.push(self.words(&dims));
-        let blanks = iblank.map(|b| self.words(b)).unwrap_or_default();
-        records.push([self.reals(coordinates), blanks].concat());
-        self.file(&records)
+        self.grids(&[Plot3dBlock {
+            dims,
+            numbers: coordinates.to_vec(),
+            iblank: iblank.unwrap_or_default().to_vec(),
+        }])
     }
 
-    /// A solution file: the five variables one after the other.
+    /// A solution file of one grid: the five variables one after the other.
     pub(crate) fn solution(self, dims: [i32; 3], variables: &[f64]) -> Vec<u8> {
-        let mut records = Vec::new();
-        if self.grid_count {
-            records.push(self.word(1));
-        }
-        records.push(self.words(&dims));
-        records.push(self.reals(&[2.95, 0.0, 2.1e6, 1.39]));
-        records.push(self.reals(variables));
-        self.file(&records)
+        self.solutions(&[Plot3dBlock {
+            dims,
+            numbers: variables.to_vec(),
+            iblank: vec![],
+        }])
     }
 }
 
@@ -418,4 +456,20 @@ pub(crate) fn npy(version: u8, header: &str, body: &[u8]) -> Vec<u8> {
     file.extend(header.as_bytes());
     file.extend(body);
     file
+}
+
+/// An NPZ file from its members' names and bytes.
+pub(crate) fn npz(members: &[(&str, Vec<u8>)], packed: bool) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let method = if packed {
+        zip::CompressionMethod::Deflated
+    } else {
+        zip::CompressionMethod::Stored
+    };
+    let options = zip::write::SimpleFileOptions::default().compression_method(method);
+    for (name, bytes) in members {
+        archive.start_file(*name, options).unwrap();
+        archive.write_all(bytes).unwrap();
+    }
+    archive.finish().unwrap().into_inner()
 }

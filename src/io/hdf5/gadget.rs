@@ -1,0 +1,166 @@
+//! Snapshots of Gadget and of the codes that took over its format: Gizmo, Arepo, SWIFT.
+//!
+//! | what | where |
+//! |---|---|
+//! | gas | group `PartType0`; dark matter `PartType1`, ... |
+//! | positions | `Coordinates`, (N, 3) |
+//! | masses | `Masses`; without it `Header`'s attribute `MassTable`, one per type |
+//! | densities | `Density`, in SWIFT `Densities` |
+//! | lengths | `SmoothingLength`, in SWIFT `SmoothingLengths` |
+//!
+//! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard
+//! deviations of the kernel, whichever kernel it is (Dehnen & Aly 2012): the radius at which a
+//! cubic spline ends is 1.825742 of them.
+
+use hdf5_reader::group::Group;
+
+use super::super::dataset::Dataset;
+use super::super::scalars::narrow;
+use super::super::smoothing::{LengthMeaning, Smoothing, SphKernel};
+use super::super::table;
+use super::SnapshotFile;
+use crate::error::Result;
+use crate::scene::Values;
+
+const TYPES: [&str; 6] = [
+    "PartType0",
+    "PartType1",
+    "PartType2",
+    "PartType3",
+    "PartType4",
+    "PartType5",
+];
+
+/// The name of the field of SWIFT's lengths as standard deviations.
+const SIGMA: &str = "sigma";
+
+/// The gas of a snapshot or, where it has none, the particles of the first type it has: `None`
+/// where it has no particles.
+pub(super) fn read(file: &SnapshotFile<'_>) -> Result<Option<Dataset>> {
+    let mut present: Vec<(usize, Group)> = Vec::new();
+    for (kind, name) in TYPES.iter().enumerate() {
+        if let Some(group) = file.group(name)?
+            && file.has(&group, "Coordinates")?
+        {
+            present.push((kind, group));
+        }
+    }
+    let Some((kind, group)) = present.first() else {
+        return Ok(None);
+    };
+    let kind = *kind;
+    if present.len() > 1 {
+        let others: Vec<&str> = present[1..].iter().map(|(kind, _)| TYPES[*kind]).collect();
+        file.note(format!(
+            "Only {} is shown; {} left out.",
+            TYPES[kind],
+            others.join(", ")
+        ));
+    }
+
+    let positions = file.positions(group, "Coordinates")?;
+    let count = positions.len();
+    let mut fields = file.fields(group, count, &["Coordinates"])?;
+    let find = |names: &[&str]| {
+        let found = fields.iter().find(|f| names.contains(&f.name.as_str()));
+        found.map(|f| f.name.clone())
+    };
+    let density = find(&["Density", "Densities"]);
+    let gadget_length = find(&["SmoothingLength"]);
+    let swift_length = find(&["SmoothingLengths"]);
+    let mut mass = find(&["Masses", "Mass"]);
+
+    let header = file.group("Header")?;
+    let attribute = |name: &str| file.attribute(header.as_ref()?, name);
+    let table_mass = attribute("MassTable").and_then(|masses| masses.get(kind).copied());
+    if mass.is_none()
+        && let Some(of_type) = table_mass.filter(|m| *m > 0.0)
+    {
+        let masses = Values::F32(vec![narrow(of_type); count]);
+        fields.push(table::scalar_field("Masses", masses));
+        file.note("All masses are that of the header's MassTable.");
+        mass = Some("Masses".to_owned());
+    }
+
+    let first = |name: &str| attribute(name).and_then(|v| v.first().copied());
+    if let Some(files) = first("NumFilesPerSnapshot").filter(|n| *n > 1.0) {
+        file.note(format!(
+            "The snapshot consists of {files} files; only this one is read."
+        ));
+    }
+    let units = file.group("Units")?;
+    let swift_unit = || file.attribute(units.as_ref()?, "Unit length in cgs (U_L)");
+    let unit = first("UnitLength_in_cm").or_else(|| swift_unit()?.first().copied());
+    if let Some(unit) = unit {
+        file.note(format!("The unit of length is {unit:e} cm."));
+    }
+
+    let (length, meaning, kernel) = if let Some(length) = swift_length {
+        let kernel = swift_kernel(file)?;
+        let lengths = fields.iter().find(|f| f.name == length);
+        let lengths = lengths.and_then(|f| match &f.source {
+            super::FieldSource::Scalar(values) => Some(values),
+            _ => None,
+        });
+        let sigmas = lengths.map(|l| (0..l.len()).map(|i| 0.5 * l.get(i)).collect());
+        if let Some(sigmas) = sigmas {
+            fields.push(table::scalar_field(SIGMA, Values::F32(sigmas)));
+        }
+        file.note(
+            "SWIFT's smoothing lengths are two standard deviations of its kernel; the field \
+             `sigma` is half of them.",
+        );
+        (Some(SIGMA.to_owned()), LengthMeaning::Sigma, kernel)
+    } else {
+        if gadget_length.is_some() {
+            file.note(
+                "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
+                 Gadget defines them.",
+            );
+        } else {
+            file.note("No smoothing lengths: sizes come from the particles' distances.");
+        }
+        (
+            gadget_length,
+            LengthMeaning::Support,
+            SphKernel::CubicSpline,
+        )
+    };
+
+    let mut dataset = table::dataset(file.path, "Gadget snapshot", positions, fields)?;
+    dataset.smoothing = length.map(|length| Smoothing {
+        length,
+        meaning,
+        kernel,
+        mass,
+        density,
+    });
+    dataset.notes = file.notes.take();
+    Ok(Some(dataset))
+}
+
+/// The kernel that SWIFT's attribute `HydroScheme/Kernel function` names.
+fn swift_kernel(file: &SnapshotFile<'_>) -> Result<SphKernel> {
+    let scheme = file.group("HydroScheme")?;
+    let name = scheme
+        .and_then(|group| group.attribute("Kernel function").ok())
+        .and_then(|attribute| attribute.read_string().ok())
+        .unwrap_or_default();
+    let kernels = [
+        ("cubic", SphKernel::CubicSpline),
+        ("quartic", SphKernel::QuarticSpline),
+        ("quintic", SphKernel::QuinticSpline),
+        ("wendland c2", SphKernel::WendlandC2),
+        ("wendland c4", SphKernel::WendlandC4),
+        ("wendland c6", SphKernel::WendlandC6),
+    ];
+    let lower = name.to_ascii_lowercase().replace('-', " ");
+    let known = kernels.iter().find(|(words, _)| lower.contains(words));
+    if known.is_none() {
+        file.note(format!(
+            "The kernel is not known (`{}`): taken as a cubic spline.",
+            super::shortened(&name)
+        ));
+    }
+    Ok(known.map_or(SphKernel::CubicSpline, |(_, kernel)| *kernel))
+}

@@ -1,0 +1,184 @@
+//! NumPy archives: ZIP files of NPY arrays, as `numpy.savez` and `savez_compressed` write them.
+//!
+//! A table is one array, as in an NPY file; or an array of positions of shape (N, 3) named
+//! `positions`, `pos`, `xyz`, `coordinates` or `points`, beside others; or one-dimensional
+//! arrays `x`, `y` and `z`, beside others. The others become fields where they have N rows.
+
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::dataset::{Dataset, Field};
+use super::file::read_all;
+use super::npy::{self, Array};
+use super::raw::DEFLATE_RATIO;
+use super::scalars::{doubles, values};
+use super::table::{dataset, position_columns};
+use crate::error::{Error, Result};
+
+/// The first bytes of every ZIP archive that holds something.
+pub(crate) const MAGIC: &[u8] = b"PK\x03\x04";
+
+const FORMAT: &str = "NPZ particle table";
+
+const POSITIONS: [&str; 5] = ["positions", "pos", "xyz", "coordinates", "points"];
+
+/// Columns that an array may have, in a field.
+const MOST_COMPONENTS: usize = 16;
+
+/// Reads a particle table.
+///
+/// # Errors
+/// A broken archive, one that claims more than its bytes can hold, or no positions.
+pub(crate) fn read(path: &Path) -> Result<Dataset> {
+    let members = members(path)?;
+    if let [(_, only)] = members.as_slice() {
+        return npy::table(path, FORMAT, only);
+    }
+    let mut arrays = Vec::with_capacity(members.len());
+    for (name, bytes) in &members {
+        arrays.push((name.as_str(), npy::parse(path, bytes)?));
+    }
+
+    let is_positions = |name: &str| POSITIONS.iter().any(|p| name.eq_ignore_ascii_case(p));
+    let whole = arrays
+        .iter()
+        .position(|(name, array)| is_positions(name) && array.columns() == Some(3));
+    let (positions, taken) = match whole {
+        Some(index) => {
+            let (name, array) = &arrays[index];
+            let axes = [axis(path, name, array, 0)?, axis(path, name, array, 1)?];
+            let z = axis(path, name, array, 2)?;
+            (zipped(axes, &z), vec![index])
+        }
+        None => {
+            let xyz = position_columns(path, arrays.iter().map(|(name, _)| *name))?;
+            let of = |i: usize| {
+                let (name, array) = &arrays[xyz[i]];
+                axis(path, name, array, 0)
+            };
+            let (x, y, z) = (of(0)?, of(1)?, of(2)?);
+            if x.len() != y.len() || x.len() != z.len() {
+                return Err(Error::format(
+                    path,
+                    "arrays x, y and z",
+                    "equally many numbers",
+                    format!("{}, {} and {}", x.len(), y.len(), z.len()),
+                    "save the archive again",
+                ));
+            }
+            (zipped([x, y], &z), xyz.to_vec())
+        }
+    };
+
+    let count = positions.len();
+    let mut fields: Vec<Field> = Vec::new();
+    let mut left_out = Vec::new();
+    for (i, (name, array)) in arrays.iter().enumerate() {
+        if taken.contains(&i) {
+            continue;
+        }
+        match components(array, count) {
+            Some(components) => fields.push(npy::field((*name).to_owned(), components)),
+            None => left_out.push(*name),
+        }
+    }
+    let mut data = dataset(path, FORMAT, positions, fields)?;
+    if !left_out.is_empty() {
+        let shown: Vec<String> = left_out
+            .iter()
+            .take(8)
+            .map(|name| format!("`{}`", name.chars().take(40).collect::<String>()))
+            .collect();
+        data.notes.push(format!(
+            "{} arrays do not hold numbers for each of the {count} particles and are left out: \
+             {}.",
+            left_out.len(),
+            shown.join(", ")
+        ));
+    }
+    Ok(data)
+}
+
+/// The arrays of an archive: their names without `.npy`, and their bytes.
+fn members(path: &Path) -> Result<Vec<(String, Vec<u8>)>> {
+    let bytes = read_all(path)?;
+    let len = bytes.len() as u64;
+    let broken = |found: String| {
+        Error::format(
+            path,
+            "ZIP archive",
+            "a sound NPZ archive of arrays",
+            found,
+            "save it again with numpy.savez",
+        )
+    };
+    let mut archive =
+        zip::ZipArchive::new(Cursor::new(bytes)).map_err(|e| broken(e.to_string()))?;
+    let mut packed_total: u64 = 0;
+    let mut members = Vec::new();
+    for index in 0..archive.len() {
+        let entry = archive.by_index(index).map_err(|e| broken(e.to_string()))?;
+        let name = entry.name().map_err(|e| broken(e.to_string()))?;
+        let Some(name) = name.strip_suffix(".npy").map(str::to_owned) else {
+            continue;
+        };
+        let shown: String = name.chars().take(40).collect();
+        // Members that share their bytes would multiply them.
+        packed_total = packed_total.saturating_add(entry.compressed_size());
+        let size = entry.size();
+        let most = entry.compressed_size().saturating_mul(DEFLATE_RATIO);
+        if packed_total > len || size > most {
+            return Err(broken(format!(
+                "`{shown}` with {size} bytes packed into {}",
+                entry.compressed_size()
+            )));
+        }
+        let mut bytes = Vec::new();
+        entry
+            .take(size)
+            .read_to_end(&mut bytes)
+            .map_err(|e| broken(format!("`{shown}`: {e}")))?;
+        members.push((name, bytes));
+    }
+    if members.is_empty() {
+        return Err(broken("no arrays (.npy) in it".to_owned()));
+    }
+    Ok(members)
+}
+
+/// One column of an array of numbers in double precision.
+fn axis(path: &Path, name: &str, array: &Array<'_>, column: usize) -> Result<Vec<f64>> {
+    let encoding = array.plain_encoding(path)?;
+    array
+        .column(column, encoding)
+        .and_then(|stride| doubles(array.data, encoding, stride))
+        .ok_or_else(|| {
+            Error::format(
+                path,
+                format!("array `{}`", name.chars().take(40).collect::<String>()),
+                "shape (N, 3), or (N,) for x, y and z",
+                format!("shape {:?}", array.shape),
+                "save the archive again",
+            )
+        })
+}
+
+/// The columns of an array of `count` rows; `None` where it is none of numbers, or of others.
+fn components(array: &Array<'_>, count: usize) -> Option<Vec<crate::scene::Values>> {
+    let encoding = array.encoding()?;
+    let columns = array
+        .columns()
+        .filter(|n| (1..=MOST_COMPONENTS).contains(n))?;
+    if array.shape.first() != Some(&count) {
+        return None;
+    }
+    (0..columns)
+        .map(|c| values(array.data, encoding, array.column(c, encoding)?))
+        .collect()
+}
+
+fn zipped([x, y]: [Vec<f64>; 2], z: &[f64]) -> Vec<DVec3> {
+    npy::zip_positions(x, &y, z)
+}

@@ -1,0 +1,201 @@
+//! PLOT3D grids and solutions: one or several grids, as NASA's codes write them.
+//!
+//! Grid (`.xyz`, `.x`, `.g`, `.p3d`, `.bin`), i fastest, then j, then k:
+//!
+//! | what | type |
+//! |---|---|
+//! | number of grids G; may be left out where it is 1 | i32 |
+//! | ni, nj, nk of every grid | i32 x 3 G |
+//! | of each grid in turn: all x, all y, all z | f32 or f64, N = ni nj nk each |
+//! | ... and iblank, optional | i32 x N |
+//!
+//! Solution (`.q`, `.bin`):
+//!
+//! | what | type |
+//! |---|---|
+//! | number of grids G; may be left out where it is 1 | i32 |
+//! | ni, nj, nk of every grid | i32 x 3 G |
+//! | of each grid in turn: free-stream Mach number, angle of attack, Reynolds number, time | f32 or f64, x 4 |
+//! | ... and density, momentum x, y, z, energy | f32 or f64, N each |
+//!
+//! Fortran programs put a u32 with the record's byte count before and after each row of these
+//! tables (coordinates and iblank of a grid are one record). Either byte order is read. Text
+//! holds the same numbers, separated by white space or commas.
+//!
+//! Nothing in a file says which of the layouts it has: the one is taken whose size agrees with
+//! the file's, in bytes (in numbers, where it is text), and whose record marks, if it has them,
+//! are those that must stand there. Where several agree, the first of this order is taken and
+//! the data set's notes say so: record marks before none, a grid count before none, single
+//! before double precision, little before big endian, no iblank before one. (A grid count
+//! before none, because a coordinate's first bits are hardly ever a small count.) Solutions
+//! may be followed by zero bytes; grids may not.
+//!
+//! Coordinates stand whole, not by planes of k. Planes are refused where record marks show
+//! them; without marks they look the same and cannot be told. Grids of two dimensions are
+//! refused.
+
+mod layout;
+mod solution;
+mod text;
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use self::layout::{Contents, Kind, Layout, describe_dims};
+use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use super::file::read_all;
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// Whether a binary file of `len` bytes that begins with `head` has the size of a PLOT3D grid.
+pub(crate) fn looks_like_grid(head: &[u8], len: u64) -> bool {
+    Layout::all(Contents::Bytes(head), Kind::Grid)
+        .any(|layout| layout.end(Kind::Grid).map(|end| end as u64) == Some(len))
+}
+
+/// Reads a grid, and its solution: the one given, or one found beside it.
+///
+/// # Errors
+/// No layout agrees with the file's size; the sizes are listed.
+pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
+    let bytes = read_all(path)?;
+    let numbers;
+    let contents = if text::looks_like_text(&bytes) {
+        // Plain text holds at most half as many numbers as bytes.
+        numbers = text::numbers(path, &bytes, bytes.len())?;
+        Contents::Numbers(&numbers)
+    } else {
+        Contents::Bytes(&bytes)
+    };
+    let broken = || no_grid(path, contents);
+    let mut fitting = Layout::fitting(contents, Kind::Grid);
+    let layout = fitting.next().ok_or_else(broken)?;
+    let others: Vec<String> = fitting.map(|layout| layout.describe()).collect();
+
+    let (starts, _) = layout.bodies(Kind::Grid).ok_or_else(broken)?;
+    let node_counts = layout.node_counts().ok_or_else(broken)?;
+    let mut blocks = Vec::with_capacity(starts.len());
+    let mut blanks: Vec<i16> = Vec::new();
+    for ((&dims, start), count) in layout.dims.iter().zip(starts).zip(node_counts) {
+        let axis_size = count * layout.form.real_size();
+        let axis = |i: usize| {
+            let at = start + i * axis_size;
+            contents
+                .numbers(layout.form, true, at, count)
+                .ok_or_else(broken)
+        };
+        let x = axis(0)?.into_iter();
+        let mut nodes: Vec<DVec3> = x.map(|x| DVec3::new(x, 0., 0.)).collect();
+        for (node, y) in nodes.iter_mut().zip(axis(1)?) {
+            node.y = y;
+        }
+        for (node, z) in nodes.iter_mut().zip(axis(2)?) {
+            node.z = z;
+        }
+        blocks.push(CurvilinearBlock { dims, nodes });
+        if layout.blanked {
+            let at = start + 3 * axis_size;
+            let words = contents.numbers(layout.form, false, at, count);
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "clamped to the type's range"
+            )]
+            blanks.extend(
+                words
+                    .ok_or_else(broken)?
+                    .into_iter()
+                    .map(|b| b.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16),
+            );
+        }
+    }
+
+    let mut fields = Vec::new();
+    let solution = solution
+        .map(Path::to_path_buf)
+        .or_else(|| solution::beside(path));
+    if let Some(solution) = solution {
+        fields.extend(solution::read(&solution, path, &layout)?);
+    }
+    if layout.blanked {
+        // Derived fields stay last.
+        let stored = fields
+            .iter()
+            .take_while(|f| !matches!(f.source, FieldSource::Derived(_)))
+            .count();
+        let iblank = FieldSource::Scalar(Values::I16(blanks));
+        fields.insert(stored, node_field("iblank", iblank));
+    }
+    let geometry = Geometry::Curvilinear { blocks };
+    let mut dataset = Dataset::new(path, "PLOT3D grid", geometry, fields);
+    if !others.is_empty() {
+        dataset.notes.push(format!(
+            "Read as {}; its size is also that of {}.",
+            layout.describe(),
+            others.join(", and of ")
+        ));
+    }
+    Ok(dataset)
+}
+
+fn node_field(name: &str, source: FieldSource) -> Field {
+    Field {
+        name: name.to_owned(),
+        association: Association::Nodes,
+        source,
+    }
+}
+
+/// Why a file is no grid that can be read: a solution, two dimensions, planes, or another size.
+fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
+    let error = |expected: String, found: String, advice: &str| {
+        Error::format(path, "PLOT3D grid", expected, found, advice)
+    };
+    let mut solutions = Layout::all(contents, Kind::Solution);
+    if solutions.any(|layout| layout.fits_padded(contents, Kind::Solution)) {
+        return error(
+            "node positions".to_owned(),
+            "a solution (density, momentum, energy)".to_owned(),
+            "give the grid as input and this file with --solution",
+        );
+    }
+    let flat = Layout::fitting(contents, Kind::FlatGrid)
+        .find(|layout| layout.dims.iter().all(|d| d[0] > 1 && d[1] > 1));
+    if let Some(layout) = flat {
+        let [ni, nj, _] = layout.dims.first().copied().unwrap_or_default();
+        return error(
+            "a grid of three dimensions".to_owned(),
+            format!("one of two: {ni} x {nj}"),
+            "a surface has no volume to render",
+        );
+    }
+    let mut tried: Vec<String> = Vec::new();
+    for layout in Layout::all(contents, Kind::Grid) {
+        if layout.is_in_planes(contents) {
+            return error(
+                "all planes of a grid in one record".to_owned(),
+                format!("a record for each plane of {}", describe_dims(&layout.dims)),
+                "write the grid in PLOT3D's whole format",
+            );
+        }
+        if let Some(end) = layout.end(Kind::Grid)
+            && end as u64 <= (contents.len() as u64).saturating_mul(1 << 20)
+        {
+            tried.push(format!("{end} for {}", layout.describe()));
+        }
+    }
+    let unit = match contents {
+        Contents::Bytes(_) => "bytes",
+        Contents::Numbers(_) => "numbers",
+    };
+    let expected = if tried.is_empty() {
+        "three node counts at the start, in either byte order".to_owned()
+    } else {
+        format!("one of these counts of {unit}: {}", tried.join("; "))
+    };
+    error(
+        expected,
+        format!("{} {unit}", contents.len()),
+        "check that the file is whole and is a PLOT3D grid",
+    )
+}
