@@ -186,7 +186,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         (&[&wake, "--field", "colour"], "density, momentum, energy"),
         (&[&wake, "--transfer-function", "rainbow"], "viridis"),
         (&[&wake, "--transfer-function", &transfer], "bad.json"),
-        (&[&wake, "--solution", &particles], "solution"),
+        (&[&wake, "--solution", &particles], "particles.csv: line 1"),
         (&[&wake, "--out", "no/folder.png"], "folder"),
     ];
     for (arguments, says) in cases {
