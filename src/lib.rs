@@ -58,7 +58,8 @@
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
-//! [`accuracy`] is a page on what each approximation costs and how far it is off.
+//! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
+//! on how each kind of data becomes kernels and what its lengths mean.
 //!
 //! # Conventions
 //!
@@ -92,6 +93,8 @@ pub mod cpu;
 pub mod error;
 pub mod image;
 pub mod io;
+#[doc = include_str!("../docs/irregular.md")]
+pub mod irregular {}
 pub mod layout;
 pub mod math;
 pub mod measure;

@@ -118,10 +118,13 @@ pub struct Sampled {
 ///   centres.
 /// - A curvilinear grid gives one anisotropic kernel per node (or cell): variance
 ///   kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), volume that of its part of the grid.
-/// - Points take shape, strength and colour from their columns: `sigma` | `h` |
-///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`; `mass` | `extinction` with `volume` |
-///   `opacity` | a scalar with a transfer function; `r,g,b`. Without shape columns kernels are
-///   spheres sized by the distances to the nearest neighbours.
+/// - An unstructured grid gives one anisotropic kernel per node, from the part of the cells around
+///   it that is nearer to it than to their other corners, or one per cell.
+/// - Points take shape, strength and colour from their columns: `sigma` | `radius` | `h` |
+///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or what [`Dataset::smoothing`] names;
+///   `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose
+///   volumes are `volume` or `m` over `rho`; `r,g,b`. Without shape columns kernels are spheres
+///   sized by the distances to the nearest neighbours, or discs where the points make up a surface.
 /// - Splats keep their shapes, opacities and colours, and their format's own rule of drawing;
 ///   a named field replaces the colours. Their colours are sRGB-encoded and are decoded, because
 ///   compositing is linear here; most viewers of splats blend the encoded values, so that
@@ -129,6 +132,8 @@ pub struct Sampled {
 ///
 /// With no field named, PLOT3D data show `density`, others their first scalar that is not
 /// constant, nodes before cells.
+///
+/// [`crate::irregular`] has the formulas, with how evenly each draws a uniform field.
 ///
 /// Samples that cannot be drawn (positions, values or shapes that are not finite, cells
 /// without volume, blanked nodes) are left out and counted in the report; on a lattice a value
