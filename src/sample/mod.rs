@@ -118,8 +118,8 @@ pub struct Sampled {
 ///   centres.
 /// - A curvilinear grid gives one anisotropic kernel per node (or cell): variance
 ///   kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), volume that of its part of the grid.
-/// - An unstructured grid gives one anisotropic kernel per node, from the part of the cells around
-///   it that is nearer to it than to their other corners, or one per cell.
+/// - An unstructured grid gives one anisotropic kernel per node, from its share of the cells around
+///   it, or one per cell.
 /// - Points take shape, strength and colour from their columns: `sigma` | `radius` | `h` |
 ///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or what [`Dataset::smoothing`] names;
 ///   `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose

@@ -1,0 +1,246 @@
+//! Small sound files of every format, for damage.
+
+use std::sync::OnceLock;
+
+use super::splats::{Element, Ply, some_splats, splat_ply, splat_records, spz};
+use super::vtk_legacy::LegacyVtk;
+use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
+
+/// The corners of a cube, in the order of VTK's hexahedra.
+const CUBE: [f32; 24] = [
+    0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0., 0., 0., 1., 1., 0., 1., 1., 1., 1., 0., 1., 1.,
+];
+
+/// Names and contents of sound files.
+pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
+    static SEEDS: OnceLock<Vec<(String, Vec<u8>)>> = OnceLock::new();
+    SEEDS.get_or_init(|| {
+        let mut seeds = Vec::new();
+        for encoding in VtkEncoding::all() {
+            let whole = VtkPiece {
+                extent: "0 2 0 2 0 1",
+                point_data: vec![
+                    super::float32("a", 1, &[0.5; 18]),
+                    super::int16("b", 3, &[7; 54]),
+                ],
+                cell_data: vec![super::uint8("c", 1, &[1, 2, 3, 4])],
+            };
+            let attributes = "WholeExtent=\"0 2 0 2 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"";
+            seeds.push(("a.vti".into(), super::vti(encoding, attributes, &[whole])));
+            let half = |extent| VtkPiece {
+                extent,
+                point_data: vec![super::uint16("a", 1, &[1, 2, 3, 4])],
+                cell_data: vec![],
+            };
+            let halves = [half("0 1 0 1 0 0"), half("1 2 0 1 0 0")];
+            let attributes = "WholeExtent=\"0 2 0 1 0 0\"";
+            seeds.push(("b.vti".into(), super::vti(encoding, attributes, &halves)));
+            seeds.extend(vtk_grids(encoding));
+        }
+        for encoding in Plot3dEncoding::all() {
+            let coordinates: Vec<f64> = (0..24).map(f64::from).collect();
+            seeds.push(("a.xyz".into(), encoding.grid([2, 2, 2], &coordinates, None)));
+            seeds.push((
+                "a.xyz".into(),
+                encoding.grid([2, 2, 2], &coordinates, Some(&[1; 8])),
+            ));
+            seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
+            if encoding.grid_count {
+                let block = |dims: [i32; 3]| Plot3dBlock {
+                    dims,
+                    numbers: (0..3 * dims.iter().product::<i32>())
+                        .map(f64::from)
+                        .collect(),
+                    iblank: vec![],
+                };
+                let two = [block([2, 3, 2]), block([3, 2, 2])];
+                seeds.push(("b.xyz".into(), encoding.grids(&two)));
+            }
+        }
+        for name in ["gadget_old", "gadget_old_packed", "swift", "phantom"] {
+            let name = format!("{name}.h5");
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(path.join(&name)).unwrap();
+            for _ in 0..8 {
+                seeds.push((name.clone(), bytes.clone()));
+            }
+        }
+        for file in legacy_vtk() {
+            seeds.push(("a.vtk".into(), file));
+        }
+        for _ in 0..16 {
+            let plain = "{'descr': '>f8', 'fortran_order': True, 'shape': (3, 4), }    \n";
+            seeds.push(("a.npy".into(), super::npy(1, plain, &[1; 96])));
+            let named = "{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '<f8'), ('v', '<i2', (2,)), \
+                         ('', '|V4')], 'fortran_order': False, 'shape': (3,), }\n";
+            seeds.push(("b.npy".into(), super::npy(2, named, &[2; 72])));
+            let at = "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 3), }    \n";
+            let mass = "{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }     \n";
+            let arrays = [
+                ("pos.npy", super::npy(1, at, &[1; 72])),
+                ("mass.npy", super::npy(1, mass, &[1; 12])),
+            ];
+            seeds.push(("a.npz".into(), super::npz(&arrays, true)));
+            seeds.push(("b.npz".into(), super::npz(&arrays, false)));
+            let text = b"# made\nx,y,z,h,name\n1,2,3,0.5,a\n4,5,6,nan,\"b\"\n7,8,9,,c\n";
+            seeds.push(("a.csv".into(), text.to_vec()));
+            seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
+        }
+        for encoding in Ply::ALL {
+            for degree in 0..4 {
+                let splats = some_splats(3, degree);
+                let file = splat_ply(encoding, "comment x\n", &splats, &["uchar flag"]);
+                seeds.push(("a.ply".into(), file));
+                seeds.push(("a.spz".into(), spz(2 + degree as u32 % 2, 0, &splats)));
+                let vertices: &[&str] = &["list uchar int l", "float x", "double y", "short z"];
+                let rows = [vec![1.0, 7.0, 0.5, 1.5, 2.0], vec![0.0, 3.5, 4.5, 5.0]];
+                let faces: &[&str] = &["list uchar int vertex_indices"];
+                let elements: [Element<'_>; 2] = [
+                    ("vertex", vertices, &rows),
+                    ("face", faces, &[vec![3.0, 0.0, 1.0, 0.0]]),
+                ];
+                seeds.push(("b.ply".into(), encoding.file("", &elements)));
+            }
+            seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
+        }
+        seeds
+    })
+}
+
+/// Small legacy VTK files of every kind, in text and binary, in the old and the new style.
+pub(crate) fn legacy_vtk() -> Vec<Vec<u8>> {
+    let coordinates = super::float32("", 3, &CUBE);
+    let values = |vtk: &mut LegacyVtk, cells: i32| {
+        vtk.line("POINT_DATA 8");
+        vtk.lines("SCALARS s short 1\nLOOKUP_TABLE default");
+        vtk.numbers(&super::int16("", 1, &[1, 2, 3, 4, 5, 6, 7, 8]));
+        vtk.lines("METADATA\nCOMPONENT_NAMES\ns\n");
+        vtk.line("");
+        vtk.line("PEDIGREE_IDS id string");
+        vtk.texts(&["a", "b", "c", "d", "e", "f", "g", "h"]);
+        vtk.line(&format!("CELL_DATA {cells}"));
+        let cells = vec![0.25; cells as usize];
+        vtk.field(&[super::float64("c", 1, &cells)]);
+    };
+    let write = |vtk: &mut LegacyVtk, kind: usize| match kind {
+        0 => {
+            vtk.lines("DATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1");
+            values(vtk, 1);
+        }
+        1 => {
+            vtk.lines("DATASET RECTILINEAR_GRID\nDIMENSIONS 2 2 2");
+            for axis in ["X", "Y", "Z"] {
+                let heading = format!("{axis}_COORDINATES 2");
+                vtk.array(&heading, &super::float32("", 1, &[0.0, 1.0]));
+            }
+            values(vtk, 1);
+        }
+        2 => {
+            vtk.lines("DATASET STRUCTURED_GRID\nDIMENSIONS 2 2 2");
+            vtk.array("POINTS 8", &coordinates);
+            values(vtk, 1);
+        }
+        3 => {
+            vtk.line("DATASET UNSTRUCTURED_GRID");
+            vtk.array("POINTS 8", &coordinates);
+            let faces = [4, 3, 0, 1, 2, 3, 0, 1, 3, 3, 0, 2, 3, 3, 1, 2, 3];
+            vtk.cells("CELLS", &[&[4, 5, 6, 7], &faces]);
+            vtk.line("CELL_TYPES 2");
+            vtk.numbers(&super::int32("", 1, &[10, 42]));
+            values(vtk, 2);
+        }
+        _ => {
+            vtk.line("DATASET POLYDATA");
+            vtk.array("POINTS 8", &coordinates);
+            vtk.cells("VERTICES", &[&[0]]);
+            vtk.cells("POLYGONS", &[&[0, 1, 2], &[2, 3, 4, 5]]);
+            values(vtk, 3);
+        }
+    };
+    let mut files = Vec::new();
+    for (version, binary) in [("3.0", false), ("5.1", false), ("3.0", true), ("5.1", true)] {
+        for kind in 0..5 {
+            let mut vtk = LegacyVtk::new(version, binary, false);
+            write(&mut vtk, kind);
+            files.push(vtk.file);
+        }
+    }
+    files
+}
+
+/// One file of each other VTK XML format, of two pieces each.
+pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
+    let values = ("PointData", vec![super::uint8("a", 1, &[1; 8])]);
+    let points = ("Points", vec![super::float32("Points", 3, &CUBE)]);
+    let axis = |name, numbers: &[f64]| super::float64(name, 1, numbers);
+    let halves = |geometry: [&(&'static str, Vec<super::VtkArray>); 2]| {
+        let mut halves = Vec::new();
+        for (extent, geometry) in ["0 1 0 1 0 1", "1 2 0 1 0 1"].into_iter().zip(geometry) {
+            halves.push(XmlPiece {
+                attributes: format!("Extent=\"{extent}\""),
+                elements: vec![values.clone(), geometry.clone()],
+            });
+        }
+        halves
+    };
+    let coordinates = |x: [f64; 2]| {
+        let (y, z) = (axis("y", &[0.0, 1.0]), axis("z", &[5.0, 3.0]));
+        ("Coordinates", vec![axis("x", &x), y, z])
+    };
+    let boxes = halves([&coordinates([0.0, 1.0]), &coordinates([1.0, 4.0])]);
+    let blocks = halves([&points, &points]);
+
+    let mut cells = vec![
+        super::int32("connectivity", 1, &[0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3]),
+        super::int64("offsets", 1, &[8, 12]),
+        super::uint8("types", 1, &[12, 42]),
+    ];
+    let faces = [4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1];
+    let streams = [
+        super::int64("faces", 1, &faces),
+        super::int64("faceoffsets", 1, &[-1, 17]),
+    ];
+    let shared = [
+        super::int64(
+            "face_connectivity",
+            1,
+            &[0, 1, 3, 1, 2, 3, 2, 0, 3, 0, 2, 1],
+        ),
+        super::int64("face_offsets", 1, &[3, 6, 9, 12]),
+        super::int64("polyhedron_to_faces", 1, &[0, 1, 2, 3]),
+        super::int64("polyhedron_offsets", 1, &[0, 4]),
+    ];
+    let mut solids = Vec::new();
+    for faces in [&streams[..], &shared] {
+        cells.truncate(3);
+        cells.extend_from_slice(faces);
+        solids.push(XmlPiece {
+            attributes: "NumberOfPoints=\"8\" NumberOfCells=\"2\"".into(),
+            elements: vec![values.clone(), points.clone(), ("Cells", cells.clone())],
+        });
+    }
+    let runs = |nodes: &[i32], end| {
+        let offsets = super::int32("offsets", 1, &[end]);
+        vec![super::int32("connectivity", 1, nodes), offsets]
+    };
+    let surface = XmlPiece {
+        attributes: "NumberOfPoints=\"8\" NumberOfVerts=\"1\" NumberOfPolys=\"1\"".into(),
+        elements: vec![
+            values.clone(),
+            points.clone(),
+            ("Verts", runs(&[7], 1)),
+            ("Polys", runs(&[0, 1, 2, 3], 4)),
+        ],
+    };
+    let whole = "WholeExtent=\"0 2 0 1 0 1\"";
+    let file = |name: &str, kind, attributes, pieces: &[XmlPiece]| {
+        let bytes = super::vtk_xml(encoding, kind, attributes, pieces);
+        (name.to_owned(), bytes)
+    };
+    vec![
+        file("a.vtr", "RectilinearGrid", whole, &boxes),
+        file("a.vts", "StructuredGrid", whole, &blocks),
+        file("a.vtu", "UnstructuredGrid", "", &solids),
+        file("a.vtp", "PolyData", "", &[surface.clone(), surface]),
+    ]
+}
