@@ -33,7 +33,7 @@ pub(super) fn variances(
                 let v = (sigma * width).powi(2);
                 [v, 0.0, 0.0, v, 0.0, v]
             };
-            if !positions[i].is_finite() || !(support > 0.0 && support.is_finite()) {
+            if !(positions[i].is_finite() && support > 0.0 && support.is_finite()) {
                 return sphere(1.0);
             }
             let mut count = 0;
