@@ -103,5 +103,5 @@ pub mod splat;
 pub mod view;
 
 pub use error::{Error, Result};
-pub use image::{DepthImage, Image};
-pub use render::{Renderer, Settings};
+pub use image::{ColumnImage, DepthImage, Image};
+pub use render::{ColumnSettings, Renderer, Settings};

@@ -1,5 +1,7 @@
 //! Scene + camera + settings -> frame.
 
+mod column;
+
 use std::time::Instant;
 
 use serde::Serialize;
@@ -15,6 +17,9 @@ use crate::layout::{
 use crate::scene::{PointVolume, Requirements};
 use crate::splat::Filter;
 use crate::view::{Bounds, Camera, Projection};
+
+use column::ColumnMemory;
+pub use column::ColumnSettings;
 
 /// How a frame is drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,6 +111,7 @@ pub struct Renderer {
     tiles: Vec<Tile>,
     image: Image,
     depth: Option<DepthImage>,
+    column: ColumnMemory,
     counts: FrameCounts,
     times: StageTimes,
 }
@@ -150,6 +156,7 @@ impl Renderer {
             tiles: Vec::new(),
             image: Image::new(0, 0),
             depth: None,
+            column: ColumnMemory::default(),
             counts: FrameCounts::default(),
             times: StageTimes::default(),
         })
@@ -170,8 +177,7 @@ impl Renderer {
         let mut clock = Clock(Instant::now());
 
         // Cull, and the range of depth keys over what is left and in view.
-        let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
-        let frustum = Frustum::new(camera, margin);
+        let frustum = frustum(camera, settings);
         // Uniform scaling enlarges kernels beyond any reach.
         let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
@@ -209,31 +215,7 @@ impl Renderer {
         }
         times.classify = clock.lap();
 
-        // Project.
-        resize(&mut self.footprints, counts.classified);
-        let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
-            && camera.projection == Projection::Perspective;
-        resize(
-            &mut self.exact,
-            if may_be_exact { counts.classified } else { 0 },
-        );
-        self.project_output.clear();
-        let rotation = camera.camera_from_world.as_mat3();
-        let mut first = 0;
-        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
-            let range = first..first + total;
-            cpu::project(
-                volume,
-                views,
-                &self.classified[range.clone()],
-                &uniform,
-                rotation,
-                &mut self.footprints[range.clone()],
-                self.exact.get_mut(range).unwrap_or_default(),
-                &self.project_output,
-            );
-            first += total;
-        }
+        self.project(camera, settings, &uniform, &totals);
         times.project = clock.lap();
 
         cpu::sort(&self.footprints, &mut self.order);
@@ -284,14 +266,54 @@ impl Renderer {
         times.resolve = clock.lap();
         times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
 
-        counts.footprints_exact = self
-            .order
-            .iter()
-            .filter(|&&i| self.footprints[cpu::footprint_index(i)].path == PATH_EXACT)
-            .count();
+        counts.footprints_exact = self.count_exact();
         self.counts = counts;
         self.times = times;
         Ok(&self.image)
+    }
+
+    /// Projects what was classified, `totals` of each volume.
+    fn project(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        uniform: &ViewUniform,
+        totals: &[usize],
+    ) {
+        resize(&mut self.footprints, self.classified.len());
+        let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
+            && camera.projection == Projection::Perspective;
+        resize(
+            &mut self.exact,
+            if may_be_exact {
+                self.classified.len()
+            } else {
+                0
+            },
+        );
+        self.project_output.clear();
+        let rotation = camera.camera_from_world.as_mat3();
+        let mut first = 0;
+        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(totals) {
+            let range = first..first + total;
+            cpu::project(
+                volume,
+                views,
+                &self.classified[range.clone()],
+                uniform,
+                rotation,
+                &mut self.footprints[range.clone()],
+                self.exact.get_mut(range).unwrap_or_default(),
+                &self.project_output,
+            );
+            first += total;
+        }
+    }
+
+    /// How many of the footprints in order are on the exact path.
+    fn count_exact(&self) -> usize {
+        let exact = |i: &&u64| self.footprints[cpu::footprint_index(**i)].path == PATH_EXACT;
+        self.order.iter().filter(exact).count()
     }
 
     /// The last frame's image.
@@ -364,6 +386,12 @@ impl Clock {
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
 fn resize<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
+}
+
+/// The frustum, widened by the reach of the low-pass filter.
+fn frustum(camera: &Camera, settings: &Settings) -> Frustum {
+    let margin = f64::from(MAX_CUTOFF) * f64::from(settings.low_pass_variance_px2).sqrt();
+    Frustum::new(camera, margin)
 }
 
 fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> ViewUniform {

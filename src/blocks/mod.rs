@@ -20,7 +20,7 @@ use glam::{DVec3, Vec3};
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
 pub use brick::BrickGrid;
-pub use cull::{DepthRange, Frustum, cull, distance_interval};
+pub use cull::{DepthRange, Frustum, cull, cull_outside, distance_interval};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -121,6 +121,34 @@ impl BlockedVolume {
             BlockedParticles::Lattice(grid) => grid.lattice().len(),
             BlockedParticles::Isotropic { offsets, .. }
             | BlockedParticles::Anisotropic { offsets, .. } => offsets.len(),
+        }
+    }
+
+    /// Calls `each(local, i, cell)` for every particle of a block, in order: its number within the
+    /// block, its index in arrays of one entry per particle and, on a lattice, its cell.
+    #[inline]
+    pub(crate) fn for_each_particle(
+        &self,
+        block: u32,
+        mut each: impl FnMut(u32, usize, Option<(&BrickGrid, [usize; 3])>),
+    ) {
+        let BlockedParticles::Lattice(grid) = &self.particles else {
+            let b = &self.blocks[block as usize];
+            for local in 0..b.count {
+                each(local, (b.first + local) as usize, None);
+            }
+            return;
+        };
+        let [x, y, z] = grid.cells(block);
+        let corner = [x[0], y[0], z[0]];
+        for k in z[0]..z[1] {
+            for j in y[0]..y[1] {
+                let row = grid.index([x[0], j, k]);
+                for n in 0..x[1] - x[0] {
+                    let cell = [x[0] + n, j, k];
+                    each(BrickGrid::local(corner, cell), row + n, Some((grid, cell)));
+                }
+            }
         }
     }
 
