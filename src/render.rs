@@ -350,6 +350,13 @@ impl Renderer {
             .collect()
     }
 
+    /// Middles and half extents of the boxes that hold all particles, grown by one standard
+    /// deviation; world units. For a camera that fits a column density, where nothing is
+    /// transparent.
+    pub fn boxes(&self) -> Vec<Bounds> {
+        self.volumes.iter().flat_map(BlockedVolume::boxes).collect()
+    }
+
     /// How many particles all volumes have.
     pub fn particle_count(&self) -> usize {
         self.volumes.iter().map(|v| v.particle_count()).sum()

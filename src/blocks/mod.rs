@@ -158,7 +158,7 @@ impl BlockedVolume {
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
         let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
             (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
-            _ => return self.blocks.iter().map(|b| self.whole_box(b)).collect(),
+            _ => return self.boxes(),
         };
         let [lowest, highest] = transfer.range();
         let least = (transfer.max_extinction(lowest, highest) * FAINT_SHARE).max(f32::MIN_POSITIVE);
@@ -187,6 +187,11 @@ impl BlockedVolume {
             })
         };
         self.blocks.iter().filter_map(seen).collect()
+    }
+
+    /// Middles and half extents of the blocks' boxes, grown by one standard deviation; world units.
+    pub fn boxes(&self) -> Vec<(DVec3, DVec3)> {
+        self.blocks.iter().map(|b| self.whole_box(b)).collect()
     }
 
     fn whole_box(&self, block: &Block) -> (DVec3, DVec3) {

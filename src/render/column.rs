@@ -202,6 +202,11 @@ impl Renderer {
         Ok(&self.column.image)
     }
 
+    /// The last column density.
+    pub fn column(&self) -> &ColumnImage {
+        &self.column.image
+    }
+
     /// The amplitudes of the scene, of which [`Renderer::column_density`] makes columns; found once.
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
         *self
