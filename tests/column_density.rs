@@ -137,16 +137,30 @@ fn mass_is_conserved_for_ellipsoids_and_lattices() {
         DVec3::new(3.0, 0.5, 7.0),
     );
     let axis: Vec<f64> = (0..12).map(|i| f64::from(i * i)).collect();
-    for spacing in [
-        LatticeSpacing::Uniform {
-            origin: DVec3::splat(-60.0),
-            step,
-        },
-        LatticeSpacing::Rectilinear {
-            coordinates: [axis.clone(), axis.clone(), axis.clone()]
-                .map(|a| a.iter().map(|x| x - 60.0).collect()),
-        },
-    ] {
+    // At the ends the distance to the one neighbour.
+    let width = |i: usize| match i {
+        0 => axis[1] - axis[0],
+        11 => axis[11] - axis[10],
+        _ => (axis[i + 1] - axis[i - 1]) / 2.0,
+    };
+    let uniform_volume = |_: [usize; 3]| step.determinant();
+    let rectilinear_volume = |cell: [usize; 3]| cell.map(width).iter().product::<f64>();
+    let cases: [(LatticeSpacing, &dyn Fn([usize; 3]) -> f64); 2] = [
+        (
+            LatticeSpacing::Uniform {
+                origin: DVec3::splat(-60.0),
+                step,
+            },
+            &uniform_volume,
+        ),
+        (
+            LatticeSpacing::Rectilinear {
+                coordinates: [0; 3].map(|_| axis.iter().map(|x| x - 60.0).collect()),
+            },
+            &rectilinear_volume,
+        ),
+    ];
+    for (spacing, cell_volume) in cases {
         let lattice = Lattice {
             dims: [12; 3],
             spacing,
@@ -371,9 +385,15 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
     let count = 1_000;
     let scale = 2e21;
     let small: Vec<DVec3> = (0..count).map(|_| random.point(150.0)).collect();
-    let draw = |length: f64, volume: f32, value: f32| {
-        let positions = small.iter().map(|p| *p * length).collect();
-        let particles = spheres(positions, vec![(3.0 * length) as f32; count]);
+    let draw = |length: f64, volume: f32, value: f32, anisotropic: bool| {
+        let positions: Vec<DVec3> = small.iter().map(|p| *p * length).collect();
+        let particles = if anisotropic {
+            let factor = DMat3::from_diagonal(DVec3::new(3.0, 4.0, 5.0) * length);
+            let factors = vec![lower_factor(&factor); count];
+            Particles::Anisotropic { positions, factors }
+        } else {
+            spheres(positions, vec![(3.0 * length) as f32; count])
+        };
         let camera = Camera {
             eye: DVec3::Z * (-1e5 * length),
             focal_px: DVec2::splat(1.0 / length),
@@ -382,18 +402,21 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
         let volume = classified(particles, vec![volume; count], vec![value; count]);
         column(volume, &camera, &ColumnSettings::default())
     };
-    let (physical, unit) = (draw(scale, 1e33, 1e10), draw(1.0, 1.0, 1.0));
-    let expected = 1e43 / (scale * scale);
-    let total = physical.sum_times_area().unwrap();
-    assert!((total / 1e46 - 1.0).abs() < 2e-6, "{total:e}");
-    for (physical, unit) in physical.values.iter().zip(&unit.values) {
-        let ratio = f64::from(*physical) / expected;
-        // Positions round otherwise: EPS of 300 px at a slope of .61/3 each.
-        let tolerance = 2e-5 * f64::from(*unit) + 1e-6;
-        assert!(
-            (ratio - f64::from(*unit)).abs() < tolerance,
-            "{ratio} {unit}"
-        );
+    for anisotropic in [false, true] {
+        let physical = draw(scale, 1e33, 1e10, anisotropic);
+        let unit = draw(1.0, 1.0, 1.0, anisotropic);
+        let expected = 1e43 / (scale * scale);
+        let total = physical.sum_times_area().unwrap();
+        assert!((total / 1e46 - 1.0).abs() < 2e-6, "{total:e}");
+        for (physical, unit) in physical.values.iter().zip(&unit.values) {
+            let ratio = f64::from(*physical) / expected;
+            // Positions round otherwise: EPS of 300 px at a slope of .61/3 each.
+            let tolerance = 2e-5 * f64::from(*unit) + 1e-6;
+            assert!(
+                (ratio - f64::from(*unit)).abs() < tolerance,
+                "{ratio} {unit}"
+            );
+        }
     }
 }
 
@@ -552,5 +575,122 @@ fn bad_settings_are_refused() {
     // Thin enough for opacity min(tau, 1) to be tau.
     for (pixel, value) in first.pixels.iter().zip(&column.values) {
         assert!((pixel[3] - value).abs() < 1e-6);
+    }
+}
+
+#[cfg(feature = "cli")]
+mod command_line {
+    use std::path::Path;
+    use std::process::{Command, Output};
+
+    use serde_json::Value;
+
+    const TABLE: &str = "x,y,z,h,m,rho\n0,0,0,.5,2,1\n3,1,0,.2,1,4\n-2,-1,1,.01,3,2\n";
+
+    fn run(folder: &Path, arguments: &[&str]) -> Output {
+        let program = env!("CARGO_BIN_EXE_ewa-splat");
+        let mut command = Command::new(program);
+        command
+            .args(arguments)
+            .current_dir(folder)
+            .output()
+            .unwrap()
+    }
+
+    fn render(folder: &Path, out: &str, more: &[&str]) -> (Output, Value) {
+        let mut arguments = vec!["render", "a.csv", "--column-density", "--size", "96x64"];
+        arguments.extend(["--zoom", ".6", "--stats", "s.json", "--out", out]);
+        arguments.extend(more);
+        let output = run(folder, &arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}");
+        let stats = std::fs::read(folder.join("s.json")).unwrap();
+        (output, serde_json::from_slice(&stats).unwrap())
+    }
+
+    fn floats(bytes: &[u8]) -> Vec<f32> {
+        let words = bytes.as_chunks::<4>().0;
+        words.iter().map(|b| f32::from_le_bytes(*b)).collect()
+    }
+
+    #[test]
+    fn writes_every_format_and_says_what_it_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        std::fs::write(folder.join("a.csv"), TABLE).unwrap();
+        // Density by volumes m / rho: the column mass.
+        let field = ["--field", "rho"];
+        let (_, stats) = render(folder, "a.npy", &field);
+        let column = &stats["column_density"];
+        let total = column["sum_times_area"].as_f64().unwrap();
+        // The view is zoomed out: six standard deviations of each kernel lie inside.
+        assert!((total / 6.0 - 1.0).abs() < 1e-5, "{total}");
+        assert!((column["amplitude_sum"].as_f64().unwrap() / 6.0 - 1.0).abs() < 1e-6);
+        assert_eq!(column["not_finite"], 0);
+        assert!(stats["splat_pixels"].as_u64().unwrap() > 100);
+        assert!(stats["times_ms"]["frame"].as_f64().unwrap() > 0.0);
+        assert_eq!(stats["footprints"], 3);
+
+        let npy = std::fs::read(folder.join("a.npy")).unwrap();
+        let values = floats(&npy[npy.len() - 96 * 64 * 4..]);
+        let header = String::from_utf8_lossy(&npy[..128]).into_owned();
+        assert!(
+            header.contains("<f4") && header.contains("(64, 96"),
+            "{header}"
+        );
+        let largest = values.iter().copied().fold(0.0, f32::max);
+        assert_eq!(column["range"][1].as_f64().unwrap() as f32, largest);
+        assert_eq!(column["range"][0], 0.0);
+
+        render(folder, "a.pfm", &field);
+        let pfm = std::fs::read(folder.join("a.pfm")).unwrap();
+        assert!(pfm.starts_with(b"Pf\n96 64\n-1.0\n"));
+        let rows = floats(&pfm[pfm.len() - 96 * 64 * 4..]);
+        let flipped: Vec<f32> = rows.chunks(96).rev().flatten().copied().collect();
+        assert_eq!(flipped, values);
+
+        render(folder, "a.exr", &field);
+        let exr = exr::prelude::read_first_flat_layer_from_file(folder.join("a.exr")).unwrap();
+        let channels = &exr.layer_data.channel_data.list;
+        assert_eq!(channels.len(), 1);
+        assert_eq!(channels[0].name.to_string(), "Y");
+        let stored: Vec<f32> = channels[0].sample_data.values_as_f32().collect();
+        assert_eq!(stored, values);
+
+        let (output, stats) = render(folder, "a.png", &field);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(text.contains("viridis over log10"), "{text}");
+        let least = stats["column_density"]["positive_range"][0]
+            .as_f64()
+            .unwrap();
+        assert!(text.contains(&format!("{:e}", least as f32)), "{text}");
+        let png = ewa_splat::io::read_image(&folder.join("a.png")).unwrap();
+        for (pixel, value) in png.pixels.iter().zip(&values) {
+            assert_eq!(pixel[3] > 0.0, *value > 0.0);
+        }
+    }
+
+    #[test]
+    fn takes_any_camera_and_refuses_what_has_no_meaning() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        std::fs::write(folder.join("a.csv"), TABLE).unwrap();
+        // No pixel area under perspective.
+        let (_, stats) = render(folder, "a.npy", &["--field", "rho", "--fov", "30"]);
+        assert!(stats["column_density"]["sum_times_area"].is_null());
+        let (_, stats) = render(folder, "a.npy", &["--field", "rho", "--ortho", "20"]);
+        assert!(stats["column_density"]["sum_times_area"].as_f64().unwrap() > 5.9);
+        for option in [
+            &["--reference"][..],
+            &["--opacity", "linear"],
+            &["--background", "0,0,0"],
+            &["--depth", "d.npy"],
+            &["--transfer-function", "viridis"],
+        ] {
+            let mut arguments = vec!["render", "a.csv", "--column-density", "--out", "b.npy"];
+            arguments.extend(option);
+            assert_eq!(run(folder, &arguments).status.code(), Some(2), "{option:?}");
+        }
+        assert!(!folder.join("b.npy").exists());
     }
 }
