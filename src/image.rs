@@ -58,6 +58,14 @@ impl ColumnImage {
     pub fn positive_range(&self) -> Option<[f32; 2]> {
         range(self.values.iter().copied().filter(|v| *v > 0.0))
     }
+
+    /// What the colours of a picture span, logarithmically: [`ColumnImage::positive_range`], but no
+    /// more than six decades below the greatest value. Further down lie the rims of kernels, cut
+    /// off where they are 2.7e-7 of their peaks.
+    pub fn shown_range(&self) -> Option<[f32; 2]> {
+        let [least, greatest] = self.positive_range()?;
+        Some([least.max(greatest * 1e-6), greatest])
+    }
 }
 
 fn range(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {

@@ -155,7 +155,9 @@ impl ColumnSums {
                     let tile = y / SIZE * columns + t;
                     let tasks = self.starts[tile] as usize..self.starts[tile + 1] as usize;
                     for (x, pixel) in (first..).zip(pixels) {
-                        let sum: f64 = self.sums[tasks.clone()].iter().map(|s| s.0[x]).sum();
+                        // From 0: the sum of nothing is -0 otherwise.
+                        let parts = self.sums[tasks.clone()].iter();
+                        let sum = parts.fold(0.0, |sum, part| sum + part.0[x]);
                         let value = sum * scale;
                         // NaN, were there one, would not be lost in `max`.
                         if !(value.abs() <= largest) {

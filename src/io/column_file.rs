@@ -5,7 +5,7 @@
 //! | `.npy` | f32 (height, width), rows from the top |
 //! | `.pfm` | f32 grey, rows from the bottom |
 //! | `.exr` | f32, one channel Y |
-//! | `.png` | a picture: viridis over the logarithm of the values above zero, the rest transparent |
+//! | `.png` | a picture: viridis over the logarithm, nothing and next to nothing transparent |
 
 use std::path::Path;
 
@@ -15,8 +15,8 @@ use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
 
 /// Writes a column density in the format that the extension names: `npy`, `pfm`, `exr` (channel
-/// Y) hold the values, `png` a picture of them, its colours from the least to the greatest value
-/// above zero ([`ColumnImage::positive_range`]).
+/// Y) hold the values, `png` a picture of them, its colours over
+/// [`ColumnImage::shown_range`]; what is less is transparent.
 ///
 /// # Errors
 /// As [`write_image`](super::write_image).
@@ -41,12 +41,12 @@ fn picture(column: &ColumnImage) -> Image {
     use colorgrad::Gradient;
     let map = colorgrad::preset::viridis();
     let mut picture = Image::new(column.width, column.height);
-    let Some([least, greatest]) = column.positive_range() else {
+    let Some([least, greatest]) = column.shown_range() else {
         return picture;
     };
     let (first, span) = (least.log10(), greatest.log10() - least.log10());
     for (pixel, &value) in picture.pixels.iter_mut().zip(&column.values) {
-        if value > 0.0 {
+        if value >= least {
             // One value alone is the greatest.
             let fraction = if span > 0.0 {
                 (value.log10() - first) / span
@@ -68,13 +68,13 @@ mod tests {
     #[test]
     fn colours_are_logarithmic_and_nothing_is_transparent() {
         let column = ColumnImage {
-            width: 5,
+            width: 6,
             height: 1,
-            values: vec![0.0, -3.0, 1e-4, 1e-2, 1.0],
+            values: vec![0.0, -3.0, 1e-9, 1e-6, 1e-3, 1.0],
             pixel_area: None,
         };
         let pixels = picture(&column).pixels;
-        assert_eq!(pixels[..2], [[0.0; 4]; 2]);
+        assert_eq!(pixels[..3], [[0.0; 4]; 3]);
         // Viridis: #440154, #21918c, #fde725. The preset interpolates samples of its table: a level
         // or two of 255.
         for (pixel, code) in pixels[2..]

@@ -41,6 +41,7 @@ impl Arguments {
                 "sum_times_area": column.sum_times_area(),
                 "range": column.range(),
                 "positive_range": column.positive_range(),
+                "shown_range": column.shown_range(),
                 "amplitude_sum": amplitudes.sum,
                 "not_finite": amplitudes.not_finite,
             });
@@ -64,7 +65,7 @@ impl Arguments {
 
 /// What the colours of a picture of a column density stand for.
 fn colours(column: &ColumnImage) -> String {
-    match column.positive_range() {
+    match column.shown_range() {
         Some([least, greatest]) => format!(
             "colours: viridis over log10 of the column density, from {least:e} to {greatest:e}"
         ),
