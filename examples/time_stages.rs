@@ -118,8 +118,8 @@ fn time_columns(count: usize) -> ewa_splat::Result<()> {
             spheres(count, [9.0 / SUPPORT, 32.87 / SUPPORT], 400.0),
         ),
         (
-            "sigma .01 to 1,000 px",
-            spheres(count / 10, [1e-2, 1e3], 400.0),
+            "support .01 to 1,000 px",
+            spheres(count / 10, [1e-2 / SUPPORT, 1e3 / SUPPORT], 400.0),
         ),
         ("sigma .01 px", spheres(count, [1e-2, 1e-2], 500.0)),
         ("ellipsoids of 2 px", particles_in_pixels(count)),

@@ -325,13 +325,14 @@ impl<'a> Tile<'a> {
             *weight *= amplitude;
         }
         let first = patch.columns[0] / CHUNK;
-        let start = patch.rows[0] * SIZE + first * CHUNK;
-        let (row, fine) = (&row[first * CHUNK..], &mut fine.0[start..]);
+        let fine = &mut fine.0[patch.rows[0] * SIZE..patch.rows[1] * SIZE];
+        let (rows, _) = fine.as_chunks_mut::<SIZE>();
+        let start = first * CHUNK;
         match patch.columns[1].div_ceil(CHUNK) - first {
-            1 => add_outer::<FMA, CHUNK>(fine, row, column),
-            2 => add_outer::<FMA, { 2 * CHUNK }>(fine, row, column),
-            3 => add_outer::<FMA, { 3 * CHUNK }>(fine, row, column),
-            _ => add_outer::<FMA, { 4 * CHUNK }>(fine, row, column),
+            1 => add_outer::<FMA, CHUNK>(rows, start, &row, column),
+            2 => add_outer::<FMA, { 2 * CHUNK }>(rows, start, &row, column),
+            3 => add_outer::<FMA, { 3 * CHUNK }>(rows, start, &row, column),
+            _ => add_outer::<FMA, { 4 * CHUNK }>(rows, start, &row, column),
         }
         let [width, height] = [patch.columns, patch.rows].map(|[first, end]| (end - first) as u32);
         width * height
@@ -438,17 +439,19 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// Adds column x row to consecutive rows of `WIDTH` pixels.
+/// Adds column x row to `WIDTH` pixels of consecutive rows, from `start` on.
 #[inline(always)]
-fn add_outer<const FMA: bool, const WIDTH: usize>(fine: &mut [f32], row: &[f32], column: &[f32]) {
-    let Some(row) = row.first_chunk::<WIDTH>() else {
+fn add_outer<const FMA: bool, const WIDTH: usize>(
+    rows: &mut [[f32; SIZE]],
+    start: usize,
+    row: &[f32; SIZE],
+    column: &[f32],
+) {
+    let Some(&row) = row[start..].first_chunk::<WIDTH>() else {
         return;
     };
-    for (fine, &weight) in fine.chunks_mut(SIZE).zip(column) {
-        let Some(fine) = fine.first_chunk_mut::<WIDTH>() else {
-            return;
-        };
-        for (sum, &value) in fine.iter_mut().zip(row) {
+    for (sums, &weight) in rows.iter_mut().zip(column) {
+        for (sum, value) in sums[start..start + WIDTH].iter_mut().zip(row) {
             *sum = madd::<FMA>(weight, value, *sum);
         }
     }
