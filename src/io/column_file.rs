@@ -77,7 +77,7 @@ mod tests {
         assert_eq!(pixels[..3], [[0.0; 4]; 3]);
         // Viridis: #440154, #21918c, #fde725. The preset interpolates samples of its table: a level
         // or two of 255.
-        for (pixel, code) in pixels[2..]
+        for (pixel, code) in pixels[3..]
             .iter()
             .zip([[68, 1, 84], [33, 145, 140], [253, 231, 37]])
         {
