@@ -1,4 +1,5 @@
-//! One benchmark per stage of a frame: 200,000 random ellipsoids of about 2 px at 512 x 512.
+//! One benchmark per stage of a frame: 200,000 random ellipsoids of about 2 px at 512 x 512; and
+//! column densities of as many, and of spheres, as a whole.
 #![allow(
     missing_docs,
     clippy::cast_possible_truncation,
@@ -19,10 +20,10 @@ use ewa_splat::blocks::{BlockedVolume, cull};
 use ewa_splat::cpu::{
     Bins, RasteriseSettings, Tile, bin, classify, count_classified, rasterise, resolve, sort,
 };
-use ewa_splat::scene::PointVolume;
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
-use ewa_splat::{Image, Settings};
+use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
 use glam::DVec3;
 
 const COUNT: usize = 200_000;
@@ -166,5 +167,49 @@ fn stages(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, stages);
+fn column_density(c: &mut Criterion) {
+    let mut group = c.benchmark_group("column density");
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(1));
+    let camera = scene::camera(Projection::Orthographic, [FOCAL / DISTANCE; 2], [SIZE; 2]);
+    let mut random = Random::new(2);
+    let mut ellipsoids = cloud();
+    // In front of the eye's plane as a whole.
+    if let Particles::Anisotropic { positions, .. } = &mut ellipsoids.particles {
+        for position in positions {
+            position.z += DISTANCE;
+        }
+    }
+    let spheres = PointVolume {
+        particles: Particles::Isotropic {
+            positions: (0..COUNT)
+                .map(|_| random.point(1.0) + DVec3::Z * (2.0 * DISTANCE))
+                .collect(),
+            sigmas: (0..COUNT)
+                .map(|_| (random.log_range(1.0, 10.0) * DISTANCE / FOCAL) as f32)
+                .collect(),
+        },
+        strength: Strength::Mass(vec![1.0; COUNT]),
+        colour: Colour::Uniform([1.0; 3]),
+        values: None,
+        transfer_function: None,
+    };
+    let settings = ColumnSettings::default();
+    for (name, scene) in [
+        ("ellipsoids of 2 px", ellipsoids),
+        ("spheres of 1 to 10 px", spheres),
+    ] {
+        let Ok(mut renderer) = Renderer::new(vec![scene]) else {
+            continue;
+        };
+        let mut draw = || renderer.column_density(&camera, &settings).is_ok();
+        assert!(draw(), "a frame");
+        group.bench_function(name, |b| b.iter(&mut draw));
+    }
+    group.finish();
+}
+
+criterion_group!(benches, stages, column_density);
 criterion_main!(benches);

@@ -30,3 +30,10 @@ pub const DEFAULT_LOW_PASS_VARIANCE_PX2: f32 = 1.0;
 /// A tile stops when what still shines through is below this share of the tolerance: small
 /// against the cut-off's share, and deep enough that stopping is rarely late.
 pub const TERMINATION_SHARE: f32 = 1.0 / 16.0;
+
+/// Side of a tile of a column density in pixels: its f32 sums take half of a first-level cache.
+pub const COLUMN_TILE_SIZE: usize = 64;
+
+/// The cut-off radius of column densities in standard deviations: exp(-5.5²/2) = 2.7e-7 of a
+/// kernel lies outside.
+pub const COLUMN_CUTOFF: f32 = 5.5;

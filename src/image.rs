@@ -27,6 +27,53 @@ pub struct DepthImage {
     pub depths: Vec<f32>,
 }
 
+/// A column density: the line integral of a field through each pixel, rows from the top.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ColumnImage {
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// `width * height` values; field x length.
+    pub values: Vec<f32>,
+    /// The area of a pixel, world units squared, where all have the same: under an orthographic
+    /// camera.
+    pub pixel_area: Option<f64>,
+}
+
+impl ColumnImage {
+    /// The sum of the pixels times their area: the integral of the field over what the image
+    /// shows, for a density its mass. `None` under perspective.
+    pub fn sum_times_area(&self) -> Option<f64> {
+        let sum: f64 = self.values.iter().map(|&v| f64::from(v)).sum();
+        self.pixel_area.map(|area| sum * area)
+    }
+
+    /// The least and the greatest value.
+    pub fn range(&self) -> Option<[f32; 2]> {
+        range(self.values.iter().copied())
+    }
+
+    /// The least and the greatest value above zero, or `None` where there is none.
+    pub fn positive_range(&self) -> Option<[f32; 2]> {
+        range(self.values.iter().copied().filter(|v| *v > 0.0))
+    }
+
+    /// What the colours of a picture span, logarithmically: [`ColumnImage::positive_range`], but no
+    /// more than six decades below the greatest value. Further down lie the rims of kernels, cut
+    /// off where they are 2.7e-7 of their peaks.
+    pub fn shown_range(&self) -> Option<[f32; 2]> {
+        let [least, greatest] = self.positive_range()?;
+        Some([least.max(greatest * 1e-6), greatest])
+    }
+}
+
+fn range(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
+    values.fold(None, |range, v| {
+        Some(range.map_or([v, v], |[lo, hi]: [f32; 2]| [lo.min(v), hi.max(v)]))
+    })
+}
+
 impl Image {
     /// A transparent black image.
     pub fn new(width: usize, height: usize) -> Self {

@@ -38,6 +38,12 @@
 //! [`io::open`] reads a file into a [`io::Dataset`], [`sample::volume`] turns that and a field
 //! into a [`scene::PointVolume`], [`Renderer`] draws it, [`io::write_image`] writes the picture.
 //!
+//! # Column densities
+//!
+//! [`Renderer::column_density`] sums instead of compositing: the line integral of the field along
+//! each pixel's ray, as smoothed-particle hydrodynamics knows it, in f32 numbers of which the mass
+//! is conserved.
+//!
 //! # Rooms
 //!
 //! Imports run down this list, never up.
@@ -83,6 +89,7 @@
 //! | q_k, rho_k | [`layout::Footprint`]: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
+//! | amplitude | value x volume, or mass: what column densities sum |
 //! | choose | pick a filter path: [`splat::choose_exact`] |
 
 #[doc = include_str!("../docs/accuracy.md")]
@@ -106,5 +113,5 @@ pub mod splat;
 pub mod view;
 
 pub use error::{Error, Result};
-pub use image::{DepthImage, Image};
-pub use render::{Renderer, Settings};
+pub use image::{ColumnImage, DepthImage, Image};
+pub use render::{ColumnSettings, Renderer, Settings};

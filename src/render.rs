@@ -1,5 +1,7 @@
 //! Scene + camera + settings -> frame.
 
+mod column;
+
 use std::time::Instant;
 
 use serde::Serialize;
@@ -12,9 +14,12 @@ use crate::image::{DepthImage, Image};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
-use crate::scene::{PointVolume, Requirements, Strength};
+use crate::scene::{PointVolume, Requirements};
 use crate::splat::{Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, Projection};
+
+use column::ColumnMemory;
+pub use column::ColumnSettings;
 
 /// How a frame is drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,6 +112,7 @@ pub struct Renderer {
     tiles: Vec<Tile>,
     image: Image,
     depth: Option<DepthImage>,
+    column: ColumnMemory,
     counts: FrameCounts,
     times: StageTimes,
 }
@@ -151,6 +157,7 @@ impl Renderer {
             tiles: Vec::new(),
             image: Image::new(0, 0),
             depth: None,
+            column: ColumnMemory::default(),
             counts: FrameCounts::default(),
             times: StageTimes::default(),
         })
@@ -171,14 +178,12 @@ impl Renderer {
         let mut clock = Clock(Instant::now());
 
         // Cull, and the range of depth keys over what is left and in view.
-        let is_splats = |v: &BlockedVolume| matches!(v.strength, Strength::PeakOpacity { .. });
-        let low_pass = if self.volumes.iter().any(is_splats) {
+        let low_pass = if self.volumes.iter().any(BlockedVolume::is_of_splats) {
             settings.low_pass_variance_px2.max(SPLAT_LOW_PASS_PX2)
         } else {
             settings.low_pass_variance_px2
         };
-        let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass).sqrt();
-        let frustum = Frustum::new(camera, margin);
+        let frustum = frustum(camera, low_pass);
         // Uniform scaling enlarges kernels beyond any reach.
         let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
@@ -217,32 +222,7 @@ impl Renderer {
         }
         times.classify = clock.lap();
 
-        // Project.
-        resize(&mut self.footprints, counts.classified);
-        let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
-            && camera.projection == Projection::Perspective
-            && !self.volumes.iter().all(is_splats);
-        resize(
-            &mut self.exact,
-            if may_be_exact { counts.classified } else { 0 },
-        );
-        self.project_output.clear();
-        let rotation = camera.camera_from_world.as_mat3();
-        let mut first = 0;
-        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
-            let range = first..first + total;
-            cpu::project(
-                volume,
-                views,
-                &self.classified[range.clone()],
-                &uniform,
-                rotation,
-                &mut self.footprints[range.clone()],
-                self.exact.get_mut(range).unwrap_or_default(),
-                &self.project_output,
-            );
-            first += total;
-        }
+        self.project(camera, settings, &uniform, &totals);
         times.project = clock.lap();
 
         cpu::sort(&self.footprints, &mut self.order);
@@ -293,14 +273,55 @@ impl Renderer {
         times.resolve = clock.lap();
         times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
 
-        counts.footprints_exact = self
-            .order
-            .iter()
-            .filter(|&&i| self.footprints[cpu::footprint_index(i)].path == PATH_EXACT)
-            .count();
+        counts.footprints_exact = self.count_exact();
         self.counts = counts;
         self.times = times;
         Ok(&self.image)
+    }
+
+    /// Projects what was classified, `totals` of each volume.
+    fn project(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        uniform: &ViewUniform,
+        totals: &[usize],
+    ) {
+        resize(&mut self.footprints, self.classified.len());
+        let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
+            && camera.projection == Projection::Perspective
+            && !self.volumes.iter().all(BlockedVolume::is_of_splats);
+        resize(
+            &mut self.exact,
+            if may_be_exact {
+                self.classified.len()
+            } else {
+                0
+            },
+        );
+        self.project_output.clear();
+        let rotation = camera.camera_from_world.as_mat3();
+        let mut first = 0;
+        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(totals) {
+            let range = first..first + total;
+            cpu::project(
+                volume,
+                views,
+                &self.classified[range.clone()],
+                uniform,
+                rotation,
+                &mut self.footprints[range.clone()],
+                self.exact.get_mut(range).unwrap_or_default(),
+                &self.project_output,
+            );
+            first += total;
+        }
+    }
+
+    /// How many of the footprints in order are on the exact path.
+    fn count_exact(&self) -> usize {
+        let exact = |i: &&u64| self.footprints[cpu::footprint_index(**i)].path == PATH_EXACT;
+        self.order.iter().filter(exact).count()
     }
 
     /// The last frame's image.
@@ -335,6 +356,13 @@ impl Renderer {
             .iter()
             .flat_map(BlockedVolume::visible_boxes)
             .collect()
+    }
+
+    /// Middles and half extents of the boxes that hold all particles, grown by one standard
+    /// deviation; world units. For a camera that fits a column density, where nothing is
+    /// transparent.
+    pub fn boxes(&self) -> Vec<Bounds> {
+        self.volumes.iter().flat_map(BlockedVolume::boxes).collect()
     }
 
     /// How many particles all volumes have.
@@ -373,6 +401,12 @@ impl Clock {
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
 fn resize<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
+}
+
+/// The frustum, widened by the reach of the low-pass filter.
+fn frustum(camera: &Camera, low_pass_variance_px2: f32) -> Frustum {
+    let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
+    Frustum::new(camera, margin)
 }
 
 fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> ViewUniform {

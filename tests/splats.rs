@@ -20,7 +20,7 @@ use ewa_splat::sample::{SampleOptions, Sampled, volume as sample};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
 use ewa_splat::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
 use ewa_splat::view::{Camera, Projection};
-use ewa_splat::{Image, Renderer, Settings};
+use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use support::splats::{Ply, Splat, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked};
 
@@ -924,6 +924,17 @@ fn degrees_agree_where_they_can() {
     let (low, high) = (image(&low), image(&high));
     assert!(difference(&low, &high) < 1e-6);
     assert!(low.pixels.iter().any(|p| p[0] > 0.05));
+}
+
+#[test]
+fn column_densities_refuse_splats() {
+    let particle = Particle::sphere(DVec3::Z * 5.0, 1.0, 0.5);
+    let mut renderer = Renderer::new(vec![splats(&[particle], false)]).unwrap();
+    let camera = camera(Projection::Orthographic, [4.0; 2], [8, 8]);
+    let error = renderer
+        .column_density(&camera, &ColumnSettings::default())
+        .unwrap_err();
+    assert!(error.to_string().contains("peak opacity"), "{error}");
 }
 
 #[test]

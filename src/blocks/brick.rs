@@ -118,6 +118,18 @@ impl BrickGrid {
         self.cell_width(cell).element_product()
     }
 
+    /// Volume of a cell of any lattice, world units cubed, in f64: cubes of lengths beyond 1e13
+    /// or below 1e-13 leave f32.
+    #[inline]
+    pub fn cell_volume_f64(&self, cell: [usize; 3]) -> f64 {
+        match &self.lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => step.determinant().abs(),
+            LatticeSpacing::Rectilinear { .. } => {
+                self.cell_width(cell).as_dvec3().element_product()
+            }
+        }
+    }
+
     #[inline]
     fn cell_width(&self, [i, j, k]: [usize; 3]) -> Vec3 {
         self.widths

@@ -59,6 +59,27 @@ pub fn cull(
     frustum: Option<&Frustum>,
     views: &mut Vec<BlockView>,
 ) {
+    let is_visible = |block: &Block| !is_transparent(volume, block);
+    cull_where(volume, camera, frustum, is_visible, views);
+}
+
+/// The blocks that may reach the image, whatever they hold; otherwise as [`cull`].
+pub fn cull_outside(
+    volume: &BlockedVolume,
+    camera: &Camera,
+    frustum: Option<&Frustum>,
+    views: &mut Vec<BlockView>,
+) {
+    cull_where(volume, camera, frustum, |_| true, views);
+}
+
+fn cull_where(
+    volume: &BlockedVolume,
+    camera: &Camera,
+    frustum: Option<&Frustum>,
+    is_visible: impl Fn(&Block) -> bool + Sync,
+    views: &mut Vec<BlockView>,
+) {
     views.clear();
     views.par_extend(
         volume
@@ -66,8 +87,7 @@ pub fn cull(
             .par_iter()
             .enumerate()
             .filter_map(|(i, block)| {
-                if is_transparent(volume, block) || frustum.is_some_and(|f| !f.sees(camera, block))
-                {
+                if !is_visible(block) || frustum.is_some_and(|f| !f.sees(camera, block)) {
                     return None;
                 }
                 Some(BlockView {

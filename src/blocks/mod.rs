@@ -20,7 +20,7 @@ use glam::{DVec3, Vec3};
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
 pub use brick::BrickGrid;
-pub use cull::{DepthRange, Frustum, cull, distance_interval};
+pub use cull::{DepthRange, Frustum, cull, cull_outside, distance_interval};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -126,6 +126,34 @@ impl BlockedVolume {
         }
     }
 
+    /// Calls `each(local, i, cell)` for every particle of a block, in order: its number within the
+    /// block, its index in arrays of one entry per particle and, on a lattice, its cell.
+    #[inline]
+    pub(crate) fn for_each_particle(
+        &self,
+        block: u32,
+        mut each: impl FnMut(u32, usize, Option<(&BrickGrid, [usize; 3])>),
+    ) {
+        let BlockedParticles::Lattice(grid) = &self.particles else {
+            let b = &self.blocks[block as usize];
+            for local in 0..b.count {
+                each(local, (b.first + local) as usize, None);
+            }
+            return;
+        };
+        let [x, y, z] = grid.cells(block);
+        let corner = [x[0], y[0], z[0]];
+        for k in z[0]..z[1] {
+            for j in y[0]..y[1] {
+                let row = grid.index([x[0], j, k]);
+                for n in 0..x[1] - x[0] {
+                    let cell = [x[0] + n, j, k];
+                    each(BrickGrid::local(corner, cell), row + n, Some((grid, cell)));
+                }
+            }
+        }
+    }
+
     /// Middles and half extents of boxes that hold what a viewer sees of the volume, grown by one
     /// standard deviation; world units. What the transfer function gives less than
     /// a hundredth of its greatest extinction does not count.
@@ -166,6 +194,11 @@ impl BlockedVolume {
         self.blocks.iter().filter_map(seen).collect()
     }
 
+    /// Whether its particles are splats, which state their opacity.
+    pub fn is_of_splats(&self) -> bool {
+        matches!(self.strength, Strength::PeakOpacity { .. })
+    }
+
     /// The box of splats that state their opacity, each grown by its own extent: among small ones
     /// there are very large ones.
     fn splats_box(&self, block: &Block) -> Option<(DVec3, DVec3)> {
@@ -193,6 +226,11 @@ impl BlockedVolume {
             let middle = block.origin + ((lower + upper) / 2.0).as_dvec3();
             (middle, ((upper - lower) / 2.0).as_dvec3())
         })
+    }
+
+    /// Middles and half extents of the blocks' boxes, grown by one standard deviation; world units.
+    pub fn boxes(&self) -> Vec<(DVec3, DVec3)> {
+        self.blocks.iter().map(|b| self.whole_box(b)).collect()
     }
 
     fn whole_box(&self, block: &Block) -> (DVec3, DVec3) {

@@ -38,6 +38,12 @@ impl Bins {
         })
     }
 
+    /// How many footprints a tile has.
+    pub fn tile_len(&self, tile: usize) -> usize {
+        let of = |c: &ChunkBins| (c.starts[tile + 1] - c.starts[tile]) as usize;
+        self.chunks.iter().map(of).sum()
+    }
+
     /// Entries of all lists.
     pub fn len(&self) -> usize {
         self.chunks.iter().map(|c| c.list.len()).sum()
@@ -51,6 +57,17 @@ impl Bins {
 
 /// Bins sorted footprints into tiles of [`TILE_SIZE`]², `tiles` \[columns, rows\] of them.
 pub fn bin(
+    footprints: &[Footprint],
+    exact: &[ExactTerms],
+    order: &[u64],
+    tiles: [usize; 2],
+    bins: &mut Bins,
+) {
+    bin_into::<TILE_SIZE>(footprints, exact, order, tiles, bins);
+}
+
+/// [`bin`] into tiles of any size.
+pub(super) fn bin_into<const SIZE: usize>(
     footprints: &[Footprint],
     exact: &[ExactTerms],
     order: &[u64],
@@ -81,7 +98,7 @@ pub fn bin(
                 let ahead = chunk.get(n + PREFETCH).map(|&word| footprint_index(word));
                 prefetch(ahead.and_then(|i| footprints.get(i)));
                 let i = word as u32;
-                for_each_tile(
+                for_each_tile_of::<SIZE>(
                     &footprints[i as usize],
                     exact.get(i as usize),
                     tiles[0],
@@ -118,11 +135,22 @@ pub fn for_each_tile(
     footprint: &Footprint,
     exact: Option<&ExactTerms>,
     tile_columns: usize,
+    emit: impl FnMut(usize),
+) {
+    for_each_tile_of::<TILE_SIZE>(footprint, exact, tile_columns, emit);
+}
+
+/// [`for_each_tile`] of any size.
+#[inline]
+fn for_each_tile_of<const SIZE: usize>(
+    footprint: &Footprint,
+    exact: Option<&ExactTerms>,
+    tile_columns: usize,
     mut emit: impl FnMut(usize),
 ) {
     let (x0, x1) = footprint.column_range();
     let (y0, y1) = footprint.row_range();
-    let size = TILE_SIZE as u32;
+    let size = SIZE as u32;
     let (tx0, tx1) = (x0 / size, (x1 - 1) / size);
     let (ty0, ty1) = (y0 / size, (y1 - 1) / size);
     // A box of one row or column of tiles is (nearly) all touched.

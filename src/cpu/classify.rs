@@ -1,11 +1,11 @@
 //! Stage: from values to masses and colours, per particle, once.
 //!
-//! Counting and emitting share one loop body ([`visit`]), so that they cannot disagree. Colours
+//! Counting and emitting share one loop body ([`Visit`]), so that they cannot disagree. Colours
 //! that depend on the view are left to [`shade`](super::shade).
 
 use rayon::prelude::*;
 
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::layout::{BlockView, ClassifiedParticle};
 use crate::scene::{Colour, Strength, Values};
 
@@ -15,10 +15,48 @@ const GRAIN: usize = 16;
 /// Counts the visible particles of each view and lays out their places: sets `count` and `first`,
 /// returns the total.
 pub fn count_classified(volume: &BlockedVolume, views: &mut [BlockView]) -> usize {
-    let table = byte_table(volume);
+    count(&Classes::new(volume), views)
+}
+
+/// Fills the visible particles of all views; `out` has the length that [`count_classified`]
+/// returned.
+pub fn classify(volume: &BlockedVolume, views: &[BlockView], out: &mut [ClassifiedParticle]) {
+    fill(&Classes::new(volume), 0, views, out);
+}
+
+/// What finds the visible particles of a block: the one loop body of counting and emitting.
+pub(super) trait Visit: Sync {
+    /// Calls `emit(local, mass, colour)` for each visible particle of a block, in order.
+    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, [f32; 3]));
+}
+
+/// Particles as the transfer function leaves them.
+struct Classes<'a> {
+    volume: &'a BlockedVolume,
+    table: Vec<[f32; 4]>,
+}
+
+impl<'a> Classes<'a> {
+    fn new(volume: &'a BlockedVolume) -> Self {
+        Self {
+            volume,
+            table: byte_table(volume),
+        }
+    }
+}
+
+impl Visit for Classes<'_> {
+    #[inline]
+    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, [f32; 3])) {
+        visit(self.volume, &self.table, block, emit);
+    }
+}
+
+/// [`count_classified`] of any visit.
+pub(super) fn count(particles: &impl Visit, views: &mut [BlockView]) -> usize {
     views.par_iter_mut().with_min_len(GRAIN).for_each(|view| {
         let mut count = 0;
-        visit(volume, &table, view.block, |_, _, _| count += 1);
+        particles.visit(view.block, |_, _, _| count += 1);
         view.count = count;
     });
     let mut first = 0;
@@ -29,15 +67,9 @@ pub fn count_classified(volume: &BlockedVolume, views: &mut [BlockView]) -> usiz
     first as usize
 }
 
-/// Fills the visible particles of all views; `out` has the length that [`count_classified`]
-/// returned.
-pub fn classify(volume: &BlockedVolume, views: &[BlockView], out: &mut [ClassifiedParticle]) {
-    fill(volume, &byte_table(volume), 0, views, out);
-}
-
-fn fill(
-    volume: &BlockedVolume,
-    table: &[[f32; 4]],
+/// [`classify`] of any visit, `first_view` the number of the first of `views`.
+pub(super) fn fill(
+    particles: &impl Visit,
     first_view: u32,
     views: &[BlockView],
     out: &mut [ClassifiedParticle],
@@ -47,14 +79,14 @@ fn fill(
         let (left, right) = views.split_at(middle);
         let (out_left, out_right) = out.split_at_mut((right[0].first - left[0].first) as usize);
         rayon::join(
-            || fill(volume, table, first_view, left, out_left),
-            || fill(volume, table, first_view + middle as u32, right, out_right),
+            || fill(particles, first_view, left, out_left),
+            || fill(particles, first_view + middle as u32, right, out_right),
         );
         return;
     }
     let mut out = out.iter_mut();
     for (v, view) in (first_view..).zip(views) {
-        visit(volume, table, view.block, |local, mass, colour| {
+        particles.visit(view.block, |local, mass, colour| {
             if let Some(particle) = out.next() {
                 *particle = ClassifiedParticle {
                     view: v,
@@ -113,51 +145,29 @@ fn visit_with(
         // `shade` fills these in.
         Colour::Harmonics { .. } => [0.0; 3],
     };
-    match &volume.particles {
-        BlockedParticles::Lattice(grid) => {
-            let cells = grid.cells(block);
-            let corner = [cells[0][0], cells[1][0], cells[2][0]];
-            let uniform = grid.uniform_volume();
-            for k in cells[2][0]..cells[2][1] {
-                for j in cells[1][0]..cells[1][1] {
-                    let row = grid.index([cells[0][0], j, k]);
-                    for x in 0..cells[0][1] - cells[0][0] {
-                        let i = row + x;
-                        let class = class_of(i);
-                        let mass = match &volume.strength {
-                            Strength::Classified { .. } => {
-                                // Most cells of most volumes end here.
-                                if !(class[3] > 0.0) {
-                                    continue;
-                                }
-                                let cell = [corner[0] + x, j, k];
-                                class[3] * uniform.unwrap_or_else(|| grid.cell_volume(cell))
-                            }
-                            Strength::Mass(masses) => masses[i],
-                            Strength::PeakOpacity { opacities, .. } => opacities[i],
-                        };
-                        if mass > 0.0 {
-                            let local = BrickGrid::local(corner, [corner[0] + x, j, k]);
-                            emit(local, mass, colour_of(i, class));
-                        }
+    let uniform = match &volume.particles {
+        BlockedParticles::Lattice(grid) => grid.uniform_volume(),
+        _ => None,
+    };
+    volume.for_each_particle(block, |local, i, cell| {
+        let class = class_of(i);
+        let mass = match &volume.strength {
+            Strength::Classified { volumes } => {
+                // Most cells of most volumes end here.
+                if !(class[3] > 0.0) {
+                    return;
+                }
+                class[3]
+                    * match cell {
+                        Some((grid, cell)) => uniform.unwrap_or_else(|| grid.cell_volume(cell)),
+                        None => volumes[i],
                     }
-                }
             }
+            Strength::Mass(masses) => masses[i],
+            Strength::PeakOpacity { opacities, .. } => opacities[i],
+        };
+        if mass > 0.0 {
+            emit(local, mass, colour_of(i, class));
         }
-        BlockedParticles::Isotropic { .. } | BlockedParticles::Anisotropic { .. } => {
-            let b = &volume.blocks[block as usize];
-            for local in 0..b.count {
-                let i = (b.first + local) as usize;
-                let class = class_of(i);
-                let mass = match &volume.strength {
-                    Strength::Classified { volumes } => class[3] * volumes[i],
-                    Strength::Mass(masses) => masses[i],
-                    Strength::PeakOpacity { opacities, .. } => opacities[i],
-                };
-                if mass > 0.0 {
-                    emit(local, mass, colour_of(i, class));
-                }
-            }
-        }
-    }
+    });
 }

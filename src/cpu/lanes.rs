@@ -191,6 +191,49 @@ fn dispatch<const FMA: bool, const LANES: usize>(
     }
 }
 
+/// Work that gains from being compiled for an instruction set as a whole.
+pub(super) trait Kernel {
+    /// What it returns.
+    type Output;
+
+    /// The work; inlined into a function of the level's features. `FMA`: whether these fuse.
+    fn run<const FMA: bool>(self) -> Self::Output;
+}
+
+/// Runs `kernel` at `level`, or at the best that the processor has where that is less.
+pub(super) fn run_at<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
+    match level.min(SimdLevel::best()) {
+        // SAFETY: the level was just clamped to `SimdLevel::best`, which asked the processor for
+        // these very features.
+        #[cfg(target_arch = "x86_64")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
+        SimdLevel::Avx512 => unsafe { run_avx512(kernel) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
+        SimdLevel::Avx2 => unsafe { run_avx2(kernel) },
+        _ => kernel.run::<false>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<true>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<true>()
+}
+
 /// Opacity 1 - exp(-tau).
 const EXPONENTIAL: u8 = 0;
 /// The same for tau up to [`FAINT`], by its series: no second exponential.
@@ -321,7 +364,7 @@ fn rows<
 
 /// a b + c, fused where the level has it.
 #[inline(always)]
-fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
+pub(super) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
@@ -347,7 +390,7 @@ fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
 
 /// exp(-q/2) for q in \[0, 49\].
 #[inline(always)]
-fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
+pub(super) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
     const SCALE: f32 = -0.5 * std::f32::consts::LOG2_E;
     let (power, rest) = exp2_parts::<FMA>(q * SCALE);
     madd::<FMA>(power, rest, power)

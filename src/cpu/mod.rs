@@ -10,16 +10,26 @@
 //! | `rasterise.rs` | lists, footprints | tiles |
 //! | `resolve.rs` | tiles | image, depth |
 //!
+//! A column density has two stages of its own, in place of `classify.rs` and of `sort.rs` to
+//! `resolve.rs`:
+//!
+//! | stage | reads | writes |
+//! |---|---|---|
+//! | `amplitude.rs` | blocks in view, values | particles with signed amplitudes |
+//! | `column.rs` | footprints | sums per pixel |
+//!
 //! Cull comes first and is shared: [`crate::blocks::cull`]. `lanes.rs` is the rasteriser's inner
-//! loop.
+//! loop, and the dispatch of instruction sets.
 
 #![allow(
     clippy::cast_possible_truncation,
     reason = "stages work in f32 and u32 by design; the renderer has checked counts and image sizes"
 )]
 
+mod amplitude;
 mod bin;
 mod classify;
+mod column;
 mod lanes;
 mod project;
 mod rasterise;
@@ -27,8 +37,10 @@ mod resolve;
 mod shade;
 mod sort;
 
+pub use amplitude::{AmplitudeSummary, count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
+pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use lanes::{SimdLevel, Tile};
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};

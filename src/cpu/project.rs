@@ -275,7 +275,12 @@ pub(crate) fn footprint(
 ) -> Footprint {
     let mut out = invisible(kernel, colour, key);
     let h2 = view.low_pass_variance_px2;
-    let reach = kernel.factor.z.length();
+    let z = kernel.factor.z;
+    let mut reach = z.length();
+    if reach == f32::INFINITY {
+        // Lengths beyond 1e19, whose squares f32 does not hold.
+        reach = z.x.hypot(z.y).hypot(z.z);
+    }
     if kernel.centre.z < -MAX_CUTOFF * reach {
         return out;
     }

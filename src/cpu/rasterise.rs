@@ -1,6 +1,6 @@
 //! Stage: from lists of footprints to tiles of pixels, front to back.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::bin::Bins;
@@ -83,6 +83,34 @@ pub fn rasterise(
         .sum()
 }
 
+/// The ray D = (X, Y, 1) through a point of the image.
+pub(super) fn ray(view: &ViewUniform, pixel: Vec2) -> Vec3 {
+    ((pixel - Vec2::from(view.centre_px)) / Vec2::from(view.focal_px)).extend(1.0)
+}
+
+/// Optical depth of a footprint on the near or the half-line path at a point of the image.
+pub(super) fn near_depth(
+    view: &ViewUniform,
+    footprint: &Footprint,
+    terms: &NearTerms,
+    pixel: Vec2,
+) -> f32 {
+    if footprint.path & 3 == PATH_NEAR {
+        let direction = ray(view, pixel);
+        return evaluate_near(terms, footprint.tau, direction, footprint.cutoff_squared);
+    }
+    let d = pixel - Vec2::from(footprint.centre_px);
+    let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+    let q = (px * d.x + py * d.y).powi(2) + (rx * d.x + ry * d.y).powi(2);
+    if !(q <= footprint.cutoff_squared) {
+        return 0.0;
+    }
+    let [gx, gy, z] = terms.half_line;
+    let z = z + gx * d.x + gy * d.y;
+    let in_front = normal_cdf(z / terms.sigma.max(f32::MIN_POSITIVE));
+    footprint.tau * (-0.5 * q).exp() * in_front
+}
+
 struct TileRaster<'a> {
     view: &'a ViewUniform,
     settings: RasteriseSettings,
@@ -106,13 +134,10 @@ impl TileRaster<'_> {
         }
     }
 
-    /// The ray D = (X, Y, 1) through the centre of a pixel of the tile.
+    /// The ray through the centre of a pixel of the tile.
     fn ray(&self, x: usize, y: usize) -> Vec3 {
-        let slope = |i: usize, px: usize| {
-            let px = (self.origin[i] + px) as f32 + 0.5;
-            (px - self.view.centre_px[i]) / self.view.focal_px[i]
-        };
-        Vec3::new(slope(0, x), slope(1, y), 1.0)
+        let pixel = [x + self.origin[0], y + self.origin[1]].map(|px| px as f32 + 0.5);
+        ray(self.view, pixel.into())
     }
 
     /// Columns of the tile that lie in the image.
@@ -157,27 +182,12 @@ impl TileRaster<'_> {
         };
         let terms = near.get((footprint.path >> 2) as usize);
         match (footprint.path & 3, terms) {
-            (PATH_NEAR, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
-                evaluate_near(
-                    terms,
-                    footprint.tau,
-                    self.ray(x, y),
-                    footprint.cutoff_squared,
-                )
-            }),
-            (PATH_HALF_LINE, Some(terms)) => self.add_per_pixel(tile, footprint, patch, |x, y| {
-                let dx = patch.first_px[0] + x as f32 - footprint.centre_px[0];
-                let dy = patch.first_px[1] + y as f32 - footprint.centre_px[1];
-                let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
-                let q = (px * dx + py * dy).powi(2) + (rx * dx + ry * dy).powi(2);
-                if !(q <= footprint.cutoff_squared) {
-                    return 0.0;
-                }
-                let [gx, gy, z] = terms.half_line;
-                let z = z + gx * dx + gy * dy;
-                let in_front = normal_cdf(z / terms.sigma.max(f32::MIN_POSITIVE));
-                footprint.tau * (-0.5 * q).exp() * in_front
-            }),
+            (PATH_NEAR | PATH_HALF_LINE, Some(terms)) => {
+                self.add_per_pixel(tile, footprint, patch, |x, y| {
+                    let pixel = Vec2::from(patch.first_px) + Vec2::new(x as f32, y as f32);
+                    near_depth(self.view, footprint, terms, pixel)
+                })
+            }
             (path, _) => {
                 let exact = if path == PATH_EXACT { exact } else { None };
                 splat(self.settings.level, mode, tile, footprint, exact, patch)

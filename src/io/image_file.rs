@@ -29,7 +29,7 @@ use crate::image::{DepthImage, Image, linear_from_srgb, srgb_from_linear};
 use crate::scene::Values;
 
 /// What [`write_image`] writes.
-const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
+pub(super) const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
 /// What [`write_depth`] writes.
 const DEPTH_EXTENSIONS: &str = "exr, pfm or npy";
 
@@ -117,35 +117,47 @@ pub fn write_image(path: &Path, image: &Image) -> Result<()> {
 pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
     let (width, height) = (depth.width, depth.height);
     check_size(path, width, height, depth.depths.len())?;
-    let bytes = match super::extension(path).as_str() {
+    let bytes = grey_bytes(path, [width, height], &depth.depths, ["Z", "depth"])
+        .ok_or_else(|| unknown_extension(path, DEPTH_EXTENSIONS))??;
+    write_bytes_atomically(path, &bytes)
+}
+
+/// The bytes of a file of one f32 per pixel: `exr`, `pfm` or `npy`, by the extension of `path`;
+/// `None` for another. `names`: of the channel and the layer.
+pub(super) fn grey_bytes(
+    path: &Path,
+    [width, height]: [usize; 2],
+    values: &[f32],
+    [channel, layer]: [&str; 2],
+) -> Option<Result<Vec<u8>>> {
+    match super::extension(path).as_str() {
         "exr" => {
             let channels = SpecificChannels::build()
-                .with_channel("Z")
-                .with_pixel_fn(|at: exr::Vec2<usize>| (depth.depths[at.y() * width + at.x()],));
+                .with_channel(channel)
+                .with_pixel_fn(|at: exr::Vec2<usize>| (values[at.y() * width + at.x()],));
             let layer = exr::Layer::new(
                 (width, height),
-                exr::LayerAttributes::named("depth"),
+                exr::LayerAttributes::named(layer),
                 ExrEncoding::FAST_LOSSLESS,
                 channels,
             );
             let mut bytes = Vec::new();
-            exr::Image::from_layer(layer)
+            let written = exr::Image::from_layer(layer)
                 .write()
                 .non_parallel()
-                .to_buffered(Cursor::new(&mut bytes))
-                .map_err(|e| encoding_failed(path, &e))?;
-            bytes
+                .to_buffered(Cursor::new(&mut bytes));
+            Some(match written {
+                Ok(()) => Ok(bytes),
+                Err(e) => Err(encoding_failed(path, &e)),
+            })
         }
-        "pfm" => pfm_bytes(
-            "Pf",
-            width,
-            height,
-            depth.depths.chunks(width).rev().flatten(),
-        ),
-        "npy" => npy_bytes(path, &[height, width], depth.depths.iter().copied())?,
-        _ => return Err(unknown_extension(path, DEPTH_EXTENSIONS)),
-    };
-    write_bytes_atomically(path, &bytes)
+        "pfm" => {
+            let rows = values.chunks(width).rev().flatten();
+            Some(Ok(pfm_bytes("Pf", width, height, rows)))
+        }
+        "npy" => Some(npy_bytes(path, &[height, width], values.iter().copied())),
+        _ => None,
+    }
 }
 
 /// Reads an image that [`write_image`] or another program wrote: `png`, `exr`, `pfm` or
@@ -167,7 +179,7 @@ pub fn read_image(path: &Path) -> Result<Image> {
     }
 }
 
-fn check_size(path: &Path, width: usize, height: usize, count: usize) -> Result<()> {
+pub(super) fn check_size(path: &Path, width: usize, height: usize, count: usize) -> Result<()> {
     let fits = [width, height]
         .iter()
         .all(|&n| n > 0 && i32::try_from(n).is_ok());
@@ -183,7 +195,7 @@ fn check_size(path: &Path, width: usize, height: usize, count: usize) -> Result<
     ))
 }
 
-fn unknown_extension(path: &Path, known: &str) -> Error {
+pub(super) fn unknown_extension(path: &Path, known: &str) -> Error {
     let found = super::extension(path);
     let found = if found.is_empty() {
         "none".to_owned()

@@ -7,6 +7,7 @@
 
 mod atomic;
 mod cells;
+mod column_file;
 mod csv;
 mod dataset;
 mod file;
@@ -42,6 +43,7 @@ use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
 pub use cells::{CellKind, CellMesh};
+pub use column_file::write_column;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;

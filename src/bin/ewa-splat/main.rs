@@ -12,6 +12,7 @@ macro_rules! say {
 }
 pub(crate) use say;
 
+mod column;
 mod compare;
 mod info;
 mod input;

@@ -19,7 +19,7 @@ use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, with_bar};
-use crate::viewpoint::CameraOptions;
+use crate::viewpoint::{CameraOptions, DEFAULT_LENS};
 
 /// Width and height of a measurement in pixels.
 const DEFAULT_SIZE: [usize; 2] = [256, 256];
@@ -71,10 +71,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
     let scene = arguments.data.scene(&arguments.inputs, &progress)?;
     let mut renderer = Renderer::new(scene.volumes.clone())?;
-    let camera =
-        arguments
-            .camera
-            .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
+    let camera = arguments.camera.camera(
+        &renderer.visible_boxes(),
+        arguments.size,
+        DEFAULT_SIZE,
+        DEFAULT_LENS,
+    )?;
     progress.finish_and_clear();
     let given = given_references(arguments, &camera)?;
     std::fs::create_dir_all(folder)

@@ -1,6 +1,6 @@
 //! `ewa-splat render`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
@@ -12,8 +12,8 @@ use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::splat::Filter;
-use ewa_splat::view::Camera;
-use ewa_splat::{Renderer, Result, Settings};
+use ewa_splat::view::{Camera, Lens};
+use ewa_splat::{ColumnSettings, Renderer, Result, Settings};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -21,7 +21,7 @@ use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::with_bar;
-use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
+use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     inputs: Vec<PathBuf>,
     /// Image to write: png, exr, pfm or npy
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Width and height in pixels [default: 1024x1024]
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
     size: Option<[usize; 2]>,
@@ -76,6 +76,19 @@ struct Method {
     /// states [default: 1e-4]
     #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames"])]
     reference: bool,
+    /// Write the line integral of the field along each pixel's ray instead of a picture: no
+    /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
+    /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
+    #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth",
+                                      "transfer_function"])]
+    column_density: bool,
+}
+
+/// Milliseconds before the first frame.
+#[derive(Clone, Copy)]
+pub(crate) struct Prepared {
+    read_ms: f64,
+    prepare_ms: f64,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -141,13 +154,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = Renderer::new(scene)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
-    let camera =
-        arguments
-            .camera
-            .camera(&renderer.visible_boxes(), arguments.size, DEFAULT_SIZE)?;
+    let prepared = Prepared {
+        read_ms,
+        prepare_ms,
+    };
+
+    let is_column = arguments.method.column_density;
+    let (boxes, lens) = if is_column {
+        (renderer.boxes(), Lens::OrthoHeight(None))
+    } else {
+        (renderer.visible_boxes(), DEFAULT_LENS)
+    };
+    let camera = arguments
+        .camera
+        .camera(&boxes, arguments.size, DEFAULT_SIZE, lens)?;
+    if is_column {
+        return arguments.draw_column(&mut renderer, &camera, prepared, &progress);
+    }
     if let Some(integrator) = integrator {
         progress.finish_and_clear();
-        return arguments.integrate(&integrator, &camera, read_ms, prepare_ms);
+        return arguments.integrate(&integrator, &camera, prepared);
     }
     let settings = arguments.settings();
     progress.set_message("rendering");
@@ -168,7 +194,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         write_depth(path, depth)?;
     }
     if let Some(path) = &arguments.output.stats {
-        let stats = stats(&renderer, &times, read_ms, prepare_ms);
+        let stats = stats(&renderer, &times, prepared);
         write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
     }
     progress.finish_and_clear();
@@ -184,8 +210,7 @@ impl Arguments {
         &self,
         integrator: &Integrator,
         camera: &Camera,
-        read_ms: f64,
-        prepare_ms: f64,
+        prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
         let settings = ReferenceSettings {
@@ -212,13 +237,43 @@ impl Arguments {
                 "error_estimate": frame.error,
                 "pixels_above_error_wanted": frame.unconverged,
                 "rays": frame.rays,
-                "times_ms": { "read": read_ms, "prepare": prepare_ms, "frame": frame_ms },
+                "times_ms": {
+                    "read": prepared.read_ms,
+                    "prepare": prepared.prepare_ms,
+                    "frame": frame_ms,
+                },
                 "frames": 1,
             });
             write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
         }
         warn_unconverged(&frame, settings.error);
         Ok(())
+    }
+
+    pub(crate) fn frames(&self) -> Option<u32> {
+        self.output.frames
+    }
+
+    pub(crate) fn stats_path(&self) -> Option<&Path> {
+        self.output.stats.as_deref()
+    }
+
+    pub(crate) fn is_png(&self) -> bool {
+        self.out
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    }
+
+    pub(crate) fn column_settings(&self) -> ColumnSettings {
+        let defaults = ColumnSettings::default();
+        let shared = self.settings();
+        ColumnSettings {
+            tolerance: shared.tolerance,
+            filter: shared.filter,
+            low_pass_variance_px2: shared.low_pass_variance_px2,
+            cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            simd: shared.simd,
+        }
     }
 
     fn settings(&self) -> Settings {
@@ -247,11 +302,10 @@ impl Arguments {
     }
 }
 
-fn stats(
+pub(crate) fn stats(
     renderer: &Renderer,
     times: &[StageTimes],
-    read_ms: f64,
-    prepare_ms: f64,
+    prepared: Prepared,
 ) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
@@ -274,8 +328,8 @@ fn stats(
         "adapter": format!("{} threads, {:?}", rayon::current_num_threads(),
                            ewa_splat::cpu::SimdLevel::best()),
         "times_ms": {
-            "read": read_ms,
-            "prepare": prepare_ms,
+            "read": prepared.read_ms,
+            "prepare": prepared.prepare_ms,
             "cull": median.cull,
             "classify": median.classify,
             "project": median.project,

@@ -9,6 +9,12 @@ use glam::DVec3;
 
 use crate::parse;
 
+/// Vertical field of view of a camera that is told no other.
+const DEFAULT_FOV_DEG: f64 = 35.0;
+
+/// The lens of a fitted camera that is told no other.
+pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+
 /// Width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 
@@ -34,7 +40,7 @@ pub(crate) struct CameraOptions {
     /// Vertical field of view in degrees, 1 to 179 [default: 35]
     #[arg(long, value_name = "DEG", value_parser = parse::fov)]
     fov: Option<f64>,
-    /// Orthographic projection of this height in world units
+    /// Orthographic projection of this height in world units [column densities: fitted]
     #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
     ortho: Option<f64>,
     /// Fitted camera: degrees around z; 0 looks along +y [default: 30]
@@ -50,18 +56,20 @@ pub(crate) struct CameraOptions {
 
 impl CameraOptions {
     /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_size`
-    /// holds where neither `size` nor a camera's file says another.
+    /// holds where neither `size` nor a camera's file says another. A fitted camera
+    /// has `default_lens` where no option gives one.
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
         size: Option<[usize; 2]>,
         default_size: [usize; 2],
+        default_lens: Lens,
     ) -> Result<Camera> {
         if let Some(path) = &self.camera {
             return read_camera(path, size);
         }
         let size = size.unwrap_or(default_size);
-        let fov = self.fov.unwrap_or(35.0);
+        let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         if let Some(eye) = self.eye {
             let all = boxes
                 .iter()
@@ -80,9 +88,10 @@ impl CameraOptions {
             elevation_deg: self.elevation.unwrap_or(25.0),
             zoom: self.zoom.unwrap_or(1.0),
         };
-        let lens = match self.ortho {
-            Some(height) => Lens::OrthoHeight(Some(height)),
-            None => Lens::FovDeg(fov),
+        let lens = match (self.ortho, self.fov) {
+            (Some(height), _) => Lens::OrthoHeight(Some(height)),
+            (None, Some(fov)) => Lens::FovDeg(fov),
+            (None, None) => default_lens,
         };
         // An empty picture's camera looks anywhere.
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);

@@ -1,0 +1,74 @@
+//! `ewa-splat render --column-density`
+
+use ewa_splat::io::{write_bytes_atomically, write_column};
+use ewa_splat::view::Camera;
+use ewa_splat::{ColumnImage, Renderer, Result};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::render::{Arguments, Prepared, stats};
+
+impl Arguments {
+    /// Draws and writes the column density.
+    pub(crate) fn draw_column(
+        &self,
+        renderer: &mut Renderer,
+        camera: &Camera,
+        prepared: Prepared,
+        progress: &ProgressBar,
+    ) -> Result<()> {
+        let settings = self.column_settings();
+        progress.set_message("summing");
+        renderer.column_density(camera, &settings)?;
+        let mut times = vec![renderer.times()];
+        if let Some(frames) = self.frames() {
+            times.clear();
+            progress.set_length(u64::from(frames));
+            for _ in 0..frames {
+                renderer.column_density(camera, &settings)?;
+                times.push(renderer.times());
+                progress.inc(1);
+            }
+        }
+        progress.set_message("writing");
+        let amplitudes = renderer.amplitudes();
+        let counts = renderer.counts();
+        let column = renderer.column();
+        write_column(&self.out, column)?;
+        if let Some(path) = self.stats_path() {
+            let mut stats = stats(renderer, &times, prepared);
+            stats["column_density"] = json!({
+                "sum_times_area": column.sum_times_area(),
+                "range": column.range(),
+                "positive_range": column.positive_range(),
+                "shown_range": column.shown_range(),
+                "amplitude_sum": amplitudes.sum,
+                "not_finite": amplitudes.not_finite,
+            });
+            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+        }
+        progress.finish_and_clear();
+        if amplitudes.not_finite > 0 {
+            eprintln!(
+                "{} values are not finite and add nothing",
+                amplitudes.not_finite
+            );
+        }
+        if counts.footprints == 0 {
+            eprintln!("nothing visible: no particle with a value but zero reaches the image");
+        } else if self.is_png() {
+            eprintln!("{}", colours(column));
+        }
+        Ok(())
+    }
+}
+
+/// What the colours of a picture of a column density stand for.
+fn colours(column: &ColumnImage) -> String {
+    match column.shown_range() {
+        Some([least, greatest]) => format!(
+            "colours: viridis over log10 of the column density, from {least:e} to {greatest:e}"
+        ),
+        None => "no column density above zero: an empty picture".into(),
+    }
+}
