@@ -106,11 +106,6 @@ impl<'a> PointIndex<'a> {
             .filter_map(|found| Some((usize::try_from(found.item).ok()?, found.distance)))
     }
 
-    /// The groups among the `count` nearest of one, itself included.
-    fn nearest_groups(&self, g: usize, count: usize) -> Vec<usize> {
-        self.nearest(g, count).map(|(group, _)| group).collect()
-    }
-
     /// One number per group, spread to its points; NaN for points that are not finite.
     fn spread<T: Copy + Send>(&self, of_groups: &[T], missing: T) -> Vec<T> {
         let mut of_points = vec![missing; self.positions.len()];
@@ -151,15 +146,18 @@ impl<'a> PointIndex<'a> {
         self.spread(&volumes, f64::NAN)
     }
 
-    /// Covariance of a group's `count` nearest positions about their mean: xx, xy, xz, yy, yz, zz.
-    fn covariance(&self, g: usize, count: usize) -> [f64; 6] {
-        let nearest = self.nearest_groups(g, count);
-        let at = self.group_point(g);
-        let offsets = || nearest.iter().map(|&o| self.group_point(o) - at);
-        let count = nearest.len() as f64;
-        let mean = offsets().sum::<DVec3>() / count;
+    /// Covariance of the positions of groups about their mean: xx, xy, xz, yy, yz, zz.
+    fn covariance(&self, groups: impl Iterator<Item = usize> + Clone) -> [f64; 6] {
+        let Some(first) = groups.clone().next() else {
+            return [f64::NAN; 6];
+        };
+        // Relative to one of them, so that a far origin costs no digits.
+        let at = self.group_point(first);
+        let offsets = groups.map(|g| self.group_point(g) - at);
+        let count = offsets.clone().count() as f64;
+        let mean = offsets.clone().sum::<DVec3>() / count;
         let mut sum = [0.0; 6];
-        for d in offsets().map(|d| d - mean) {
+        for d in offsets.map(|d| d - mean) {
             for (sum, term) in sum.iter_mut().zip(square(d)) {
                 *sum += term / count;
             }
@@ -170,24 +168,31 @@ impl<'a> PointIndex<'a> {
     /// Covariances of the nearest neighbours of each point, smoothed over these neighbours: less
     /// noisy by far.
     pub(super) fn covariances(&self) -> Vec<[f64; 6]> {
-        let own: Vec<[f64; 6]> = (0..self.group_count())
+        // Fewer where the set is smaller: the rest names the group itself.
+        let nearest: Vec<[u32; NEIGHBOUR_COUNT + 1]> = (0..self.group_count())
             .into_par_iter()
-            .map(|g| self.covariance(g, NEIGHBOUR_COUNT))
+            .map(|g| {
+                let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
+                for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
+                    *slot = index_u32(other);
+                }
+                groups
+            })
             .collect();
-        let smooth = |g: usize| {
-            let nearest = self.nearest_groups(g, NEIGHBOUR_COUNT);
+        let own: Vec<[f64; 6]> = nearest
+            .par_iter()
+            .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
+            .collect();
+        let smooth = |groups: &[u32; NEIGHBOUR_COUNT + 1]| {
             let mut sum = [0.0; 6];
-            for &other in &nearest {
-                for (sum, term) in sum.iter_mut().zip(own[other]) {
-                    *sum += term / nearest.len() as f64;
+            for &other in groups {
+                for (sum, term) in sum.iter_mut().zip(own[other as usize]) {
+                    *sum += term / groups.len() as f64;
                 }
             }
             sum
         };
-        let smoothed: Vec<[f64; 6]> = (0..self.group_count())
-            .into_par_iter()
-            .map(smooth)
-            .collect();
+        let smoothed: Vec<[f64; 6]> = nearest.par_iter().map(smooth).collect();
         self.spread(&smoothed, [f64::NAN; 6])
     }
 
@@ -197,7 +202,10 @@ impl<'a> PointIndex<'a> {
         (0..self.group_count())
             .into_par_iter()
             .step_by(step)
-            .map(|g| self.covariance(g, neighbour_count))
+            .map(|g| {
+                let groups: Vec<usize> = self.nearest(g, neighbour_count).map(|n| n.0).collect();
+                self.covariance(groups.iter().copied())
+            })
             .collect()
     }
 
