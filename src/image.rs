@@ -60,11 +60,11 @@ impl ColumnImage {
     }
 
     /// What the colours of a picture span, logarithmically: [`ColumnImage::positive_range`], but no
-    /// more than six decades below the greatest value. Further down lie the rims of kernels, cut
-    /// off where they are 2.7e-7 of their peaks.
+    /// more than four decades below the greatest value. Further down lie the rims of kernels, where
+    /// a Gaussian says nothing of the data.
     pub fn shown_range(&self) -> Option<[f32; 2]> {
         let [least, greatest] = self.positive_range()?;
-        Some([least.max(greatest * 1e-6), greatest])
+        Some([least.max(greatest * 1e-4), greatest])
     }
 }
 

@@ -581,17 +581,9 @@ fn bad_settings_are_refused() {
 
 #[test]
 fn a_real_set_keeps_its_mass() {
-    let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        std::path::PathBuf::from,
-    );
-    let path = folder.join("particles/phantom_mhd_00000.csv");
-    if !path.is_file() {
-        let required = std::env::var_os("EWA_REQUIRE_DATA").is_some_and(|v| v == "1");
-        assert!(!required, "{} is required and absent", path.display());
-        println!("skipped: no {}", path.display());
+    let Some(path) = common::real_data("particles/phantom_mhd_00000.csv") else {
         return;
-    }
+    };
     let dataset = ewa_splat::io::open(&path, &ewa_splat::io::OpenOptions::default()).unwrap();
     let options = ewa_splat::sample::SampleOptions {
         field: Some("rho".into()),

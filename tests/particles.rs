@@ -227,3 +227,22 @@ fn fluid_kernels_are_flat_along_a_sheet() {
     let drop = factors[count - 1];
     assert!((drop.determinant().abs() / (0.5 * sigma).powi(3) - 1.0).abs() < 1e-5);
 }
+
+#[test]
+fn columns_of_bare_points_count_them() {
+    let mut random = Random::new(4);
+    let points: Vec<DVec3> = (0..500).map(|_| random.point(3.0)).collect();
+    let columns = SampleOptions {
+        for_columns: true,
+        ..SampleOptions::default()
+    };
+    let sampled = sample(dataset(points, vec![]), columns);
+    assert_eq!(sampled.report.field.as_deref(), Some("number density"));
+    let Strength::Classified { volumes } = &sampled.volume.strength else {
+        panic!()
+    };
+    let values = sampled.volume.values.unwrap();
+    // Two roundings to f32.
+    let one = |(i, v): (usize, &f32)| (values.get(i) * v - 1.0).abs() < 3e-7;
+    assert!(volumes.iter().enumerate().all(one));
+}

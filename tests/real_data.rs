@@ -8,7 +8,11 @@
     reason = "a test may panic, and its numbers are small"
 )]
 
-use std::path::{Path, PathBuf};
+mod common;
+
+use std::path::Path;
+
+use common::real_data;
 
 use ewa_splat::io::{
     Association, CellKind, CurvilinearBlock, Dataset, Geometry, OpenOptions, RawLayout, RawType,
@@ -17,22 +21,6 @@ use ewa_splat::io::{
 use ewa_splat::sample::{SampleOptions, volume as sample};
 use ewa_splat::scene::Values;
 use glam::DVec3;
-
-/// The path of a real file, or `None` (with a word about it) where it is absent.
-fn real(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(name);
-    if path.is_file() {
-        return Some(path);
-    }
-    let required = std::env::var_os("EWA_REQUIRE_DATA").is_some_and(|v| v == "1");
-    assert!(!required, "{} is required and absent", path.display());
-    println!("skipped: no {}", path.display());
-    None
-}
 
 fn read(path: &Path) -> Dataset {
     open(path, &OpenOptions::default()).unwrap()
@@ -53,7 +41,7 @@ fn read_raw(path: &Path, dims: [usize; 3]) -> Values {
 
 #[test]
 fn engine_raw_and_compressed_are_the_same() {
-    let Some(path) = real("volumes/engine_256x256x128_uint8.raw") else {
+    let Some(path) = real_data("volumes/engine_256x256x128_uint8.raw") else {
         return;
     };
     let values = read_raw(&path, [256, 256, 128]);
@@ -63,7 +51,7 @@ fn engine_raw_and_compressed_are_the_same() {
         .sum::<f64>()
         / 8_388_608.0;
     assert!((mean - 22.35).abs() < 0.005, "{mean}");
-    let Some(path) = real("volumes/engine_256x256x128_uint8.raw.gz") else {
+    let Some(path) = real_data("volumes/engine_256x256x128_uint8.raw.gz") else {
         return;
     };
     assert_eq!(read_raw(&path, [256, 256, 128]), values);
@@ -71,7 +59,7 @@ fn engine_raw_and_compressed_are_the_same() {
 
 #[test]
 fn nucleon_has_its_range() {
-    let Some(path) = real("volumes/nucleon_41x41x41_uint8.raw") else {
+    let Some(path) = real_data("volumes/nucleon_41x41x41_uint8.raw") else {
         return;
     };
     assert_eq!(read_raw(&path, [41; 3]).finite_range(), Some([0.0, 249.0]));
@@ -83,7 +71,7 @@ fn nucleon_has_its_range() {
 
 #[test]
 fn blunt_fin_finds_its_solution() {
-    let Some(path) = real("curvilinear/bluntfin/bluntfinxyz.bin") else {
+    let Some(path) = real_data("curvilinear/bluntfin/bluntfinxyz.bin") else {
         return;
     };
     let data = read(&path);
@@ -114,7 +102,7 @@ fn blunt_fin_finds_its_solution() {
 
 #[test]
 fn phantom_particles_have_their_columns() {
-    let Some(path) = real("particles/phantom_mhd_00000.csv") else {
+    let Some(path) = real_data("particles/phantom_mhd_00000.csv") else {
         return;
     };
     let data = read(&path);
@@ -134,8 +122,8 @@ fn phantom_particles_have_their_columns() {
 #[test]
 fn a_phantom_dump_says_what_its_table_says() {
     let (Some(dump), Some(table)) = (
-        real("particles/phantom_mhd_00000.h5"),
-        real("particles/phantom_mhd_00000.csv"),
+        real_data("particles/phantom_mhd_00000.h5"),
+        real_data("particles/phantom_mhd_00000.csv"),
     ) else {
         return;
     };
@@ -171,7 +159,7 @@ fn a_phantom_dump_says_what_its_table_says() {
 
 #[test]
 fn halo_particles_lie_in_their_box() {
-    let Some(path) = real("particles/halo_low_res.npy") else {
+    let Some(path) = real_data("particles/halo_low_res.npy") else {
         return;
     };
     let data = read(&path);
@@ -204,7 +192,7 @@ fn bounds(positions: &[DVec3]) -> [DVec3; 2] {
 
 #[test]
 fn the_rectilinear_grid_has_its_bounds() {
-    let Some(path) = real("rectilinear/RectGrid2.vtk") else {
+    let Some(path) = real_data("rectilinear/RectGrid2.vtk") else {
         return;
     };
     let data = read(&path);
@@ -227,7 +215,7 @@ fn the_rectilinear_grid_has_its_bounds() {
 
 #[test]
 fn the_cylinder_is_of_tetrahedra() {
-    let Some(path) = real("unstructured/CylinderLinear.vtk") else {
+    let Some(path) = real_data("unstructured/CylinderLinear.vtk") else {
         return;
     };
     let data = read(&path);
@@ -259,7 +247,7 @@ fn the_cylinder_is_of_tetrahedra() {
 
 #[test]
 fn the_fluid_is_of_particles() {
-    let Some(path) = real("particles/bunny_frame_14_7705_particles.vtk") else {
+    let Some(path) = real_data("particles/bunny_frame_14_7705_particles.vtk") else {
         return;
     };
     let data = read(&path);
@@ -286,7 +274,7 @@ fn splats(data: &Dataset) -> &SplatCloud {
 
 #[test]
 fn fruit_drops_are_splats_of_degree_3() {
-    let Some(path) = real("splats/fruit_drops_minimal.ply") else {
+    let Some(path) = real_data("splats/fruit_drops_minimal.ply") else {
         return;
     };
     let data = read(&path);
@@ -312,7 +300,7 @@ fn fruit_drops_are_splats_of_degree_3() {
 #[test]
 fn one_scene_in_three_formats_is_one_scene() {
     let names = ["ply", "splat", "spz"];
-    let paths = names.map(|e| real(&format!("splats/test-splat.3-points-from-train.{e}")));
+    let paths = names.map(|e| real_data(&format!("splats/test-splat.3-points-from-train.{e}")));
     let [Some(ply), Some(records), Some(spz)] = paths else {
         return;
     };
@@ -385,7 +373,7 @@ fn one_scene_in_three_formats_is_one_scene() {
 
 #[test]
 fn a_piece_of_the_combustor_is_read() {
-    let Some(path) = real("curvilinear/multicomb_0.vts") else {
+    let Some(path) = real_data("curvilinear/multicomb_0.vts") else {
         return;
     };
     let data = read(&path);
@@ -400,7 +388,7 @@ fn a_piece_of_the_combustor_is_read() {
 
 #[test]
 fn the_can_has_its_cells_and_their_values() {
-    let Some(path) = real("unstructured/can.vtu") else {
+    let Some(path) = real_data("unstructured/can.vtu") else {
         return;
     };
     let data = read(&path);
@@ -416,7 +404,7 @@ fn the_can_has_its_cells_and_their_values() {
 
 #[test]
 fn the_reactor_has_its_temperature() {
-    let Some(path) = real("unstructured/disk_out_ref.vtu") else {
+    let Some(path) = real_data("unstructured/disk_out_ref.vtu") else {
         return;
     };
     let data = read(&path);
@@ -441,7 +429,9 @@ fn formats_to_come_are_refused_by_name() {
         ("meshes/gltf/Duck.glb", "glTF"),
         ("curvilinear/bluntfin/bluntfinq.bin", "--solution"),
     ] {
-        let Some(path) = real(name) else { continue };
+        let Some(path) = real_data(name) else {
+            continue;
+        };
         let err = open(&path, &OpenOptions::default())
             .unwrap_err()
             .to_string();

@@ -8,9 +8,9 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use common::{Random, scene};
+use common::{Random, real_data, scene};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
     OpenOptions, open,
@@ -23,25 +23,6 @@ use glam::{DMat3, DVec2, DVec3};
 
 /// Pixels along a side.
 const SIZE: usize = 96;
-
-/// A file of the real data, or `None` where there are none; see `tests/real_data.rs`.
-fn real(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    assert!(
-        std::env::var_os("EWA_REQUIRE_DATA").is_none(),
-        "{} is required",
-        path.display()
-    );
-    println!("skipped: no {}", path.display());
-    None
-}
 
 fn uniform(geometry: Geometry, association: Association) -> PointVolume {
     let count = match (&geometry, association) {
@@ -284,7 +265,9 @@ fn real_grids_have_the_lengths_of_their_rays() {
         ("unstructured/disk_out_ref.vtu", 1.5, [0.03, 0.025]),
         ("curvilinear/bluntfin/bluntfinxyz.bin", 2.0, [0.055, 0.05]),
     ] {
-        let Some(path) = real(name) else { continue };
+        let Some(path) = real_data(name) else {
+            continue;
+        };
         let geometry = open(&path, &OpenOptions::default()).unwrap().geometry;
         let mesh = match &geometry {
             Geometry::Cells(mesh) => mesh.clone(),

@@ -70,7 +70,7 @@ mod tests {
         let column = ColumnImage {
             width: 6,
             height: 1,
-            values: vec![0.0, -3.0, 1e-9, 1e-6, 1e-3, 1.0],
+            values: vec![0.0, -3.0, 1e-9, 1e-4, 1e-2, 1.0],
             pixel_area: None,
         };
         let pixels = picture(&column).pixels;

@@ -24,12 +24,11 @@ use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::neighbours::square;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, keep, nothing_left,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
     take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry};
-use crate::scene::Particles;
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
 /// millionth as thick as wide, and as narrow, passes.
@@ -453,19 +452,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    let mean_spacing = kernels.mean_spacing();
     // The mesh has done its work.
     drop(dataset);
     drop(duals);
-    classified(
-        Particles::Anisotropic {
-            positions: kernels.positions,
-            factors: kernels.factors,
-        },
-        kernels.volumes,
-        keep(taken.values, &kernels.kept),
-        report,
-        mean_spacing,
-        options,
-    )
+    classified_kernels(kernels, taken.values, report, options)
 }

@@ -23,12 +23,11 @@ use super::blanking::Blanking;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified, keep, lower_factor,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, lower_factor,
     nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
-use crate::scene::Particles;
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -124,18 +123,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    let mean_spacing = kernels.mean_spacing();
-    classified(
-        Particles::Anisotropic {
-            positions: kernels.positions,
-            factors: kernels.factors,
-        },
-        kernels.volumes,
-        keep(taken.values, &kernels.kept),
-        report,
-        mean_spacing,
-        options,
-    )
+    classified_kernels(kernels, taken.values, report, options)
 }
 
 /// Two nodes or more along each index, and as many positions as they say.

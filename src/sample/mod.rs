@@ -26,6 +26,7 @@ use crate::scene::{
 };
 
 pub use factor::lower_factor;
+use kernels::Kernels;
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 
@@ -60,6 +61,9 @@ pub struct SampleOptions {
     /// How many times cell volumes are corrected to reproduce a uniform field at the particles.
     /// That evens out irregular samples; it shifts mass between neighbours.
     pub shepard_passes: u32,
+    /// Whether column densities are wanted: particles with nothing but positions then show their
+    /// number density itself, whose columns count particles, instead of its logarithm.
+    pub for_columns: bool,
 }
 
 /// The shape of kernels whose particles state a length at most.
@@ -88,6 +92,7 @@ impl Default for SampleOptions {
             radius: None,
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
+            for_columns: false,
         }
     }
 }
@@ -319,6 +324,29 @@ fn classified(
         },
         report,
     })
+}
+
+/// A volume of `kernels` whose strength and colour are classified from the kept ones of `values`.
+fn classified_kernels(
+    kernels: Kernels,
+    values: Values,
+    report: SampleReport,
+    options: &SampleOptions,
+) -> Result<Sampled> {
+    let mean_spacing = kernels.mean_spacing();
+    let values = keep(values, &kernels.kept);
+    let particles = Particles::Anisotropic {
+        positions: kernels.positions,
+        factors: kernels.factors,
+    };
+    classified(
+        particles,
+        kernels.volumes,
+        values,
+        report,
+        mean_spacing,
+        options,
+    )
 }
 
 /// The values of the kept samples: moved where all are kept in order.

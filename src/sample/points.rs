@@ -19,7 +19,10 @@ use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength, Values
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
-const NUMBER_DENSITY: &str = "log10 number density";
+const LOG_NUMBER_DENSITY: &str = "log10 number density";
+
+/// The same for column densities, which then count particles.
+const NUMBER_DENSITY: &str = "number density";
 
 /// The name that the report gives to mass over volume where no density is stated.
 const MASS_DENSITY: &str = "density (mass over volume)";
@@ -200,7 +203,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mut report = SampleReport {
         field: match (computed, masses) {
             (true, Some(_)) => Some(MASS_DENSITY.into()),
-            (true, None) => Some(NUMBER_DENSITY.into()),
+            (true, None) if options.for_columns => Some(NUMBER_DENSITY.into()),
+            (true, None) => Some(LOG_NUMBER_DENSITY.into()),
             (false, _) => wanted.clone(),
         },
         lengths: shapes.lengths.clone(),
@@ -237,6 +241,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         _ if computed => {
             let density = particles.iter().zip(&kept).map(|(p, &i)| match masses {
                 Some(m) => narrowed(f64::from(m.get(i as usize)) / p.volume),
+                None if options.for_columns => narrowed(1.0 / p.volume),
                 None => narrowed(-p.volume.log10()),
             });
             Some(Values::F32(density.collect()))

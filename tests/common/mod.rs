@@ -10,6 +10,8 @@
     reason = "judges narrow on purpose; a test fails by panicking"
 )]
 
+use std::path::{Path, PathBuf};
+
 use ewa_splat::layout::ViewUniform;
 use ewa_splat::math::Factor;
 use ewa_splat::splat::{Filter, Kernel};
@@ -22,6 +24,22 @@ pub fn fixture(name: &str) -> Value {
         .join("fixtures")
         .join(name);
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// The path of a real file, or `None` (with a word about it) where it is absent.
+pub fn real_data(name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("EWA_DATA_DIR").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let path = folder.join(name);
+    if path.is_file() {
+        return Some(path);
+    }
+    let required = std::env::var_os("EWA_REQUIRE_DATA").is_some_and(|v| v == "1");
+    assert!(!required, "{} is required and absent", path.display());
+    println!("skipped: no {}", path.display());
+    None
 }
 
 /// The number at a JSON pointer.

@@ -151,7 +151,12 @@ impl DataOptions {
     }
 
     /// Reads and samples all of a scene, and says what was left out.
-    pub(crate) fn scene(&self, inputs: &[PathBuf], progress: &ProgressBar) -> Result<Scene> {
+    pub(crate) fn scene(
+        &self,
+        inputs: &[PathBuf],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+    ) -> Result<Scene> {
         let mut scene = Scene {
             volumes: Vec::new(),
             grids_only: true,
@@ -163,7 +168,7 @@ impl DataOptions {
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
-            let sampled = self.sample(dataset)?;
+            let sampled = ewa_splat::sample::volume(dataset, options)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }
@@ -178,8 +183,12 @@ impl DataOptions {
         inputs: &[PathBuf],
         kernel_width: f64,
     ) -> Result<Vec<PointVolume>> {
+        let options = SampleOptions {
+            kernel_width,
+            ..self.sample_options()
+        };
         let volume = |path| {
-            let sampled = self.sample_at(self.open(path)?, kernel_width)?;
+            let sampled = ewa_splat::sample::volume(self.open(path)?, &options)?;
             Ok(sampled.volume)
         };
         inputs.iter().map(|path| volume(path)).collect()
@@ -192,13 +201,13 @@ impl DataOptions {
     }
 
     pub(crate) fn sample(&self, dataset: Dataset) -> Result<Sampled> {
-        self.sample_at(dataset, self.kernel_width())
+        ewa_splat::sample::volume(dataset, &self.sample_options())
     }
 
-    fn sample_at(&self, dataset: Dataset, kernel_width: f64) -> Result<Sampled> {
-        let options = SampleOptions {
+    pub(crate) fn sample_options(&self) -> SampleOptions {
+        SampleOptions {
             field: self.field.clone(),
-            kernel_width,
+            kernel_width: self.kernel_width(),
             transfer: match &self.transfer_function {
                 None => TransferChoice::Automatic,
                 // A colour map's name has no dot and no slash in it.
@@ -230,7 +239,7 @@ impl DataOptions {
                 Shape::YuTurk => ParticleShape::YuTurk,
             },
             shepard_passes: self.shepard,
-        };
-        ewa_splat::sample::volume(dataset, &options)
+            for_columns: false,
+        }
     }
 }

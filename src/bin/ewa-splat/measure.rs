@@ -69,7 +69,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
 
-    let scene = arguments.data.scene(&arguments.inputs, &progress)?;
+    let options = arguments.data.sample_options();
+    let scene = arguments
+        .data
+        .scene(&arguments.inputs, &options, &progress)?;
     let mut renderer = Renderer::new(scene.volumes.clone())?;
     let camera = arguments.camera.camera(
         &renderer.visible_boxes(),

@@ -11,6 +11,7 @@ use ewa_splat::io::{
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
+use ewa_splat::sample::SampleOptions;
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Lens};
 use ewa_splat::{ColumnSettings, Renderer, Result, Settings};
@@ -144,7 +145,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     progress.enable_steady_tick(Duration::from_millis(100));
 
     let read_start = Instant::now();
-    let scene = arguments.data.scene(&arguments.inputs, &progress)?.volumes;
+    let options = SampleOptions {
+        for_columns: arguments.method.column_density,
+        ..arguments.data.sample_options()
+    };
+    let scene = arguments
+        .data
+        .scene(&arguments.inputs, &options, &progress)?
+        .volumes;
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
