@@ -2,7 +2,9 @@
 //!
 //! A table has named columns. `x`, `y` and `z` (in either case) are needed and become the
 //! positions, in double precision; every other numeric column becomes a field. What the
-//! columns mean (`h`, `sigma`, `mass`, ...) is decided when the table is sampled.
+//! columns mean (`h`, `sigma`, `mass`, ...) is decided when the table is sampled: of lengths, `sigma`
+//! and `radius` are one standard deviation, `h` is the smoothing length of the cubic spline, which
+//! ends at 2 h ([`crate::irregular`]).
 
 use std::path::Path;
 
