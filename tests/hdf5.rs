@@ -83,7 +83,7 @@ fn gadget_snapshots_in_every_layout() {
         assert_eq!(
             data.smoothing,
             Some(Smoothing {
-                length: "SmoothingLength".into(),
+                length: Some("SmoothingLength".into()),
                 meaning: LengthMeaning::Support,
                 kernel: SphKernel::CubicSpline,
                 mass: Some("Masses".into()),
@@ -110,7 +110,7 @@ fn swift_lengths_become_standard_deviations() {
     assert_eq!(
         data.smoothing,
         Some(Smoothing {
-            length: "sigma".into(),
+            length: Some("sigma".into()),
             meaning: LengthMeaning::Sigma,
             kernel: SphKernel::QuarticSpline,
             mass: Some("Masses".into()),
@@ -126,7 +126,9 @@ fn dark_matter_has_masses_and_no_lengths() {
     let data = read("dark_matter.h5");
     assert_eq!(positions(&data), places());
     assert_eq!(numbers(&data, "Masses"), [2.5; 5]);
-    assert_eq!(data.smoothing, None);
+    let smoothing = data.smoothing.as_ref().unwrap();
+    assert_eq!(smoothing.length, None);
+    assert_eq!(smoothing.mass.as_deref(), Some("Masses"));
     assert!(has_note(&data, "No smoothing lengths"));
 }
 
@@ -144,7 +146,7 @@ fn phantom_densities_follow_from_lengths_and_types() {
     let velocities = data.fields.iter().find(|f| f.name == "vxyz").unwrap();
     assert!(matches!(&velocities.source, FieldSource::Vector(v) if v.len() == 3));
     let smoothing = data.smoothing.as_ref().unwrap();
-    assert_eq!(smoothing.length, "h");
+    assert_eq!(smoothing.length.as_deref(), Some("h"));
     assert_eq!(smoothing.meaning, LengthMeaning::SmoothingLength);
     assert!(has_note(&data, "1 particles are dead"));
     assert!(has_note(&data, "2 types"));

@@ -14,7 +14,7 @@ use ewa_splat::io::{
     Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel,
 };
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, volume};
-use ewa_splat::scene::{Particles, Strength, Values};
+use ewa_splat::scene::{Colour, Particles, Strength, Values};
 use glam::{DMat3, DVec3};
 
 fn column(name: &str, values: Vec<f32>) -> Field {
@@ -117,7 +117,7 @@ fn lengths_mean_what_is_stated() {
         ],
     );
     snapshot.smoothing = Some(Smoothing {
-        length: "Lengths".into(),
+        length: Some("Lengths".into()),
         meaning: LengthMeaning::Support,
         kernel: SphKernel::WendlandC2,
         mass: Some("Masses".into()),
@@ -245,4 +245,128 @@ fn columns_of_bare_points_count_them() {
     // Two roundings to f32.
     let one = |(i, v): (usize, &f32)| (values.get(i) * v - 1.0).abs() < 3e-7;
     assert!(volumes.iter().enumerate().all(one));
+}
+
+#[test]
+fn a_far_outlier_loses_only_itself() {
+    let mut random = Random::new(6);
+    let cloud: Vec<DVec3> = (0..4000).map(|_| random.point(1.0)).collect();
+    let alone = sample(dataset(cloud.clone(), vec![]), SampleOptions::default());
+    for outlier in [-1e17, 1e17, 1e30, -9.97e36] {
+        let mut points = cloud.clone();
+        points.push(DVec3::new(outlier, 0.5, outlier));
+        let sampled = sample(dataset(points, vec![]), SampleOptions::default());
+        // Beyond single precision the outlier has no size.
+        let sizes = sigmas(&sampled);
+        assert_eq!(&sizes[..4000], sigmas(&alone), "{outlier}");
+    }
+}
+
+#[test]
+fn lengths_that_reach_everywhere_are_refused() {
+    let columns = vec![column("h", vec![1e3; 10_648])];
+    let error = volume(dataset(cube(22), columns), &SampleOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("10648 neighbours each"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_snapshot_goes_by_its_own_names() {
+    // `Mass` is no table's `mass`, and `radius` no length here.
+    let of = |for_columns: bool, field: Option<&str>| {
+        let mut snapshot = dataset(
+            cube(2),
+            vec![
+                column("Mass", vec![3.0; 8]),
+                column("Density", (0..8_u8).map(|i| 6.0 + f32::from(i)).collect()),
+                column("radius", vec![9.0; 8]),
+            ],
+        );
+        snapshot.smoothing = Some(Smoothing {
+            length: None,
+            meaning: LengthMeaning::Support,
+            kernel: SphKernel::CubicSpline,
+            mass: Some("Mass".into()),
+            density: Some("Density".into()),
+        });
+        let options = SampleOptions {
+            for_columns,
+            field: field.map(str::to_owned),
+            ..SampleOptions::default()
+        };
+        sample(snapshot, options)
+    };
+    let amounts = |sampled: &Sampled| -> Vec<f32> {
+        let Strength::Classified { volumes } = &sampled.volume.strength else {
+            panic!()
+        };
+        let values = sampled.volume.values.as_ref().unwrap();
+        volumes
+            .iter()
+            .enumerate()
+            .map(|(i, v)| v * values.get(i))
+            .collect()
+    };
+    for (field, name) in [
+        (None, "Density"),
+        (Some("Mass"), "density (mass over volume)"),
+    ] {
+        let sampled = of(true, field);
+        assert_eq!(sampled.report.field.as_deref(), Some(name));
+        // Density x (mass over density): the masses.
+        assert!(amounts(&sampled).iter().all(|m| (m - 3.0).abs() < 1e-5));
+    }
+    // Without lengths, sizes follow mass over density.
+    let sampled = of(false, None);
+    for (i, sigma) in (0..8_u8).zip(sigmas(&sampled)) {
+        let expected = 0.6 * (3.0 / (6.0 + f64::from(i))).cbrt();
+        assert!((f64::from(*sigma) / expected - 1.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_field_named_for_columns_is_what_is_summed() {
+    let columns = || {
+        vec![
+            column("sigma", vec![1.0; 8]),
+            column("mass", vec![5.0; 8]),
+            column("volume", vec![2.0; 8]),
+            column("T", vec![7.0; 8]),
+        ]
+    };
+    let options = |field: Option<&str>| SampleOptions {
+        for_columns: true,
+        field: field.map(str::to_owned),
+        ..SampleOptions::default()
+    };
+    let plain = sample(dataset(cube(2), columns()), options(None));
+    assert_eq!(plain.volume.strength, Strength::Mass(vec![5.0; 8]));
+    let named = sample(dataset(cube(2), columns()), options(Some("T")));
+    assert_eq!(
+        named.volume.strength,
+        Strength::Classified {
+            volumes: vec![2.0; 8]
+        }
+    );
+}
+
+#[test]
+fn bytes_of_colour_are_decoded() {
+    let mut columns = vec![column("sigma", vec![1.0; 8]), column("mass", vec![1.0; 8])];
+    for (name, byte) in [("red", 255), ("green", 0), ("blue", 188)] {
+        columns.push(Field {
+            name: name.into(),
+            association: Association::Nodes,
+            source: FieldSource::Scalar(Values::U8(vec![byte; 8])),
+        });
+    }
+    let sampled = sample(dataset(cube(2), columns), SampleOptions::default());
+    let Colour::PerParticle(colours) = &sampled.volume.colour else {
+        panic!()
+    };
+    // 188 of 255 is half the light.
+    let [red, green, blue] = colours[0];
+    assert!((red - 1.0).abs() < 1e-6 && green.abs() < 1e-6 && (blue - 0.5).abs() < 5e-3);
 }

@@ -311,8 +311,9 @@ fn unstructured_grids() {
             assert!((total(&sampled.volume) - 1.0).abs() < 1e-4);
             let mut random = Random::new(1);
             let (rms, mean) = ripple(&sampled.volume, || wavy(inner(&mut random)));
-            // A smooth mesh is better by far, but for the faces at which mixed cells change.
-            let share = if name == "mixed" { 0.7 } else { 0.1 };
+            // A smooth mesh is better by far (.2 % and less), but for the faces at which mixed
+            // cells change (2.7 % and 1.1 %).
+            let share = if name == "mixed" { 0.5 } else { 0.1 };
             assert!(rms < share * bound, "{name} {association:?} {rms} {mean}");
 
             let sampled = rough.sample(association);
@@ -348,11 +349,11 @@ fn named(options: SampleOptions) -> SampleOptions {
 
 #[test]
 fn scattered_points() {
-    // Jitter, stretch, bound; measured: 6.1 %, 14.5 %, 22.4 %, 18.3 %. Layers three spacings apart
+    // Jitter, stretch, bound; measured: 6.4 %, 15.5 %, 22.2 %, 18.2 %. Layers three spacings apart
     // fill space: they stay spheres.
     for (jitter, stretch, bound) in [
         (0.2, 1.0, 0.07),
-        (0.5, 1.0, 0.16),
+        (0.5, 1.0, 0.17),
         (0.2, 3.0, 0.25),
         (0.5, 3.0, 0.2),
     ] {
@@ -419,8 +420,8 @@ fn smoothed_particles() {
     ]);
     let (rms, mean) = inside(&known.volume);
     assert!((total(&known.volume) - 1.0).abs() < 1e-5);
-    // The jitter's own noise, 4.6 % measured, as for equal kernels at jittered points.
-    assert!(rms < 0.06 && mean.abs() < 0.01, "{rms} {mean}");
+    // The jitter's own noise, 5.8 % measured, as for equal kernels at jittered points.
+    assert!(rms < 0.065 && mean.abs() < 0.01, "{rms} {mean}");
     // Without them the neighbours say as much: the number density of SPH.
     let derived = sampled(vec![one(), column("h", h)]);
     let (rms, mean) = inside(&derived.volume);

@@ -638,3 +638,32 @@ fn an_explicit_unit_distance_wins_over_the_file() {
     assert!((run(None) - 2f32.ln() / 2.0).abs() < 1e-6);
     assert!((run(Some(4.0)) - 2f32.ln() / 4.0).abs() < 1e-6);
 }
+
+#[test]
+fn hidden_samples_of_a_lattice_are_transparent_and_counted() {
+    let lattice = Geometry::Lattice(Lattice::uniform([2, 2, 1], DVec3::ZERO, DVec3::ONE));
+    let values = field("v", Association::Nodes, Values::U8(vec![1, 2, 3, 4]));
+    let hidden = Values::U8(vec![0, 2, 1, 0]);
+    let ghosts = field("vtkGhostType", Association::Nodes, hidden);
+    let sampled = sample(dataset(lattice, vec![values, ghosts]));
+    let values = sampled.volume.values.unwrap();
+    assert!(values.get(1).is_nan() && values.get(2) == 3.0);
+    assert_eq!(sampled.report.left_out_count(), 1);
+}
+
+#[test]
+fn flat_blocks_among_others_are_left_out() {
+    let solid = grid([3, 3, 3], Association::Nodes, |s| s);
+    let Geometry::Curvilinear { mut blocks } = solid.geometry else {
+        panic!()
+    };
+    blocks.push(CurvilinearBlock {
+        dims: [3, 3, 1],
+        nodes: blocks[0].nodes[..9].to_vec(),
+    });
+    let values = Values::F32((0..36_u8).map(f32::from).collect());
+    let fields = vec![field("a", Association::Nodes, values)];
+    let sampled = sample(dataset(Geometry::Curvilinear { blocks }, fields));
+    assert!((total_volume(&sampled) - 1.0).abs() < SUM);
+    assert_eq!(sampled.report.left_out_count(), 9);
+}

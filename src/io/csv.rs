@@ -228,6 +228,19 @@ mod tests {
     }
 
     #[test]
+    fn paraview_s_columns_are_positions() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let text = "\"T\",\"Points:0\",\"Points:1\",\"Points:2\"\n5,1,2,3\n6,4,5,6\n";
+        std::fs::write(file.path(), text).unwrap();
+        let data = read(file.path()).unwrap();
+        let Geometry::Points { positions } = &data.geometry else {
+            panic!()
+        };
+        assert_eq!(positions[1], DVec3::new(4.0, 5.0, 6.0));
+        assert_eq!(data.field_names(), ["T"]);
+    }
+
+    #[test]
     fn separators_comments_and_cases_are_understood() {
         for text in [
             "X,y,Z,h,label\n1,2,3,0.5,a\n4,5,6,nan,b\n",

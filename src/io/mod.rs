@@ -53,6 +53,7 @@ pub use image_file::{
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
+pub(crate) use vtk_grid::check as check_cells;
 
 use crate::error::{Error, Result};
 

@@ -3,8 +3,8 @@
 /// Which fields of a data set describe smoothed particles, and what their lengths mean.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Smoothing {
-    /// The field with one length per particle.
-    pub length: String,
+    /// The field with one length per particle; `None` where the neighbours tell.
+    pub length: Option<String>,
     /// What that length is.
     pub meaning: LengthMeaning,
     /// The kernel it belongs to.

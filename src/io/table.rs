@@ -14,6 +14,9 @@ use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
+/// What ParaView calls the position columns of the tables that it writes.
+pub(crate) const PARAVIEW: [&str; 3] = ["Points:0", "Points:1", "Points:2"];
+
 /// Which columns are x, y and z.
 ///
 /// # Errors
@@ -23,7 +26,12 @@ pub(crate) fn position_columns<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
 ) -> Result<[usize; 3]> {
     let mut columns = [0; 3];
-    for (column, wanted) in columns.iter_mut().zip(["x", "y", "z"]) {
+    let is_there = |wanted: &str| names.clone().any(|name| name.eq_ignore_ascii_case(wanted));
+    let wanted = match PARAVIEW.iter().all(|name| is_there(name)) && !is_there("x") {
+        true => PARAVIEW,
+        false => ["x", "y", "z"],
+    };
+    for (column, wanted) in columns.iter_mut().zip(wanted) {
         let mut matching = names
             .clone()
             .enumerate()

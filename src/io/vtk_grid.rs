@@ -72,13 +72,19 @@ pub(super) fn dataset(
 ///
 /// # Errors
 /// As [`dataset`].
-pub(super) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
+pub(crate) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
     let error = |place: String, expected: &str, found: String| {
         let advice = "the file is damaged: save it again";
         Err(Error::format(path, place, expected, found, advice))
     };
     if mesh.nodes.is_empty() {
-        return error("points".into(), "at least one point", "none".into());
+        return Err(Error::format(
+            path,
+            "points",
+            "at least one point",
+            "none",
+            "the file holds no data: save another",
+        ));
     }
     if mesh.offsets.len() != mesh.kinds.len() + 1
         || mesh.offsets.last().map(|&n| n as usize) != Some(mesh.connectivity.len())

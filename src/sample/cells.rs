@@ -28,7 +28,7 @@ use super::{
     take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry};
+use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry, check_cells};
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
 /// millionth as thick as wide, and as narrow, passes.
@@ -176,24 +176,58 @@ fn cut(mesh: &CellMesh, cell: usize, parts: &mut Vec<(u32, Moments)>) -> (f64, D
             }
         }
         None => {
-            // Files disagree about the sense of polyhedra's faces: the centre decides.
+            let is_closed = faces_are_of_one_sense(entries);
             for face in polyhedron_faces(entries) {
                 let corner = |i: usize| node(face[i % face.len()]) - origin;
                 let normal: DVec3 = (0..face.len())
                     .map(|i| corner(i).cross(corner(i + 1)))
                     .sum();
-                let outward = normal.dot(corner(0) - centre);
-                add_face(face, if outward < 0.0 { -1.0 } else { 1.0 });
+                let inward = !is_closed && normal.dot(corner(0) - centre) < 0.0;
+                add_face(face, if inward { -1.0 } else { 1.0 });
             }
         }
     }
+    // All of a polyhedron's faces may be seen from inside.
+    let inside_out =
+        kind == CellKind::POLYHEDRON && parts.iter().map(|(_, m)| m.volume).sum::<f64>() < 0.0;
+    if inside_out {
+        parts.iter_mut().for_each(|(_, m)| m.scale(-1.0));
+    }
     let mut volume = 0.0;
     let mut moment = DVec3::ZERO;
-    for (n, part) in parts {
+    for (n, part) in parts.iter() {
         volume += part.volume;
         moment += part.first + (node(*n) - origin) * part.volume;
     }
+    // At a corner that bends inwards the share may be negative: it takes none, and the others give
+    // up as much.
+    let positive: f64 = parts.iter().map(|(_, m)| m.volume.max(0.0)).sum();
+    if volume > 0.0 && positive > volume * (1.0 + f64::EPSILON * 64.0) {
+        for (_, part) in parts.iter_mut() {
+            let share = if part.volume > 0.0 {
+                volume / positive
+            } else {
+                0.0
+            };
+            part.scale(share);
+        }
+    }
     (volume, origin + moment / volume)
+}
+
+/// Whether all faces of a polyhedron turn the same way: each edge is gone along once each way.
+/// Files disagree about the sense of faces; where they do not even agree with themselves, the
+/// cell's centre has to decide, which is right for all cells that it sees from within.
+fn faces_are_of_one_sense(entries: &[u32]) -> bool {
+    let ends = |face: &[u32], i: usize| (face[i], face[(i + 1) % face.len()]);
+    let mut edges: Vec<(u32, u32)> = polyhedron_faces(entries)
+        .flat_map(|face| (0..face.len()).map(move |i| ends(face, i)))
+        .collect();
+    edges.sort_unstable();
+    let once = edges.windows(2).all(|pair| pair[0] != pair[1]);
+    once && edges
+        .iter()
+        .all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
 }
 
 /// The faces of a polyhedron that have three nodes or more.
@@ -209,10 +243,19 @@ fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
 }
 
 /// The dual cells of all nodes.
+///
+/// Nodes at one position (where the pieces of a parallel file meet, or in meshes that share none)
+/// have one dual cell, of which each keeps its own share of the volume: kernels of the same shape
+/// at the same place.
 struct Duals {
+    /// Of the first node at each position, the whole dual cell's.
     moments: Vec<Moments>,
-    /// For each cell kind, the sign of most of its volume: mirrored meshes are none the worse.
-    handedness: [f64; 256],
+    /// The first node at the position of each; empty where no two are at one.
+    first: Vec<u32>,
+    /// The volume of each node's own share; empty as `first` is.
+    shares: Vec<f64>,
+    /// For each cell kind, which way its cells are numbered.
+    handedness: [Handedness; 256],
 }
 
 fn is_solid(kind: CellKind) -> bool {
@@ -237,6 +280,39 @@ fn rough_volume(mesh: &CellMesh, cell: usize) -> f64 {
         .sum()
 }
 
+/// Which way the cells of a kind are numbered.
+#[derive(Clone, Copy)]
+enum Handedness {
+    /// All but a few as VTK has it, or all but a few the other way: a mirrored mesh is none the
+    /// worse, and the few are inverted.
+    One(f64),
+    /// Both ways: whoever made the cells (a Delaunay program, a cutter) did not care, and none is
+    /// inverted.
+    Any,
+}
+
+impl Handedness {
+    fn of([positive, negative]: [usize; 2]) -> Self {
+        /// Fewer than one in twenty are mistakes.
+        const MISTAKES: usize = 20;
+        if MISTAKES * positive.min(negative) >= positive + negative {
+            // Of a few cells, one may be a mistake all the same.
+            if positive.min(negative) > 1 {
+                return Self::Any;
+            }
+        }
+        Self::One(if negative > positive { -1.0 } else { 1.0 })
+    }
+
+    /// What makes a sound volume positive.
+    fn sign(self, volume: f64) -> f64 {
+        match self {
+            Self::One(sign) => sign,
+            Self::Any => volume.signum(),
+        }
+    }
+}
+
 /// Longest extent of a cell's box.
 fn extent(mesh: &CellMesh, parts: &[(u32, Moments)]) -> f64 {
     let nodes = || parts.iter().map(|(n, _)| mesh.nodes[*n as usize]);
@@ -251,7 +327,7 @@ fn sound_volume(
     kind: CellKind,
     parts: &[(u32, Moments)],
     volume: f64,
-    handedness: &[f64; 256],
+    handedness: &[Handedness; 256],
 ) -> Result<f64, LeftOut> {
     if parts
         .iter()
@@ -259,7 +335,7 @@ fn sound_volume(
     {
         return Err(LeftOut::Position);
     }
-    let volume = volume * handedness[usize::from(kind.0)];
+    let volume = volume * handedness[usize::from(kind.0)].sign(volume);
     let least = DEGENERATE_VOLUME * extent(mesh, parts).powi(3);
     if volume > 0.0 && volume > least && volume.is_finite() {
         Ok(volume)
@@ -272,6 +348,8 @@ impl Duals {
     fn new(mesh: &CellMesh, blanking: &Blanking, report: &mut SampleReport) -> Self {
         let mut duals = Self {
             moments: vec![Moments::default(); mesh.nodes.len()],
+            first: Vec::new(),
+            shares: Vec::new(),
             handedness: Self::handedness(mesh),
         };
         let handedness = duals.handedness;
@@ -292,7 +370,7 @@ impl Duals {
                         let (volume, _) = cut(mesh, cell, &mut parts);
                         match sound_volume(mesh, kind, &parts[own..], volume, &handedness) {
                             Ok(_) => {
-                                let sign = handedness[usize::from(kind.0)];
+                                let sign = handedness[usize::from(kind.0)].sign(volume);
                                 parts[own..].iter_mut().for_each(|(_, m)| m.scale(sign));
                             }
                             Err(fault) => {
@@ -312,6 +390,7 @@ impl Duals {
                 faults.append(&mut found);
             }
         }
+        duals.weld(mesh);
         let of = |fault: LeftOut| faults.iter().filter(|f| **f == fault).count();
         report.note(
             of(LeftOut::Degenerate),
@@ -326,35 +405,90 @@ impl Duals {
         duals
     }
 
-    fn handedness(mesh: &CellMesh) -> [f64; 256] {
-        let sums = (0..mesh.cell_count())
+    fn handedness(mesh: &CellMesh) -> [Handedness; 256] {
+        // Cells of each kind numbered one way and the other.
+        let counts = (0..mesh.cell_count())
             .into_par_iter()
             .with_min_len(CHUNK)
             .fold(
-                || vec![0.0; 256],
-                |mut sums, cell| {
+                || vec![[0_usize; 2]; 256],
+                |mut counts, cell| {
                     let volume = rough_volume(mesh, cell);
-                    if volume.is_finite() {
-                        sums[usize::from(mesh.kinds[cell].0)] += volume;
+                    if volume > 0.0 {
+                        counts[usize::from(mesh.kinds[cell].0)][0] += 1;
+                    } else if volume < 0.0 {
+                        counts[usize::from(mesh.kinds[cell].0)][1] += 1;
                     }
-                    sums
+                    counts
                 },
             )
             .reduce(
-                || vec![0.0; 256],
+                || vec![[0; 2]; 256],
                 |mut a, b| {
-                    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                    for (a, b) in a.iter_mut().flatten().zip(b.iter().flatten()) {
+                        *a += b;
+                    }
                     a
                 },
             );
-        std::array::from_fn(|kind| if sums[kind] < 0.0 { -1.0 } else { 1.0 })
+        std::array::from_fn(|kind| Handedness::of(counts[kind]))
+    }
+
+    /// Gives nodes at one position their common dual cell.
+    fn weld(&mut self, mesh: &CellMesh) {
+        let Some(first) = first_at_position(&mesh.nodes) else {
+            return;
+        };
+        self.shares = self.moments.iter().map(|m| m.volume).collect();
+        for (node, &first) in first.iter().enumerate() {
+            if first as usize != node {
+                let share = self.moments[node];
+                self.moments[first as usize].add(&share);
+            }
+        }
+        self.first = first;
+    }
+
+    /// The dual cell that a node has a share of.
+    fn moments(&self, node: usize) -> &Moments {
+        &self.moments[self.first.get(node).map_or(node, |&first| first as usize)]
+    }
+
+    /// The volume of a node's share.
+    fn share(&self, node: usize) -> f64 {
+        let own = self.shares.get(node).copied();
+        own.unwrap_or(self.moments[node].volume)
     }
 
     /// 12 times the covariance of a node's dual cell; `None` for a node without volume.
-    fn shape(&self, node: u32) -> Option<[f64; 6]> {
-        let moments = &self.moments[node as usize];
-        (moments.volume > 0.0).then(|| moments.covariance().map(|c| 12.0 * c))
+    fn shape(&self, node: usize) -> Option<[f64; 6]> {
+        let moments = self.moments(node);
+        let is_there = self.share(node) > 0.0 && moments.volume > 0.0;
+        is_there.then(|| moments.covariance().map(|c| 12.0 * c))
     }
+}
+
+/// For each node the first one at its position, or `None` where all positions differ.
+fn first_at_position(nodes: &[DVec3]) -> Option<Vec<u32>> {
+    // + 0.0 makes -0 and 0 one position.
+    let key = |i: u32| {
+        (nodes[i as usize] + DVec3::ZERO)
+            .to_array()
+            .map(f64::to_bits)
+    };
+    let mut order: Vec<u32> = (0..nodes.len()).map(super::index_u32).collect();
+    order.par_sort_unstable_by_key(|&i| (key(i), i));
+    let same = |pair: &[u32]| key(pair[0]) == key(pair[1]) && nodes[pair[0] as usize].is_finite();
+    if !order.windows(2).any(same) {
+        return None;
+    }
+    let mut first = vec![0; nodes.len()];
+    for group in order.chunk_by(|&a, &b| same(&[a, b])) {
+        for &i in group {
+            first[i as usize] = group[0];
+        }
+    }
+    Some(first)
 }
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -363,6 +497,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let Geometry::Cells(mesh) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
+    check_cells(&dataset.path, mesh)?;
     check_count(&dataset, mesh.nodes.len())?;
     check_count(&dataset, mesh.cell_count())?;
     if !mesh.kinds.iter().any(|kind| is_solid(*kind)) {
@@ -399,6 +534,12 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "cells",
         "of higher order: drawn by their corners",
     );
+    let ghosts = (0..mesh.cell_count()).filter(|&i| of_nodes && blanking.cell(i));
+    report.note(
+        ghosts.count(),
+        "cells",
+        "hidden, or copies of another piece's: left out of their nodes' volumes",
+    );
     let duals = Duals::new(mesh, &blanking, &mut report);
 
     let width_squared = options.kernel_width * options.kernel_width;
@@ -418,12 +559,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             if blanking.node(i) {
                 return Err(LeftOut::Blanked);
             }
-            let shape = duals.shape(super::index_u32(i)).ok_or_else(|| if_any(i))?;
+            let shape = duals.shape(i).ok_or_else(|| if_any(i))?;
             if !values.get(i).is_finite() {
                 return Err(LeftOut::Value);
             }
-            let Moments { volume, first, .. } = duals.moments[i];
-            Kernel::new(mesh.nodes[i] + first / volume, factor(shape)?, volume)
+            let dual = duals.moments(i);
+            let centroid = mesh.nodes[i] + dual.first / dual.volume;
+            Kernel::new(centroid, factor(shape)?, duals.share(i))
         })
     } else {
         Kernels::collect(sample_count, &mut report, noun, |i| {
@@ -441,7 +583,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
                 return Err(LeftOut::Value);
             }
             let mut mean = [0.0; 6];
-            for shape in parts.iter().filter_map(|(n, _)| duals.shape(*n)) {
+            for shape in parts.iter().filter_map(|(n, _)| duals.shape(*n as usize)) {
                 for (mean, v) in mean.iter_mut().zip(shape) {
                     *mean += v / parts.len() as f64;
                 }

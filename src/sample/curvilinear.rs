@@ -71,6 +71,18 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     for block in blocks {
         check_block(&dataset, block)?;
     }
+    // Walls stand among the blocks of some files; their nodes have no volume.
+    let is_flat = |block: &CurvilinearBlock| block.dims.iter().any(|&n| n < 2);
+    if blocks.iter().all(is_flat) {
+        let dims = blocks.first().map_or([0; 3], |block| block.dims);
+        return Err(Error::format(
+            &dataset.path,
+            "dimensions",
+            "at least two nodes along each index",
+            format!("{} x {} x {}", dims[0], dims[1], dims[2]),
+            "a surface has no volume to render",
+        ));
+    }
     let samples_of =
         |block: &CurvilinearBlock| block.dims_of(taken.association).iter().product::<usize>();
     let sample_count = blocks.iter().map(samples_of).sum();
@@ -126,18 +138,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     classified_kernels(kernels, taken.values, report, options)
 }
 
-/// Two nodes or more along each index, and as many positions as they say.
+/// As many positions as the dimensions say.
 fn check_block(dataset: &Dataset, block: &CurvilinearBlock) -> Result<()> {
     let dims = block.dims;
-    if dims.iter().any(|&n| n < 2) {
-        return Err(Error::format(
-            &dataset.path,
-            "dimensions",
-            "at least two nodes along each index",
-            format!("{} x {} x {}", dims[0], dims[1], dims[2]),
-            "a surface has no volume to render",
-        ));
-    }
     let node_count = dims.iter().product::<usize>();
     if block.nodes.len() != node_count {
         return Err(Error::format(
@@ -301,6 +304,7 @@ impl Grid<'_> {
         if !origin.is_finite() {
             return Err(LeftOut::Position);
         }
+        let mut hidden = false;
         let mut volume = 0.0;
         let mut moment = DVec3::ZERO;
         let mut jacobian = DMat3::ZERO;
@@ -320,6 +324,7 @@ impl Grid<'_> {
                 s[d] = if above { GAUSS[0] } else { GAUSS[1] };
             }
             if self.blanking.cell(self.first_cell + self.cell_index(cell)) {
+                hidden = true;
                 continue;
             }
             // Relative to the node, so that a far origin costs no digits. Across a seam the
@@ -340,6 +345,8 @@ impl Grid<'_> {
         };
         if volume > 0.0 && volume.is_finite() {
             Ok(part)
+        } else if hidden {
+            Err(LeftOut::Blanked)
         } else {
             Err(LeftOut::Degenerate)
         }
@@ -373,11 +380,11 @@ impl Grid<'_> {
 
 /// The product of a cell's longest edges along i, j and k.
 fn longest_edges(c: &[DVec3; 8]) -> f64 {
-    let lengths: Vec<f64> = edges(c).collect();
-    lengths
-        .chunks(4)
-        .map(|along| along.iter().copied().fold(0.0, f64::max))
-        .product()
+    let mut longest = [0.0_f64; 3];
+    for (i, length) in edges(c).enumerate() {
+        longest[i / 4] = longest[i / 4].max(length);
+    }
+    longest.iter().product()
 }
 
 /// Lengths of a cell's twelve edges: four along i, four along j, four along k.

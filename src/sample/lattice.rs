@@ -2,15 +2,18 @@
 
 use glam::DVec3;
 
+use super::blanking::Blanking;
+use super::left_out::LeftOut;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
 };
 use crate::error::Result;
 use crate::io::{Association, Dataset, Geometry};
-use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles};
+use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Values};
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
-    let taken = take_scalar(&mut dataset, options.field.as_deref())?;
+    let blanking = Blanking::of(&dataset)?;
+    let mut taken = take_scalar(&mut dataset, options.field.as_deref())?;
     let Geometry::Lattice(nodes) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
@@ -30,6 +33,20 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "values",
         "not finite; NaN is drawn as transparent, infinity as the end of the range",
     );
+    let is_blank = |i: usize| match taken.association {
+        Association::Nodes => blanking.node(i),
+        Association::Cells => blanking.cell(i),
+    };
+    let blank: Vec<usize> = (0..lattice.len()).filter(|&i| is_blank(i)).collect();
+    if !blank.is_empty() {
+        // The only way for a lattice to leave samples out; seldom, so that the width is borne.
+        let mut values: Vec<f32> = (0..lattice.len()).map(|i| taken.values.get(i)).collect();
+        for &i in &blank {
+            values[i] = f32::NAN;
+        }
+        taken.values = Values::F32(values);
+        report.leave_out(blank.len(), "samples", LeftOut::Blanked.reason());
+    }
     let mean_spacing = mean_spacing(&lattice);
     let particles = Particles::Lattice {
         lattice,

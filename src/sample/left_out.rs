@@ -39,14 +39,19 @@ impl LeftOut {
         Self::BeyondSinglePrecision,
     ];
 
-    fn reason(self) -> &'static str {
+    /// The reason in words.
+    pub(super) fn reason(self) -> &'static str {
         match self {
             Self::Position => "position not finite",
             Self::Value => "value not finite",
             Self::Blanked => "blanked (iblank 0, or hidden by vtkGhostType)",
             Self::Degenerate => "no volume, or inverted",
-            Self::LowerDimension => "points, lines and surfaces have no volume",
-            Self::Unused => "corner of no cell with a volume",
+            Self::LowerDimension => {
+                "points, lines, surfaces and kinds that are not read have no volume"
+            }
+            Self::Unused => {
+                "corner of no cell with a volume (between corners, or of cells left out)"
+            }
             Self::Seam => "on a periodic seam, the same as the first plane",
             Self::Size => "size zero, negative or not finite",
             Self::Indefinite => "variance indefinite or not finite",

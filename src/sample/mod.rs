@@ -135,8 +135,9 @@ pub struct Sampled {
 ///   compositing is linear here; most viewers of splats blend the encoded values, so that
 ///   half-transparent edges look lighter here than there.
 ///
-/// With no field named, PLOT3D data show `density`, others their first scalar that is not
-/// constant, nodes before cells.
+/// With no field named, PLOT3D data and particles show their density, others their first scalar that
+/// is not constant, nodes before cells; particles with neither lengths nor densities show how
+/// densely they lie.
 ///
 /// [`crate::irregular`] has the formulas, with how evenly each draws a uniform field.
 ///

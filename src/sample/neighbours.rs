@@ -1,8 +1,9 @@
 //! Neighbours of scattered points: spacings, shapes, and sums of kernels.
 
 use std::num::NonZero;
+use std::sync::LazyLock;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
@@ -20,8 +21,14 @@ const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
 /// beyond.
 const SUM_CUTOFF: f64 = 4.0;
 
-/// Kernels whose terms are held at a time by [`PointIndex::kernel_sums`].
-const SUM_BATCH: usize = 1 << 15;
+/// Terms that [`PointIndex::kernel_sums`] holds at a time, more or less.
+const SUM_TERMS: usize = 1 << 22;
+
+/// Kernels of its first batch, before it knows how many terms they have.
+const SUM_BATCH: usize = 1 << 10;
+
+/// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
+const MOST_NEIGHBOURS: usize = 8192;
 
 /// A k-d tree of the finite points of a set.
 ///
@@ -34,7 +41,7 @@ pub(super) struct PointIndex<'a> {
     /// Where the points of each distinct position begin in `order`; one more at the end.
     starts: Vec<u32>,
     /// Positions in the tree are relative to it: squared distances stay exact far from the
-    /// world's origin.
+    /// world's origin. The median along each axis, so that a far outlier loses only itself.
     origin: DVec3,
     tree: ImmutableKdTree<f64, 3>,
 }
@@ -57,13 +64,13 @@ impl<'a> PointIndex<'a> {
         });
         let mut starts = Vec::with_capacity(order.len() + 1);
         let mut points = Vec::with_capacity(order.len());
-        let origin = positions[*order.first()? as usize];
+        let origin = median(positions, &order)?;
         let groups = order.chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits));
         let mut start = 0;
         for group in groups {
             starts.push(start);
             start += index_u32(group.len());
-            points.push((positions[group[0] as usize] - origin).to_array());
+            points.push(turned(positions[group[0] as usize] - origin));
         }
         starts.push(start);
         if points.len() < 2 {
@@ -98,7 +105,7 @@ impl<'a> PointIndex<'a> {
         let wanted = NonZero::new(count + 1).unwrap_or(NonZero::<usize>::MIN);
         let found = self
             .tree
-            .query(&self.group_point(g).to_array())
+            .query(&turned(self.group_point(g)))
             .nearest_n::<SquaredEuclidean<f64>>(wanted)
             .execute();
         found
@@ -128,19 +135,19 @@ impl<'a> PointIndex<'a> {
             .into_par_iter()
             .map(|g| {
                 let mut within = 0;
-                let mut widest = 0.0;
+                let mut outermost = 0.0;
                 let (mut sum, mut count) = (0.0, 0.0);
                 for (other, squared_radius) in self.nearest(g, last) {
                     within += self.group(other).len();
                     let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
                     let share = ball / (within - 1).max(1) as f64;
-                    widest = share;
+                    outermost = share;
                     if within > first && share > 0.0 {
                         sum += share;
                         count += 1.0;
                     }
                 }
-                if count > 0.0 { sum / count } else { widest }
+                if count > 0.0 { sum / count } else { outermost }
             })
             .collect();
         self.spread(&volumes, f64::NAN)
@@ -219,7 +226,7 @@ impl<'a> PointIndex<'a> {
         let centre = centre - self.origin;
         let found = self
             .tree
-            .query(&centre.to_array())
+            .query(&turned(centre))
             .within::<SquaredEuclidean<f64>>(radius * radius)
             .unsorted()
             .execute();
@@ -234,6 +241,29 @@ impl<'a> PointIndex<'a> {
         }
     }
 
+    /// How many points some of the kernels reach on average, if it is too many to sum over.
+    pub(super) fn crowd(
+        &self,
+        kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
+    ) -> Option<usize> {
+        /// Kernels looked at.
+        const SAMPLE: usize = 256;
+        let step = self.order.len().div_ceil(SAMPLE).max(1);
+        let some: Vec<u32> = self.order.iter().copied().step_by(step).collect();
+        let reached: usize = some
+            .par_iter()
+            .filter_map(|&j| {
+                let (_, sigma, _) = kernel(j as usize)?;
+                let mut count = 0;
+                let at = self.positions[j as usize];
+                self.for_each_within(at, SUM_CUTOFF * sigma, |_, _| count += 1);
+                Some(count)
+            })
+            .sum();
+        let average = reached / some.len().max(1);
+        (average > MOST_NEIGHBOURS).then_some(average)
+    }
+
     /// At each point the sum over kernels j of amplitude x Gaussian. `kernel(j)` gives the
     /// lower-triangular factor, the greatest standard deviation and the amplitude of the kernel at
     /// point j, or `None`. 0 for points that are not finite.
@@ -244,13 +274,17 @@ impl<'a> PointIndex<'a> {
         kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
     ) -> Vec<f64> {
         let mut sums = vec![0.0; self.positions.len()];
-        let points: Vec<usize> = self.order.iter().map(|&i| i as usize).collect();
-        for batch in points.chunks(SUM_BATCH) {
+        let mut rest = self.order.as_slice();
+        let mut batch_size = SUM_BATCH;
+        while !rest.is_empty() {
+            let (batch, others) = rest.split_at(batch_size.min(rest.len()));
+            rest = others;
             let terms: Vec<Vec<(u32, f64)>> = batch
-                .par_chunks(256)
+                .par_chunks(batch_size.div_ceil(64))
                 .map(|chunk| {
                     let mut terms = Vec::new();
                     for &j in chunk {
+                        let j = j as usize;
                         let Some((factor, sigma, amplitude)) = kernel(j) else {
                             continue;
                         };
@@ -268,6 +302,10 @@ impl<'a> PointIndex<'a> {
             for (i, term) in terms.iter().flatten() {
                 sums[*i as usize] += term;
             }
+            let count: usize = terms.iter().map(Vec::len).sum();
+            // Grows slowly, shrinks at once.
+            let fitting = batch.len() * SUM_TERMS / count.max(1);
+            batch_size = fitting.clamp(64, 2 * batch_size);
         }
         sums
     }
@@ -283,6 +321,25 @@ pub(super) fn square(x: DVec3) -> [f64; 6] {
         x.y * x.z,
         x.z * x.z,
     ]
+}
+
+/// The median of the finite positions along each axis.
+fn median(positions: &[DVec3], finite: &[u32]) -> Option<DVec3> {
+    let axis = |d: usize| {
+        let mut along: Vec<f64> = finite.iter().map(|&i| positions[i as usize][d]).collect();
+        let middle = along.len() / 2;
+        (middle < along.len()).then(|| *along.select_nth_unstable_by(middle, f64::total_cmp).1)
+    };
+    Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
+}
+
+/// A point turned about no axis of importance: a k-d tree splits along its axes, and is slow where
+/// many points share a coordinate. Distances stay.
+fn turned(p: DVec3) -> [f64; 3] {
+    // Euler angles of .7, 1.1 and .4.
+    static TURN: LazyLock<DMat3> =
+        LazyLock::new(|| DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4));
+    (*TURN * p).to_array()
 }
 
 /// The Gaussian of unit integral with variance L Lᵀ at offset `d`.

@@ -14,6 +14,7 @@ use super::{
     nothing_left, sph, take_scalar, transfer_function, yu_turk,
 };
 use crate::error::{Error, Result};
+use crate::image::linear_from_srgb;
 use crate::io::{Association, Dataset, FieldSource, Geometry, LengthMeaning, Smoothing, SphKernel};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength, Values};
 
@@ -32,6 +33,8 @@ const SCALES: [&str; 7] = [
     "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
 ];
 const RGB: [&str; 3] = ["r", "g", "b"];
+/// The names that scanners give to colours: bytes, as displays take them.
+const RED_GREEN_BLUE: [&str; 3] = ["red", "green", "blue"];
 
 /// Columns with a meaning of their own: none is the field to show by default.
 const RESERVED: [&str; 12] = [
@@ -135,21 +138,31 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         count,
     };
     let shapes = columns.shapes(positions, options)?;
-    let mass = columns.mass(&shapes)?;
+    let mass = columns.mass(&shapes, options)?;
     let shape = &shapes.shape;
     let is_classified = matches!(mass, Mass::Classified(_));
-    let rgb = columns.set(RGB)?;
+    let rgb = match columns.set(RGB)? {
+        Some(rgb) => Some(rgb),
+        None => columns.set(RED_GREEN_BLUE)?,
+    };
 
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified && !shapes.bare => columns.default_field(),
+        None if is_classified => columns.default_field(!shapes.bare),
         None => None,
     };
+    // Masses and a column of them: their density, so that columns are of mass.
+    let mass_name = columns.names().1;
+    let of_masses = options.for_columns
+        && wanted
+            .as_deref()
+            .is_some_and(|name| name.eq_ignore_ascii_case(mass_name));
+    let wanted = wanted.filter(|_| !of_masses);
     let computed = is_classified && wanted.is_none();
     // Mass over volume, where masses are known and nothing else is to be shown.
     let masses = match computed {
-        true => columns.get(columns.names().1)?,
+        true => columns.get(mass_name)?,
         false => None,
     };
     // A named field colours, even beside masses; else r, g, b do.
@@ -178,7 +191,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         let (factor, sigmas) = shape.at(i, scale)?;
         let kernel_volume = sigmas.iter().product::<f64>() / width_cubed;
         let (strength, volume) = mass.at(i, sigmas, kernel_volume)?;
-        let colour = rgb.map_or([1.0; 3], |c| c.map(|c| c.get(i)));
+        let colour = rgb.map_or([1.0; 3], |c| c.map(|c| linear_channel(c, i)));
         if !colour.iter().all(|c| c.is_finite()) {
             return Err(LeftOut::Colour);
         }
@@ -302,6 +315,14 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     })
 }
 
+/// A channel of a colour: as it is, or decoded from sRGB where it is a byte.
+fn linear_channel(column: &Values, i: usize) -> f32 {
+    match column {
+        Values::U8(bytes) => linear_from_srgb(f32::from(bytes[i]) / 255.0),
+        _ => column.get(i),
+    }
+}
+
 /// The columns of a table, by name.
 #[derive(Clone, Copy)]
 struct Columns<'a> {
@@ -388,7 +409,8 @@ impl<'a> Columns<'a> {
         Ok(taken.values)
     }
 
-    /// The fields with lengths, masses and densities of smoothed particles.
+    /// The fields with lengths, masses and densities of smoothed particles; empty where the format
+    /// has none.
     fn names(&self) -> (&'a str, &'a str, &'a str) {
         match &self.dataset.smoothing {
             Some(Smoothing {
@@ -398,7 +420,7 @@ impl<'a> Columns<'a> {
                 ..
             }) => {
                 let or_none = |name: &'a Option<String>| name.as_deref().unwrap_or("");
-                (length, or_none(mass), or_none(density))
+                (or_none(length), or_none(mass), or_none(density))
             }
             None => ("h", "m", "rho"),
         }
@@ -417,23 +439,22 @@ impl<'a> Columns<'a> {
         let smoothing = self.dataset.smoothing.as_ref();
         let meaning = smoothing.map_or(LengthMeaning::SmoothingLength, |s| s.meaning);
         let own = self.names().0;
-        let sigma = match own {
-            "sigma" => None,
-            _ => length("sigma", LengthMeaning::Sigma)?,
+        let stated = match smoothing {
+            Some(_) => length(own, meaning)?,
+            None => self.one_of(
+                "shape",
+                [
+                    ("sigma", length("sigma", LengthMeaning::Sigma)?),
+                    (own, length(own, meaning)?),
+                    ("radius", length("radius", LengthMeaning::Sigma)?),
+                    ("vxx..vzz", self.set(VARIANCE)?.map(Stated::Variance)),
+                    (
+                        "scale_0..2, rot_0..3",
+                        self.set(SCALES)?.map(Stated::ScaleRotation),
+                    ),
+                ],
+            )?,
         };
-        let stated = self.one_of(
-            "shape",
-            [
-                ("sigma", sigma),
-                (own, length(own, meaning)?),
-                ("radius", length("radius", LengthMeaning::Sigma)?),
-                ("vxx..vzz", self.set(VARIANCE)?.map(Stated::Variance)),
-                (
-                    "scale_0..2, rot_0..3",
-                    self.set(SCALES)?.map(Stated::ScaleRotation),
-                ),
-            ],
-        )?;
         let kernel = options.kernel.or(smoothing.map(|s| s.kernel));
         let kernel = kernel.unwrap_or(SphKernel::CubicSpline);
         let stated_shape = |shape| Shapes {
@@ -472,10 +493,12 @@ impl<'a> Columns<'a> {
     ) -> Result<Shapes<'a>> {
         let sigma = |i: usize| lengths.sigma_over_length * (lengths.of)(i);
         let (_, mass, density) = self.names();
-        let known = self.get("volume")?.is_some()
-            || self.get("mass")?.is_some()
-            || self.get("extinction")?.is_some()
-            || self.get("opacity")?.is_some()
+        let is_table = self.dataset.smoothing.is_none();
+        let states = |name| Ok::<_, Error>(is_table && self.get(name)?.is_some());
+        let known = states("volume")?
+            || states("mass")?
+            || states("extinction")?
+            || states("opacity")?
             || (self.get(mass)?.is_some() && self.get(density)?.is_some());
         let with_yu_turk = options.shape == ParticleShape::YuTurk;
         let index = if with_yu_turk || (crowded && !known) {
@@ -491,11 +514,21 @@ impl<'a> Columns<'a> {
             }
             _ => Shape::Spheres((0..self.count).into_par_iter().map(sigma).collect()),
         };
+        let kernel = |j: usize| {
+            let s = sigma(j);
+            (s > 0.0 && s.is_finite()).then_some(([s, 0.0, s, 0.0, 0.0, s], s, 1.0))
+        };
+        if let Some(average) = index.as_ref().and_then(|index| index.crowd(kernel)) {
+            return Err(Error::format(
+                &self.dataset.path,
+                "particle lengths",
+                "kernels that reach some dozens of neighbours",
+                format!("{average} neighbours each, on average"),
+                "say what the lengths are with --length, or give --radius",
+            ));
+        }
         let volumes = index.filter(|_| crowded && !known).map(|index| {
-            let sums = index.kernel_sums(|j| {
-                let s = sigma(j);
-                (s > 0.0 && s.is_finite()).then_some(([s, 0.0, s, 0.0, 0.0, s], s, 1.0))
-            });
+            let sums = index.kernel_sums(kernel);
             sums.into_iter().map(|sum| 1.0 / sum).collect()
         });
         Ok(Shapes {
@@ -517,7 +550,14 @@ impl<'a> Columns<'a> {
                 "add a column `sigma`, or give --radius",
             )
         })?;
-        let volumes = index.volumes();
+        let (_, mass, density) = self.names();
+        let volumes = match (self.get(mass)?, self.get(density)?) {
+            (Some(mass), Some(density)) => {
+                let volume = |i| f64::from(mass.get(i)) / f64::from(density.get(i));
+                (0..self.count).into_par_iter().map(volume).collect()
+            }
+            _ => index.volumes(),
+        };
         let with_covariances = match options.shape {
             ParticleShape::Covariance => true,
             ParticleShape::Automatic => is_truly_anisotropic(&index),
@@ -541,12 +581,15 @@ impl<'a> Columns<'a> {
         })
     }
 
-    fn mass<'s>(&self, shapes: &'s Shapes<'_>) -> Result<Mass<'s>>
+    fn mass<'s>(&self, shapes: &'s Shapes<'_>, options: &SampleOptions) -> Result<Mass<'s>>
     where
         'a: 's,
     {
-        let volume = self.get("volume")?;
-        let extinction = match (self.get("extinction")?, volume) {
+        // What a table's names mean says nothing of a snapshot's.
+        let is_table = self.dataset.smoothing.is_none();
+        let of_table = |name| if is_table { self.get(name) } else { Ok(None) };
+        let volume = of_table("volume")?;
+        let extinction = match (of_table("extinction")?, volume) {
             (Some(extinction), Some(volume)) => Some(Mass::Extinction(extinction, volume)),
             (Some(_), None) => {
                 return Err(Error::format(
@@ -562,11 +605,13 @@ impl<'a> Columns<'a> {
         let stated = self.one_of(
             "strength",
             [
-                ("mass", self.get("mass")?.map(Mass::Stated)),
+                ("mass", of_table("mass")?.map(Mass::Stated)),
                 ("extinction", extinction),
-                ("opacity", self.get("opacity")?.map(Mass::Opacity)),
+                ("opacity", of_table("opacity")?.map(Mass::Opacity)),
             ],
         )?;
+        // A field named for column densities is what is summed, not what colours.
+        let stated = stated.filter(|_| !(options.for_columns && options.field.is_some()));
         Ok(match stated {
             Some(stated) => stated,
             None => {
@@ -584,9 +629,9 @@ impl<'a> Columns<'a> {
         })
     }
 
-    /// A density if there is one, else the first column without a meaning of its own that is
-    /// not constant.
-    fn default_field(&self) -> Option<String> {
+    /// A density if there is one, else, where `any` will do, the first column without a meaning of
+    /// its own that is not constant.
+    fn default_field(&self, any: bool) -> Option<String> {
         let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
         let (length, mass, density) = self.names();
         let own = [length, mass];
@@ -594,9 +639,16 @@ impl<'a> Columns<'a> {
             self.dataset.fields.iter().filter(|f| match &f.source {
                 FieldSource::Scalar(values) => {
                     values.finite_range().is_some_and(|[lo, hi]| lo < hi)
-                        && ![&RESERVED[..], &VARIANCE, &SCALES, &RGB, &own]
-                            .iter()
-                            .any(|list| is(&f.name, list))
+                        && ![
+                            &RESERVED[..],
+                            &VARIANCE,
+                            &SCALES,
+                            &RGB,
+                            &RED_GREEN_BLUE,
+                            &own,
+                        ]
+                        .iter()
+                        .any(|list| is(&f.name, list))
                         && !describes_the_grid(&f.name)
                 }
                 _ => false,
@@ -604,7 +656,7 @@ impl<'a> Columns<'a> {
         };
         varying()
             .find(|f| is(&f.name, &DENSITIES) || is(&f.name, &[density]))
-            .or_else(|| varying().next())
+            .or_else(|| varying().next().filter(|_| any))
             .map(|f| f.name.clone())
     }
 }

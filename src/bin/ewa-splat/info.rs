@@ -28,6 +28,22 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let dataset = arguments.data.open(&arguments.input)?;
     let mut description = describe(&dataset)?;
+    // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
+    if dataset.fields.is_empty()
+        && !matches!(
+            dataset.geometry,
+            Geometry::Points { .. } | Geometry::Splats(_)
+        )
+    {
+        let notes = description["notes"].as_array_mut();
+        notes.map(|notes| {
+            notes.push(json!(
+                "no field to show: for a PLOT3D grid name its solution with --solution"
+            ))
+        });
+        print(&description, arguments.json);
+        return Ok(());
+    }
     // What rendering makes of it.
     let sampled = arguments.data.sample(dataset)?;
     let report = &sampled.report;
@@ -45,12 +61,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let blocked = BlockedVolume::new(sampled.volume);
     description["particles"] = json!(blocked.particle_count());
     description["bytes_per_particle"] = json!(blocked.bytes_per_particle());
-    if arguments.json {
+    print(&description, arguments.json);
+    Ok(())
+}
+
+fn print(description: &Value, as_json: bool) {
+    if as_json {
         crate::say!("{description:#}");
     } else {
-        print_table(&description);
+        print_table(description);
     }
-    Ok(())
 }
 
 fn describe(dataset: &Dataset) -> Result<Value> {
@@ -217,7 +237,9 @@ fn print_table(description: &Value) {
     }
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));
-    row("particles", text(&description["particles"]));
+    if description["particles"].is_u64() {
+        row("particles", text(&description["particles"]));
+    }
     if description["shown"].is_string() {
         row("shown field", text(&description["shown"]));
     }
@@ -235,24 +257,25 @@ fn print_table(description: &Value) {
             format!("{} ({})", vector(&kernels["anisotropy"]), AT),
         );
     }
-    let bytes = description["bytes_per_particle"].as_f64().unwrap_or(0.0);
-    let requirements = &description["requirements"];
-    let stored = [
-        (
-            "positions",
-            requirements["positions"].as_bool() == Some(true),
-        ),
-        ("shapes", requirements["shape_floats"] != 0),
-        ("values", requirements["values"] != "none"),
-        ("strengths", requirements["strength_floats"] != 0),
-        ("colours", requirements["colour_floats"] != 0),
-    ];
-    let stored = stored.iter().filter(|(_, is)| *is).map(|(name, _)| *name);
-    let stored: Vec<&str> = stored.collect();
-    row(
-        "bytes per particle",
-        format!("{bytes:.2}: {}", stored.join(", ")),
-    );
+    if let Some(bytes) = description["bytes_per_particle"].as_f64() {
+        let requirements = &description["requirements"];
+        let stored = [
+            (
+                "positions",
+                requirements["positions"].as_bool() == Some(true),
+            ),
+            ("shapes", requirements["shape_floats"] != 0),
+            ("values", requirements["values"] != "none"),
+            ("strengths", requirements["strength_floats"] != 0),
+            ("colours", requirements["colour_floats"] != 0),
+        ];
+        let stored = stored.iter().filter(|(_, is)| *is).map(|(name, _)| *name);
+        let stored: Vec<&str> = stored.collect();
+        row(
+            "bytes per particle",
+            format!("{bytes:.2}: {}", stored.join(", ")),
+        );
+    }
     for note in lines(&description["notes"]) {
         row("note", text(&note));
     }

@@ -25,10 +25,10 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) transfer_function: Option<String>,
     /// Length over which the transfer function's opacity accumulates [default: mean spacing]
-    #[arg(long, value_name = "D", value_parser = parse::positive)]
+    #[arg(long, value_name = "D", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) unit_distance: Option<f64>,
     /// Kernel width: standard deviation over spacing [default: 0.6; 0.55 sharp, 0.7 smooth]
-    #[arg(long, value_name = "RHO", value_parser = parse::positive)]
+    #[arg(long, value_name = "RHO", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) kernel_width: Option<f64>,
     /// Particles: what their lengths mean, where the file's convention does not hold
     #[arg(long, value_enum, value_name = "MEANING")]
@@ -37,7 +37,7 @@ pub(crate) struct DataOptions {
     #[arg(long, value_enum, value_name = "KERNEL")]
     pub(crate) kernel: Option<Kernel>,
     /// Particles: one length for all instead of the file's; a standard deviation unless --length
-    #[arg(long, value_name = "R", value_parser = parse::positive)]
+    #[arg(long, value_name = "R", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) radius: Option<f64>,
     /// Particles: shape of those that state a length at most
     #[arg(long, value_enum, value_name = "SHAPE", default_value = "auto")]

@@ -118,7 +118,9 @@ pub(super) fn read(file: &SnapshotFile<'_>) -> Result<Option<Dataset>> {
                  Gadget defines them.",
             );
         } else {
-            file.note("No smoothing lengths: sizes come from the particles' distances.");
+            file.note(
+                "No smoothing lengths: sizes come from mass over density, or from the distances.",
+            );
         }
         (
             gadget_length,
@@ -128,7 +130,7 @@ pub(super) fn read(file: &SnapshotFile<'_>) -> Result<Option<Dataset>> {
     };
 
     let mut dataset = table::dataset(file.path, "Gadget snapshot", positions, fields)?;
-    dataset.smoothing = length.map(|length| Smoothing {
+    dataset.smoothing = Some(Smoothing {
         length,
         meaning,
         kernel,

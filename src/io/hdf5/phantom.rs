@@ -111,7 +111,7 @@ pub(super) fn read(file: &SnapshotFile<'_>, particles: &Group) -> Result<Dataset
 
     let mut dataset = table::dataset(file.path, "Phantom dump", positions, fields)?;
     dataset.smoothing = Some(Smoothing {
-        length: "h".to_owned(),
+        length: Some("h".to_owned()),
         meaning: LengthMeaning::SmoothingLength,
         kernel: SphKernel::CubicSpline,
         mass: Some("m".to_owned()),

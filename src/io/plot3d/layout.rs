@@ -278,6 +278,10 @@ impl Layout {
 
     /// Whether the file holds each k plane as a record of its own.
     pub(super) fn is_in_planes(&self, contents: Contents<'_>) -> bool {
+        // Only marks between them tell planes apart.
+        if self.form.mark_size() == 0 {
+            return false;
+        }
         let planes = Self {
             dims: self
                 .dims
@@ -288,7 +292,7 @@ impl Layout {
             ..self.clone()
         };
         let extra = planes.dims.len().checked_sub(self.dims.len());
-        let Some(extra) = extra.filter(|&n| n > 0 && self.form.mark_size() > 0) else {
+        let Some(extra) = extra.filter(|&n| n > 0) else {
             return false;
         };
         // The header names the grids, not the planes.

@@ -19,6 +19,9 @@ use super::scan::{DataType, Scanner};
 use crate::error::Result;
 use crate::scene::Values;
 
+/// Arrays without numbers that a note names at most.
+const MOST_NOTED: usize = 64;
+
 /// More components than any array has, so that a wrong count is not taken for one.
 const MOST_COMPONENTS: usize = 1024;
 
@@ -267,7 +270,7 @@ impl Attributes {
         };
         if let texts @ (DataType::Text | DataType::Variant) = heading.data_type {
             scan.skip_texts(texts, number_count)?;
-            if !self.not_numbers.contains(&heading.name) {
+            if self.not_numbers.len() < MOST_NOTED && !self.not_numbers.contains(&heading.name) {
                 self.not_numbers.push(heading.name);
             }
             return Ok(());

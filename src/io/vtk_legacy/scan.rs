@@ -163,9 +163,9 @@ impl<'a> Scanner<'a> {
 
     /// The next word of this line in lower case, if it has one more.
     pub(super) fn word_on_line(&mut self) -> Option<String> {
-        let rest = &self.bytes[self.at..];
-        let line_end = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
-        if rest[..line_end].trim_ascii().is_empty() {
+        let is_blank = |b: &u8| *b != b'\n' && b.is_ascii_whitespace();
+        let next = self.bytes[self.at..].iter().find(|b| !is_blank(b));
+        if next.is_none_or(|&b| b == b'\n') {
             return None;
         }
         self.word().map(|w| quote(w).to_ascii_lowercase())
