@@ -160,6 +160,22 @@ fn every_filter_and_camera_draws() {
 }
 
 #[test]
+fn a_grid_without_a_solution_is_described() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(fixture("wake.xyz"), folder.path().join("alone.xyz")).unwrap();
+    let output = run(folder.path(), &["info", "alone.xyz"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    assert!(
+        text.contains("curvilinear grid") && text.contains("--solution"),
+        "{text}"
+    );
+    // Nothing to draw: an error all the same.
+    let output = run(folder.path(), &["render", "alone.xyz", "--out", "a.png"]);
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
 fn bad_input_is_one_line_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (wake, particles) = (fixture("wake.xyz"), fixture("particles.csv"));

@@ -35,12 +35,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             Geometry::Points { .. } | Geometry::Splats(_)
         )
     {
-        let notes = description["notes"].as_array_mut();
-        notes.map(|notes| {
+        if let Some(notes) = description["notes"].as_array_mut() {
             notes.push(json!(
                 "no field to show: for a PLOT3D grid name its solution with --solution"
-            ))
-        });
+            ));
+        }
         print(&description, arguments.json);
         return Ok(());
     }
