@@ -1,7 +1,6 @@
 //! Neighbours of scattered points: spacings, shapes, and sums of kernels.
 
 use std::num::NonZero;
-use std::sync::LazyLock;
 
 use glam::{DMat3, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -43,6 +42,9 @@ pub(super) struct PointIndex<'a> {
     /// Positions in the tree are relative to it: squared distances stay exact far from the
     /// world's origin. The median along each axis, so that a far outlier loses only itself.
     origin: DVec3,
+    /// How points are turned before they are put in the tree, which splits along its axes and is
+    /// slow where many points share a coordinate. Distances stay.
+    turn: DMat3,
     tree: ImmutableKdTree<f64, 3>,
 }
 
@@ -62,17 +64,29 @@ impl<'a> PointIndex<'a> {
                 .then(a[2].total_cmp(&b[2]))
                 .then(i.cmp(&j))
         });
-        let mut starts = Vec::with_capacity(order.len() + 1);
-        let mut points = Vec::with_capacity(order.len());
-        let origin = median(positions, &order)?;
-        let groups = order.chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits));
+        let (origin, is_crowded) = median(positions, &order)?;
+        let turn = if is_crowded {
+            // Euler angles of no importance.
+            DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4)
+        } else {
+            DMat3::IDENTITY
+        };
+        // Along a curve that fills space, so that what is near is near in memory too.
+        let chunks = order.chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits));
+        let mut groups: Vec<&[u32]> = chunks.collect();
+        let [low, high] = bounds(positions, &order);
+        let scale = (high - low).max(DVec3::splat(f64::MIN_POSITIVE)).recip();
+        groups.par_sort_by_cached_key(|g| morton((positions[g[0] as usize] - low) * scale));
+        let mut starts = Vec::with_capacity(groups.len() + 1);
+        let mut points = Vec::with_capacity(groups.len());
         let mut start = 0;
-        for group in groups {
+        for group in &groups {
             starts.push(start);
             start += index_u32(group.len());
-            points.push(turned(positions[group[0] as usize] - origin));
+            points.push((turn * (positions[group[0] as usize] - origin)).to_array());
         }
         starts.push(start);
+        let order = groups.concat();
         if points.len() < 2 {
             return None;
         }
@@ -82,6 +96,7 @@ impl<'a> PointIndex<'a> {
             order,
             starts,
             origin,
+            turn,
             tree,
         })
     }
@@ -105,7 +120,7 @@ impl<'a> PointIndex<'a> {
         let wanted = NonZero::new(count + 1).unwrap_or(NonZero::<usize>::MIN);
         let found = self
             .tree
-            .query(&turned(self.group_point(g)))
+            .query(&(self.turn * self.group_point(g)).to_array())
             .nearest_n::<SquaredEuclidean<f64>>(wanted)
             .execute();
         found
@@ -226,7 +241,7 @@ impl<'a> PointIndex<'a> {
         let centre = centre - self.origin;
         let found = self
             .tree
-            .query(&turned(centre))
+            .query(&(self.turn * centre).to_array())
             .within::<SquaredEuclidean<f64>>(radius * radius)
             .unsorted()
             .execute();
@@ -323,23 +338,48 @@ pub(super) fn square(x: DVec3) -> [f64; 6] {
     ]
 }
 
-/// The median of the finite positions along each axis.
-fn median(positions: &[DVec3], finite: &[u32]) -> Option<DVec3> {
-    let axis = |d: usize| {
+/// The median of the finite positions along each axis, and whether many of them share one of its
+/// coordinates.
+fn median(positions: &[DVec3], finite: &[u32]) -> Option<(DVec3, bool)> {
+    let mut is_crowded = false;
+    let mut axis = |d: usize| {
         let mut along: Vec<f64> = finite.iter().map(|&i| positions[i as usize][d]).collect();
         let middle = along.len() / 2;
-        (middle < along.len()).then(|| *along.select_nth_unstable_by(middle, f64::total_cmp).1)
+        if along.is_empty() {
+            return None;
+        }
+        let median = *along.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let sharing = along.iter().filter(|x| x.to_bits() == median.to_bits());
+        is_crowded |= 8 * sharing.count() > along.len();
+        Some(median)
     };
-    Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
+    let median = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
+    Some((median, is_crowded))
 }
 
-/// A point turned about no axis of importance: a k-d tree splits along its axes, and is slow where
-/// many points share a coordinate. Distances stay.
-fn turned(p: DVec3) -> [f64; 3] {
-    // Euler angles of .7, 1.1 and .4.
-    static TURN: LazyLock<DMat3> =
-        LazyLock::new(|| DMat3::from_euler(glam::EulerRot::XYZ, 0.7, 1.1, 0.4));
-    (*TURN * p).to_array()
+/// The box of the finite positions.
+fn bounds(positions: &[DVec3], finite: &[u32]) -> [DVec3; 2] {
+    let finite = || finite.iter().map(|&i| positions[i as usize]);
+    [
+        finite().fold(DVec3::INFINITY, DVec3::min),
+        finite().fold(DVec3::NEG_INFINITY, DVec3::max),
+    ]
+}
+
+/// The place of a point of the unit cube along Morton's curve: ten bits of each coordinate in turn.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "casts saturate, and NaN gives 0: any place will do"
+)]
+fn morton(p: DVec3) -> u32 {
+    let spread = |x: f64| {
+        let mut bits = ((x * 1024.0) as u32).min(1023);
+        bits = (bits | bits << 16) & 0x0300_00ff;
+        bits = (bits | bits << 8) & 0x0300_f00f;
+        bits = (bits | bits << 4) & 0x030c_30c3;
+        (bits | bits << 2) & 0x0924_9249
+    };
+    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
 /// The Gaussian of unit integral with variance L Lᵀ at offset `d`.
