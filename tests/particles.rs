@@ -370,3 +370,21 @@ fn bytes_of_colour_are_decoded() {
     let [red, green, blue] = colours[0];
     assert!((red - 1.0).abs() < 1e-6 && green.abs() < 1e-6 && (blue - 0.5).abs() < 5e-3);
 }
+
+#[test]
+fn optical_masses_beside_densities_are_remarked_on() {
+    let columns = |mass: &str| {
+        let rho = (0..8_u8).map(f32::from).collect();
+        vec![
+            column("h", vec![1.0; 8]),
+            column(mass, vec![1.0; 8]),
+            column("rho", rho),
+        ]
+    };
+    let warnings = |mass: &str| {
+        let sampled = sample(dataset(cube(2), columns(mass)), SampleOptions::default());
+        sampled.report.warnings().join("; ")
+    };
+    assert!(warnings("mass").contains("call physical masses `m`"));
+    assert!(!warnings("m").contains("physical masses"));
+}

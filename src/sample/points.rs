@@ -226,6 +226,14 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     let faults = rows.iter().filter_map(|row| row.as_ref().err().copied());
     LeftOut::report(&mut report, "particles", faults);
+    let is_picture = !named && !options.for_columns;
+    if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false).is_some() {
+        report.note(
+            count,
+            "particles",
+            "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
+        );
+    }
     let mut kept = Vec::with_capacity(count);
     let mut particles = Vec::with_capacity(count);
     for (i, row) in rows.into_iter().enumerate() {
