@@ -1,0 +1,177 @@
+//! The columns of a table, by name.
+
+use super::super::{TakenScalar, check_len, describes_the_grid};
+use crate::error::{Error, Result};
+use crate::image::linear_from_srgb;
+use crate::io::{Association, Dataset, FieldSource, Smoothing};
+use crate::scene::Values;
+
+pub(super) const VARIANCE: [&str; 6] = ["vxx", "vxy", "vxz", "vyy", "vyz", "vzz"];
+pub(super) const SCALES: [&str; 7] = [
+    "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+];
+pub(super) const RGB: [&str; 3] = ["r", "g", "b"];
+/// The names that scanners give to colours: bytes, as displays take them.
+pub(super) const RED_GREEN_BLUE: [&str; 3] = ["red", "green", "blue"];
+
+/// Columns with a meaning of their own: none is the field to show by default.
+pub(super) const RESERVED: [&str; 12] = [
+    "x",
+    "y",
+    "z",
+    "sigma",
+    "h",
+    "radius",
+    "mass",
+    "m",
+    "extinction",
+    "volume",
+    "opacity",
+    "id",
+];
+
+/// Fields preferred where none is named.
+pub(super) const DENSITIES: [&str; 2] = ["rho", "density"];
+
+/// A channel of a colour: as it is, or decoded from sRGB where it is a byte.
+pub(super) fn linear_channel(column: &Values, i: usize) -> f32 {
+    match column {
+        Values::U8(bytes) => linear_from_srgb(f32::from(bytes[i]) / 255.0),
+        _ => column.get(i),
+    }
+}
+
+/// The columns of a table, by name.
+#[derive(Clone, Copy)]
+pub(super) struct Columns<'a> {
+    pub(super) dataset: &'a Dataset,
+    pub(super) count: usize,
+}
+
+impl<'a> Columns<'a> {
+    pub(super) fn get(&self, name: &str) -> Result<Option<&'a Values>> {
+        let stored = self.dataset.fields.iter().find_map(|f| match &f.source {
+            FieldSource::Scalar(values)
+                if f.association == Association::Nodes && f.name.eq_ignore_ascii_case(name) =>
+            {
+                Some(values)
+            }
+            _ => None,
+        });
+        match stored {
+            Some(values) if values.len() != self.count => Err(Error::format(
+                &self.dataset.path,
+                format!("column `{name}`"),
+                format!("{} values", self.count),
+                format!("{} values", values.len()),
+                "the file is damaged",
+            )),
+            stored => Ok(stored),
+        }
+    }
+
+    /// All columns of a set, or none; some of them are an error.
+    pub(super) fn set<const N: usize>(&self, names: [&str; N]) -> Result<Option<[&'a Values; N]>> {
+        let mut columns = Vec::with_capacity(N);
+        for name in names {
+            columns.push(self.get(name)?);
+        }
+        let present: Vec<&'a Values> = columns.iter().copied().flatten().collect();
+        if present.is_empty() {
+            return Ok(None);
+        }
+        if let Some(missing) = columns.iter().position(Option::is_none) {
+            return Err(Error::format(
+                &self.dataset.path,
+                "columns",
+                names.join(", "),
+                format!("no `{}`", names[missing]),
+                "give all of these or none",
+            ));
+        }
+        Ok(present.try_into().ok())
+    }
+
+    /// The only one present of several alternatives.
+    pub(super) fn one_of<T, const N: usize>(
+        &self,
+        what: &str,
+        alternatives: [(&str, Option<T>); N],
+    ) -> Result<Option<T>> {
+        let present: Vec<(&str, T)> = alternatives
+            .into_iter()
+            .filter_map(|(name, t)| t.map(|t| (name, t)))
+            .collect();
+        if present.len() > 1 {
+            let names: Vec<&str> = present.iter().map(|(name, _)| *name).collect();
+            return Err(Error::format(
+                &self.dataset.path,
+                "columns",
+                format!("one kind of {what}"),
+                names.join(" and "),
+                "drop all but one",
+            ));
+        }
+        Ok(present.into_iter().next().map(|(_, t)| t))
+    }
+
+    /// A scalar that no column stores: a vector's magnitude or component, or a derived one.
+    pub(super) fn derived(&self, selector: &str) -> Result<Values> {
+        let (association, values) = self.dataset.scalar(selector)?;
+        let taken = TakenScalar {
+            name: selector.into(),
+            association,
+            values,
+        };
+        check_len(self.dataset, &taken, self.count)?;
+        Ok(taken.values)
+    }
+
+    /// The fields with lengths, masses and densities of smoothed particles; empty where the format
+    /// has none.
+    pub(super) fn names(&self) -> (&'a str, &'a str, &'a str) {
+        match &self.dataset.smoothing {
+            Some(Smoothing {
+                length,
+                mass,
+                density,
+                ..
+            }) => {
+                let or_none = |name: &'a Option<String>| name.as_deref().unwrap_or("");
+                (or_none(length), or_none(mass), or_none(density))
+            }
+            None => ("h", "m", "rho"),
+        }
+    }
+
+    /// A density if there is one, else, where `any` will do, the first column without a meaning of
+    /// its own that is not constant.
+    pub(super) fn default_field(&self, any: bool) -> Option<String> {
+        let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
+        let (length, mass, density) = self.names();
+        let own = [length, mass];
+        let varying = || {
+            self.dataset.fields.iter().filter(|f| match &f.source {
+                FieldSource::Scalar(values) => {
+                    values.finite_range().is_some_and(|[lo, hi]| lo < hi)
+                        && ![
+                            &RESERVED[..],
+                            &VARIANCE,
+                            &SCALES,
+                            &RGB,
+                            &RED_GREEN_BLUE,
+                            &own,
+                        ]
+                        .iter()
+                        .any(|list| is(&f.name, list))
+                        && !describes_the_grid(&f.name)
+                }
+                _ => false,
+            })
+        };
+        varying()
+            .find(|f| is(&f.name, &DENSITIES) || is(&f.name, &[density]))
+            .or_else(|| varying().next().filter(|_| any))
+            .map(|f| f.name.clone())
+    }
+}

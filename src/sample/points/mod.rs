@@ -1,0 +1,238 @@
+//! Particles: shapes, strengths and colours from the columns of a table.
+
+mod columns;
+mod mass;
+mod shape;
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use self::columns::{Columns, RED_GREEN_BLUE, RGB, linear_channel};
+use self::mass::Mass;
+use self::shape::Shape;
+use super::left_out::LeftOut;
+use super::{
+    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, check_count, index_u32, keep,
+    narrowed, nothing_left, take_scalar, transfer_function,
+};
+use crate::error::Result;
+use crate::io::{Dataset, Geometry};
+use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+
+/// The name that the report gives to the field computed for bare positions. The logarithm,
+/// because clustered points span many decades of density.
+const LOG_NUMBER_DENSITY: &str = "log10 number density";
+
+/// The same for column densities, which then count particles.
+const NUMBER_DENSITY: &str = "number density";
+
+/// The name that the report gives to mass over volume where no density is stated.
+const MASS_DENSITY: &str = "density (mass over volume)";
+
+/// What becomes of one row.
+struct Particle {
+    /// Lower-triangular factor; isotropic shapes use the first element.
+    factor: [f32; 6],
+    /// Mass \[length²\] or, where classified, volume \[length³\].
+    strength: f32,
+    /// The volume it stands for \[length³\], for the mean spacing.
+    volume: f64,
+    colour: [f32; 3],
+}
+
+pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    let Geometry::Points { positions } = &dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let count = positions.len();
+    check_count(&dataset, count)?;
+    let columns = Columns {
+        dataset: &dataset,
+        count,
+    };
+    let shapes = columns.shapes(positions, options)?;
+    let mass = columns.mass(&shapes, options)?;
+    let shape = &shapes.shape;
+    let is_classified = matches!(mass, Mass::Classified(_));
+    let rgb = match columns.set(RGB)? {
+        Some(rgb) => Some(rgb),
+        None => columns.set(RED_GREEN_BLUE)?,
+    };
+
+    // The field: the one named; else, where masses are classified, a default one.
+    let wanted = match &options.field {
+        Some(name) => Some(name.clone()),
+        None if is_classified => columns.default_field(!shapes.bare),
+        None => None,
+    };
+    // Masses and a column of them: their density, so that columns are of mass.
+    let mass_name = columns.names().1;
+    let of_masses = options.for_columns
+        && wanted
+            .as_deref()
+            .is_some_and(|name| name.eq_ignore_ascii_case(mass_name));
+    let wanted = wanted.filter(|_| !of_masses);
+    let computed = is_classified && wanted.is_none();
+    // Mass over volume, where masses are known and nothing else is to be shown.
+    let masses = match computed {
+        true => columns.get(mass_name)?,
+        false => None,
+    };
+    // A named field colours, even beside masses; else r, g, b do.
+    let named = options.field.is_some();
+    let rgb = rgb.filter(|_| !named);
+    let field: Option<Cow<'_, Values>> = match &wanted {
+        Some(name) => match columns.get(name)? {
+            Some(stored) => Some(Cow::Borrowed(stored)),
+            None => Some(Cow::Owned(columns.derived(name)?)),
+        },
+        None => None,
+    };
+
+    let isotropic = matches!(shape, Shape::Spheres(_));
+    // Stated shapes are those of the default width.
+    let scale = options.kernel_width / DEFAULT_KERNEL_WIDTH;
+    let width_cubed = options.kernel_width.powi(3);
+    let row = |i: usize| -> Result<Particle, LeftOut> {
+        if !positions[i].is_finite() {
+            return Err(LeftOut::Position);
+        }
+        let is_known = |v: &Values| v.get(i).is_finite();
+        if !field.as_deref().is_none_or(is_known) || !masses.is_none_or(is_known) {
+            return Err(LeftOut::Value);
+        }
+        let (factor, sigmas) = shape.at(i, scale)?;
+        let kernel_volume = sigmas.iter().product::<f64>() / width_cubed;
+        let (strength, volume) = mass.at(i, sigmas, kernel_volume)?;
+        let colour = rgb.map_or([1.0; 3], |c| c.map(|c| linear_channel(c, i)));
+        if !colour.iter().all(|c| c.is_finite()) {
+            return Err(LeftOut::Colour);
+        }
+        let particle = Particle {
+            factor: factor.map(narrowed),
+            strength: narrowed(strength),
+            volume,
+            colour: colour.map(|c| c.max(0.0)),
+        };
+        let sound = particle.factor.iter().all(|l| l.is_finite())
+            && particle.factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE)
+            && particle.strength.is_finite()
+            && (particle.strength >= f32::MIN_POSITIVE || strength <= 0.0);
+        if sound {
+            Ok(particle)
+        } else {
+            Err(LeftOut::BeyondSinglePrecision)
+        }
+    };
+    let rows: Vec<Result<Particle, LeftOut>> = (0..count).into_par_iter().map(row).collect();
+
+    let mut report = SampleReport {
+        field: match (computed, masses) {
+            (true, Some(_)) => Some(MASS_DENSITY.into()),
+            (true, None) if options.for_columns => Some(NUMBER_DENSITY.into()),
+            (true, None) => Some(LOG_NUMBER_DENSITY.into()),
+            (false, _) => wanted.clone(),
+        },
+        lengths: shapes.lengths.clone(),
+        sample_count: count,
+        ..SampleReport::default()
+    };
+    let faults = rows.iter().filter_map(|row| row.as_ref().err().copied());
+    LeftOut::report(&mut report, "particles", faults);
+    let is_picture = !named && !options.for_columns;
+    if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false).is_some() {
+        report.note(
+            count,
+            "particles",
+            "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
+        );
+    }
+    let mut kept = Vec::with_capacity(count);
+    let mut particles = Vec::with_capacity(count);
+    for (i, row) in rows.into_iter().enumerate() {
+        if let Ok(particle) = row {
+            kept.push(index_u32(i));
+            particles.push(particle);
+        }
+    }
+    if kept.is_empty() {
+        return Err(nothing_left(&dataset, &report));
+    }
+    report.particle_count = kept.len();
+
+    let has_rgb = rgb.is_some();
+    // Moved out of the data set, not copied, where it is stored there.
+    let field = field.map(|f| match f {
+        Cow::Owned(derived) => Some(derived),
+        Cow::Borrowed(_) => None,
+    });
+    let values = match (field, &wanted) {
+        (Some(Some(derived)), _) => Some(keep(derived, &kept)),
+        (Some(None), Some(name)) => Some(keep(
+            take_scalar(&mut dataset, Some(name.as_str()))?.values,
+            &kept,
+        )),
+        _ if computed => {
+            let density = particles.iter().zip(&kept).map(|(p, &i)| match masses {
+                Some(m) => narrowed(f64::from(m.get(i as usize)) / p.volume),
+                None if options.for_columns => narrowed(1.0 / p.volume),
+                None => narrowed(-p.volume.log10()),
+            });
+            Some(Values::F32(density.collect()))
+        }
+        _ => None,
+    };
+    let total: f64 = particles
+        .iter()
+        .map(|p| p.volume)
+        .filter(|v| v.is_finite())
+        .sum();
+    let mean_spacing = Some((total / kept.len() as f64).cbrt()).filter(|s| *s > 0.0);
+    let mean_spacing = mean_spacing.unwrap_or(1.0);
+    let volumes: Vec<f32> = particles.iter().map(|p| narrowed(p.volume)).collect();
+    let transfer_function = match &values {
+        Some(values) => Some(transfer_function(values, &volumes, mean_spacing, options)?),
+        None => None,
+    };
+    report.value_range = values.as_ref().and_then(Values::finite_range);
+    report.unit_distance = transfer_function.as_ref().map_or_else(
+        || options.unit_distance.unwrap_or(mean_spacing),
+        |t| t.unit_distance(),
+    );
+
+    let Geometry::Points { positions } = &mut dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let mut positions = std::mem::take(positions);
+    if kept.len() < positions.len() {
+        positions = kept.iter().map(|&i| positions[i as usize]).collect();
+    }
+    let strengths = particles.iter().map(|p| p.strength).collect();
+    Ok(Sampled {
+        volume: PointVolume {
+            strength: if is_classified {
+                Strength::Classified { volumes: strengths }
+            } else {
+                Strength::Mass(strengths)
+            },
+            colour: if has_rgb {
+                Colour::PerParticle(particles.iter().map(|p| p.colour).collect())
+            } else if values.is_some() {
+                Colour::Classified
+            } else {
+                Colour::Uniform([1.0; 3])
+            },
+            particles: if isotropic {
+                let sigmas = particles.iter().map(|p| p.factor[0]).collect();
+                Particles::Isotropic { positions, sigmas }
+            } else {
+                let factors = particles.iter().map(|p| p.factor).collect();
+                Particles::Anisotropic { positions, factors }
+            },
+            values,
+            transfer_function,
+        },
+        report,
+    })
+}

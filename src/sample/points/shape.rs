@@ -1,0 +1,311 @@
+//! Shapes of particles: from columns, from lengths, from their neighbours.
+
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::super::factor::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+use super::super::left_out::LeftOut;
+use super::super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
+use super::super::{
+    DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, lower_factor, sph, yu_turk,
+};
+use super::columns::{Columns, SCALES, VARIANCE};
+use crate::error::{Error, Result};
+use crate::io::{LengthMeaning, SphKernel};
+use crate::scene::Values;
+
+/// A set is truly anisotropic, lying on surfaces or along lines, if the neighbourhoods of this
+/// share of its points are longer than wide by [`TRUE_RATIO`], the wide ones of
+/// [`TRUE_NEIGHBOURS`] points: sets that fill space look flat at a few neighbours where they lie in
+/// layers, and round at many.
+const TRUE_SHARE: f64 = 0.5;
+/// See [`TRUE_SHARE`]; a ratio of standard deviations.
+const TRUE_RATIO: f64 = 3.0;
+/// See [`TRUE_SHARE`].
+const TRUE_NEIGHBOURS: usize = 60;
+/// Points whose neighbourhoods are looked at for it.
+const TRUE_SAMPLE: usize = 4096;
+
+/// A neighbourhood is flat, or a line, where the next standard deviation is smaller by this.
+const FLAT_RATIO: f64 = 2.5;
+
+/// No neighbourhood is thinner than this share of its spacing.
+const LEAST_THICKNESS: f64 = 0.02;
+
+/// What gives shapes.
+pub(super) enum Shape<'a> {
+    /// Standard deviations of spheres.
+    Spheres(Vec<f64>),
+    Variance([&'a Values; 6]),
+    ScaleRotation([&'a Values; 7]),
+    /// Variances computed here.
+    Computed(Vec<[f64; 6]>),
+}
+
+/// Shapes, and volumes where these came with them.
+pub(super) struct Shapes<'a> {
+    pub(super) shape: Shape<'a>,
+    /// The space that each particle has to itself \[length³\]; NaN where there is none.
+    pub(super) volumes: Option<Vec<f64>>,
+    /// Whether there is nothing but positions.
+    pub(super) bare: bool,
+    /// The convention for the lengths, in words.
+    pub(super) lengths: Option<String>,
+}
+
+impl<'a> Columns<'a> {
+    /// Shapes of all particles, by what is stated and asked for.
+    pub(super) fn shapes(
+        &self,
+        positions: &[DVec3],
+        options: &SampleOptions,
+    ) -> Result<Shapes<'a>> {
+        enum Stated<'a> {
+            Length(&'a Values, &'a str, LengthMeaning),
+            Variance([&'a Values; 6]),
+            ScaleRotation([&'a Values; 7]),
+        }
+        let length = |name: &'a str, meaning| {
+            let column = self.get(name)?;
+            Ok::<_, Error>(column.map(|column| Stated::Length(column, name, meaning)))
+        };
+        let smoothing = self.dataset.smoothing.as_ref();
+        let meaning = smoothing.map_or(LengthMeaning::SmoothingLength, |s| s.meaning);
+        let own = self.names().0;
+        let stated = match smoothing {
+            Some(_) => length(own, meaning)?,
+            None => self.one_of(
+                "shape",
+                [
+                    ("sigma", length("sigma", LengthMeaning::Sigma)?),
+                    (own, length(own, meaning)?),
+                    ("radius", length("radius", LengthMeaning::Sigma)?),
+                    ("vxx..vzz", self.set(VARIANCE)?.map(Stated::Variance)),
+                    (
+                        "scale_0..2, rot_0..3",
+                        self.set(SCALES)?.map(Stated::ScaleRotation),
+                    ),
+                ],
+            )?,
+        };
+        let kernel = options.kernel.or(smoothing.map(|s| s.kernel));
+        let kernel = kernel.unwrap_or(SphKernel::CubicSpline);
+        let stated_shape = |shape| Shapes {
+            shape,
+            volumes: None,
+            bare: false,
+            lengths: None,
+        };
+        match (options.radius, stated) {
+            (Some(radius), _) => {
+                let meaning = options.length.unwrap_or(LengthMeaning::Sigma);
+                let lengths = Lengths::new("the radius given", meaning, kernel, |_| radius);
+                Ok(self.of_lengths(positions, options, &lengths, true)?)
+            }
+            (None, Some(Stated::Length(column, name, meaning))) => {
+                let meaning = options.length.unwrap_or(meaning);
+                let lengths = Lengths::new(name, meaning, kernel, |i| f64::from(column.get(i)));
+                // A sigma in a table is a kernel's own size, whatever its neighbours.
+                let crowded = smoothing.is_some() || name != "sigma";
+                self.of_lengths(positions, options, &lengths, crowded)
+            }
+            (None, Some(Stated::Variance(v))) => Ok(stated_shape(Shape::Variance(v))),
+            (None, Some(Stated::ScaleRotation(s))) => Ok(stated_shape(Shape::ScaleRotation(s))),
+            (None, None) => self.of_neighbours(positions, options),
+        }
+    }
+
+    /// Shapes from lengths; where nothing else gives volumes, the neighbours do: 1 over the sum of
+    /// the kernels at a particle, the number density of SPH.
+    fn of_lengths(
+        &self,
+        positions: &[DVec3],
+        options: &SampleOptions,
+        lengths: &Lengths<impl Fn(usize) -> f64 + Sync>,
+        crowded: bool,
+    ) -> Result<Shapes<'a>> {
+        let sigma = |i: usize| lengths.sigma_over_length * (lengths.of)(i);
+        let (_, mass, density) = self.names();
+        let is_table = self.dataset.smoothing.is_none();
+        let states = |name| Ok::<_, Error>(is_table && self.get(name)?.is_some());
+        let known = states("volume")?
+            || states("mass")?
+            || states("extinction")?
+            || states("opacity")?
+            || (self.get(mass)?.is_some() && self.get(density)?.is_some());
+        let with_yu_turk = options.shape == ParticleShape::YuTurk;
+        let index = if with_yu_turk || (crowded && !known) {
+            PointIndex::new(positions)
+        } else {
+            None
+        };
+        let shape = match &index {
+            Some(index) if with_yu_turk => {
+                let support = lengths.support_over_length;
+                let sizes = |i: usize| (sigma(i), support * (lengths.of)(i));
+                Shape::Computed(yu_turk::variances(index, positions, sizes))
+            }
+            _ => Shape::Spheres((0..self.count).into_par_iter().map(sigma).collect()),
+        };
+        let kernel = |j: usize| {
+            let s = sigma(j);
+            (s > 0.0 && s.is_finite()).then_some(([s, 0.0, s, 0.0, 0.0, s], s, 1.0))
+        };
+        if let Some(average) = index.as_ref().and_then(|index| index.crowd(kernel)) {
+            return Err(Error::format(
+                &self.dataset.path,
+                "particle lengths",
+                "kernels that reach some dozens of neighbours",
+                format!("{average} neighbours each, on average"),
+                "say what the lengths are with --length, or give --radius",
+            ));
+        }
+        let volumes = index.filter(|_| crowded && !known).map(|index| {
+            let sums = index.kernel_sums(kernel);
+            sums.into_iter().map(|sum| 1.0 / sum).collect()
+        });
+        Ok(Shapes {
+            shape,
+            volumes,
+            bare: false,
+            lengths: Some(lengths.convention.clone()),
+        })
+    }
+
+    /// Shapes from the nearest neighbours: spheres, or ellipsoids where the set is anisotropic.
+    fn of_neighbours(&self, positions: &[DVec3], options: &SampleOptions) -> Result<Shapes<'a>> {
+        let index = PointIndex::new(positions).ok_or_else(|| {
+            Error::format(
+                &self.dataset.path,
+                "columns",
+                "a shape: sigma, h, radius, vxx..vzz or scale_0..2 with rot_0..3",
+                "fewer than two distinct positions to take a spacing from",
+                "add a column `sigma`, or give --radius",
+            )
+        })?;
+        let (_, mass, density) = self.names();
+        let volumes = match (self.get(mass)?, self.get(density)?) {
+            (Some(mass), Some(density)) => {
+                let volume = |i| f64::from(mass.get(i)) / f64::from(density.get(i));
+                (0..self.count).into_par_iter().map(volume).collect()
+            }
+            _ => index.volumes(),
+        };
+        let with_covariances = match options.shape {
+            ParticleShape::Covariance => true,
+            ParticleShape::Automatic => is_truly_anisotropic(&index),
+            ParticleShape::Isotropic | ParticleShape::YuTurk => false,
+        };
+        let width = DEFAULT_KERNEL_WIDTH;
+        let shape = if with_covariances {
+            let variance = |(c, volume): (&[f64; 6], &f64)| {
+                neighbourhood_variance(*c, *volume).map(|v| v * width * width)
+            };
+            let covariances = index.covariances();
+            Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
+        } else {
+            Shape::Spheres(volumes.par_iter().map(|v| width * v.cbrt()).collect())
+        };
+        Ok(Shapes {
+            shape,
+            volumes: Some(volumes),
+            bare: true,
+            lengths: None,
+        })
+    }
+}
+
+/// One length per particle and what it means.
+struct Lengths<F> {
+    of: F,
+    sigma_over_length: f64,
+    support_over_length: f64,
+    convention: String,
+}
+
+impl<F> Lengths<F> {
+    fn new(name: &str, meaning: LengthMeaning, kernel: SphKernel, of: F) -> Self {
+        Self {
+            of,
+            sigma_over_length: sph::sigma_over_length(meaning, kernel),
+            support_over_length: sph::support_over_length(meaning, kernel),
+            convention: sph::convention(name, meaning, kernel),
+        }
+    }
+}
+
+/// See [`TRUE_SHARE`].
+fn is_truly_anisotropic(index: &PointIndex<'_>) -> bool {
+    let covariances = index.some_covariances(TRUE_SAMPLE, TRUE_NEIGHBOURS);
+    let is_long = |c: &&[f64; 6]| {
+        let (spread, _) = eigen(**c);
+        spread.max_element() > TRUE_RATIO * TRUE_RATIO * spread.min_element()
+    };
+    let long = covariances.iter().filter(is_long).count();
+    long as f64 > TRUE_SHARE * covariances.len() as f64
+}
+
+/// The variance of a kernel of width 1 from the covariance of its point's neighbours: divided by
+/// that of k points at unit spacing, in a ball, on a disc or along a line, whichever the
+/// neighbours resemble.
+fn neighbourhood_variance(covariance: [f64; 6], volume: f64) -> [f64; 6] {
+    use std::f64::consts::PI;
+    let count = NEIGHBOUR_COUNT as f64;
+    let ball = (3.0 * count / (4.0 * PI)).powf(2.0 / 3.0) / 5.0;
+    let disc = count / (4.0 * PI);
+    let line = count * count / 12.0;
+    let (spread, axes) = eigen(covariance);
+    let mut sorted = spread.to_array();
+    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
+    let drops = |i: usize| sorted[i] > FLAT_RATIO * FLAT_RATIO * sorted[i + 1];
+    let unit = match (drops(0), drops(1)) {
+        (true, _) => line,
+        (false, true) => disc,
+        (false, false) => ball,
+    };
+    let least = (LEAST_THICKNESS * volume.cbrt()).powi(2);
+    from_eigen((spread / unit).max(DVec3::splat(least)), axes)
+}
+
+impl Shape<'_> {
+    /// The factor of row `i`, `scale` times as wide as stated, and its principal standard
+    /// deviations, greatest first.
+    pub(super) fn at(&self, i: usize, scale: f64) -> Result<([f64; 6], [f64; 3]), LeftOut> {
+        let number = |column: &Values| f64::from(column.get(i));
+        let factor = match self {
+            Self::Spheres(sigmas) => {
+                let sigma = scale * sigmas[i];
+                return if sigma > 0.0 && sigma.is_finite() {
+                    Ok(([sigma, 0.0, sigma, 0.0, 0.0, sigma], [sigma; 3]))
+                } else {
+                    Err(LeftOut::Size)
+                };
+            }
+            Self::Variance(v) => factor_of_variance(v.map(number)).ok_or(LeftOut::Indefinite)?,
+            Self::Computed(variances) => factor_of_variance(variances[i]).ok_or(LeftOut::Size)?,
+            Self::ScaleRotation(columns) => {
+                let [sx, sy, sz, w, x, y, z] = columns.map(number);
+                let scales = DVec3::new(sx, sy, sz);
+                let rotation = DQuat::from_xyzw(x, y, z, w);
+                let length = rotation.length();
+                let sound = scales.is_finite()
+                    && scales.min_element() >= 0.0
+                    && scales.max_element() > 0.0
+                    && length > 0.0
+                    && length.is_finite();
+                if !sound {
+                    return Err(LeftOut::Size);
+                }
+                let rotation = DMat3::from_quat(rotation * (1.0 / length));
+                lower_factor(rotation * DMat3::from_diagonal(scales))
+            }
+        };
+        let factor = factor.map(|l| scale * l);
+        let sigmas = principal_sigmas(factor);
+        if sigmas[0] > 0.0 && sigmas[0].is_finite() {
+            Ok((factor, sigmas))
+        } else {
+            Err(LeftOut::Size)
+        }
+    }
+}
