@@ -207,19 +207,11 @@ impl Renderer {
         times.cull = clock.lap();
 
         // Classify.
-        let mut totals = Vec::with_capacity(self.volumes.len());
-        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
-            totals.push(cpu::count_classified(volume, views));
-        }
-        counts.classified = totals.iter().sum();
-        resize(&mut self.classified, counts.classified);
-        let mut rest = self.classified.as_mut_slice();
-        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
-            let (out, others) = rest.split_at_mut(total);
+        let totals = self.fill_classified(cpu::count_classified, |volume, views, out| {
             cpu::classify(volume, views, out);
             cpu::shade(volume, views, camera, out);
-            rest = others;
-        }
+        });
+        counts.classified = self.classified.len();
         times.classify = clock.lap();
 
         self.project(camera, settings, &uniform, &totals);
@@ -277,6 +269,27 @@ impl Renderer {
         self.counts = counts;
         self.times = times;
         Ok(&self.image)
+    }
+
+    /// Counts the particles of all views and fills their places; returns each volume's
+    /// number.
+    fn fill_classified(
+        &mut self,
+        count: impl Fn(&BlockedVolume, &mut [BlockView]) -> usize,
+        fill: impl Fn(&BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
+    ) -> Vec<usize> {
+        let mut totals = Vec::with_capacity(self.volumes.len());
+        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
+            totals.push(count(volume, views));
+        }
+        resize(&mut self.classified, totals.iter().sum());
+        let mut rest = self.classified.as_mut_slice();
+        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
+            let (out, others) = rest.split_at_mut(total);
+            fill(volume, views, out);
+            rest = others;
+        }
+        totals
     }
 
     /// Projects what was classified, `totals` of each volume.

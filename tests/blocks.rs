@@ -7,10 +7,12 @@
     reason = "a test may panic, and its numbers are small"
 )]
 
+mod common;
 mod support;
 
 use std::f64::consts::PI;
 
+use common::grid_nodes;
 use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::sample::{SampleOptions, Sampled, volume};
 use ewa_splat::scene::{Strength, Values};
@@ -19,20 +21,8 @@ use support::{Plot3dBlock, Plot3dEncoding};
 
 /// A block whose nodes lie where `at` puts their index fractions, each 0..1.
 fn block(dims: [i32; 3], at: impl Fn(DVec3) -> DVec3) -> Plot3dBlock {
-    let [ni, nj, nk] = dims;
-    let fraction = |i: i32, n: i32| f64::from(i) / f64::from(n - 1);
-    let mut nodes = Vec::new();
-    for k in 0..nk {
-        for j in 0..nj {
-            for i in 0..ni {
-                nodes.push(at(DVec3::new(
-                    fraction(i, ni),
-                    fraction(j, nj),
-                    fraction(k, nk),
-                )));
-            }
-        }
-    }
+    // Small numbers, none negative.
+    let nodes = grid_nodes(dims.map(|n| n as usize), at);
     let axis = |f: fn(&DVec3) -> f64| nodes.iter().map(f).collect::<Vec<_>>();
     Plot3dBlock {
         dims,

@@ -5,10 +5,13 @@
     reason = "test data narrow to f32 on purpose"
 )]
 
+mod common;
+
 use std::f64::consts::PI;
 
 use std::path::Path;
 
+use common::grid_nodes;
 use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice, volume};
 use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, Strength, Values};
@@ -69,20 +72,8 @@ fn check(sampled: &Sampled) {
 
 /// A curvilinear grid: `at` maps index fractions, each 0..1, to positions.
 fn grid(dims: [usize; 3], association: Association, at: impl Fn(DVec3) -> DVec3) -> Dataset {
+    let nodes = grid_nodes(dims, at);
     let [ni, nj, nk] = dims;
-    let fraction = |i: usize, n: usize| i as f64 / (n - 1) as f64;
-    let mut nodes = Vec::new();
-    for k in 0..nk {
-        for j in 0..nj {
-            for i in 0..ni {
-                nodes.push(at(DVec3::new(
-                    fraction(i, ni),
-                    fraction(j, nj),
-                    fraction(k, nk),
-                )));
-            }
-        }
-    }
     let count = match association {
         Association::Nodes => ni * nj * nk,
         Association::Cells => (ni - 1) * (nj - 1) * (nk - 1),

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Clock, FrameCounts, Renderer, Settings, StageTimes, frustum, resize, view_uniform};
+use super::{Clock, FrameCounts, Renderer, Settings, StageTimes, frustum, view_uniform};
 use crate::blocks::{BlockedVolume, DepthRange, cull_outside, distance_interval};
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::cpu::{self, AmplitudeSummary, Bins, ColumnInput, ColumnSums, SimdLevel};
@@ -144,18 +144,11 @@ impl Renderer {
             0.0 => 0.0,
             largest => unit / largest,
         };
-        let mut totals = Vec::with_capacity(self.volumes.len());
-        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
-            totals.push(cpu::count_amplitudes(volume, views, scale));
-        }
-        counts.classified = totals.iter().sum();
-        resize(&mut self.classified, counts.classified);
-        let mut rest = self.classified.as_mut_slice();
-        for ((volume, views), &total) in self.volumes.iter().zip(&self.views).zip(&totals) {
-            let (out, others) = rest.split_at_mut(total);
-            cpu::fill_amplitudes(volume, views, scale, out);
-            rest = others;
-        }
+        let totals = self.fill_classified(
+            |volume, views| cpu::count_amplitudes(volume, views, scale),
+            |volume, views, out| cpu::fill_amplitudes(volume, views, scale, out),
+        );
+        counts.classified = self.classified.len();
         times.classify = clock.lap();
 
         self.project(camera, &shared, &uniform, &totals);

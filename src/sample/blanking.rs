@@ -48,15 +48,21 @@ impl Blanking {
         Ok(blanking)
     }
 
+    /// One entry per node or cell, if any array speaks of them.
+    pub(super) fn mask(&self, association: Association) -> Option<&[bool]> {
+        match association {
+            Association::Nodes => self.nodes.as_deref(),
+            Association::Cells => self.cells.as_deref(),
+        }
+    }
+
     pub(super) fn node(&self, i: usize) -> bool {
-        self.nodes
-            .as_ref()
+        self.mask(Association::Nodes)
             .is_some_and(|mask| mask.get(i) == Some(&true))
     }
 
     pub(super) fn cell(&self, i: usize) -> bool {
-        self.cells
-            .as_ref()
+        self.mask(Association::Cells)
             .is_some_and(|mask| mask.get(i) == Some(&true))
     }
 }

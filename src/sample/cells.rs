@@ -23,6 +23,7 @@ use super::factor::factor_of_variance;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::neighbours::square;
+use super::positions::{is_same, sort_by_position};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
     take_scalar,
@@ -295,11 +296,10 @@ impl Handedness {
     fn of([positive, negative]: [usize; 2]) -> Self {
         /// Fewer than one in twenty are mistakes.
         const MISTAKES: usize = 20;
-        if MISTAKES * positive.min(negative) >= positive + negative {
-            // Of a few cells, one may be a mistake all the same.
-            if positive.min(negative) > 1 {
-                return Self::Any;
-            }
+        let turned = positive.min(negative);
+        // Of a few cells, one may be a mistake all the same.
+        if turned > 1 && MISTAKES * turned >= positive + negative {
+            return Self::Any;
         }
         Self::One(if negative > positive { -1.0 } else { 1.0 })
     }
@@ -470,15 +470,12 @@ impl Duals {
 
 /// For each node the first one at its position, or `None` where all positions differ.
 fn first_at_position(nodes: &[DVec3]) -> Option<Vec<u32>> {
-    // + 0.0 makes -0 and 0 one position.
-    let key = |i: u32| {
-        (nodes[i as usize] + DVec3::ZERO)
-            .to_array()
-            .map(f64::to_bits)
-    };
     let mut order: Vec<u32> = (0..nodes.len()).map(super::index_u32).collect();
-    order.par_sort_unstable_by_key(|&i| (key(i), i));
-    let same = |pair: &[u32]| key(pair[0]) == key(pair[1]) && nodes[pair[0] as usize].is_finite();
+    sort_by_position(nodes, &mut order);
+    let same = |pair: &[u32]| {
+        let [a, b] = [pair[0], pair[1]].map(|i| nodes[i as usize]);
+        is_same(a, b) && a.is_finite()
+    };
     if !order.windows(2).any(same) {
         return None;
     }
@@ -534,9 +531,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "cells",
         "of higher order: drawn by their corners",
     );
-    let ghosts = (0..mesh.cell_count()).filter(|&i| of_nodes && blanking.cell(i));
+    let ghosts = blanking.mask(Association::Cells).filter(|_| of_nodes);
     report.note(
-        ghosts.count(),
+        ghosts.map_or(0, |mask| mask.iter().filter(|ghost| **ghost).count()),
         "cells",
         "hidden, or copies of another piece's: left out of their nodes' volumes",
     );

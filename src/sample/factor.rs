@@ -1,6 +1,8 @@
 //! Lower-triangular factors of variances, without forming a variance.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
+
+use super::left_out::LeftOut;
 
 /// The lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22, its diagonal not
 /// negative.
@@ -52,6 +54,28 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     rows[k] = DVec3::ZERO;
     rows[k].x = before;
     rows[k][k] = image;
+}
+
+/// The factor of a sphere.
+pub(super) fn sphere(sigma: f64) -> [f64; 6] {
+    [sigma, 0.0, sigma, 0.0, 0.0, sigma]
+}
+
+/// The lower-triangular factor of a kernel with standard deviations along its own axes, turned by a
+/// quaternion w, x, y, z of any length but zero.
+pub(super) fn factor_of_scales(scales: [f32; 3], rotation: [f32; 4]) -> Result<[f64; 6], LeftOut> {
+    let scales = DVec3::from(scales.map(f64::from));
+    if !(scales.is_finite() && scales.min_element() >= 0.0 && scales.max_element() > 0.0) {
+        return Err(LeftOut::Size);
+    }
+    let [w, x, y, z] = rotation.map(f64::from);
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    let length = rotation.length();
+    if !(length > 0.0 && length.is_finite()) {
+        return Err(LeftOut::Rotation);
+    }
+    let rotation = DMat3::from_quat(rotation * (1.0 / length));
+    Ok(lower_factor(rotation * DMat3::from_diagonal(scales)))
 }
 
 /// The lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz, or `None`

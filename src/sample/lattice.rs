@@ -33,19 +33,17 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "values",
         "not finite; NaN is drawn as transparent, infinity as the end of the range",
     );
-    let is_blank = |i: usize| match taken.association {
-        Association::Nodes => blanking.node(i),
-        Association::Cells => blanking.cell(i),
-    };
-    let blank: Vec<usize> = (0..lattice.len()).filter(|&i| is_blank(i)).collect();
-    if !blank.is_empty() {
+    let mask = blanking.mask(taken.association).unwrap_or(&[]);
+    let blank = mask.iter().take(lattice.len()).filter(|blank| **blank);
+    let blank_count = blank.count();
+    if blank_count > 0 {
         // The only way for a lattice to leave samples out; seldom, so that the width is borne.
         let mut values: Vec<f32> = (0..lattice.len()).map(|i| taken.values.get(i)).collect();
-        for &i in &blank {
-            values[i] = f32::NAN;
+        for (value, _) in values.iter_mut().zip(mask).filter(|(_, blank)| **blank) {
+            *value = f32::NAN;
         }
         taken.values = Values::F32(values);
-        report.leave_out(blank.len(), "samples", LeftOut::Blanked.reason());
+        report.leave_out(blank_count, "samples", LeftOut::Blanked.reason());
     }
     let mean_spacing = mean_spacing(&lattice);
     let particles = Particles::Lattice {

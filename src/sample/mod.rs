@@ -10,6 +10,7 @@ mod lattice;
 mod left_out;
 mod neighbours;
 mod points;
+mod positions;
 mod report;
 mod shepard;
 mod sph;

@@ -7,6 +7,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::index_u32;
+use super::positions::{is_same, sort_by_position};
 
 /// Neighbours that shapes are taken from: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
@@ -55,15 +56,7 @@ impl<'a> PointIndex<'a> {
             .filter(|&i| positions[i].is_finite())
             .map(index_u32)
             .collect();
-        // + 0.0 makes -0 and 0 one position.
-        let key = |i: u32| (positions[i as usize] + DVec3::ZERO).to_array();
-        order.par_sort_unstable_by(|&i, &j| {
-            let (a, b) = (key(i), key(j));
-            a[0].total_cmp(&b[0])
-                .then(a[1].total_cmp(&b[1]))
-                .then(a[2].total_cmp(&b[2]))
-                .then(i.cmp(&j))
-        });
+        sort_by_position(positions, &mut order);
         let (origin, is_crowded) = median(positions, &order)?;
         let turn = if is_crowded {
             // Euler angles of no importance.
@@ -72,7 +65,8 @@ impl<'a> PointIndex<'a> {
             DMat3::IDENTITY
         };
         // Along a curve that fills space, so that what is near is near in memory too.
-        let chunks = order.chunk_by(|&a, &b| key(a).map(f64::to_bits) == key(b).map(f64::to_bits));
+        let at = |i: u32| positions[i as usize];
+        let chunks = order.chunk_by(|&i, &j| is_same(at(i), at(j)));
         let mut groups: Vec<&[u32]> = chunks.collect();
         let [low, high] = bounds(positions, &order);
         let scale = (high - low).max(DVec3::splat(f64::MIN_POSITIVE)).recip();

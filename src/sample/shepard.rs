@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::factor::principal_sigmas;
+use super::factor::{principal_sigmas, sphere};
 use super::narrowed;
 use super::neighbours::PointIndex;
 use crate::scene::{Particles, PointVolume, Strength};
@@ -23,10 +23,9 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
     let (positions, factor): (&[DVec3], &(dyn Fn(usize) -> [f64; 6] + Sync)) =
         match &volume.particles {
             Particles::Lattice { .. } => return,
-            Particles::Isotropic { positions, sigmas } => (positions, &|i| {
-                let s = f64::from(sigmas[i]);
-                [s, 0.0, s, 0.0, 0.0, s]
-            }),
+            Particles::Isotropic { positions, sigmas } => {
+                (positions, &|i| sphere(f64::from(sigmas[i])))
+            }
             Particles::Anisotropic { positions, factors } => {
                 (positions, &|i| factors[i].map(f64::from))
             }

@@ -1,12 +1,12 @@
 //! Splats: shapes and opacities as the file states them.
 
-use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
+use super::factor::factor_of_scales;
 use super::left_out::LeftOut;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, index_u32, keep, lower_factor,
-    narrowed, nothing_left, take_scalar, transfer_function,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, index_u32, keep, narrowed,
+    nothing_left, take_scalar, transfer_function,
 };
 use crate::error::Result;
 use crate::image::linear_from_srgb;
@@ -105,22 +105,12 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 fn factor(cloud: &SplatCloud, values: Option<&Values>, i: usize) -> Result<[f32; 6], LeftOut> {
     let missing = |sound: bool, reason| if sound { Ok(()) } else { Err(reason) };
     missing(cloud.positions[i].is_finite(), LeftOut::Position)?;
-    let scales = DVec3::from(cloud.scales[i].map(f64::from));
-    let [w, x, y, z] = cloud.rotations[i].map(f64::from);
-    let rotation = DQuat::from_xyzw(x, y, z, w);
-    let length = rotation.length();
-    missing(
-        scales.is_finite() && scales.min_element() >= 0.0 && scales.max_element() > 0.0,
-        LeftOut::Size,
-    )?;
-    missing(length > 0.0 && length.is_finite(), LeftOut::Rotation)?;
+    let factor = factor_of_scales(cloud.scales[i], cloud.rotations[i])?.map(narrowed);
     missing(cloud.opacities[i] >= 0.0, LeftOut::Opacity)?;
     let stride = cloud.harmonics_stride();
     let harmonics = &cloud.harmonics[i * stride..][..stride];
     missing(harmonics.iter().all(|c| c.is_finite()), LeftOut::Colour)?;
     missing(values.is_none_or(|v| v.get(i).is_finite()), LeftOut::Value)?;
-    let rotation = DMat3::from_quat(rotation * (1.0 / length));
-    let factor = lower_factor(rotation * DMat3::from_diagonal(scales)).map(narrowed);
     let is_there =
         factor.iter().all(|l| l.is_finite()) && factor.iter().any(|l| l.abs() >= f32::MIN_POSITIVE);
     missing(is_there, LeftOut::Size)?;

@@ -42,6 +42,22 @@ pub fn real_data(name: &str) -> Option<PathBuf> {
     None
 }
 
+/// Nodes of a grid, i fastest: `at` maps index fractions, each 0..1, to positions.
+pub fn grid_nodes(dims: [usize; 3], at: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
+    let [ni, nj, nk] = dims;
+    let fraction = |i: usize, n: usize| i as f64 / (n - 1) as f64;
+    (0..ni * nj * nk)
+        .map(|n| [n % ni, n / ni % nj, n / (ni * nj)])
+        .map(|[i, j, k]| {
+            at(DVec3::new(
+                fraction(i, ni),
+                fraction(j, nj),
+                fraction(k, nk),
+            ))
+        })
+        .collect()
+}
+
 /// The number at a JSON pointer.
 pub fn number(value: &Value, pointer: &str) -> f64 {
     value

@@ -17,7 +17,7 @@ use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::read_all;
-use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
+use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -134,6 +134,11 @@ impl<'a> SnapshotFile<'a> {
         if !self.has(group, name)? {
             return Ok(None);
         }
+        self.present_array(group, name)
+    }
+
+    /// The same of a dataset that is known to be there.
+    fn present_array(&self, group: &Group, name: &str) -> Result<Option<Array>> {
         let place = || format!("dataset `{}/{}`", group.name(), shortened(name));
         let failed = |e| broken(self.path, &place(), &e);
         let dataset = group.dataset(name).map_err(failed)?;
@@ -188,16 +193,11 @@ impl<'a> SnapshotFile<'a> {
         let Some(array) = self.array(group, name)? else {
             return Err(shape_error("something else".to_owned()));
         };
-        let axis = |i: usize| array.doubles(i);
-        match (array.components, axis(0), axis(1), axis(2)) {
-            (3, Some(x), Some(y), Some(z)) => Ok(x
-                .into_iter()
-                .zip(y)
-                .zip(z)
-                .map(|((x, y), z)| DVec3::new(x, y, z))
-                .collect()),
-            (n, ..) => Err(shape_error(format!("shape ({}, {n})", array.count))),
+        let wrong = || shape_error(format!("shape ({}, {})", array.count, array.components));
+        if array.components != 3 {
+            return Err(wrong());
         }
+        points(&array.bytes, array.encoding, array.count).ok_or_else(wrong)
     }
 
     /// All arrays of a group with one row per particle as fields, but for `except`; what is
@@ -209,7 +209,7 @@ impl<'a> SnapshotFile<'a> {
             if except.contains(&name.as_str()) {
                 continue;
             }
-            match self.array(group, &name)? {
+            match self.present_array(group, &name)? {
                 Some(array) if array.count == count => fields.extend(array.field()),
                 _ => left_out.push(format!("`{}`", shortened(&name))),
             }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::scalars::{Encoding, ScalarType, Stride, doubles, node_ids, values};
+use super::super::scalars::{Encoding, ScalarType, Stride, doubles, node_ids, points, values};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -72,29 +72,17 @@ impl Block<'_> {
 
     /// All numbers in double precision.
     pub(super) fn doubles(&self) -> Option<Vec<f64>> {
-        self.doubles_of(0..self.len())
-    }
-
-    fn doubles_of(&self, range: std::ops::Range<usize>) -> Option<Vec<f64>> {
-        let size = self.encoding.scalar.size();
         let stride = Stride {
-            first: range.start * size,
-            step: size,
-            count: range.len(),
+            first: 0,
+            step: self.encoding.scalar.size(),
+            count: self.len(),
         };
         doubles(&self.bytes, self.encoding, stride)
     }
 
     /// All numbers as positions.
     pub(super) fn positions(&self) -> Option<Vec<DVec3>> {
-        /// Numbers at a time, so that the file's are not all held twice.
-        const AT_A_TIME: usize = 3 * 4096;
-        let mut positions = Vec::with_capacity(self.len() / 3);
-        for start in (0..self.len()).step_by(AT_A_TIME) {
-            let numbers = self.doubles_of(start..(start + AT_A_TIME).min(self.len()))?;
-            positions.extend(numbers.chunks_exact(3).map(DVec3::from_slice));
-        }
-        Some(positions)
+        points(&self.bytes, self.encoding, self.len() / 3)
     }
 }
 

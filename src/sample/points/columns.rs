@@ -70,6 +70,14 @@ impl<'a> Columns<'a> {
         }
     }
 
+    /// A column whose name has a meaning in tables, which says nothing of a snapshot's fields.
+    pub(super) fn of_table(&self, name: &str) -> Result<Option<&'a Values>> {
+        match self.dataset.smoothing {
+            None => self.get(name),
+            Some(_) => Ok(None),
+        }
+    }
+
     /// All columns of a set, or none; some of them are an error.
     pub(super) fn set<const N: usize>(&self, names: [&str; N]) -> Result<Option<[&'a Values; N]>> {
         let mut columns = Vec::with_capacity(N);

@@ -39,11 +39,8 @@ impl<'a> Columns<'a> {
     where
         'a: 's,
     {
-        // What a table's names mean says nothing of a snapshot's.
-        let is_table = self.dataset.smoothing.is_none();
-        let of_table = |name| if is_table { self.get(name) } else { Ok(None) };
-        let volume = of_table("volume")?;
-        let extinction = match (of_table("extinction")?, volume) {
+        let volume = self.of_table("volume")?;
+        let extinction = match (self.of_table("extinction")?, volume) {
             (Some(extinction), Some(volume)) => Some(Mass::Extinction(extinction, volume)),
             (Some(_), None) => {
                 return Err(Error::format(
@@ -59,9 +56,9 @@ impl<'a> Columns<'a> {
         let stated = self.one_of(
             "strength",
             [
-                ("mass", of_table("mass")?.map(Mass::Stated)),
+                ("mass", self.of_table("mass")?.map(Mass::Stated)),
                 ("extinction", extinction),
-                ("opacity", of_table("opacity")?.map(Mass::Opacity)),
+                ("opacity", self.of_table("opacity")?.map(Mass::Opacity)),
             ],
         )?;
         // A field named for column densities is what is summed, not what colours.

@@ -1,14 +1,14 @@
 //! Shapes of particles: from columns, from lengths, from their neighbours.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::factor::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+use super::super::factor::{
+    eigen, factor_of_scales, factor_of_variance, from_eigen, principal_sigmas, sphere,
+};
 use super::super::left_out::LeftOut;
 use super::super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
-use super::super::{
-    DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, lower_factor, sph, yu_turk,
-};
+use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::{Columns, SCALES, VARIANCE};
 use crate::error::{Error, Result};
 use crate::io::{LengthMeaning, SphKernel};
@@ -126,8 +126,7 @@ impl<'a> Columns<'a> {
     ) -> Result<Shapes<'a>> {
         let sigma = |i: usize| lengths.sigma_over_length * (lengths.of)(i);
         let (_, mass, density) = self.names();
-        let is_table = self.dataset.smoothing.is_none();
-        let states = |name| Ok::<_, Error>(is_table && self.get(name)?.is_some());
+        let states = |name| Ok::<_, Error>(self.of_table(name)?.is_some());
         let known = states("volume")?
             || states("mass")?
             || states("extinction")?
@@ -149,7 +148,7 @@ impl<'a> Columns<'a> {
         };
         let kernel = |j: usize| {
             let s = sigma(j);
-            (s > 0.0 && s.is_finite()).then_some(([s, 0.0, s, 0.0, 0.0, s], s, 1.0))
+            (s > 0.0 && s.is_finite()).then_some((sphere(s), s, 1.0))
         };
         if let Some(average) = index.as_ref().and_then(|index| index.crowd(kernel)) {
             return Err(Error::format(
@@ -276,7 +275,7 @@ impl Shape<'_> {
             Self::Spheres(sigmas) => {
                 let sigma = scale * sigmas[i];
                 return if sigma > 0.0 && sigma.is_finite() {
-                    Ok(([sigma, 0.0, sigma, 0.0, 0.0, sigma], [sigma; 3]))
+                    Ok((sphere(sigma), [sigma; 3]))
                 } else {
                     Err(LeftOut::Size)
                 };
@@ -284,20 +283,8 @@ impl Shape<'_> {
             Self::Variance(v) => factor_of_variance(v.map(number)).ok_or(LeftOut::Indefinite)?,
             Self::Computed(variances) => factor_of_variance(variances[i]).ok_or(LeftOut::Size)?,
             Self::ScaleRotation(columns) => {
-                let [sx, sy, sz, w, x, y, z] = columns.map(number);
-                let scales = DVec3::new(sx, sy, sz);
-                let rotation = DQuat::from_xyzw(x, y, z, w);
-                let length = rotation.length();
-                let sound = scales.is_finite()
-                    && scales.min_element() >= 0.0
-                    && scales.max_element() > 0.0
-                    && length > 0.0
-                    && length.is_finite();
-                if !sound {
-                    return Err(LeftOut::Size);
-                }
-                let rotation = DMat3::from_quat(rotation * (1.0 / length));
-                lower_factor(rotation * DMat3::from_diagonal(scales))
+                let [sx, sy, sz, w, x, y, z] = columns.map(|column| column.get(i));
+                factor_of_scales([sx, sy, sz], [w, x, y, z]).map_err(|_| LeftOut::Size)?
             }
         };
         let factor = factor.map(|l| scale * l);

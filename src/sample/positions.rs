@@ -1,0 +1,25 @@
+//! Positions that are one.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// The coordinates that tell positions apart: + 0.0 makes -0 and 0 one.
+fn key(p: DVec3) -> [f64; 3] {
+    (p + DVec3::ZERO).to_array()
+}
+
+/// Sorts indices so that those at one position are beside one another, rising.
+pub(super) fn sort_by_position(positions: &[DVec3], order: &mut [u32]) {
+    order.par_sort_unstable_by(|&i, &j| {
+        let [a, b] = [i, j].map(|i| key(positions[i as usize]));
+        a[0].total_cmp(&b[0])
+            .then(a[1].total_cmp(&b[1]))
+            .then(a[2].total_cmp(&b[2]))
+            .then(i.cmp(&j))
+    });
+}
+
+/// Whether two positions are one, bit by bit but for the sign of zero.
+pub(super) fn is_same(a: DVec3, b: DVec3) -> bool {
+    key(a).map(f64::to_bits) == key(b).map(f64::to_bits)
+}
