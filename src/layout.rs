@@ -4,6 +4,8 @@
 //! | struct | written by | read by |
 //! |---|---|---|
 //! | [`ViewUniform`] | the frame's set-up | project, rasterise |
+//! | [`CameraUniform`] | the frame's set-up (GPU) | cull, shade, project |
+//! | [`DeviceBlock`] | the upload (GPU) | cull, classify, project |
 //! | [`BlockView`] | cull, classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
@@ -25,7 +27,7 @@ pub struct ViewUniform {
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
     /// The filter, as [`crate::splat::Filter`] numbers them.
-    pub filter: u32,
+    pub filter_kind: u32,
     /// Variance of the low-pass filter, px².
     pub low_pass_variance_px2: f32,
     /// The tolerance that `adaptive` and the cut-off follow.
@@ -34,6 +36,47 @@ pub struct ViewUniform {
     pub cutoff: f32,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
+}
+
+/// What the stages on the device need of a camera besides a [`ViewUniform`]. Numbers of f64 go as
+/// their bits, low word first: the device subtracts the eye in integers (`shared/f64.wgsl`).
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct CameraUniform {
+    /// The eye, world units, f64.
+    pub eye: [[u32; 2]; 3],
+    /// Rows of the rotation into camera space, f64.
+    pub camera_from_world: [[[u32; 2]; 3]; 3],
+    /// Columns of the same in f32.
+    pub rotation: [[f32; 3]; 3],
+    /// Inward normals of the frustum's planes, camera space.
+    pub plane_normals: [[f32; 3]; 5],
+    /// Their distances: inside where n . u + d >= 0.
+    pub plane_distances: [f32; 5],
+    /// Magnitudes of the normals' components in the world.
+    pub plane_spreads: [[f32; 3]; 5],
+    /// 1 where the frustum rejects blocks.
+    pub has_frustum: u32,
+    /// 1 for an orthographic camera, 0 for a perspective one.
+    pub orthographic: u32,
+}
+
+/// A block of particles as the device keeps it.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct DeviceBlock {
+    /// World position that the particles' offsets are relative to, f64 as its bits.
+    pub origin: [[u32; 2]; 3],
+    /// Half the extent of the particles' centres.
+    pub half_extent: [f32; 3],
+    /// No kernel's standard deviation exceeds this in any direction.
+    pub max_sigma: f32,
+    /// Least and greatest finite value; reversed where there is none.
+    pub value_range: [f32; 2],
+    /// Index of its first particle in the arrays of its part.
+    pub first: u32,
+    /// Number of particles; for a brick of a lattice, of its cells within the lattice.
+    pub count: u32,
 }
 
 /// A visible block of particles as one frame sees it.

@@ -98,6 +98,8 @@ pub mod blocks;
 pub mod constants;
 pub mod cpu;
 pub mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod image;
 pub mod io;
 #[doc = include_str!("../docs/irregular.md")]

@@ -429,7 +429,7 @@ fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> Vie
         // `check` has bounded both.
         size: [camera.width, camera.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
-        filter: settings.filter as u32,
+        filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
         cutoff: settings.cutoff.unwrap_or(0.0),

@@ -290,7 +290,7 @@ pub(crate) fn footprint(
         return out;
     }
     let screen = project_kernel(view, kernel);
-    let filter = Filter::ALL[view.filter as usize];
+    let filter = Filter::ALL[view.filter_kind as usize];
     let image = screen.filtered(filter, h2);
     let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
     if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {

@@ -74,8 +74,8 @@ pub fn choose_exact(
     screen: &ScreenFactor,
     kernel: &ImageKernel,
 ) -> Option<ExactTerms> {
-    let is_exact = view.filter == Filter::Exact as u32;
-    let is_adaptive = view.filter == Filter::Adaptive as u32;
+    let is_exact = view.filter_kind == Filter::Exact as u32;
+    let is_adaptive = view.filter_kind == Filter::Adaptive as u32;
     if view.orthographic != 0 || !(is_exact || is_adaptive) {
         return None;
     }

@@ -10,6 +10,9 @@
     reason = "judges narrow on purpose; a test fails by panicking"
 )]
 
+#[cfg(feature = "gpu")]
+pub mod gpu;
+
 use std::path::{Path, PathBuf};
 
 use ewa_splat::layout::ViewUniform;
@@ -90,7 +93,7 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
         centre_px,
         size: [1024, 768],
         orthographic: 0,
-        filter: Filter::Exact as u32,
+        filter_kind: Filter::Exact as u32,
         low_pass_variance_px2: h2,
         tolerance: 1.0 / 255.0,
         cutoff: 0.0,
@@ -587,7 +590,7 @@ pub mod frame {
                 centre_px: camera.centre_px.as_vec2().into(),
                 size: [camera.width as u32, camera.height as u32],
                 orthographic: u32::from(camera.projection == Projection::Orthographic),
-                filter: settings.filter as u32,
+                filter_kind: settings.filter as u32,
                 low_pass_variance_px2: settings.low_pass_variance_px2,
                 tolerance: settings.tolerance,
                 cutoff: settings.cutoff.unwrap_or(0.0),

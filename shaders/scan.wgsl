@@ -1,0 +1,83 @@
+// Exclusive prefix sums of u32, in place: sums per workgroup, their prefix, and the rest. A sum
+// beyond 32 bits is the greatest word.
+// No twin; tests/gpu_stages.rs holds it to a loop.
+
+// Words per thread.
+const SCAN_RUN: u32 = 8u;
+
+// How many words are summed: written by the stage that filled them.
+@group(0) @binding(0) var<storage, read> scan_length: array<u32>;
+@group(0) @binding(1) var<storage, read_write> scan_words: array<u32>;
+// One sum per workgroup, then its prefix; last the sum of all.
+@group(0) @binding(2) var<storage, read_write> scan_sums: array<u32>;
+
+// Which word of `scan_length` counts.
+override LENGTH_INDEX: u32 = 0u;
+
+@compute @workgroup_size(256)
+fn scan_reduce(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    let length = scan_length[LENGTH_INDEX];
+    let index = group_index(group, groups);
+    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    var sum = 0u;
+    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
+        sum = add_saturating(sum, scan_words[i]);
+    }
+    _ = scan_threads(thread, sum);
+    if thread == 0u && index * SCAN_THREADS * SCAN_RUN < length {
+        scan_sums[index] = scan_total;
+    }
+}
+
+// One workgroup.
+@compute @workgroup_size(256)
+fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
+    let length = scan_length[LENGTH_INDEX];
+    let per_group = SCAN_THREADS * SCAN_RUN;
+    let count = (length + per_group - 1u) / per_group;
+    // Each thread owns a run.
+    let run = (count + SCAN_THREADS - 1u) / SCAN_THREADS;
+    let first = min(thread * run, count);
+    let end = min(first + run, count);
+    var sum = 0u;
+    for (var i = first; i < end; i = i + 1u) {
+        sum = add_saturating(sum, scan_sums[i]);
+    }
+    var before = scan_threads(thread, sum);
+    for (var i = first; i < end; i = i + 1u) {
+        let own = scan_sums[i];
+        scan_sums[i] = before;
+        before = add_saturating(before, own);
+    }
+    if thread == 0u {
+        scan_sums[count] = scan_total;
+    }
+}
+
+@compute @workgroup_size(256)
+fn scan_apply(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    let length = scan_length[LENGTH_INDEX];
+    let index = group_index(group, groups);
+    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    var sum = 0u;
+    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
+        sum = add_saturating(sum, scan_words[i]);
+    }
+    var before = scan_threads(thread, sum);
+    if index * SCAN_THREADS * SCAN_RUN < length {
+        before = add_saturating(before, scan_sums[index]);
+    }
+    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
+        let own = scan_words[i];
+        scan_words[i] = before;
+        before = add_saturating(before, own);
+    }
+}

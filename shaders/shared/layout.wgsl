@@ -1,0 +1,104 @@
+// The structs that stages exchange. Twin: src/layout.rs; tests/gpu_shaders.rs compares offsets.
+// Triples are arrays: a vec3 would be aligned to four words.
+
+struct ViewUniform {
+    focal_px: vec2<f32>,
+    centre_px: vec2<f32>,
+    size: vec2<u32>,
+    orthographic: u32,
+    filter_kind: u32,
+    low_pass_variance_px2: f32,
+    tolerance: f32,
+    cutoff: f32,
+    key_scale: f32,
+}
+
+struct CameraUniform {
+    eye: array<vec2<u32>, 3>,
+    camera_from_world: array<array<vec2<u32>, 3>, 3>,
+    rotation: array<array<f32, 3>, 3>,
+    plane_normals: array<array<f32, 3>, 5>,
+    plane_distances: array<f32, 5>,
+    plane_spreads: array<array<f32, 3>, 5>,
+    has_frustum: u32,
+    orthographic: u32,
+}
+
+struct DeviceBlock {
+    origin: array<vec2<u32>, 3>,
+    half_extent: array<f32, 3>,
+    max_sigma: f32,
+    value_range: array<f32, 2>,
+    first: u32,
+    count: u32,
+}
+
+struct BlockView {
+    origin_camera: array<f32, 3>,
+    block: u32,
+    first: u32,
+    count: u32,
+    key: u32,
+}
+
+struct ClassifiedParticle {
+    view: u32,
+    local: u32,
+    mass: f32,
+    colour: array<f32, 3>,
+}
+
+struct Footprint {
+    centre_px: vec2<f32>,
+    form_p: vec2<f32>,
+    form_r: vec2<f32>,
+    tau: f32,
+    cutoff_squared: f32,
+    colour: array<f32, 3>,
+    depth: f32,
+    path: u32,
+    columns: u32,
+    rows: u32,
+    key: u32,
+}
+
+struct ExactTerms {
+    gradient: array<f32, 2>,
+    hessian: array<f32, 3>,
+}
+
+struct NearTerms {
+    misses: array<array<f32, 3>, 5>,
+    minors: array<array<f32, 3>, 10>,
+    minor_depths: array<f32, 10>,
+    sigma: f32,
+    half_line: array<f32, 3>,
+}
+
+// A triple as a vector.
+fn vector(v: array<f32, 3>) -> vec3<f32> {
+    return vec3<f32>(v[0], v[1], v[2]);
+}
+
+// A vector as a triple.
+fn triple(v: vec3<f32>) -> array<f32, 3> {
+    return array<f32, 3>(v.x, v.y, v.z);
+}
+
+// a . b, summed from the left as the twin does: `dot` leaves the order open.
+fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    return a.x * b.x + a.y * b.y;
+}
+
+fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+// Whether x is a number and not infinite. By bits: WGSL may take comparisons for those of numbers.
+fn is_finite(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}
+
+fn is_nan(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}

@@ -1,0 +1,205 @@
+//! Adapters, limits, and what a device says when it fails.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use wgpu::{Backends, DeviceType, Features, Limits};
+
+use crate::error::{Error, Result};
+
+/// How long a submission may run before the device counts as hung: software adapters take minutes
+/// for what a graphics card does in milliseconds.
+const TIMEOUT: Duration = Duration::from_secs(600);
+
+/// Which adapter to open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AdapterChoice {
+    /// A hardware adapter where there is one, a software adapter otherwise.
+    #[default]
+    Any,
+    /// A hardware adapter or none.
+    Hardware,
+}
+
+/// An open device: what every stage of the GPU back end runs on.
+#[derive(Debug)]
+pub struct Gpu {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    pub(super) limits: Limits,
+    info: wgpu::AdapterInfo,
+    fault: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens an adapter: discrete before integrated before software; the first whose name contains
+    /// the environment variable `EWA_ADAPTER` (in any case) where that is set.
+    ///
+    /// # Errors
+    /// No adapter, none of that name, or one that refuses to open; with what there is.
+    pub fn open(choice: AdapterChoice) -> Result<Self> {
+        let wanted = std::env::var("EWA_ADAPTER").ok().filter(|n| !n.is_empty());
+        Self::open_named(choice, wanted.as_deref())
+    }
+
+    /// As [`Gpu::open`], the name given instead of read from the environment.
+    ///
+    /// # Errors
+    /// Those of [`Gpu::open`].
+    pub fn open_named(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        // The stages' own arguments are in range by construction.
+        descriptor.flags = wgpu::InstanceFlags::empty();
+        let instance = wgpu::Instance::new(descriptor);
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::PRIMARY));
+        adapters.retain(|a| {
+            a.get_downlevel_capabilities()
+                .flags
+                .contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
+        });
+        let described = |adapters: &[wgpu::Adapter]| {
+            let names: Vec<_> = adapters.iter().map(|a| describe(&a.get_info())).collect();
+            if names.is_empty() {
+                "none".to_string()
+            } else {
+                names.join("; ")
+            }
+        };
+        let found = described(&adapters);
+        if let Some(name) = name {
+            let name = name.to_lowercase();
+            adapters.retain(|a| describe(&a.get_info()).to_lowercase().contains(&name));
+        } else if choice == AdapterChoice::Hardware {
+            adapters.retain(|a| !is_software(&a.get_info()));
+        }
+        adapters.sort_by_key(|a| rank(a.get_info().device_type));
+        let Some(adapter) = adapters.into_iter().next() else {
+            return Err(no_adapter(choice, name, found));
+        };
+        let info = adapter.get_info();
+        let limits = adapter.limits();
+        let features = adapter.features() & Features::TIMESTAMP_QUERY;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("ewa-splat"),
+            required_features: features,
+            required_limits: limits.clone(),
+            ..wgpu::DeviceDescriptor::default()
+        }))
+        .map_err(|e| {
+            Error::format(
+                "GPU",
+                &describe(&info),
+                "an adapter that opens",
+                e.to_string(),
+                "choose another with EWA_ADAPTER, or use --backend cpu",
+            )
+        })?;
+        let fault = Arc::new(Mutex::new(None));
+        let note = |fault: &Arc<Mutex<Option<String>>>, message: String| {
+            fault
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .get_or_insert(message);
+        };
+        let on_lost = Arc::clone(&fault);
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&on_lost, format!("device lost: {message}"));
+            }
+        });
+        let on_error = Arc::clone(&fault);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            note(&on_error, error.to_string());
+        }));
+        Ok(Self {
+            device,
+            queue,
+            limits,
+            info,
+            fault,
+        })
+    }
+
+    /// The adapter: its name, the driver and the interface.
+    pub fn adapter(&self) -> String {
+        describe(&self.info)
+    }
+
+    /// Whether the adapter is a program on the processor.
+    pub fn is_software(&self) -> bool {
+        is_software(&self.info)
+    }
+
+    /// Whether stages can be timed.
+    pub fn has_timestamps(&self) -> bool {
+        self.device.features().contains(Features::TIMESTAMP_QUERY)
+    }
+
+    /// Waits until everything submitted has run.
+    ///
+    /// # Errors
+    /// A lost or hung device, and whatever it has reported since it was opened.
+    pub(super) fn wait(&self) -> Result<()> {
+        let polled = self.device.poll(wgpu::PollType::Wait {
+            submission_index: None,
+            timeout: Some(TIMEOUT),
+        });
+        self.check()?;
+        polled.map(|_| ()).map_err(|e| self.failed(e.to_string()))
+    }
+
+    /// # Errors
+    /// What the device has reported since it was opened.
+    pub(super) fn check(&self) -> Result<()> {
+        let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        fault
+            .as_ref()
+            .map_or(Ok(()), |m| Err(self.failed(m.clone())))
+    }
+
+    /// The error of a device that does not do what it was told.
+    pub(super) fn failed(&self, found: String) -> Error {
+        Error::format(
+            "GPU",
+            &self.adapter(),
+            "a device that answers",
+            found,
+            "render again, with --backend cpu if it keeps failing",
+        )
+    }
+}
+
+fn rank(kind: DeviceType) -> u32 {
+    match kind {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::IntegratedGpu => 1,
+        DeviceType::VirtualGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
+    }
+}
+
+fn is_software(info: &wgpu::AdapterInfo) -> bool {
+    info.device_type == DeviceType::Cpu
+}
+
+fn describe(info: &wgpu::AdapterInfo) -> String {
+    let driver = [&info.driver, &info.driver_info].map(String::as_str);
+    let driver = driver.join(" ");
+    format!("{} ({}, {:?})", info.name, driver.trim(), info.backend)
+}
+
+fn no_adapter(choice: AdapterChoice, name: Option<&str>, found: String) -> Error {
+    let expected = match (name, choice) {
+        (Some(name), _) => format!("an adapter whose name contains '{name}' (EWA_ADAPTER)"),
+        (None, AdapterChoice::Hardware) => "a hardware adapter".to_string(),
+        (None, AdapterChoice::Any) => "a Vulkan, Metal or DirectX 12 adapter".to_string(),
+    };
+    Error::format(
+        "GPU",
+        "adapters",
+        expected,
+        found,
+        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu",
+    )
+}

@@ -1,0 +1,147 @@
+//! A compute pipeline and the buffers bound to it.
+
+use super::device::Gpu;
+use super::shaders::Shader;
+
+/// How a shader uses a buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    /// `var<storage, read>`.
+    Read,
+    /// `var<storage, read_write>`.
+    Write,
+    /// `var<uniform>`.
+    Uniform,
+}
+
+/// A compute pipeline whose bindings are 0, 1, 2, ... of group 0.
+#[derive(Debug)]
+pub(super) struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+}
+
+/// A [`Kernel`] with its buffers: ready to be dispatched.
+#[derive(Debug)]
+pub(super) struct BoundKernel {
+    pipeline: wgpu::ComputePipeline,
+    group: wgpu::BindGroup,
+}
+
+impl Gpu {
+    /// Compiles an entry point of a shader.
+    ///
+    /// - `bindings`: how binding 0, 1, 2, ... are used; more than the entry point uses do no harm.
+    /// - `constants`: values of the shader's `override` declarations.
+    pub(super) fn kernel(
+        &self,
+        shader: &Shader,
+        entry: &str,
+        bindings: &[Access],
+        constants: &[(&str, f64)],
+    ) -> Kernel {
+        let module = self
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(shader.name),
+                source: wgpu::ShaderSource::Wgsl(shader.source().into()),
+            });
+        let entries: Vec<_> = (0..)
+            .zip(bindings)
+            .map(|(binding, access)| wgpu::BindGroupLayoutEntry {
+                binding,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty: wgpu::BindingType::Buffer {
+                    ty: match access {
+                        Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
+                        Access::Write => wgpu::BufferBindingType::Storage { read_only: false },
+                        Access::Uniform => wgpu::BufferBindingType::Uniform,
+                    },
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                count: None,
+            })
+            .collect();
+        let layout = self
+            .device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(entry),
+                entries: &entries,
+            });
+        let pipeline_layout = self
+            .device
+            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(entry),
+                bind_group_layouts: &[Some(&layout)],
+                ..wgpu::PipelineLayoutDescriptor::default()
+            });
+        let pipeline = self
+            .device
+            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&pipeline_layout),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants,
+                    // Every shader writes its workgroup memory before it reads it.
+                    zero_initialize_workgroup_memory: false,
+                },
+                cache: None,
+            });
+        Kernel { pipeline, layout }
+    }
+}
+
+impl Kernel {
+    /// Binds buffers 0, 1, 2, ...
+    pub(super) fn bind(&self, gpu: &Gpu, buffers: &[&wgpu::Buffer]) -> BoundKernel {
+        let entries: Vec<_> = (0..)
+            .zip(buffers)
+            .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        BoundKernel {
+            pipeline: self.pipeline.clone(),
+            group: gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout: &self.layout,
+                entries: &entries,
+            }),
+        }
+    }
+}
+
+/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees.
+pub(super) const MAX_GROUPS: u32 = 65_535;
+
+impl BoundKernel {
+    /// Dispatches at least `groups` workgroups, folded into rows of [`MAX_GROUPS`]: a shader finds
+    /// its own number by `group_index` and ignores what is too many.
+    pub(super) fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, groups: u32) {
+        if groups == 0 {
+            return;
+        }
+        self.set(pass);
+        pass.dispatch_workgroups(groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS), 1);
+    }
+
+    /// Dispatches as many workgroups as the three words at `offset` (bytes) of `arguments` say.
+    pub(super) fn dispatch_indirect(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        arguments: &wgpu::Buffer,
+        offset: u64,
+    ) {
+        self.set(pass);
+        pass.dispatch_workgroups_indirect(arguments, offset);
+    }
+
+    fn set(&self, pass: &mut wgpu::ComputePass<'_>) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.group, &[]);
+    }
+}

@@ -1,0 +1,170 @@
+//! Buffers: up, down, and how much fits.
+
+use bytemuck::Pod;
+use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
+
+use super::device::Gpu;
+use crate::error::{Error, Result};
+
+impl Gpu {
+    /// A storage buffer of `bytes`, rounded up to whole words, at least one.
+    ///
+    /// # Errors
+    /// More than a binding may have, or than the device's memory holds: with how much was asked
+    /// for.
+    pub(super) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        let bytes = bytes.max(4).next_multiple_of(4);
+        let limit = self.max_binding_bytes();
+        if bytes > limit {
+            return Err(self.out_of_memory(
+                label,
+                bytes,
+                &format!("the adapter binds at most {limit} bytes"),
+            ));
+        }
+        self.create(
+            label,
+            bytes,
+            BufferUsages::STORAGE
+                | BufferUsages::COPY_SRC
+                | BufferUsages::COPY_DST
+                | BufferUsages::INDIRECT,
+        )
+    }
+
+    /// A storage buffer that holds `values`.
+    ///
+    /// # Errors
+    /// Those of [`Gpu::buffer`].
+    pub(super) fn upload<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let buffer = self.buffer(label, bytes.len() as u64)?;
+        self.write(&buffer, bytes);
+        Ok(buffer)
+    }
+
+    /// A uniform buffer that holds `value`.
+    ///
+    /// # Errors
+    /// Those of [`Gpu::buffer`].
+    pub(super) fn uniform<T: Pod>(&self, label: &str, value: &T) -> Result<wgpu::Buffer> {
+        let bytes = bytemuck::bytes_of(value);
+        let buffer = self.create(
+            label,
+            bytes.len().next_multiple_of(16) as u64,
+            BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+        )?;
+        self.write(&buffer, bytes);
+        Ok(buffer)
+    }
+
+    /// Writes words at the beginning of a buffer; a last part of a word is filled up with zeros.
+    pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        let whole = bytes.len() / 4 * 4;
+        self.queue.write_buffer(buffer, 0, &bytes[..whole]);
+        if whole < bytes.len() {
+            let mut word = [0; 4];
+            word[..bytes.len() - whole].copy_from_slice(&bytes[whole..]);
+            self.queue.write_buffer(buffer, whole as u64, &word);
+        }
+    }
+
+    /// What `buffer` holds, `count` values from its beginning, after all that was submitted.
+    ///
+    /// # Errors
+    /// A lost device, or no memory for the copy.
+    pub(super) fn read<T: Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>> {
+        let bytes = (count * size_of::<T>()) as u64;
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let staging = self.staging("read back", bytes)?;
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
+        self.submit(encoder);
+        self.read_staging(&staging, |bytes| {
+            bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
+        })
+    }
+
+    /// A buffer that the processor can read.
+    ///
+    /// # Errors
+    /// No memory.
+    pub(super) fn staging(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        self.create(
+            label,
+            bytes.max(4).next_multiple_of(4),
+            BufferUsages::MAP_READ | BufferUsages::COPY_DST,
+        )
+    }
+
+    /// Waits for the device and hands the bytes of a staging buffer to `read`.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub(super) fn read_staging<R>(
+        &self,
+        staging: &wgpu::Buffer,
+        read: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R> {
+        staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let view = staging
+            .get_mapped_range(..)
+            .map_err(|e| self.failed(e.to_string()))?;
+        let out = read(&view);
+        drop(view);
+        staging.unmap();
+        Ok(out)
+    }
+
+    pub(super) fn encoder(&self) -> CommandEncoder {
+        self.device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    pub(super) fn submit(&self, encoder: CommandEncoder) {
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// Bytes that one binding of a storage buffer may have.
+    pub(super) fn max_binding_bytes(&self) -> u64 {
+        let limits = &self.limits;
+        // Whole vectors of words.
+        limits
+            .max_storage_buffer_binding_size
+            .min(limits.max_buffer_size)
+            / 16
+            * 16
+    }
+
+    fn create(&self, label: &str, bytes: u64, usage: BufferUsages) -> Result<wgpu::Buffer> {
+        let scopes = [ErrorFilter::Validation, ErrorFilter::OutOfMemory]
+            .map(|filter| self.device.push_error_scope(filter));
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes,
+            usage,
+            mapped_at_creation: false,
+        });
+        let mut error = None;
+        for scope in scopes.into_iter().rev() {
+            error = pollster::block_on(scope.pop()).or(error);
+        }
+        match error {
+            None => Ok(buffer),
+            Some(e) => Err(self.out_of_memory(label, bytes, &e.to_string())),
+        }
+    }
+
+    fn out_of_memory(&self, label: &str, bytes: u64, found: &str) -> Error {
+        Error::format(
+            "GPU",
+            &self.adapter(),
+            format!("{bytes} bytes for the {label}"),
+            found.to_string(),
+            "render fewer particles or a smaller image, or use --backend cpu",
+        )
+    }
+}

@@ -1,0 +1,25 @@
+//! The GPU back end, on wgpu: one file per stage with the names of [`crate::cpu`], each with a
+//! shader of the same name in `shaders/`.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `device.rs` | adapters, limits, errors of the device |
+//! | `kernel.rs` | a compute pipeline and the buffers bound to it |
+//! | `memory.rs` | buffers: up, down, and how much fits |
+//! | `shaders.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own file |
+//! | `scan.rs` | prefix sums, which several stages need |
+
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "device memory is counted in 32-bit words by design; sizes are checked against the limits"
+)]
+
+mod device;
+mod kernel;
+mod memory;
+mod scan;
+mod shaders;
+
+pub use device::{AdapterChoice, Gpu};
+pub use scan::exclusive_scan;
+pub use shaders::{Shader, prelude};

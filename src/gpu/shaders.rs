@@ -1,0 +1,81 @@
+//! Shaders: each is the prelude, files of `shaders/shared/` and a stage's own file, one after the
+//! other.
+
+use std::fmt::Write as _;
+
+use crate::constants::{
+    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, MAX_CUTOFF, TERMINATION_SHARE, TILE_SIZE,
+};
+use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
+
+/// A shader's name and the files it is composed of.
+#[derive(Debug, Clone, Copy)]
+pub struct Shader {
+    /// The stage.
+    pub name: &'static str,
+    parts: &'static [&'static str],
+}
+
+impl Shader {
+    /// The WGSL text: the prelude and the parts.
+    pub fn source(&self) -> String {
+        let mut source = prelude();
+        for part in self.parts {
+            source.push('\n');
+            source.push_str(part);
+        }
+        source
+    }
+
+    /// Every shader of the back end.
+    pub const ALL: &'static [Self] = &[LAYOUT, SCAN];
+}
+
+const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
+
+/// The structs of [`crate::layout`] alone.
+const LAYOUT: Shader = Shader {
+    name: "layout",
+    parts: &[include_str!("../../shaders/shared/layout.wgsl")],
+};
+
+const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
+
+/// Prefix sums.
+pub(super) const SCAN: Shader = Shader {
+    name: "scan",
+    parts: &[
+        DISPATCH,
+        SCAN_THREADS,
+        include_str!("../../shaders/scan.wgsl"),
+    ],
+};
+
+/// The numbers that both back ends share, as WGSL constants.
+pub fn prelude() -> String {
+    let mut text = String::new();
+    let integers = [
+        ("TILE_SIZE", TILE_SIZE as u32),
+        ("BLOCK_CAPACITY", BLOCK_CAPACITY as u32),
+        ("BRICK_X", BRICK[0] as u32),
+        ("BRICK_Y", BRICK[1] as u32),
+        ("BRICK_Z", BRICK[2] as u32),
+        ("DEPTH_KEY_BITS", DEPTH_KEY_BITS),
+        ("PATH_AFFINE", PATH_AFFINE),
+        ("PATH_PEAK", PATH_PEAK),
+        ("PATH_EXACT", PATH_EXACT),
+        ("PATH_NEAR", PATH_NEAR),
+        ("PATH_HALF_LINE", PATH_HALF_LINE),
+    ];
+    for (name, value) in integers {
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    let floats = [
+        ("MAX_CUTOFF", MAX_CUTOFF),
+        ("TERMINATION_SHARE", TERMINATION_SHARE),
+    ];
+    for (name, value) in floats {
+        let _ = writeln!(text, "const {name}: f32 = {value:?};");
+    }
+    text
+}

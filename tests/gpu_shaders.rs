@@ -1,0 +1,133 @@
+//! The shaders as text: every one composes and is valid, no device needed.
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::mem::{offset_of, size_of};
+
+use ewa_splat::gpu::Shader;
+use ewa_splat::layout::{
+    BlockView, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, NearTerms,
+    ViewUniform,
+};
+use naga::TypeInner;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+#[test]
+fn every_shader_is_valid() {
+    for shader in Shader::ALL {
+        let source = shader.source();
+        let module = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+        Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+    }
+}
+
+/// Name, offset and size of a struct's members as WGSL lays them out, and the distance of two in
+/// an array.
+fn reflected(name: &str) -> (Vec<(String, usize, usize)>, usize) {
+    let layout = Shader::ALL.iter().find(|s| s.name == "layout").unwrap();
+    let module = naga::front::wgsl::parse_str(&layout.source()).unwrap();
+    let mut layouter = naga::proc::Layouter::default();
+    layouter.update(module.to_ctx()).unwrap();
+    let (handle, ty) = module
+        .types
+        .iter()
+        .find(|(_, ty)| ty.name.as_deref() == Some(name))
+        .unwrap_or_else(|| panic!("no struct {name}"));
+    let TypeInner::Struct { members, .. } = &ty.inner else {
+        panic!("{name} is no struct");
+    };
+    let members = members
+        .iter()
+        .map(|m| {
+            let size = layouter[m.ty].size;
+            (m.name.clone().unwrap(), m.offset as usize, size as usize)
+        })
+        .collect();
+    (members, layouter[handle].to_stride() as usize)
+}
+
+macro_rules! check_layout {
+    ($type:ident { $($member:ident),* $(,)? }) => {{
+        // A member that is missing here does not compile.
+        let zero: $type = bytemuck::Zeroable::zeroed();
+        let $type { $($member),* } = zero;
+        let expected = vec![
+            $((stringify!($member).to_string(), offset_of!($type, $member), size_of_val(&$member))),*
+        ];
+        assert_eq!(
+            reflected(stringify!($type)),
+            (expected, size_of::<$type>()),
+            stringify!($type)
+        );
+    }};
+}
+
+#[test]
+fn structs_are_laid_out_alike() {
+    check_layout!(ViewUniform {
+        focal_px,
+        centre_px,
+        size,
+        orthographic,
+        filter_kind,
+        low_pass_variance_px2,
+        tolerance,
+        cutoff,
+        key_scale,
+    });
+    check_layout!(CameraUniform {
+        eye,
+        camera_from_world,
+        rotation,
+        plane_normals,
+        plane_distances,
+        plane_spreads,
+        has_frustum,
+        orthographic,
+    });
+    check_layout!(DeviceBlock {
+        origin,
+        half_extent,
+        max_sigma,
+        value_range,
+        first,
+        count,
+    });
+    check_layout!(BlockView {
+        origin_camera,
+        block,
+        first,
+        count,
+        key,
+    });
+    check_layout!(ClassifiedParticle {
+        view,
+        local,
+        mass,
+        colour,
+    });
+    check_layout!(Footprint {
+        centre_px,
+        form_p,
+        form_r,
+        tau,
+        cutoff_squared,
+        colour,
+        depth,
+        path,
+        columns,
+        rows,
+        key,
+    });
+    check_layout!(ExactTerms { gradient, hessian });
+    check_layout!(NearTerms {
+        misses,
+        minors,
+        minor_depths,
+        sigma,
+        half_line,
+    });
+}
