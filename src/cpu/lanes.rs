@@ -5,7 +5,7 @@
 //! with AVX-512, eight with AVX2, four at the baseline. `tests/simd_levels.rs` holds the
 //! same mathematics in its plainest form.
 
-use crate::constants::{TILE_PIXELS, TILE_SIZE};
+use crate::constants::{EXP2_SERIES, FAINT, TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint};
 
 /// Instruction sets that the inner loop is compiled for.
@@ -241,10 +241,6 @@ const SERIES: u8 = 1;
 /// Opacity min(tau, 1).
 const LINEAR: u8 = 2;
 
-/// Up to this optical depth tau (1 - tau/2 (1 - tau/3)) is 1 - exp(-tau) to tau³/24 < 1.2e-6 of
-/// itself.
-const FAINT: f32 = 0.03;
-
 #[inline(always)]
 fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPTH: bool>(
     mode: Mode,
@@ -371,19 +367,18 @@ pub(super) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// Adding this to y leaves round(y) + 127 in the low bits: the exponent field of 2^round(y).
 const ROUND_TO_EXPONENT: f32 = 12_582_912.0 + 127.0;
 
-/// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\].
-///
-/// 2^f - 1 = f P(f): minimax of degree 4 for the relative error on |f| <= 1/2, 4.3e-7; its first
-/// coefficient is ln 2 to the last bit of f32.
+/// Splits 2^y into (2^n, 2^f - 1) with n the nearest integer, for y in \[-126, 0\]; the second by
+/// [`EXP2_SERIES`].
 #[inline(always)]
 fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
     let shifted = y + ROUND_TO_EXPONENT;
     let f = y - (shifted - ROUND_TO_EXPONENT);
     let power = f32::from_bits(shifted.to_bits() << 23);
-    let mut series = 0.001_333_353_8;
-    series = madd::<FMA>(series, f, 0.009_666_245);
-    series = madd::<FMA>(series, f, 0.055_505_004);
-    series = madd::<FMA>(series, f, 0.240_223_51);
+    let [c0, c1, c2, c3] = EXP2_SERIES;
+    let mut series = c3;
+    series = madd::<FMA>(series, f, c2);
+    series = madd::<FMA>(series, f, c1);
+    series = madd::<FMA>(series, f, c0);
     series = madd::<FMA>(series, f, std::f32::consts::LN_2);
     (power, series * f)
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::bin::Bins;
 use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
-use crate::constants::{TERMINATION_SHARE, TILE_SIZE};
+use crate::constants::{TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
     ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform,
 };
@@ -24,9 +24,6 @@ pub struct RasteriseSettings {
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
 }
-
-/// Footprints between two looks at whether the tile is already opaque.
-const TERMINATION_INTERVAL: usize = 16;
 
 /// Footprints between asking for one and reading it.
 const PREFETCH: usize = 4;
@@ -70,7 +67,8 @@ pub fn rasterise(
             for (n, &i) in list.iter().enumerate() {
                 let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
                 prefetch(ahead.and_then(|i| footprints.get(i)));
-                if n % TERMINATION_INTERVAL == TERMINATION_INTERVAL - 1
+                if n > 0
+                    && n % TERMINATION_INTERVAL == 0
                     && raster.least_alpha(tile) >= 1.0 - transparent
                 {
                     break;

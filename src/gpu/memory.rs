@@ -6,14 +6,18 @@ use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 use super::device::Gpu;
 use crate::error::{Error, Result};
 
+/// Bytes of a storage buffer at least: a binding must hold one element of what the shader declares,
+/// also where nothing is in it, and the largest are near terms.
+const SMALLEST_BUFFER: u64 = 256;
+
 impl Gpu {
-    /// A storage buffer of `bytes`, rounded up to whole words, at least one.
+    /// A storage buffer of `bytes`, rounded up to whole words, at least [`SMALLEST_BUFFER`].
     ///
     /// # Errors
     /// More than a binding may have, or than the device's memory holds: with how much was asked
     /// for.
     pub(super) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
-        let bytes = bytes.max(4).next_multiple_of(4);
+        let bytes = bytes.max(SMALLEST_BUFFER).next_multiple_of(4);
         let limit = self.max_binding_bytes();
         if bytes > limit {
             return Err(self.out_of_memory(
@@ -117,6 +121,13 @@ impl Gpu {
         drop(view);
         staging.unmap();
         Ok(out)
+    }
+
+    /// Runs one compute pass.
+    pub(super) fn run(&self, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let mut encoder = self.encoder();
+        encode(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()));
+        self.submit(encoder);
     }
 
     pub(super) fn encoder(&self) -> CommandEncoder {

@@ -8,6 +8,8 @@
 //! | `memory.rs` | buffers: up, down, and how much fits |
 //! | `shaders.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own file |
 //! | `scan.rs` | prefix sums, which several stages need |
+//! | `rasterise.rs` | lists, footprints to pixels |
+//! | `resolve.rs` | a background behind them |
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -17,9 +19,12 @@
 mod device;
 mod kernel;
 mod memory;
+mod rasterise;
+mod resolve;
 mod scan;
 mod shaders;
 
 pub use device::{AdapterChoice, Gpu};
+pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;
 pub use shaders::{Shader, prelude};

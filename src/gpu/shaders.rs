@@ -4,9 +4,11 @@
 use std::fmt::Write as _;
 
 use crate::constants::{
-    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, MAX_CUTOFF, TERMINATION_SHARE, TILE_SIZE,
+    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, TERMINATION_INTERVAL,
+    TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
+use crate::math::ERFC_SERIES;
 
 /// A shader's name and the files it is composed of.
 #[derive(Debug, Clone, Copy)]
@@ -28,15 +30,35 @@ impl Shader {
     }
 
     /// Every shader of the back end.
-    pub const ALL: &'static [Self] = &[LAYOUT, SCAN];
+    pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RASTERISE, RESOLVE];
 }
 
 const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
 
+const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
+const EXPONENTIAL: &str = include_str!("../../shaders/shared/exponential.wgsl");
+
 /// The structs of [`crate::layout`] alone.
 const LAYOUT: Shader = Shader {
     name: "layout",
-    parts: &[include_str!("../../shaders/shared/layout.wgsl")],
+    parts: &[STRUCTS],
+};
+
+/// Tiles of pixels.
+pub(super) const RASTERISE: Shader = Shader {
+    name: "rasterise",
+    parts: &[
+        DISPATCH,
+        STRUCTS,
+        EXPONENTIAL,
+        include_str!("../../shaders/rasterise.wgsl"),
+    ],
+};
+
+/// The background.
+pub(super) const RESOLVE: Shader = Shader {
+    name: "resolve",
+    parts: &[DISPATCH, include_str!("../../shaders/resolve.wgsl")],
 };
 
 const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
@@ -61,6 +83,7 @@ pub fn prelude() -> String {
         ("BRICK_Y", BRICK[1] as u32),
         ("BRICK_Z", BRICK[2] as u32),
         ("DEPTH_KEY_BITS", DEPTH_KEY_BITS),
+        ("TERMINATION_INTERVAL", TERMINATION_INTERVAL as u32),
         ("PATH_AFFINE", PATH_AFFINE),
         ("PATH_PEAK", PATH_PEAK),
         ("PATH_EXACT", PATH_EXACT),
@@ -73,9 +96,23 @@ pub fn prelude() -> String {
     let floats = [
         ("MAX_CUTOFF", MAX_CUTOFF),
         ("TERMINATION_SHARE", TERMINATION_SHARE),
+        ("FAINT", FAINT),
+        ("SMALLEST", f32::MIN_POSITIVE),
+        ("LN_2", std::f32::consts::LN_2),
+        ("LOG2_E", std::f32::consts::LOG2_E),
+        ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
+        ("TAU", std::f32::consts::TAU),
     ];
     for (name, value) in floats {
         let _ = writeln!(text, "const {name}: f32 = {value:?};");
+    }
+    // Coefficients, each a constant with its number.
+    let series: [(&str, &[f32]); 2] =
+        [("EXP2_SERIES", &EXP2_SERIES), ("ERFC_SERIES", &ERFC_SERIES)];
+    for (name, values) in series {
+        for (i, value) in values.iter().enumerate() {
+            let _ = writeln!(text, "const {name}_{i}: f32 = {value:?};");
+        }
     }
     text
 }

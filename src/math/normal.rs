@@ -1,5 +1,20 @@
 //! The normal distribution: in f32 for the renderer, in f64 for the reference integrator.
 
+/// The coefficients of Numerical Recipes' `erfcc`: erfc(z) = t exp(-z² + c0 + c1 t + ...),
+/// t = 1 / (1 + z/2).
+pub(crate) const ERFC_SERIES: [f32; 10] = [
+    -1.265_512_2,
+    1.000_023_7,
+    0.374_091_96,
+    0.096_784_18,
+    -0.186_288_06,
+    0.278_868_07,
+    -1.135_204,
+    1.488_515_9,
+    -0.822_152_23,
+    0.170_872_77,
+];
+
 /// Phi(x): the share of a unit Gaussian's integral that lies below x.
 ///
 /// Abramowitz and Stegun 7.1.26 refined: erfc by the rational Chebyshev fit of Numerical
@@ -10,15 +25,9 @@
 pub fn normal_cdf(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
-    let poly = t
-        * (1.000_023_7
-            + t * (0.374_091_96
-                + t * (0.096_784_18
-                    + t * (-0.186_288_06
-                        + t * (0.278_868_07
-                            + t * (-1.135_204
-                                + t * (1.488_515_9 + t * (-0.822_152_23 + t * 0.170_872_77))))))));
-    let tail = 0.5 * t * (-z * z - 1.265_512_2 + poly).exp();
+    let [c0, higher @ ..] = ERFC_SERIES;
+    let poly = higher.iter().rev().fold(0.0, |sum, c| t * (c + sum));
+    let tail = 0.5 * t * (-z * z + c0 + poly).exp();
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 

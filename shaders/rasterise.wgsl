@@ -1,0 +1,269 @@
+// Stage: from lists of footprints to pixels, front to back, a workgroup per tile and a thread per
+// pixel. Twin: src/cpu/rasterise.rs and src/cpu/lanes.rs.
+//
+// A frame whose footprints are drawn in several depth chunks comes here once per chunk; pixels and
+// the tile's progress are carried from one to the next.
+
+struct Band {
+    // First row of tiles.
+    first_row: u32,
+    // Columns of tiles in a row.
+    columns: u32,
+    // Rows of tiles.
+    rows: u32,
+    // 1 for the first chunk of the frame.
+    is_first: u32,
+}
+
+struct TileProgress {
+    // Footprints drawn so far.
+    drawn: u32,
+    // 1 where every pixel is opaque.
+    is_done: u32,
+    // Kernels evaluated within their cut-off, low and high word.
+    splat_pixels: vec2<u32>,
+}
+
+struct NearList {
+    count: u32,
+    terms: array<NearTerms>,
+}
+
+// Which code a frame needs.
+override HAS_EXACT: bool = true;
+override HAS_NEAR: bool = true;
+override HAS_DEPTH: bool = false;
+override IS_LINEAR: bool = false;
+
+@group(0) @binding(0) var<uniform> band: Band;
+@group(0) @binding(1) var<storage, read> view: ViewUniform;
+// First and one past the last entry of each tile's list.
+@group(0) @binding(2) var<storage, read> tile_ranges: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> tile_lists: array<u32>;
+@group(0) @binding(4) var<storage, read> footprints: array<Footprint>;
+@group(0) @binding(5) var<storage, read> exact: array<ExactTerms>;
+@group(0) @binding(6) var<storage, read> near: NearList;
+// The band's pixels, row by row: four floats each, then (with depths) one float each, negative
+// where there is no depth.
+@group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
+@group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
+
+var<workgroup> batch: array<Footprint, TERMINATION_INTERVAL>;
+var<workgroup> batch_exact: array<ExactTerms, TERMINATION_INTERVAL>;
+var<workgroup> shared_progress: TileProgress;
+var<workgroup> open_pixels: atomic<u32>;
+var<workgroup> inside_low: atomic<u32>;
+var<workgroup> uniform_open: u32;
+
+// The ray D = (X, Y, 1) through a point of the image.
+fn ray(pixel: vec2<f32>) -> vec3<f32> {
+    return vec3<f32>((pixel - view.centre_px) / view.focal_px, 1.0);
+}
+
+// Optical depth of a footprint on the near or the half-line path at a point of the image.
+fn near_depth(footprint: Footprint, at: u32, pixel: vec2<f32>) -> f32 {
+    if (footprint.path & 3u) == PATH_NEAR {
+        return evaluate_near(at, footprint.tau, ray(pixel), footprint.cutoff_squared);
+    }
+    let d = pixel - footprint.centre_px;
+    let p = footprint.form_p.x * d.x + footprint.form_p.y * d.y;
+    let r = footprint.form_r.x * d.x + footprint.form_r.y * d.y;
+    let q = p * p + r * r;
+    if !is_finite(q) || q > footprint.cutoff_squared {
+        return 0.0;
+    }
+    let half_line = near.terms[at].half_line;
+    let z = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
+    let in_front = normal_cdf(z / max(near.terms[at].sigma, SMALLEST));
+    return footprint.tau * exp_minus_half(q) * in_front;
+}
+
+// Optical depth of a kernel along the half line t D, t > 0. Twin: src/splat/near.rs.
+fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32) -> f32 {
+    var across = 0.0;
+    var along = 0.0;
+    for (var i = 0u; i < 10u; i = i + 1u) {
+        let m = dot3(direction, vector(near.terms[at].minors[i]));
+        across = across + m * m;
+        along = along + m * near.terms[at].minor_depths[i];
+    }
+    var miss = 0.0;
+    for (var i = 0u; i < 5u; i = i + 1u) {
+        let m = dot3(direction, vector(near.terms[at].misses[i]));
+        miss = miss + m * m;
+    }
+    let q = miss / across;
+    if !is_finite(q) || q > cutoff_squared {
+        return 0.0;
+    }
+    let root = sqrt(across);
+    let behind = along / (root * max(near.terms[at].sigma, SMALLEST));
+    return weight * sqrt(dot3(direction, direction)) / root * exp_minus_half(q) * normal_cdf(behind);
+}
+
+@compute @workgroup_size(TILE_SIZE, TILE_SIZE)
+fn rasterise(
+    @builtin(local_invocation_id) local: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    let tile = group_index(group, groups);
+    if tile >= band.columns * band.rows {
+        return;
+    }
+    let origin = vec2<u32>(tile % band.columns, band.first_row + tile / band.columns) * TILE_SIZE;
+    let at = origin + local.xy;
+    let is_pixel = at.x < view.size.x && at.y < view.size.y;
+    let width = view.size.x;
+    let band_height = min(band.rows * TILE_SIZE, view.size.y - band.first_row * TILE_SIZE);
+    let index = (at.y - band.first_row * TILE_SIZE) * width + at.x;
+    let depth_index = 4u * width * band_height + index;
+
+    if thread == 0u {
+        if band.is_first != 0u {
+            shared_progress = TileProgress(0u, 0u, vec2<u32>(0u));
+        } else {
+            shared_progress = progress[tile];
+        }
+        atomicStore(&inside_low, 0u);
+    }
+    let carried = workgroupUniformLoad(&shared_progress);
+    var colour = vec3<f32>(0.0);
+    var alpha = 0.0;
+    // None: WGSL has no infinity to write down.
+    var depth = -1.0;
+    if is_pixel && band.is_first == 0u {
+        colour = vec3<f32>(pixels[4u * index], pixels[4u * index + 1u], pixels[4u * index + 2u]);
+        alpha = pixels[4u * index + 3u];
+        if HAS_DEPTH {
+            depth = pixels[depth_index];
+        }
+    }
+
+    let corner = vec2<f32>(origin) + 0.5;
+    let pixel = corner + vec2<f32>(local.xy);
+    var ray_length = 1.0;
+    if HAS_EXACT {
+        let direction = ray(pixel);
+        ray_length = sqrt(dot3(direction, direction));
+    }
+    let opaque = 1.0 - view.tolerance * TERMINATION_SHARE;
+    let range = tile_ranges[tile];
+    var inside = 0u;
+    var drawn = carried.drawn;
+    var is_done = carried.is_done != 0u;
+    var next = range.x;
+    // Batches end where the twin looks whether the tile is opaque.
+    while !is_done && next < range.y {
+        if drawn % TERMINATION_INTERVAL == 0u && drawn > 0u {
+            if thread == 0u {
+                atomicStore(&open_pixels, 0u);
+            }
+            workgroupBarrier();
+            if is_pixel && !(alpha >= opaque) {
+                atomicStore(&open_pixels, 1u);
+            }
+            workgroupBarrier();
+            if thread == 0u {
+                uniform_open = atomicLoad(&open_pixels);
+            }
+            is_done = workgroupUniformLoad(&uniform_open) == 0u;
+            if is_done {
+                break;
+            }
+        }
+        let count = min(TERMINATION_INTERVAL - drawn % TERMINATION_INTERVAL, range.y - next);
+        workgroupBarrier();
+        if thread < count {
+            let i = tile_lists[next + thread];
+            batch[thread] = footprints[i];
+            if HAS_EXACT {
+                batch_exact[thread] = exact[i];
+            }
+        }
+        workgroupBarrier();
+        for (var n = 0u; n < count; n = n + 1u) {
+            let rows = batch[n].rows;
+            let columns = batch[n].columns;
+            if !is_pixel || at.y < (rows & 0xffffu) || at.y >= (rows >> 16u)
+                || at.x < (columns & 0xffffu) || at.x >= (columns >> 16u) {
+                continue;
+            }
+            let path = batch[n].path;
+            var tau = batch[n].tau;
+            if HAS_NEAR && (path & 2u) != 0u {
+                tau = near_depth(batch[n], path >> 2u, pixel);
+                if !(tau > 0.0) {
+                    continue;
+                }
+            } else {
+                // As the twin walks a row: from the tile's first pixel.
+                let dx = (corner.x - batch[n].centre_px.x) + f32(local.x);
+                let dy = (corner.y - batch[n].centre_px.y) + f32(local.y);
+                let p = batch[n].form_p.x * dx + batch[n].form_p.y * dy;
+                let r = batch[n].form_r.x * dx + batch[n].form_r.y * dy;
+                var q = p * p + r * r;
+                if HAS_EXACT && path == PATH_EXACT {
+                    let gradient = batch_exact[n].gradient;
+                    let hessian = batch_exact[n].hessian;
+                    let w_row = dy * (dy * hessian[2] + gradient[1]) + 1.0;
+                    let w_slope = dy * hessian[1] + gradient[0];
+                    let w = dx * (dx * hessian[0] + w_slope) + w_row;
+                    // By bits, as below: NaN is outside.
+                    if !is_finite(w) || !(w > 0.0) {
+                        continue;
+                    }
+                    let inverse = 1.0 / w;
+                    q = q * inverse;
+                    tau = tau * (ray_length * sqrt(inverse));
+                }
+                if !is_finite(q) || q > batch[n].cutoff_squared {
+                    continue;
+                }
+                tau = tau * exp_minus_half(q);
+            }
+            inside = inside + 1u;
+            var opacity: f32;
+            if IS_LINEAR || path == PATH_PEAK {
+                opacity = min(tau, 1.0);
+            } else if path == PATH_AFFINE && batch[n].tau <= FAINT {
+                opacity = tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0)));
+            } else {
+                opacity = opacity_of(tau);
+            }
+            let before = alpha;
+            let weight = opacity * (1.0 - before);
+            alpha = before + weight;
+            colour = colour + weight * vector(batch[n].colour);
+            if HAS_DEPTH && before < 0.5 && alpha >= 0.5 {
+                // Within a kernel that holds the eye, the centre may lie behind.
+                depth = batch[n].depth;
+                if (path & 2u) != 0u {
+                    depth = max(depth, 0.0);
+                }
+            }
+        }
+        drawn = drawn + count;
+        next = next + count;
+    }
+
+    if is_pixel {
+        pixels[4u * index] = colour.x;
+        pixels[4u * index + 1u] = colour.y;
+        pixels[4u * index + 2u] = colour.z;
+        pixels[4u * index + 3u] = alpha;
+        if HAS_DEPTH {
+            pixels[depth_index] = depth;
+        }
+    }
+    // A list of fewer than 2^24 footprints does not overflow this sum.
+    atomicAdd(&inside_low, inside);
+    workgroupBarrier();
+    if thread == 0u {
+        let added = atomicLoad(&inside_low);
+        let low = carried.splat_pixels.x + added;
+        let high = carried.splat_pixels.y + select(0u, 1u, low < added);
+        progress[tile] = TileProgress(drawn, u32(is_done), vec2<u32>(low, high));
+    }
+}

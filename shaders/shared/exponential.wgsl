@@ -1,0 +1,49 @@
+// Exponentials with a known error, the same on every device. Twin: src/cpu/lanes.rs.
+
+// (2^n, 2^f - 1) of 2^y, n the nearest integer, for y in [-126, 0].
+fn exp2_parts(y: f32) -> vec2<f32> {
+    let n = round(y);
+    let f = y - n;
+    let power = bitcast<f32>(u32(i32(n) + 127) << 23u);
+    var series = EXP2_SERIES_3;
+    series = series * f + EXP2_SERIES_2;
+    series = series * f + EXP2_SERIES_1;
+    series = series * f + EXP2_SERIES_0;
+    series = series * f + LN_2;
+    return vec2<f32>(power, series * f);
+}
+
+// exp(-q/2) for q in [0, 49].
+fn exp_minus_half(q: f32) -> f32 {
+    let parts = exp2_parts(q * (-0.5 * LOG2_E));
+    return parts.x * parts.y + parts.x;
+}
+
+// exp(x) for x <= 0; 1e-38 below -87.
+fn exp_negative(x: f32) -> f32 {
+    let parts = exp2_parts(max(x, -87.0) * LOG2_E);
+    return parts.x * parts.y + parts.x;
+}
+
+// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau.
+fn opacity_of(tau: f32) -> f32 {
+    let parts = exp2_parts(min(tau, 64.0) * -LOG2_E);
+    return (1.0 - parts.x) - parts.x * parts.y;
+}
+
+// Phi(x). Twin: src/math/normal.rs.
+fn normal_cdf(x: f32) -> f32 {
+    let z = abs(x) * FRAC_1_SQRT_2;
+    let t = 1.0 / (1.0 + 0.5 * z);
+    var poly = t * ERFC_SERIES_9;
+    poly = t * (ERFC_SERIES_8 + poly);
+    poly = t * (ERFC_SERIES_7 + poly);
+    poly = t * (ERFC_SERIES_6 + poly);
+    poly = t * (ERFC_SERIES_5 + poly);
+    poly = t * (ERFC_SERIES_4 + poly);
+    poly = t * (ERFC_SERIES_3 + poly);
+    poly = t * (ERFC_SERIES_2 + poly);
+    poly = t * (ERFC_SERIES_1 + poly);
+    let tail = 0.5 * t * exp_negative(-z * z + ERFC_SERIES_0 + poly);
+    return select(1.0 - tail, tail, x < 0.0);
+}
