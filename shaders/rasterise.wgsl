@@ -210,8 +210,8 @@ fn rasterise(
                     let w_row = dy * (dy * hessian[2] + gradient[1]) + 1.0;
                     let w_slope = dy * hessian[1] + gradient[0];
                     let w = dx * (dx * hessian[0] + w_slope) + w_row;
-                    // By bits, as below: NaN is outside.
-                    if !is_finite(w) || !(w > 0.0) {
+                    // NaN is outside, here and below.
+                    if is_nan(w) || !(w > 0.0) {
                         continue;
                     }
                     let inverse = 1.0 / w;

@@ -19,10 +19,10 @@ fn exp_minus_half(q: f32) -> f32 {
     return parts.x * parts.y + parts.x;
 }
 
-// exp(x) for x <= 0; 1e-38 below -87.
+// exp(x) for x <= 0; nothing below -87, where normal numbers end.
 fn exp_negative(x: f32) -> f32 {
     let parts = exp2_parts(max(x, -87.0) * LOG2_E);
-    return parts.x * parts.y + parts.x;
+    return select(0.0, parts.x * parts.y + parts.x, x >= -87.0);
 }
 
 // 1 - exp(-tau) for tau >= 0, with a small relative error at any tau.

@@ -2,6 +2,15 @@
 
 use std::sync::OnceLock;
 
+use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
+use ewa_splat::cpu::Bins;
+use ewa_splat::image::Image;
+use ewa_splat::layout::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::splat::evaluate_near;
+use glam::{DVec2, Vec3};
+
+use super::frame::Frame;
+
 use ewa_splat::gpu::{AdapterChoice, Gpu};
 
 /// An open device, or `None` (with a word about it) where there is no adapter.
@@ -20,4 +29,99 @@ pub fn gpu() -> Option<&'static Gpu> {
         }
     })
     .as_ref()
+}
+
+/// How many pixels of two pictures of one frame differ by more than `rounding`. Fails where such a
+/// pixel lies on no threshold: no kernel of its tile has its cut-off within rounding there, and
+/// the tile's opacity is nowhere within rounding of what ends it.
+pub fn explained_flips(frame: &Frame, bins: &Bins, a: &Image, b: &Image, rounding: f32) -> usize {
+    let mut flips = 0;
+    for (i, (p, q)) in a.pixels.iter().zip(&b.pixels).enumerate() {
+        // NaN differs from all but itself.
+        let differs =
+            |(x, y): (&f32, &f32)| !((x - y).abs() <= rounding) && x.to_bits() != y.to_bits();
+        if !p.iter().zip(q).any(differs) {
+            continue;
+        }
+        flips += 1;
+        let (x, y) = (i % a.width, i / a.width);
+        let tile = y / TILE_SIZE * frame.tiles[0] + x / TILE_SIZE;
+        assert!(
+            bins.tile(tile)
+                .any(|n| is_on_cutoff(frame, n as usize, x, y))
+                || ends_at_a_threshold(frame, bins, tile),
+            "pixel ({x}, {y}): {p:?} and {q:?}, and no threshold near"
+        );
+    }
+    flips
+}
+
+/// Whether a pixel centre lies within f32 rounding of a footprint's cut-off.
+fn is_on_cutoff(frame: &Frame, n: usize, x: usize, y: usize) -> bool {
+    let f = &frame.footprints[n];
+    let wide = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
+    let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+    if f.path & 3 == PATH_NEAR {
+        let slope = (at - wide(frame.uniform.centre_px)) / wide(frame.uniform.focal_px);
+        let ray = Vec3::new(slope.x as f32, slope.y as f32, 1.0);
+        let terms = &frame.near[(f.path >> 2) as usize];
+        let inside = |share: f32| evaluate_near(terms, 1.0, ray, f.cutoff_squared * share) > 0.0;
+        return inside(1.0 + 1e-4) != inside(1.0 - 1e-4);
+    }
+    let d = at - wide(f.centre_px);
+    let (p, r) = (wide(f.form_p).dot(d), wide(f.form_r).dot(d));
+    let mut q = p * p + r * r;
+    if f.path & 3 == PATH_EXACT {
+        let terms = &frame.exact[n];
+        let [hxx, hxy, hyy] = terms.hessian.map(f64::from);
+        q /=
+            1.0 + wide(terms.gradient).dot(d) + hxx * d.x * d.x + hxy * d.x * d.y + hyy * d.y * d.y;
+    }
+    let cutoff = f64::from(f.cutoff_squared);
+    // Offsets rounded at a coordinate of some hundred pixels, times the form's slope there.
+    let slope = 2.0 * q.sqrt() * (wide(f.form_p).length() + wide(f.form_r).length());
+    let pixel = f64::from(f32::EPSILON) * at.max_element().max(1.0);
+    (q - cutoff).abs() <= 1e-5 * cutoff + slope * pixel
+}
+
+/// Whether the least opacity of a tile comes within rounding of what ends it.
+fn ends_at_a_threshold(frame: &Frame, bins: &Bins, tile: usize) -> bool {
+    let opaque = 1.0 - f64::from(frame.uniform.tolerance * TERMINATION_SHARE);
+    let origin = [tile % frame.tiles[0], tile / frame.tiles[0]].map(|t| t * TILE_SIZE);
+    let mut alphas = Vec::new();
+    for y in origin[1]..(origin[1] + TILE_SIZE).min(frame.camera.height) {
+        for x in origin[0]..(origin[0] + TILE_SIZE).min(frame.camera.width) {
+            alphas.push(([x, y], 0.0_f64));
+        }
+    }
+    for n in bins.tile(tile) {
+        let f = &frame.footprints[n as usize];
+        for ([x, y], alpha) in &mut alphas {
+            let tau = optical_depth(frame, f, n as usize, *x, *y);
+            let opacity = if f.path == PATH_PEAK || frame.settings.linear_opacity {
+                tau.min(1.0)
+            } else {
+                -(-tau).exp_m1()
+            };
+            *alpha += opacity * (1.0 - *alpha);
+        }
+        let least = alphas.iter().map(|(_, a)| *a).fold(1.0, f64::min);
+        if (least - opaque).abs() < 2e-6 {
+            return true;
+        }
+    }
+    false
+}
+
+/// Optical depth (or opacity) of an affine footprint; of the others roughly.
+fn optical_depth(frame: &Frame, f: &Footprint, n: usize, x: usize, y: usize) -> f64 {
+    let wide = |v: [f32; 2]| DVec2::new(f64::from(v[0]), f64::from(v[1]));
+    let d = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - wide(f.centre_px);
+    let mut q = wide(f.form_p).dot(d).powi(2) + wide(f.form_r).dot(d).powi(2);
+    if f.path == PATH_EXACT {
+        let terms = &frame.exact[n];
+        q /= 1.0 + wide(terms.gradient).dot(d);
+    }
+    let inside = q <= f64::from(f.cutoff_squared);
+    f64::from(u8::from(inside)) * f64::from(f.tau) * (-0.5 * q).exp()
 }
