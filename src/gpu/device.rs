@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use wgpu::{Backends, DeviceType, Features, Limits};
 
+use super::kernel::KernelCache;
 use crate::error::{Error, Result};
 
 /// How long a submission may run before the device counts as hung: software adapters take minutes
@@ -21,12 +22,14 @@ pub enum AdapterChoice {
     Hardware,
 }
 
-/// An open device: what every stage of the GPU back end runs on.
-#[derive(Debug)]
+/// An open device: what every stage of the GPU back end runs on. Clones share it, and the
+/// pipelines compiled for it.
+#[derive(Debug, Clone)]
 pub struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) limits: Limits,
+    pub(super) kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
 }
@@ -115,9 +118,19 @@ impl Gpu {
             device,
             queue,
             limits,
+            kernels: KernelCache::default(),
             info,
             fault,
         })
+    }
+
+    /// This device with bindings of at most `bytes`, as on a smaller adapter: more goes in parts,
+    /// depth chunks and bands.
+    #[must_use]
+    pub fn with_binding_limit(mut self, bytes: u64) -> Self {
+        let limit = &mut self.limits.max_storage_buffer_binding_size;
+        *limit = bytes.min(*limit);
+        self
     }
 
     /// The adapter: its name, the driver and the interface.

@@ -1,5 +1,8 @@
 //! A compute pipeline and the buffers bound to it.
 
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use super::device::Gpu;
 use super::shaders::Shader;
 
@@ -15,7 +18,7 @@ pub(super) enum Access {
 }
 
 /// A compute pipeline whose bindings are 0, 1, 2, ... of group 0.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Kernel {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
@@ -28,12 +31,36 @@ pub(super) struct BoundKernel {
     group: wgpu::BindGroup,
 }
 
+/// Shader, entry point, and names and bits of the constants.
+type KernelKey = (&'static str, String, Vec<(String, u64)>);
+
+/// The kernels that a device has compiled.
+#[derive(Debug, Clone, Default)]
+pub(super) struct KernelCache(Arc<Mutex<HashMap<KernelKey, Kernel>>>);
+
 impl Gpu {
-    /// Compiles an entry point of a shader.
+    /// An entry point of a shader, compiled when it is first asked for.
     ///
     /// - `bindings`: how binding 0, 1, 2, ... are used; more than the entry point uses do no harm.
     /// - `constants`: values of the shader's `override` declarations.
     pub(super) fn kernel(
+        &self,
+        shader: &Shader,
+        entry: &str,
+        bindings: &[Access],
+        constants: &[(&str, f64)],
+    ) -> Kernel {
+        let bits = constants
+            .iter()
+            .map(|(n, v)| ((*n).to_string(), v.to_bits()));
+        let key = (shader.name, entry.to_string(), bits.collect());
+        let cache = self.kernels.0.lock();
+        let mut cache = cache.unwrap_or_else(PoisonError::into_inner);
+        let compile = || self.compile(shader, entry, bindings, constants);
+        cache.entry(key).or_insert_with(compile).clone()
+    }
+
+    fn compile(
         &self,
         shader: &Shader,
         entry: &str,

@@ -6,18 +6,19 @@ use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 use super::device::Gpu;
 use crate::error::{Error, Result};
 
-/// Bytes of a storage buffer at least: a binding must hold one element of what the shader declares,
-/// also where nothing is in it, and the largest are near terms.
-const SMALLEST_BUFFER: u64 = 256;
+/// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
+/// declares, and the largest are near terms.
+const EMPTY_BUFFER: u64 = 256;
 
 impl Gpu {
-    /// A storage buffer of `bytes`, rounded up to whole words, at least [`SMALLEST_BUFFER`].
+    /// A storage buffer of `bytes`, rounded up to whole words; of [`EMPTY_BUFFER`] where that is 0.
     ///
     /// # Errors
     /// More than a binding may have, or than the device's memory holds: with how much was asked
     /// for.
     pub(super) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
-        let bytes = bytes.max(SMALLEST_BUFFER).next_multiple_of(4);
+        let bytes = if bytes == 0 { EMPTY_BUFFER } else { bytes };
+        let bytes = bytes.next_multiple_of(4);
         let limit = self.max_binding_bytes();
         if bytes > limit {
             return Err(self.out_of_memory(

@@ -118,10 +118,11 @@ impl Rasterise {
     }
 }
 
-/// The near terms as the device keeps them: their number, then the terms.
-pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
+/// The near terms as the device keeps them: their number, then the terms, room for one at least.
+fn near_words(near: &[NearTerms]) -> Vec<u32> {
     let mut words = vec![near.len() as u32];
     words.extend_from_slice(bytemuck::cast_slice(near));
+    words.resize(words.len().max(1 + size_of::<NearTerms>() / 4), 0);
     words
 }
 

@@ -3,10 +3,13 @@
 use std::sync::OnceLock;
 
 use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
-use ewa_splat::cpu::Bins;
+use ewa_splat::cpu::{Bins, SimdLevel};
 use ewa_splat::image::Image;
 use ewa_splat::layout::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::scene::PointVolume;
 use ewa_splat::splat::evaluate_near;
+use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Settings};
 use glam::{DVec2, Vec3};
 
 use super::frame::Frame;
@@ -29,6 +32,54 @@ pub fn gpu() -> Option<&'static Gpu> {
         }
     })
     .as_ref()
+}
+
+/// The largest difference between the two back ends' pictures, in shares of full scale, where no
+/// threshold lies between them: roundings of f32 in different orders along a ray of many layers.
+pub const ALIKE: f32 = 2e-5;
+
+/// Draws a scene on both back ends and holds the pictures to each other; returns how many pixels
+/// differ at a threshold, or `None` where there is no adapter.
+pub fn assert_alike(
+    name: &str,
+    scene: &PointVolume,
+    camera: &Camera,
+    settings: &Settings,
+) -> Option<usize> {
+    let gpu = gpu()?;
+    let settings = Settings {
+        // No fused operations, as on the device.
+        simd: SimdLevel::Baseline,
+        ..settings.clone()
+    };
+    let mut on_cpu = Renderer::new(vec![scene.clone()]).unwrap();
+    on_cpu.render(camera, &settings).unwrap();
+    let on_gpu = Renderer::new(vec![scene.clone()]).unwrap();
+    let mut on_gpu = on_gpu.on(gpu.clone()).unwrap();
+    on_gpu.render(camera, &settings).unwrap();
+    let (a, b) = (on_cpu.image(), on_gpu.image());
+    let differs = |(p, q): (&[f32; 4], &[f32; 4])| {
+        p.iter()
+            .zip(q)
+            .any(|(x, y)| !((x - y).abs() <= ALIKE) && x.to_bits() != y.to_bits())
+    };
+    let mut flips = 0;
+    if a.pixels.iter().zip(&b.pixels).any(differs) {
+        let frame = Frame::new(scene.clone(), camera, &settings);
+        flips = explained_flips(&frame, &frame.bins(), a, b, ALIKE);
+    }
+    println!(
+        "{name}: {flips} of {} pixels differ at a threshold",
+        a.pixels.len()
+    );
+    let (c, d) = (on_cpu.counts(), on_gpu.counts());
+    assert_eq!(c.blocks, d.blocks, "{name}");
+    assert_eq!(c.classified, d.classified, "{name}");
+    // A footprint at the image's border may reach it on one side only.
+    let near = |a: usize, b: usize| a.abs_diff(b) <= 2 + a / 1000;
+    assert!(near(c.footprints, d.footprints), "{name}: {c:?} {d:?}");
+    assert!(near(c.tile_entries, d.tile_entries), "{name}: {c:?} {d:?}");
+    Some(flips)
 }
 
 /// How many pixels of two pictures of one frame differ by more than `rounding`. Fails where such a
