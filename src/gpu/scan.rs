@@ -79,11 +79,6 @@ pub fn exclusive_scan(gpu: &Gpu, words: &[u32]) -> Result<Vec<u32>> {
     let lengths = gpu.upload("length", &[words.len() as u32])?;
     let buffer = gpu.upload("words", words)?;
     let scan = Scan::new(gpu, 0).bind(gpu, &lengths, &buffer, words.len() as u64)?;
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        scan.encode(&mut pass);
-    }
-    gpu.submit(encoder);
+    gpu.run(|pass| scan.encode(pass));
     gpu.read(&buffer, words.len())
 }
