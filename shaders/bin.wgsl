@@ -47,9 +47,8 @@ fn bin_walk(
     }
     workgroupBarrier();
     if k < state.length {
-        let footprint = footprints[k];
-        let size = tile_box(footprint.columns, footprint.rows).size;
-        if size.x * size.y <= LARGE_BOX {
+        let tiles = tile_box(footprints[k]);
+        if tiles.count <= LARGE_BOX || is_known(tiles) {
             for_each_tile(k, thread, 0u, 1u);
         } else {
             large[atomicAdd(&large_count, 1u)] = thread;
@@ -66,21 +65,29 @@ fn bin_walk(
     }
 }
 
-// Tiles of the band.
+// The tiles of the band that a footprint's box meets.
 struct TileBox {
     first: vec2<u32>,
-    size: vec2<u32>,
-    // Whether the footprint's own box, beyond the band, has more than one row and column.
-    is_wide: bool,
+    columns: u32,
+    count: u32,
+    // Whether some of them may lie beyond the outline. A box of one row or column of tiles, in the band or not, is
+    // (nearly) all touched.
+    test: bool,
 }
 
-fn tile_box(columns: u32, rows: u32) -> TileBox {
-    let first = vec2<u32>(columns & 0xffffu, rows & 0xffffu) / TILE_SIZE;
-    let last = (vec2<u32>(columns >> 16u, rows >> 16u) - 1u) / TILE_SIZE;
-    let band_end = chunk.band_first + chunk.band_size;
-    let from_band = max(first, chunk.band_first);
-    let end = max(min(last + 1u, band_end), from_band);
-    return TileBox(from_band, end - from_band, last.x > first.x && last.y > first.y);
+fn tile_box(footprint: Footprint) -> TileBox {
+    let first = vec2<u32>(footprint.columns & 0xffffu, footprint.rows & 0xffffu) / TILE_SIZE;
+    let last = (vec2<u32>(footprint.columns >> 16u, footprint.rows >> 16u) - 1u) / TILE_SIZE;
+    let test = last.x > first.x && last.y > first.y && (footprint.path & 3u) != PATH_NEAR;
+    let first_in_band = max(first, chunk.band_first);
+    let end = max(min(last + 1u, chunk.band_first + chunk.band_size), first_in_band);
+    let size = end - first_in_band;
+    return TileBox(first_in_band, size.x, size.x * size.y, test);
+}
+
+// Whether tiles are counted, and without a look at any.
+fn is_known(tiles: TileBox) -> bool {
+    return bin_step.emit == 0u && !tiles.test;
 }
 
 // Every tile of the band that holds a pixel centre within the cut-off of footprint k, by the exact test of ellipse
@@ -88,11 +95,13 @@ fn tile_box(columns: u32, rows: u32) -> TileBox {
 // and the sort by tile keeps the footprints' order.
 fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     let footprint = footprints[k];
-    let tiles = tile_box(footprint.columns, footprint.rows);
-    // A box of one row or column of tiles is (nearly) all touched.
-    let test = tiles.is_wide && (footprint.path & 3u) != PATH_NEAR;
+    let tiles = tile_box(footprint);
+    if is_known(tiles) {
+        atomicStore(&found[owner], tiles.count);
+        return;
+    }
     var conic: Conic;
-    if test {
+    if tiles.test {
         conic = conic_new(footprint, k);
     }
     let box_first = vec2<u32>(footprint.columns & 0xffffu, footprint.rows & 0xffffu);
@@ -101,10 +110,10 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     if bin_step.emit != 0u {
         place = offsets[k];
     }
-    for (var i = begin; i < tiles.size.x * tiles.size.y; i = i + stride) {
-        let tile = tiles.first + vec2<u32>(i % tiles.size.x, i / tiles.size.x);
+    for (var i = begin; i < tiles.count; i = i + stride) {
+        let tile = tiles.first + vec2<u32>(i % tiles.columns, i / tiles.columns);
         var touched = true;
-        if test {
+        if tiles.test {
             // The pixel centres of the tile that lie in the box.
             let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
             let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));
