@@ -11,6 +11,11 @@
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
 //! | [`NearTerms`] | project, for kernels that cross the camera plane | bin, rasterise |
+//! | [`PartIndex`] | the upload (GPU) | sort, gather |
+//! | [`PartRange`] | sort (GPU) | sort, gather |
+//! | [`SortState`] | sort (GPU) | gather |
+//! | [`ChunkUniform`] | the frame's set-up (GPU) | gather, bin |
+//! | [`ChunkState`] | gather, bin (GPU) | gather, bin |
 
 use bytemuck::{Pod, Zeroable};
 
@@ -186,6 +191,63 @@ pub struct NearTerms {
     pub sigma: f32,
     /// Half-line path only: dz/dx, dz/dy \[1/px\] and z at the centre.
     pub half_line: [f32; 3],
+}
+
+/// Which part of the frame's footprints a dispatch works on.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PartIndex {
+    /// Its number.
+    pub index: u32,
+}
+
+/// Where the footprints of a part lie among those of all parts.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PartRange {
+    /// The global index of its first footprint.
+    pub first: u32,
+    /// How many it has.
+    pub count: u32,
+}
+
+/// How many footprints a frame has.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SortState {
+    /// Of all parts, visible or not.
+    pub count: u32,
+    /// Those that reach a pixel: the first ones in depth order.
+    pub visible: u32,
+}
+
+/// Which footprints in depth order, and which tiles of the image, are drawn together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ChunkUniform {
+    /// The place of the chunk's first footprint in depth order.
+    pub start: u32,
+    /// Footprints of the chunk at most.
+    pub capacity: u32,
+    /// First column and row of the band, tiles.
+    pub band_first: [u32; 2],
+    /// Columns and rows of the band, tiles.
+    pub band_size: [u32; 2],
+}
+
+/// How much a chunk has.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ChunkState {
+    /// Footprints.
+    pub length: u32,
+    /// Words of the prefix sums of their entries: one more.
+    pub offset_count: u32,
+    /// Pairs of a tile and a footprint; 0 where they did not all find room.
+    pub entries: u32,
+    /// The most pairs that any chunk had since the host cleared this word, whether they found
+    /// room or not; `u32::MAX` where they were that many or more.
+    pub needed: u32,
 }
 
 impl Footprint {

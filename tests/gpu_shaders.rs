@@ -6,8 +6,8 @@ use std::mem::{offset_of, size_of};
 
 use ewa_splat::gpu::Shader;
 use ewa_splat::layout::{
-    BlockView, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, NearTerms,
-    ViewUniform,
+    BlockView, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle, DeviceBlock,
+    ExactTerms, Footprint, NearTerms, PartIndex, PartRange, SortState, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -129,5 +129,20 @@ fn structs_are_laid_out_alike() {
         minor_depths,
         sigma,
         half_line,
+    });
+    check_layout!(PartIndex { index });
+    check_layout!(PartRange { first, count });
+    check_layout!(SortState { count, visible });
+    check_layout!(ChunkUniform {
+        start,
+        capacity,
+        band_first,
+        band_size,
+    });
+    check_layout!(ChunkState {
+        length,
+        offset_count,
+        entries,
+        needed,
     });
 }

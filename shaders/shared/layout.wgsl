@@ -75,6 +75,34 @@ struct NearTerms {
     half_line: array<f32, 3>,
 }
 
+struct PartIndex {
+    index: u32,
+}
+
+struct PartRange {
+    first: u32,
+    count: u32,
+}
+
+struct SortState {
+    count: u32,
+    visible: u32,
+}
+
+struct ChunkUniform {
+    start: u32,
+    capacity: u32,
+    band_first: vec2<u32>,
+    band_size: vec2<u32>,
+}
+
+struct ChunkState {
+    length: u32,
+    offset_count: u32,
+    entries: u32,
+    needed: u32,
+}
+
 // A triple as a vector.
 fn vector(v: array<f32, 3>) -> vec3<f32> {
     return vec3<f32>(v[0], v[1], v[2]);

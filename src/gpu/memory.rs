@@ -37,13 +37,13 @@ impl Gpu {
         )
     }
 
-    /// A storage buffer that holds `values`.
+    /// A storage buffer that holds `values`, with room for one at least: a binding needs that.
     ///
     /// # Errors
     /// Those of [`Gpu::buffer`].
     pub(super) fn upload<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
-        let buffer = self.buffer(label, bytes.len() as u64)?;
+        let buffer = self.buffer(label, bytes.len().max(size_of::<T>()) as u64)?;
         self.write(&buffer, bytes);
         Ok(buffer)
     }
@@ -134,6 +134,13 @@ impl Gpu {
     pub(super) fn encoder(&self) -> CommandEncoder {
         self.device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    /// Submits one pass of what `encode` dispatches.
+    pub(super) fn run(&self, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let mut encoder = self.encoder();
+        encode(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()));
+        self.submit(encoder);
     }
 
     pub(super) fn submit(&self, encoder: CommandEncoder) {

@@ -10,21 +10,31 @@
 //! | `scan.rs` | prefix sums, which several stages need |
 //! | `rasterise.rs` | lists, footprints to pixels |
 //! | `resolve.rs` | a background behind them |
+//! | `radix.rs` | a stable sort of pairs, which sort and bin need |
+//! | `sort.rs` | footprints of all parts in depth order |
+//! | `gather.rs` | a chunk of them side by side |
+//! | `bin.rs` | the chunk's lists per tile |
 
 #![allow(
     clippy::cast_possible_truncation,
     reason = "device memory is counted in 32-bit words by design; sizes are checked against the limits"
 )]
 
+mod bin;
 mod device;
+mod gather;
 mod kernel;
 mod memory;
 mod rasterise;
 mod resolve;
+mod radix;
 mod scan;
 mod shaders;
+mod sort;
 
+pub use bin::{ChunkBins, bin};
 pub use device::{AdapterChoice, Gpu};
 pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;
 pub use shaders::{Shader, prelude};
+pub use sort::sort;

@@ -3,6 +3,7 @@
 
 use std::fmt::Write as _;
 
+use super::radix;
 use crate::constants::{
     BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, TERMINATION_INTERVAL,
     TERMINATION_SHARE, TILE_SIZE,
@@ -31,8 +32,10 @@ impl Shader {
 
     /// Every shader of the back end.
     pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RASTERISE, RESOLVE];
+    pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RADIX, SORT, GATHER, BIN];
 }
 
+const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
 
 const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
@@ -73,6 +76,34 @@ pub(super) const SCAN: Shader = Shader {
     ],
 };
 
+/// The sort of pairs that sort and bin need.
+pub(super) const RADIX: Shader = Shader {
+    name: "radix",
+    parts: &[
+        DISPATCH,
+        SCAN_THREADS,
+        include_str!("../../shaders/radix.wgsl"),
+    ],
+};
+
+/// Keys of footprints.
+pub(super) const SORT: Shader = Shader {
+    name: "sort",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/sort.wgsl")],
+};
+
+/// Footprints in depth order.
+pub(super) const GATHER: Shader = Shader {
+    name: "gather",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/gather.wgsl")],
+};
+
+/// Tiles that footprints touch.
+pub(super) const BIN: Shader = Shader {
+    name: "bin",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/bin.wgsl")],
+};
+
 /// The numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {
     let mut text = String::new();
@@ -84,6 +115,8 @@ pub fn prelude() -> String {
         ("BRICK_Z", BRICK[2] as u32),
         ("DEPTH_KEY_BITS", DEPTH_KEY_BITS),
         ("TERMINATION_INTERVAL", TERMINATION_INTERVAL as u32),
+        ("RADIX_BITS", radix::BITS),
+        ("RADIX_GROUP", radix::GROUP as u32),
         ("PATH_AFFINE", PATH_AFFINE),
         ("PATH_PEAK", PATH_PEAK),
         ("PATH_EXACT", PATH_EXACT),
