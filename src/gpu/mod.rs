@@ -8,6 +8,8 @@
 //! | `memory.rs` | buffers: up, down, and how much fits |
 //! | `shaders.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own file |
 //! | `scan.rs` | prefix sums, which several stages need |
+//! | `particles.rs` | blocks, positions and shapes as the device keeps them |
+//! | `project.rs` | from particles to footprints |
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -17,9 +19,12 @@
 mod device;
 mod kernel;
 mod memory;
+mod particles;
+mod project;
 mod scan;
 mod shaders;
 
 pub use device::{AdapterChoice, Gpu};
+pub use project::{Projected, project};
 pub use scan::exclusive_scan;
 pub use shaders::{Shader, prelude};
