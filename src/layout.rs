@@ -6,6 +6,7 @@
 //! | [`ViewUniform`] | the frame's set-up | project, rasterise |
 //! | [`CameraUniform`] | the frame's set-up (GPU) | cull, shade, project |
 //! | [`DeviceBlock`] | the upload (GPU) | cull, classify, project |
+//! | [`LatticeUniform`] | the upload (GPU) | classify, shade, project |
 //! | [`BlockView`] | cull, classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
@@ -82,6 +83,27 @@ pub struct DeviceBlock {
     pub first: u32,
     /// Number of particles; for a brick of a lattice, of its cells within the lattice.
     pub count: u32,
+}
+
+/// A lattice as the device keeps it: particles are cells, in bricks of
+/// [`BRICK`](crate::constants::BRICK).
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct LatticeUniform {
+    /// Cells along each axis.
+    pub dims: [u32; 3],
+    /// Bricks along each axis.
+    pub bricks: [u32; 3],
+    /// Which of the lattice's bricks is the first of its part.
+    pub first_brick: u32,
+    /// 1 where cells follow from the samples of the axes, 0 where from `step` and `factor`.
+    pub is_rectilinear: u32,
+    /// Standard deviation over the width of a cell.
+    pub kernel_width: f32,
+    /// Columns: the step from one cell to the next along each index, world units.
+    pub step: [[f32; 3]; 3],
+    /// Columns of the factor that all kernels share, world units.
+    pub factor: [[f32; 3]; 3],
 }
 
 /// A visible block of particles as one frame sees it.

@@ -8,6 +8,8 @@ use ewa_splat::gpu::Shader;
 use ewa_splat::layout::{
     BlockView, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle, DeviceBlock,
     ExactTerms, Footprint, NearTerms, PartIndex, PartRange, SortState, ViewUniform,
+    BlockView, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint,
+    LatticeUniform, NearTerms, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -95,6 +97,15 @@ fn structs_are_laid_out_alike() {
         value_range,
         first,
         count,
+    });
+    check_layout!(LatticeUniform {
+        dims,
+        bricks,
+        first_brick,
+        is_rectilinear,
+        kernel_width,
+        step,
+        factor,
     });
     check_layout!(BlockView {
         origin_camera,

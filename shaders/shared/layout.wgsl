@@ -33,6 +33,16 @@ struct DeviceBlock {
     count: u32,
 }
 
+struct LatticeUniform {
+    dims: array<u32, 3>,
+    bricks: array<u32, 3>,
+    first_brick: u32,
+    is_rectilinear: u32,
+    kernel_width: f32,
+    step: array<array<f32, 3>, 3>,
+    factor: array<array<f32, 3>, 3>,
+}
+
 struct BlockView {
     origin_camera: array<f32, 3>,
     block: u32,

@@ -48,7 +48,7 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A uniform buffer that holds `value`.
+    /// A uniform buffer that holds `value`; stages on the device may write it as storage.
     ///
     /// # Errors
     /// Those of [`Gpu::buffer`].
@@ -57,7 +57,10 @@ impl Gpu {
         let buffer = self.create(
             label,
             bytes.len().next_multiple_of(16) as u64,
-            BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            BufferUsages::UNIFORM
+                | BufferUsages::STORAGE
+                | BufferUsages::COPY_SRC
+                | BufferUsages::COPY_DST,
         )?;
         self.write(&buffer, bytes);
         Ok(buffer)

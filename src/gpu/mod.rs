@@ -14,6 +14,8 @@
 //! | `sort.rs` | footprints of all parts in depth order |
 //! | `gather.rs` | a chunk of them side by side |
 //! | `bin.rs` | the chunk's lists per tile |
+//! | `particles.rs` | blocks, positions and shapes as the device keeps them |
+//! | `project.rs` | from particles to footprints |
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -28,6 +30,8 @@ mod memory;
 mod rasterise;
 mod resolve;
 mod radix;
+mod particles;
+mod project;
 mod scan;
 mod shaders;
 mod sort;
@@ -35,6 +39,7 @@ mod sort;
 pub use bin::{ChunkBins, bin};
 pub use device::{AdapterChoice, Gpu};
 pub use rasterise::{RasterSpec, rasterise};
+pub use project::{Projected, project};
 pub use scan::exclusive_scan;
 pub use shaders::{Shader, prelude};
 pub use sort::sort;

@@ -10,6 +10,10 @@ use crate::constants::{
 };
 use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
 use crate::math::ERFC_SERIES;
+    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, MAX_CUTOFF, NEAR_MARGIN, TERMINATION_SHARE, TILE_SIZE,
+};
+use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
+use crate::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2};
 
 /// A shader's name and the files it is composed of.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +37,13 @@ impl Shader {
     /// Every shader of the back end.
     pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RASTERISE, RESOLVE];
     pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RADIX, SORT, GATHER, BIN];
+    pub const ALL: &'static [Self] = &[
+        LAYOUT,
+        SCAN,
+        PROJECT_LATTICE,
+        PROJECT_ISOTROPIC,
+        PROJECT_ANISOTROPIC,
+    ];
 }
 
 const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
@@ -103,6 +114,53 @@ pub(super) const BIN: Shader = Shader {
     name: "bin",
     parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/bin.wgsl")],
 };
+const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl");
+const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
+
+/// Positions and shapes of a lattice's cells.
+pub(super) const PARTICLES_LATTICE: &str =
+    include_str!("../../shaders/shared/particles_lattice.wgsl");
+/// Positions and shapes of spheres.
+pub(super) const PARTICLES_ISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_isotropic.wgsl");
+/// Positions and shapes of ellipsoids.
+pub(super) const PARTICLES_ANISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_anisotropic.wgsl");
+
+/// The projection of one kind of particle.
+const fn project(parts: &'static [&'static str]) -> Shader {
+    Shader {
+        name: "project",
+        parts,
+    }
+}
+
+macro_rules! project_parts {
+    ($particles:ident) => {
+        &[
+            DISPATCH,
+            STRUCTS,
+            FLOATS,
+            FACTOR,
+            $particles,
+            include_str!("../../shaders/shared/footprint.wgsl"),
+            include_str!("../../shaders/shared/exact.wgsl"),
+            include_str!("../../shaders/shared/bounds.wgsl"),
+            include_str!("../../shaders/shared/filter.wgsl"),
+            include_str!("../../shaders/shared/cutoff.wgsl"),
+            include_str!("../../shaders/shared/peak.wgsl"),
+            include_str!("../../shaders/shared/near.wgsl"),
+            include_str!("../../shaders/project.wgsl"),
+        ]
+    };
+}
+
+/// Footprints of a lattice's cells.
+pub(super) const PROJECT_LATTICE: Shader = project(project_parts!(PARTICLES_LATTICE));
+/// Footprints of spheres.
+pub(super) const PROJECT_ISOTROPIC: Shader = project(project_parts!(PARTICLES_ISOTROPIC));
+/// Footprints of ellipsoids.
+pub(super) const PROJECT_ANISOTROPIC: Shader = project(project_parts!(PARTICLES_ANISOTROPIC));
 
 /// The numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {
@@ -126,14 +184,22 @@ pub fn prelude() -> String {
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
     }
+    for filter in Filter::ALL {
+        let name = filter.name().to_uppercase().replace('-', "_");
+        let _ = writeln!(text, "const FILTER_{name}: u32 = {}u;", filter as u32);
+    }
     let floats = [
         ("MAX_CUTOFF", MAX_CUTOFF),
+        ("NEAR_MARGIN", NEAR_MARGIN),
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
         ("SMALLEST", f32::MIN_POSITIVE),
         ("LN_2", std::f32::consts::LN_2),
         ("LOG2_E", std::f32::consts::LOG2_E),
         ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
+        ("SPLAT_LOW_PASS_PX2", SPLAT_LOW_PASS_PX2),
+        ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
+        ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),
         ("TAU", std::f32::consts::TAU),
     ];
     for (name, value) in floats {

@@ -18,7 +18,7 @@ pub const ANTI_ALIASED_LOW_PASS_PX2: f32 = 0.1;
 /// How far beyond the image the Jacobian follows a splat, as a share of half the image. Farther
 /// out it is that of this slope: the affine footprints of what lies beside the eye would reach
 /// across the picture, and the training knew no such footprints.
-const JACOBIAN_MARGIN: f32 = 0.3;
+pub(crate) const JACOBIAN_MARGIN: f32 = 0.3;
 
 /// The footprint of a splat, its `tau` the opacity at the centre; `None` where the rule draws
 /// nothing.
