@@ -6,8 +6,8 @@ use std::mem::{offset_of, size_of};
 
 use ewa_splat::gpu::Shader;
 use ewa_splat::layout::{
-    BlockView, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, NearTerms,
-    ViewUniform,
+    BlockView, BrickUniform, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint,
+    FrameState, NearTerms, PartState, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -81,12 +81,32 @@ fn structs_are_laid_out_alike() {
     check_layout!(CameraUniform {
         eye,
         camera_from_world,
-        rotation,
         plane_normals,
         plane_distances,
         plane_spreads,
+        rotation,
         has_frustum,
         orthographic,
+        unused,
+    });
+    check_layout!(BrickUniform { dims, first });
+    check_layout!(FrameState {
+        nearest,
+        farthest,
+        near,
+        keys_per_unit,
+        view_count,
+        classified_count,
+        overflows,
+        unused,
+    });
+    check_layout!(PartState {
+        capacity,
+        view_count,
+        count_length,
+        needed,
+        classified_count,
+        first,
     });
     check_layout!(DeviceBlock {
         origin,

@@ -16,12 +16,13 @@ struct ViewUniform {
 struct CameraUniform {
     eye: array<vec2<u32>, 3>,
     camera_from_world: array<array<vec2<u32>, 3>, 3>,
+    plane_normals: array<array<vec2<u32>, 3>, 5>,
+    plane_distances: array<vec2<u32>, 5>,
+    plane_spreads: array<array<vec2<u32>, 3>, 5>,
     rotation: array<array<f32, 3>, 3>,
-    plane_normals: array<array<f32, 3>, 5>,
-    plane_distances: array<f32, 5>,
-    plane_spreads: array<array<f32, 3>, 5>,
     has_frustum: u32,
     orthographic: u32,
+    unused: u32,
 }
 
 struct DeviceBlock {
@@ -31,6 +32,31 @@ struct DeviceBlock {
     value_range: array<f32, 2>,
     first: u32,
     count: u32,
+}
+
+struct BrickUniform {
+    dims: vec3<u32>,
+    first: u32,
+}
+
+struct FrameState {
+    nearest: vec2<u32>,
+    farthest: vec2<u32>,
+    near: vec2<u32>,
+    keys_per_unit: vec2<u32>,
+    view_count: u32,
+    classified_count: u32,
+    overflows: u32,
+    unused: u32,
+}
+
+struct PartState {
+    capacity: u32,
+    view_count: u32,
+    count_length: u32,
+    needed: u32,
+    classified_count: u32,
+    first: u32,
 }
 
 struct BlockView {
@@ -101,4 +127,9 @@ fn is_finite(x: f32) -> bool {
 
 fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+// x > 0, denormals too and infinity; false for NaN. By bits: see `is_finite`.
+fn is_positive(x: f32) -> bool {
+    return bitcast<u32>(x) - 1u < 0x7f800000u;
 }
