@@ -19,7 +19,7 @@ fn sort_prepare() {
         new_arguments[part] = array<u32, 3>(arguments.x, arguments.y, arguments.z);
         first = first + count;
     }
-    new_state = SortState(first, 0u);
+    new_state = SortState(first, 0u, 0u);
 }
 
 // The key of footprints that reach no pixel: after all others, whose keys have DEPTH_KEY_BITS bits.
@@ -29,6 +29,7 @@ const INVISIBLE: u32 = 0xffffffffu;
 struct Counted {
     count: u32,
     visible: atomic<u32>,
+    exact: atomic<u32>,
 }
 
 @group(0) @binding(0) var<uniform> part: PartIndex;
@@ -39,6 +40,7 @@ struct Counted {
 @group(0) @binding(5) var<storage, read_write> state: Counted;
 
 var<workgroup> visible: atomic<u32>;
+var<workgroup> exact: atomic<u32>;
 
 @compute @workgroup_size(256)
 fn sort_keys(
@@ -48,6 +50,7 @@ fn sort_keys(
 ) {
     if thread == 0u {
         atomicStore(&visible, 0u);
+        atomicStore(&exact, 0u);
     }
     workgroupBarrier();
     let range = ranges[part.index];
@@ -58,11 +61,13 @@ fn sort_keys(
         values[range.first + i] = range.first + i;
         if is_visible {
             atomicAdd(&visible, 1u);
+            atomicAdd(&exact, u32(footprints[i].path == PATH_EXACT));
         }
     }
     workgroupBarrier();
     if thread == 0u {
-        // A sum: the order of the workgroups cannot be seen in it.
+        // Sums: the order of the workgroups cannot be seen in them.
         atomicAdd(&state.visible, atomicLoad(&visible));
+        atomicAdd(&state.exact, atomicLoad(&exact));
     }
 }

@@ -224,7 +224,7 @@ impl Renderer {
         }
         #[cfg(feature = "gpu")]
         if let Some(device) = &mut self.device {
-            device.set_transfer_function(volume, &transfer)?;
+            device.set_transfer_function(volume, &transfer);
         }
         self.volumes[volume].transfer_function = Some(transfer);
         Ok(())

@@ -125,8 +125,8 @@ fn random_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
     let mut exact = Vec::new();
     let footprints = (0..count)
         .map(|_| {
-            let centre = DVec2::new(random.range(-0.2, 1.2), random.range(-0.2, 1.2))
-                * DVec2::from(size);
+            let centre =
+                DVec2::new(random.range(-0.2, 1.2), random.range(-0.2, 1.2)) * DVec2::from(size);
             let major = random.log_range(0.3, 0.2 * size[0]);
             let minor = major / random.log_range(1.0, 1e4_f64.min(major * 20.0 + 1.0));
             let angle = random.range(-1.6, 1.6);
@@ -360,7 +360,10 @@ fn poison_is_binned_as_on_the_cpu() {
     println!("{entries} entries, {} flips", flips.len());
     for &(t, i, what) in flips.iter().take(10) {
         let i = i as usize;
-        println!("tile {t}: {what} {:?} {:?}", input.footprints[i], input.exact[i]);
+        println!(
+            "tile {t}: {what} {:?} {:?}",
+            input.footprints[i], input.exact[i]
+        );
     }
     assert!(flips.is_empty());
 }
@@ -383,7 +386,12 @@ fn bands_and_chunks_hold_their_share_of_the_lists() {
             band_size,
             ..all
         };
-        input.check(gpu, chunk, &[], &format!("band {band_first:?} {band_size:?}"));
+        input.check(
+            gpu,
+            chunk,
+            &[],
+            &format!("band {band_first:?} {band_size:?}"),
+        );
     }
     // Chunks one after the other, the last ones short and empty.
     let mut whole_lists = vec![Vec::new(); 23 * 17];

@@ -6,10 +6,9 @@ use std::mem::{offset_of, size_of};
 
 use ewa_splat::gpu::Shader;
 use ewa_splat::layout::{
-    BlockView, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle, DeviceBlock,
-    ExactTerms, Footprint, NearTerms, PartIndex, PartRange, SortState, ViewUniform,
-    BlockView, CameraUniform, ClassifiedParticle, DeviceBlock, ExactTerms, Footprint,
-    LatticeUniform, NearTerms, ViewUniform,
+    BlockView, BrickUniform, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle,
+    DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform, NearTerms, PartIndex,
+    PartRange, PartState, SortState, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -83,12 +82,32 @@ fn structs_are_laid_out_alike() {
     check_layout!(CameraUniform {
         eye,
         camera_from_world,
-        rotation,
         plane_normals,
         plane_distances,
         plane_spreads,
+        rotation,
         has_frustum,
         orthographic,
+        unused,
+    });
+    check_layout!(BrickUniform { dims, first });
+    check_layout!(FrameState {
+        nearest,
+        farthest,
+        near,
+        keys_per_unit,
+        view_count,
+        classified_count,
+        overflows,
+        unused,
+    });
+    check_layout!(PartState {
+        capacity,
+        view_count,
+        count_length,
+        needed,
+        classified_count,
+        first,
     });
     check_layout!(DeviceBlock {
         origin,
@@ -143,7 +162,11 @@ fn structs_are_laid_out_alike() {
     });
     check_layout!(PartIndex { index });
     check_layout!(PartRange { first, count });
-    check_layout!(SortState { count, visible });
+    check_layout!(SortState {
+        count,
+        visible,
+        exact
+    });
     check_layout!(ChunkUniform {
         start,
         capacity,

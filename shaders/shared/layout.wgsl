@@ -16,12 +16,13 @@ struct ViewUniform {
 struct CameraUniform {
     eye: array<vec2<u32>, 3>,
     camera_from_world: array<array<vec2<u32>, 3>, 3>,
+    plane_normals: array<array<vec2<u32>, 3>, 5>,
+    plane_distances: array<vec2<u32>, 5>,
+    plane_spreads: array<array<vec2<u32>, 3>, 5>,
     rotation: array<array<f32, 3>, 3>,
-    plane_normals: array<array<f32, 3>, 5>,
-    plane_distances: array<f32, 5>,
-    plane_spreads: array<array<f32, 3>, 5>,
     has_frustum: u32,
     orthographic: u32,
+    unused: u32,
 }
 
 struct DeviceBlock {
@@ -41,6 +42,31 @@ struct LatticeUniform {
     kernel_width: f32,
     step: array<array<f32, 3>, 3>,
     factor: array<array<f32, 3>, 3>,
+}
+
+struct BrickUniform {
+    dims: vec3<u32>,
+    first: u32,
+}
+
+struct FrameState {
+    nearest: vec2<u32>,
+    farthest: vec2<u32>,
+    near: vec2<u32>,
+    keys_per_unit: vec2<u32>,
+    view_count: u32,
+    classified_count: u32,
+    overflows: u32,
+    unused: u32,
+}
+
+struct PartState {
+    capacity: u32,
+    view_count: u32,
+    count_length: u32,
+    needed: u32,
+    classified_count: u32,
+    first: u32,
 }
 
 struct BlockView {
@@ -97,6 +123,7 @@ struct PartRange {
 struct SortState {
     count: u32,
     visible: u32,
+    exact: u32,
 }
 
 struct ChunkUniform {
@@ -139,4 +166,9 @@ fn is_finite(x: f32) -> bool {
 
 fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+// x > 0, denormals too and infinity; false for NaN. By bits: see `is_finite`.
+fn is_positive(x: f32) -> bool {
+    return bitcast<u32>(x) - 1u < 0x7f800000u;
 }

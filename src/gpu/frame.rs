@@ -107,7 +107,10 @@ const FIRST_ENTRIES: u32 = 1 << 20;
 /// `needed`, and an eighth more, so that the next frame fits as well.
 fn with_slack(needed: u32, most: u64) -> u32 {
     let wanted = u64::from(needed) + u64::from(needed) / 8 + 64;
-    wanted.min(most).max(u64::from(needed)).min(u64::from(u32::MAX)) as u32
+    wanted
+        .min(most)
+        .max(u64::from(needed))
+        .min(u64::from(u32::MAX)) as u32
 }
 
 /// Volumes on a device, and the memory of their frames.
@@ -186,7 +189,10 @@ impl DeviceScene {
         }
         if !input.depth {
             *depth = None;
-        } else if depth.as_ref().is_none_or(|d| (d.width, d.height) != (width, height)) {
+        } else if depth
+            .as_ref()
+            .is_none_or(|d| (d.width, d.height) != (width, height))
+        {
             *depth = Some(DepthImage {
                 width,
                 height,
@@ -200,7 +206,7 @@ impl DeviceScene {
                 // Its memory is free before the next one's is asked for.
                 other => {
                     drop(other);
-                    Frame::new(&self.gpu, &self.scene, &kind, &self.room)?
+                    Frame::new(&self.gpu, &self.scene, &input.view, &kind, &self.room)?
                 }
             };
             let seen = frame.draw(&self.gpu, &mut self.timer, input, image, depth)?;
@@ -245,7 +251,11 @@ impl DeviceScene {
                 room.entries = with_slack(seen.needed_entries, most);
             } else {
                 // Fewer footprints at a time, however many tiles each touches.
-                self.check_room("entries of one footprint", seen.needed_entries, if room.chunk > 1 { u64::MAX } else { most })?;
+                self.check_room(
+                    "entries of one footprint",
+                    seen.needed_entries,
+                    if room.chunk > 1 { u64::MAX } else { most },
+                )?;
                 room.chunk = (room.chunk / 2).max(1);
                 room.entries = most as u32;
             }
@@ -300,6 +310,9 @@ impl Seen {
         }
     }
 }
+
+/// Which word of a [`PartState`] counts what the projection reads.
+const CLASSIFIED_COUNT: u32 = (std::mem::offset_of!(PartState, classified_count) / 4) as u32;
 
 /// Buffers and bindings of frames of one kind.
 #[derive(Debug)]
@@ -410,7 +423,13 @@ fn at<T: bytemuck::Pod>(report: &[u8], place: u64) -> T {
 }
 
 impl Frame {
-    fn new(gpu: &Gpu, scene: &Scene, kind: &FrameKind, room: &Room) -> Result<Self> {
+    fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        view: &ViewUniform,
+        kind: &FrameKind,
+        room: &Room,
+    ) -> Result<Self> {
         let plan = Plan::new(gpu, kind, room)?;
         let buffers = FrameBuffers::new(gpu)?;
         let parts = scene.parts.iter().zip(&room.classified);
@@ -421,23 +440,32 @@ impl Frame {
         let classify = bind_classify(gpu, &buffers, &scene.parts, &parts)?;
         let shade = scene.parts.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
-        let near = gpu.buffer("near kernels", near_bytes(room.near.max(1).into()))?;
+        let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
         let mut footprints = Vec::with_capacity(parts.len());
         let mut project = Vec::with_capacity(parts.len());
         for ((part, of_part), capacity) in scene.parts.iter().zip(&parts).zip(&room.classified) {
-            let spec = ProjectSpec::new(part, kind.filter, kind.orthographic);
+            let spec = ProjectSpec::new(&part.kinds, view, CLASSIFIED_COUNT);
             let bytes = |each: usize| u64::from(*capacity) * each as u64;
             let own = gpu.buffer("footprints", bytes(size_of::<Footprint>()))?;
-            let exact = spec.may_be_exact().then_some(bytes(size_of::<ExactTerms>()));
+            let exact = spec
+                .may_be_exact()
+                .then_some(bytes(size_of::<ExactTerms>()));
             let exact = gpu.buffer("exact terms", exact.unwrap_or(0))?;
             let bound = Project::new(gpu, &spec).bind(
                 gpu,
                 &ProjectBuffers {
-                    part,
+                    blocks: if part.kinds.is_lattice() {
+                        &part.lattice
+                    } else {
+                        &part.blocks
+                    },
+                    shapes: &part.shapes,
                     view: &buffers.view,
                     rotation: &buffers.rotation,
-                    of_part,
+                    counts: &of_part.state,
+                    views: &of_part.views,
+                    classified: &of_part.classified,
                     footprints: &own,
                     exact: &exact,
                     near: &near,
@@ -557,7 +585,8 @@ impl Frame {
             splat_pixels += self.read_band(gpu, input, band, image, depth)?;
         }
         gpu.read_staging(&self.report, |report| {
-            let parts = (0..self.parts.len()).map(|i| at(report, (i * size_of::<PartState>()) as u64));
+            let parts =
+                (0..self.parts.len()).map(|i| at(report, (i * size_of::<PartState>()) as u64));
             let states = report[places.chunks as usize..places.end as usize]
                 .chunks_exact(size_of::<ChunkState>())
                 .map(|state| at::<ChunkState>(state, 0));
@@ -587,7 +616,7 @@ impl Frame {
             self.classify.iter().for_each(|p| p.encode(&mut pass));
             self.shade.iter().for_each(|p| p.encode(&mut pass));
         }
-        let count = std::mem::offset_of!(PartState, classified_count) as u64;
+        let count = u64::from(4 * CLASSIFIED_COUNT);
         for (i, part) in (0..).zip(&self.parts) {
             encoder.copy_buffer_to_buffer(&part.state, count, &self.counts, 4 * i, 4);
         }

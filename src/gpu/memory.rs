@@ -139,13 +139,6 @@ impl Gpu {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
-    /// Submits one pass of what `encode` dispatches.
-    pub(super) fn run(&self, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
-        let mut encoder = self.encoder();
-        encode(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()));
-        self.submit(encoder);
-    }
-
     pub(super) fn submit(&self, encoder: CommandEncoder) {
         self.queue.submit([encoder.finish()]);
     }

@@ -5,12 +5,13 @@ use std::ops::Range;
 
 use glam::Mat3;
 
+use super::shaders::words;
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::layout::{DeviceBlock, LatticeUniform};
 
 /// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum ParticleKind {
     /// [`LatticeUniform`] and the samples of the axes.
     Lattice,
@@ -49,7 +50,7 @@ pub(super) fn pack_blocks(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<D
         .iter()
         .map(|block| {
             let packed = DeviceBlock {
-                origin: block.origin.to_array().map(f64_words),
+                origin: block.origin.to_array().map(words),
                 half_extent: block.half_extent.into(),
                 max_sigma: block.max_sigma,
                 value_range: block.value_range,
@@ -110,10 +111,4 @@ pub(super) fn lattice_uniform(grid: &BrickGrid, first_brick: usize) -> LatticeUn
         step: columns(grid.step()),
         factor: columns(grid.shared_factor()),
     }
-}
-
-/// The bits of an f64, low word first.
-pub(super) fn f64_words(x: f64) -> [u32; 2] {
-    let bits = x.to_bits();
-    [bits as u32, (bits >> 32) as u32]
 }

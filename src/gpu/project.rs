@@ -5,11 +5,11 @@ use glam::Mat3;
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
 use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
+use super::scene::Kinds;
 use super::shaders;
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
 use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform};
-use crate::scene::Strength;
 use crate::splat::Filter;
 
 /// What a projection's pipeline is compiled for.
@@ -25,18 +25,15 @@ pub(super) struct ProjectSpec {
 }
 
 impl ProjectSpec {
-    /// For a volume under a view.
-    pub(super) fn new(volume: &BlockedVolume, view: &ViewUniform, count_index: u32) -> Self {
+    /// For a part under a view.
+    ///
+    /// - `count_index`: which word of the counts is the part's.
+    pub(super) fn new(kinds: &Kinds, view: &ViewUniform, count_index: u32) -> Self {
         Self {
-            particles: ParticleKind::of(&volume.particles),
+            particles: kinds.particles,
             filter: Filter::ALL[view.filter_kind as usize],
             is_orthographic: view.orthographic != 0,
-            splats: match volume.strength {
-                Strength::PeakOpacity {
-                    is_anti_aliased, ..
-                } => Some(is_anti_aliased),
-                _ => None,
-            },
+            splats: kinds.splats,
             count_index,
         }
     }
@@ -133,8 +130,8 @@ impl Project {
 }
 
 /// The columns of a rotation as a uniform `mat3x3<f32>` holds them: four words each.
-pub(super) fn rotation_uniform(rotation: Mat3) -> [[f32; 4]; 3] {
-    rotation.to_cols_array_2d().map(|[x, y, z]| [x, y, z, 0.0])
+pub(super) fn rotation_uniform(rotation: [[f32; 3]; 3]) -> [[f32; 4]; 3] {
+    rotation.map(|[x, y, z]| [x, y, z, 0.0])
 }
 
 /// Bytes of the list of near kernels with room for `capacity`: a counter and the terms.
@@ -179,7 +176,7 @@ pub fn project(
         _ => gpu.upload("blocks", &pack_blocks(volume, all.clone()))?,
     };
     let mut shapes = pack_shapes(volume, all);
-    let spec = ProjectSpec::new(volume, view, 0);
+    let spec = ProjectSpec::new(&Kinds::of(volume), view, 0);
     // A binding holds one element at least.
     shapes.resize(
         shapes.len().max(spec.particles.words_per_particle().max(2)),
@@ -198,7 +195,7 @@ pub fn project(
             blocks: &blocks,
             shapes: &shapes,
             view: &gpu.uniform("view", view)?,
-            rotation: &gpu.uniform("rotation", &rotation_uniform(rotation))?,
+            rotation: &gpu.uniform("rotation", &rotation_uniform(rotation.to_cols_array_2d()))?,
             counts: &gpu.upload("counts", &[count as u32])?,
             views: &gpu.upload("block views", views)?,
             classified: &gpu.upload("classified particles", classified)?,
