@@ -34,11 +34,13 @@ override HAS_EXACT: bool = true;
 override HAS_NEAR: bool = true;
 override HAS_DEPTH: bool = false;
 override IS_LINEAR: bool = false;
+// Entries of a tile's list that one dispatch draws at most.
+override SLICE: u32 = 0xffffffffu;
 
 @group(0) @binding(0) var<uniform> band: Band;
 @group(0) @binding(1) var<storage, read> view: ViewUniform;
-// First and one past the last entry of each tile's list.
-@group(0) @binding(2) var<storage, read> tile_ranges: array<vec2<u32>>;
+// First and one past the last entry of each tile's list; what is drawn is taken off its beginning.
+@group(0) @binding(2) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> tile_lists: array<u32>;
 @group(0) @binding(4) var<storage, read> footprints: array<Footprint>;
 @group(0) @binding(5) var<storage, read> exact: array<ExactTerms>;
@@ -150,12 +152,13 @@ fn rasterise(
     }
     let opaque = 1.0 - view.tolerance * TERMINATION_SHARE;
     let range = tile_ranges[tile];
+    let end = range.x + min(range.y - range.x, SLICE);
     var inside = 0u;
     var drawn = carried.drawn;
     var is_done = carried.is_done != 0u;
     var next = range.x;
     // Batches end where the twin looks whether the tile is opaque.
-    while !is_done && next < range.y {
+    while !is_done && next < end {
         if drawn % TERMINATION_INTERVAL == 0u && drawn > 0u {
             if thread == 0u {
                 atomicStore(&open_pixels, 0u);
@@ -173,7 +176,7 @@ fn rasterise(
                 break;
             }
         }
-        let count = min(TERMINATION_INTERVAL - drawn % TERMINATION_INTERVAL, range.y - next);
+        let count = min(TERMINATION_INTERVAL - drawn % TERMINATION_INTERVAL, end - next);
         workgroupBarrier();
         if thread < count {
             let i = tile_lists[next + thread];
@@ -264,6 +267,7 @@ fn rasterise(
         let added = atomicLoad(&inside_low);
         let low = carried.splat_pixels.x + added;
         let high = carried.splat_pixels.y + select(0u, 1u, low < added);
+        tile_ranges[tile].x = end;
         progress[tile] = TileProgress(drawn, u32(is_done), vec2<u32>(low, high));
     }
 }

@@ -198,7 +198,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
         let whole = draw(gpu.clone());
         assert!(whole.2.footprints > 300);
         // So small that there are several parts, chunks and bands.
-        let cut = draw(gpu.clone().with_binding_limit(80_000));
+        let cut = draw(gpu.clone().with_binding_limit(181_000));
         assert_eq!(difference(&whole.0, &cut.0), 0.0);
         assert_eq!(whole.1, cut.1);
         assert_eq!(whole.2, cut.2);

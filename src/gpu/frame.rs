@@ -19,7 +19,8 @@ use super::gather::{BoundGather, Gather};
 use super::kernel::BoundKernel;
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
 use super::rasterise::{
-    Band, RasterBuffers, RasterSpec, Rasterise, TileProgress, depth_of_word, pixel_words,
+    Band, BoundRasterise, RasterBuffers, RasterSpec, Rasterise, TileProgress, depth_of_word,
+    pixel_words,
 };
 use super::resolve::{Background, Resolve};
 use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, PartBuffers, Scene};
@@ -330,7 +331,7 @@ struct Frame {
     gather: BoundGather,
     bin: BoundBin,
     band: wgpu::Buffer,
-    rasterise: BoundKernel,
+    rasterise: BoundRasterise,
     pixels: wgpu::Buffer,
     progress: wgpu::Buffer,
     background: wgpu::Buffer,
@@ -677,7 +678,7 @@ impl Frame {
         }
         let tiles = self.plan.tiles[0] * self.plan.band(band).1;
         let mut pass = timer.pass(encoder, Stage::Rasterise);
-        self.rasterise.dispatch(&mut pass, tiles);
+        self.rasterise.encode(&mut pass, tiles, self.plan.chunk);
     }
 
     /// The background, and the way back.

@@ -37,13 +37,13 @@ impl Gpu {
         )
     }
 
-    /// A storage buffer that holds `values`, with room for one at least: a binding needs that.
+    /// A storage buffer that holds `values`.
     ///
     /// # Errors
     /// Those of [`Gpu::buffer`].
     pub(super) fn upload<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
-        let buffer = self.buffer(label, bytes.len().max(size_of::<T>()) as u64)?;
+        let buffer = self.buffer(label, bytes.len() as u64)?;
         self.write(&buffer, bytes);
         Ok(buffer)
     }

@@ -81,27 +81,52 @@ pub(super) struct RasterBuffers<'a> {
 
 /// The rasteriser's pipeline.
 #[derive(Debug)]
-pub(super) struct Rasterise(Kernel);
+pub(super) struct Rasterise {
+    kernel: Kernel,
+    slice: u32,
+}
+
+/// The rasteriser with its buffers.
+#[derive(Debug)]
+pub(super) struct BoundRasterise {
+    kernel: BoundKernel,
+    slice: u32,
+}
+
+/// Entries of a list that a dispatch draws at most: all.
+const WHOLE_LIST: u32 = u32::MAX;
+/// The same on a software adapter: llvmpipe ends all loops of a thread, without a word, after
+/// 65,535 rounds. An entry takes one and a share of its batch's.
+const SHORT_LIST: u32 = 60_000;
+/// The same where kernels may be near, whose columns and their pairs take rounds of their own.
+const SHORT_NEAR_LIST: u32 = 3_000;
 
 impl Rasterise {
     pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = f64::from;
-        Self(gpu.kernel(
+        let slice = match (gpu.is_software(), spec.near) {
+            (false, _) => WHOLE_LIST,
+            (true, false) => SHORT_LIST,
+            (true, true) => SHORT_NEAR_LIST,
+        };
+        let kernel = gpu.kernel(
             &shaders::RASTERISE,
             "rasterise",
-            &[Uniform, Read, Read, Read, Read, Read, Read, Write, Write],
+            &[Uniform, Read, Write, Read, Read, Read, Read, Write, Write],
             &[
                 ("HAS_EXACT", flag(u8::from(spec.exact))),
                 ("HAS_NEAR", flag(u8::from(spec.near))),
                 ("HAS_DEPTH", flag(u8::from(spec.depth))),
                 ("IS_LINEAR", flag(u8::from(spec.linear_opacity))),
+                ("SLICE", f64::from(slice)),
             ],
-        ))
+        );
+        Self { kernel, slice }
     }
 
-    pub(super) fn bind(&self, gpu: &Gpu, b: &RasterBuffers<'_>) -> BoundKernel {
-        self.0.bind(
+    pub(super) fn bind(&self, gpu: &Gpu, b: &RasterBuffers<'_>) -> BoundRasterise {
+        let kernel = self.kernel.bind(
             gpu,
             &[
                 b.band,
@@ -114,7 +139,22 @@ impl Rasterise {
                 b.pixels,
                 b.progress,
             ],
-        )
+        );
+        BoundRasterise {
+            kernel,
+            slice: self.slice,
+        }
+    }
+}
+
+impl BoundRasterise {
+    /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
+    ///
+    /// - `tiles`: of the band.
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
+        for _ in 0..longest.div_ceil(self.slice).max(1) {
+            self.kernel.dispatch(pass, tiles);
+        }
     }
 }
 
@@ -156,6 +196,7 @@ pub fn rasterise(
     let rows = height.div_ceil(TILE_SIZE) as u32;
     let kernel = Rasterise::new(gpu, spec);
     let view = gpu.upload("view", &[*view])?;
+    let longest = lists.iter().map(Vec::len).max().unwrap_or(0) as u32;
     let footprints = gpu.upload("footprints", footprints)?;
     let exact = gpu.upload("exact terms", exact)?;
     let near = gpu.upload("near terms", &near_words(near))?;
@@ -195,7 +236,7 @@ pub fn rasterise(
                 progress: &progress,
             },
         );
-        gpu.run(|pass| bound.dispatch(pass, band.tiles()));
+        gpu.run(|pass| bound.encode(pass, band.tiles(), longest));
     }
     if let Some(colour) = background {
         let background = gpu.uniform("background", &Background::new(colour, count as u32))?;
