@@ -16,7 +16,7 @@ use common::scene::{self, Particle, volume};
 use ewa_splat::Settings;
 use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::cpu::{self, Bins};
-use ewa_splat::gpu::{ChunkBins, Gpu, bin};
+use ewa_splat::gpu::{ChunkBins, Gpu, MAX_BAND_TILES, bin};
 use ewa_splat::layout::{
     ChunkUniform, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     PATH_PEAK, pack_range,
@@ -79,7 +79,7 @@ impl Input {
             parts.push((&self.footprints[first..end], exact));
             first = end;
         }
-        bin(gpu, &parts, chunk, capacity).unwrap()
+        bin(gpu, &parts, &self.order(), chunk, capacity).unwrap()
     }
 
     /// Compares the two; returns how many entries there are.
@@ -125,8 +125,8 @@ fn random_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
     let mut exact = Vec::new();
     let footprints = (0..count)
         .map(|_| {
-            let centre = DVec2::new(random.range(-0.2, 1.2), random.range(-0.2, 1.2))
-                * DVec2::from(size);
+            let centre =
+                DVec2::new(random.range(-0.2, 1.2), random.range(-0.2, 1.2)) * DVec2::from(size);
             let major = random.log_range(0.3, 0.2 * size[0]);
             let minor = major / random.log_range(1.0, 1e4_f64.min(major * 20.0 + 1.0));
             let angle = random.range(-1.6, 1.6);
@@ -181,7 +181,10 @@ fn random_lists_are_the_cpus() {
         (3, 255, [7, 5]),
         (4, 256, [40, 30]),
         (5, 257, [20, 9]),
-        (6, 5_000, [64, 36]),
+        // Keys of eight and of nine bits.
+        (6, 600, [16, 16]),
+        (7, 600, [257, 1]),
+        (8, 5_000, [64, 36]),
     ] {
         let input = random_input(seed, count, tiles);
         let what = format!("{count} in {tiles:?}");
@@ -360,7 +363,10 @@ fn poison_is_binned_as_on_the_cpu() {
     println!("{entries} entries, {} flips", flips.len());
     for &(t, i, what) in flips.iter().take(10) {
         let i = i as usize;
-        println!("tile {t}: {what} {:?} {:?}", input.footprints[i], input.exact[i]);
+        println!(
+            "tile {t}: {what} {:?} {:?}",
+            input.footprints[i], input.exact[i]
+        );
     }
     assert!(flips.is_empty());
 }
@@ -383,7 +389,12 @@ fn bands_and_chunks_hold_their_share_of_the_lists() {
             band_size,
             ..all
         };
-        input.check(gpu, chunk, &[], &format!("band {band_first:?} {band_size:?}"));
+        input.check(
+            gpu,
+            chunk,
+            &[],
+            &format!("band {band_first:?} {band_size:?}"),
+        );
     }
     // Chunks one after the other, the last ones short and empty.
     let mut whole_lists = vec![Vec::new(); 23 * 17];
@@ -439,4 +450,29 @@ fn lists_that_find_no_room_are_empty_and_say_what_they_need() {
     let got = input.binned(gpu, whole(&input), &[], 1000);
     assert_eq!(got.needed, u32::MAX);
     assert!(got.tiles.iter().all(Vec::is_empty));
+}
+
+#[test]
+fn the_largest_band_is_walked_to_its_end() {
+    let Some(gpu) = gpu() else { return };
+    // A workgroup of footprints, each all over the band and tested tile by tile.
+    let tiles = [254, 256];
+    let count = 256;
+    let everywhere = Footprint {
+        centre_px: [1000.0, 1000.0],
+        form_p: [1e-4, 0.0],
+        form_r: [0.0, 1e-4],
+        cutoff_squared: 9.0,
+        path: PATH_AFFINE,
+        columns: pack_range(0, 254 * SIDE),
+        rows: pack_range(0, 256 * SIDE),
+        ..Footprint::zeroed()
+    };
+    let input = Input {
+        footprints: vec![everywhere; count as usize],
+        exact: Vec::new(),
+        tiles,
+    };
+    let got = input.binned(gpu, whole(&input), &[], 0);
+    assert_eq!(got.needed, count * MAX_BAND_TILES);
 }

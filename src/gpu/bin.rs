@@ -1,5 +1,7 @@
 //! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
 
+use bytemuck::{bytes_of, cast_slice};
+
 use super::device::Gpu;
 use super::gather::{BoundGather, Gather};
 use super::kernel::{Access, BoundKernel, Kernel};
@@ -8,7 +10,7 @@ use super::scan::{BoundScan, Scan};
 use super::shaders;
 use super::sort::Sort;
 use crate::error::Result;
-use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint};
+use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint, PartRange, SortState};
 
 /// The pipelines of the stage.
 #[derive(Debug)]
@@ -37,6 +39,11 @@ pub(super) struct BoundBin {
     arguments: wgpu::Buffer,
 }
 
+/// Tiles of a band at most. A thread of [`BoundBin::encode`] makes a round per 256 tiles of every
+/// large footprint of its workgroup, one round more for each, and one per tile of its own where
+/// that is small; llvmpipe ends all loops of a thread, without a word, after 65,535 rounds.
+pub const MAX_BAND_TILES: u32 = 254 * 256;
+
 /// Words of a [`ChunkState`].
 const OFFSET_COUNT: u32 = 1;
 const ENTRIES: u32 = 2;
@@ -63,7 +70,7 @@ impl Bin {
     ///
     /// - `chunk`: the uniform [`ChunkUniform`] of `gather`.
     /// - `chunk_capacity`: footprints that `gather` holds.
-    /// - `tiles`: how many a band has at most.
+    /// - `tiles`: how many a band has at most, [`MAX_BAND_TILES`] or fewer.
     ///
     /// # Errors
     /// No memory for the entries, 16 bytes each.
@@ -147,8 +154,9 @@ pub struct ChunkBins {
 /// The lists of the tiles of a band, of a chunk of the sorted footprints: those of
 /// [`crate::cpu::bin`], restricted to both.
 ///
-/// - `parts`: footprints and, for all or none of the parts, exact terms, as [`super::sort`] has
-///   them.
+/// - `parts`: footprints, one part after the other; exact terms for all parts or none.
+/// - `order`: as [`super::sort`] writes it.
+/// - `chunk`: a band of [`MAX_BAND_TILES`] at most.
 /// - `capacity`: entries that find room.
 ///
 /// # Errors
@@ -156,34 +164,50 @@ pub struct ChunkBins {
 pub fn bin(
     gpu: &Gpu,
     parts: &[(&[Footprint], &[ExactTerms])],
+    order: &[u64],
     chunk: ChunkUniform,
     capacity: u64,
 ) -> Result<ChunkBins> {
     let has_exact = parts.iter().any(|(_, exact)| !exact.is_empty());
-    let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
-    let counts = gpu.upload("part counts", &counts)?;
     let upload = |(footprints, exact): &(&[Footprint], &[ExactTerms])| {
         let footprints = gpu.upload("footprints", footprints)?;
         Ok((footprints, gpu.upload("exact terms", exact)?))
     };
     let uploaded = parts.iter().map(upload).collect::<Result<Vec<_>>>()?;
     let footprints: Vec<_> = uploaded.iter().map(|(f, _)| f).collect();
-    let total = parts.iter().map(|(f, _)| f.len() as u64).sum();
     let gathered: Vec<_> = uploaded
         .iter()
         .map(|(f, e)| (f, has_exact.then_some(e)))
         .collect();
+    // What the sort leaves behind.
+    let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
+    let mut count = 0;
+    let ranges = counts.iter().map(|&of_part| {
+        let first = count;
+        count += of_part;
+        PartRange {
+            first,
+            count: of_part,
+        }
+    });
+    let ranges: Vec<_> = ranges.collect();
+    let visible = order.len() as u32;
+    let order: Vec<u32> = order.iter().map(|&word| word as u32).collect();
+    let counts = gpu.upload("part counts", &counts)?;
+    let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, u64::from(count))?;
+    gpu.write(&sort.ranges, cast_slice(&ranges));
+    gpu.write(&sort.state, bytes_of(&SortState { count, visible }));
+    gpu.write(&sort.pairs.values, cast_slice(&order));
+
     let chunk_capacity = u64::from(chunk.capacity);
     let tiles = chunk.band_size[0] * chunk.band_size[1];
     let uniform = gpu.uniform("chunk", &chunk)?;
 
-    let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, total)?;
     let gather =
         Gather::new(gpu, has_exact).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
     let bin =
         Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
     gpu.run(|pass| {
-        sort.encode(pass);
         gather.encode(pass);
         bin.encode(pass);
     });
@@ -191,7 +215,6 @@ pub fn bin(
     let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
     let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tiles as usize)?;
     let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
-    let order: Vec<u32> = gpu.read(&sort.pairs.values, total as usize)?;
     let list = |&[first, end]: &[u32; 2]| {
         let places = &places[first as usize..end as usize];
         let index = |&k: &u32| order[(chunk.start + k) as usize];

@@ -28,7 +28,7 @@ mod scan;
 mod shaders;
 mod sort;
 
-pub use bin::{ChunkBins, bin};
+pub use bin::{ChunkBins, MAX_BAND_TILES, bin};
 pub use device::{AdapterChoice, Gpu};
 pub use scan::exclusive_scan;
 pub use shaders::{Shader, prelude};
