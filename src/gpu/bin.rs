@@ -1,6 +1,6 @@
 //! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
 
-use bytemuck::{bytes_of, cast_slice};
+use bytemuck::{Zeroable, bytes_of, cast_slice};
 
 use super::device::Gpu;
 use super::gather::{BoundGather, Gather};
@@ -62,7 +62,7 @@ impl Bin {
             scan: Scan::new(gpu, OFFSET_COUNT),
             prepare: kernel("bin_prepare", &[Uniform, Uniform, Read, Write, Write], &[]),
             radix: RadixSort::new(gpu),
-            ranges: kernel("bin_ranges", &[Uniform, Uniform, Read, Read, Write], &[]),
+            ranges: kernel("bin_ranges", &[Uniform, Read, Read, Write], &[]),
         }
     }
 
@@ -113,10 +113,9 @@ impl Bin {
                 .prepare
                 .bind(gpu, &[chunk, &entry_capacity, &offsets, state, &arguments]),
             emit: walk(1)?,
-            find_ranges: self.ranges.bind(
-                gpu,
-                &[chunk, &entry_capacity, &entries.keys, state, &ranges],
-            ),
+            find_ranges: self
+                .ranges
+                .bind(gpu, &[chunk, &entries.keys, state, &ranges]),
             entries,
             ranges,
             chunk_arguments: gather.arguments.clone(),
@@ -151,13 +150,14 @@ pub struct ChunkBins {
     pub tiles: Vec<Vec<u32>>,
 }
 
-/// The lists of the tiles of a band, of a chunk of the sorted footprints: those of
-/// [`crate::cpu::bin`], restricted to both.
+/// The lists of the tiles of bands, of chunks of the sorted footprints: those of
+/// [`crate::cpu::bin`], restricted to both. One chunk after the other in the same buffers, as in a
+/// frame.
 ///
 /// - `parts`: footprints, one part after the other; exact terms for all parts or none.
 /// - `order`: as [`super::sort`] writes it.
-/// - `chunk`: a band of [`MAX_BAND_TILES`] at most.
-/// - `capacity`: entries that find room.
+/// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
+/// - `capacity`: entries of one chunk that find room.
 ///
 /// # Errors
 /// No memory, or a lost device.
@@ -165,9 +165,9 @@ pub fn bin(
     gpu: &Gpu,
     parts: &[(&[Footprint], &[ExactTerms])],
     order: &[u64],
-    chunk: ChunkUniform,
+    chunks: &[ChunkUniform],
     capacity: u64,
-) -> Result<ChunkBins> {
+) -> Result<Vec<ChunkBins>> {
     let has_exact = parts.iter().any(|(_, exact)| !exact.is_empty());
     let upload = |(footprints, exact): &(&[Footprint], &[ExactTerms])| {
         let footprints = gpu.upload("footprints", footprints)?;
@@ -199,29 +199,34 @@ pub fn bin(
     gpu.write(&sort.state, bytes_of(&SortState { count, visible }));
     gpu.write(&sort.pairs.values, cast_slice(&order));
 
-    let chunk_capacity = u64::from(chunk.capacity);
-    let tiles = chunk.band_size[0] * chunk.band_size[1];
-    let uniform = gpu.uniform("chunk", &chunk)?;
-
+    let tile_count = |chunk: &ChunkUniform| chunk.band_size[0] * chunk.band_size[1];
+    let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
+    let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
+    let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
     let gather =
         Gather::new(gpu, has_exact).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
     let bin =
         Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
-    gpu.run(|pass| {
-        gather.encode(pass);
-        bin.encode(pass);
-    });
 
-    let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
-    let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tiles as usize)?;
-    let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
-    let list = |&[first, end]: &[u32; 2]| {
-        let places = &places[first as usize..end as usize];
-        let index = |&k: &u32| order[(chunk.start + k) as usize];
-        places.iter().map(index).collect()
-    };
-    Ok(ChunkBins {
-        needed: state[0].needed,
-        tiles: ranges.iter().map(list).collect(),
-    })
+    let binned = chunks.iter().map(|chunk| {
+        gpu.write(&uniform, bytes_of(chunk));
+        gpu.write(&gather.state, bytes_of(&<ChunkState as Zeroable>::zeroed()));
+        gpu.run(|pass| {
+            gather.encode(pass);
+            bin.encode(pass);
+        });
+        let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
+        let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tile_count(chunk) as usize)?;
+        let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
+        let list = |&[first, end]: &[u32; 2]| {
+            let places = &places[first as usize..end as usize];
+            let index = |&k: &u32| order[(chunk.start + k) as usize];
+            places.iter().map(index).collect()
+        };
+        Ok(ChunkBins {
+            needed: state[0].needed,
+            tiles: ranges.iter().map(list).collect(),
+        })
+    });
+    binned.collect()
 }
