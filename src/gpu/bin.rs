@@ -39,9 +39,9 @@ pub(super) struct BoundBin {
     arguments: wgpu::Buffer,
 }
 
-/// Tiles of a band at most. A thread of [`BoundBin::encode`] makes a round per 256 tiles of every
-/// large footprint of its workgroup, one round more for each, and one per tile of its own where
-/// that is small; llvmpipe ends all loops of a thread, without a word, after 65,535 rounds.
+/// Tiles of a band at most. Where a workgroup's 256 footprints are large, each of its threads makes
+/// a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of a
+/// thread, without a word, after 65,535 rounds.
 pub const MAX_BAND_TILES: u32 = 254 * 256;
 
 /// Words of a [`ChunkState`].
