@@ -18,7 +18,7 @@ struct BinStep {
 // In depth order.
 @group(0) @binding(3) var<storage, read> footprints: array<Footprint>;
 @group(0) @binding(4) var<storage, read> exact: array<ExactTerms>;
-// Entries of every footprint, and a zero; then their prefix sums.
+// Entries of every footprint and a word more; then their prefix sums, the last of which is the sum of all.
 @group(0) @binding(5) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> entry_footprints: array<u32>;
@@ -60,7 +60,7 @@ fn bin_walk(
         for_each_tile(first + large[i], large[i], thread, THREADS);
     }
     workgroupBarrier();
-    if bin_step.emit == 0u && k <= state.length {
+    if bin_step.emit == 0u && k < state.length {
         offsets[k] = atomicLoad(&found[thread]);
     }
 }
@@ -259,10 +259,10 @@ fn bin_prepare() {
 }
 
 // Tiles in order, one per entry.
-@group(0) @binding(2) var<storage, read> sorted_tiles: array<u32>;
-@group(0) @binding(3) var<storage, read> sorted_state: ChunkState;
+@group(0) @binding(1) var<storage, read> sorted_tiles: array<u32>;
+@group(0) @binding(2) var<storage, read> sorted_state: ChunkState;
 // First and one-past-last entry of every tile of the band; zeros where there is none.
-@group(0) @binding(4) var<storage, read_write> tile_ranges: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 
 @compute @workgroup_size(256)
 fn bin_ranges(

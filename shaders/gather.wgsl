@@ -7,7 +7,7 @@ const THREADS: u32 = 256u;
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<storage, read> sort_state: SortState;
 @group(0) @binding(2) var<storage, read_write> new_state: ChunkState;
-// Of `gather`, and of one thread per footprint and one more (bin.wgsl).
+// Of `gather`, and of one thread per footprint (bin.wgsl).
 @group(0) @binding(3) var<storage, read_write> new_arguments: array<array<u32, 3>, 2>;
 
 @compute @workgroup_size(1)
@@ -18,7 +18,7 @@ fn gather_prepare() {
     new_state.entries = 0u;
     let copies = folded((length + FOOTPRINTS - 1u) / FOOTPRINTS);
     new_arguments[0] = array<u32, 3>(copies.x, copies.y, copies.z);
-    let walks = folded((length + THREADS) / THREADS);
+    let walks = folded((length + THREADS - 1u) / THREADS);
     new_arguments[1] = array<u32, 3>(walks.x, walks.y, walks.z);
 }
 

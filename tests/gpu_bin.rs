@@ -16,7 +16,7 @@ use common::scene::{self, Particle, volume};
 use ewa_splat::Settings;
 use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::cpu::{self, Bins};
-use ewa_splat::gpu::{ChunkBins, Gpu, bin};
+use ewa_splat::gpu::{ChunkBins, Gpu, MAX_BAND_TILES, bin};
 use ewa_splat::layout::{
     ChunkUniform, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     PATH_PEAK, pack_range,
@@ -71,7 +71,13 @@ impl Input {
     }
 
     /// The device's, the footprints in parts that end at `ends`.
-    fn binned(&self, gpu: &Gpu, chunk: ChunkUniform, ends: &[usize], capacity: u64) -> ChunkBins {
+    fn binned(
+        &self,
+        gpu: &Gpu,
+        chunks: &[ChunkUniform],
+        ends: &[usize],
+        capacity: u64,
+    ) -> Vec<ChunkBins> {
         let mut parts = Vec::new();
         let mut first = 0;
         for &end in ends.iter().chain([&self.footprints.len()]) {
@@ -79,21 +85,24 @@ impl Input {
             parts.push((&self.footprints[first..end], exact));
             first = end;
         }
-        bin(gpu, &parts, chunk, capacity).unwrap()
+        bin(gpu, &parts, &self.order(), chunks, capacity).unwrap()
     }
 
     /// Compares the two; returns how many entries there are.
-    fn check(&self, gpu: &Gpu, chunk: ChunkUniform, ends: &[usize], what: &str) -> usize {
-        let expected = self.expected(chunk);
-        let entries = expected.iter().map(Vec::len).sum();
+    fn check(&self, gpu: &Gpu, chunks: &[ChunkUniform], ends: &[usize], what: &str) -> usize {
+        let expected: Vec<_> = chunks.iter().map(|&c| self.expected(c)).collect();
+        let entries = |lists: &Vec<Vec<u32>>| lists.iter().map(Vec::len).sum::<usize>();
         // Just enough room.
-        let got = self.binned(gpu, chunk, ends, entries as u64);
-        assert_eq!(got.needed as usize, entries, "{what}");
-        for (t, (got, expected)) in got.tiles.iter().zip(&expected).enumerate() {
-            assert_eq!(got, expected, "{what}, tile {t}");
+        let capacity = expected.iter().map(entries).max().unwrap_or(0);
+        let got = self.binned(gpu, chunks, ends, capacity as u64);
+        for ((chunk, got), expected) in chunks.iter().zip(&got).zip(&expected) {
+            assert_eq!(got.needed as usize, entries(expected), "{what}, {chunk:?}");
+            for (t, (got, expected)) in got.tiles.iter().zip(expected).enumerate() {
+                assert_eq!(got, expected, "{what}, {chunk:?}, tile {t}");
+            }
+            assert_eq!(got.tiles.len(), expected.len(), "{what}, {chunk:?}");
         }
-        assert_eq!(got.tiles.len(), expected.len(), "{what}");
-        entries
+        expected.iter().map(entries).sum()
     }
 }
 
@@ -181,18 +190,21 @@ fn random_lists_are_the_cpus() {
         (3, 255, [7, 5]),
         (4, 256, [40, 30]),
         (5, 257, [20, 9]),
-        (6, 5_000, [64, 36]),
+        // Keys of eight and of nine bits.
+        (6, 600, [16, 16]),
+        (7, 600, [257, 1]),
+        (8, 5_000, [64, 36]),
     ] {
         let input = random_input(seed, count, tiles);
         let what = format!("{count} in {tiles:?}");
-        let entries = input.check(gpu, whole(&input), &[], &what);
+        let entries = input.check(gpu, &[whole(&input)], &[], &what);
         println!("{what}: {entries} entries, all as on the CPU");
         // The same where no footprint has exact terms.
         let input = Input {
             exact: Vec::new(),
             ..input
         };
-        input.check(gpu, whole(&input), &[count / 2], "no exact terms");
+        input.check(gpu, &[whole(&input)], &[count / 2], "no exact terms");
     }
 }
 
@@ -234,7 +246,7 @@ fn lists_of_whole_frames_are_the_cpus() {
             exact: frame.exact,
             tiles: frame.tiles,
         };
-        let entries = input.check(gpu, whole(&input), &[1000], &format!("{filter:?}"));
+        let entries = input.check(gpu, &[whole(&input)], &[1000], &format!("{filter:?}"));
         println!("{filter:?}, {projection:?}: {entries} entries, all as on the CPU");
     }
     println!("affine, exact, near, half line: {paths:?}");
@@ -309,7 +321,7 @@ fn borders() -> Input {
 fn borders_of_tiles_and_outlines_are_the_cpus() {
     let Some(gpu) = gpu() else { return };
     let input = borders();
-    let entries = input.check(gpu, whole(&input), &[], "borders");
+    let entries = input.check(gpu, &[whole(&input)], &[], "borders");
     println!(
         "{} footprints: {entries} entries, all as on the CPU",
         input.footprints.len()
@@ -348,7 +360,9 @@ fn poison_is_binned_as_on_the_cpu() {
     }
     let expected = input.expected(whole(&input));
     let entries: usize = expected.iter().map(Vec::len).sum();
-    let got = input.binned(gpu, whole(&input), &[], 2 * entries as u64);
+    let got = input
+        .binned(gpu, &[whole(&input)], &[], 2 * entries as u64)
+        .remove(0);
     let mut flips = Vec::new();
     for (t, (got, expected)) in got.tiles.iter().zip(&expected).enumerate() {
         let differ = |a: &[u32], b: &[u32]| -> Vec<u32> {
@@ -374,51 +388,60 @@ fn bands_and_chunks_hold_their_share_of_the_lists() {
     let input = random_input(11, 3000, [23, 17]);
     let visible = input.order().len() as u32;
     let all = whole(&input);
-    for (band_first, band_size) in [
+    let bands = [
+        ([0, 0], [23, 17]),
         ([0, 0], [23, 1]),
         ([0, 16], [23, 1]),
         ([22, 3], [1, 9]),
         ([5, 4], [11, 8]),
         ([0, 8], [23, 9]),
-    ] {
-        let chunk = ChunkUniform {
-            band_first,
-            band_size,
-            ..all
-        };
-        input.check(
-            gpu,
-            chunk,
-            &[],
-            &format!("band {band_first:?} {band_size:?}"),
-        );
-    }
-    // Chunks one after the other, the last ones short and empty.
-    let mut whole_lists = vec![Vec::new(); 23 * 17];
-    let mut needed = 0;
-    for start in (0..visible + 1200).step_by(600) {
-        let chunk = ChunkUniform {
+    ]
+    .map(|(band_first, band_size)| ChunkUniform {
+        band_first,
+        band_size,
+        ..all
+    });
+    let entries = input.check(gpu, &bands, &[], "bands");
+    println!("bands: {entries} entries, all as on the CPU");
+    // Chunks one after the other, the last ones short and empty: together they are the whole.
+    let chunks: Vec<_> = (0..visible + 1200)
+        .step_by(600)
+        .map(|start| ChunkUniform {
             start,
             capacity: 600,
             ..all
-        };
-        let ends = [10, 10, 1999];
-        needed += input.check(gpu, chunk, &ends, &format!("chunk at {start}"));
-        let got = input.binned(gpu, chunk, &ends, 1 << 20);
-        for (list, tile) in whole_lists.iter_mut().zip(got.tiles) {
+        })
+        .collect();
+    let ends = [10, 10, 1999];
+    let entries = input.check(gpu, &chunks, &ends, "chunks");
+    let mut together = vec![Vec::new(); 23 * 17];
+    for chunk in input.binned(gpu, &chunks, &ends, 1 << 20) {
+        for (list, tile) in together.iter_mut().zip(chunk.tiles) {
             list.extend(tile);
         }
     }
-    assert_eq!(whole_lists, input.expected(all));
-    assert_eq!(needed, whole_lists.iter().map(Vec::len).sum::<usize>());
-    for (start, capacity) in [(visible - 1, 1), (visible, 1), (visible - 1, 7), (7, 1)] {
-        let chunk = ChunkUniform {
-            start,
-            capacity,
-            ..all
-        };
-        input.check(gpu, chunk, &[], &format!("{capacity} at {start}"));
-    }
+    assert_eq!(together, input.expected(all));
+    assert_eq!(entries, together.iter().map(Vec::len).sum::<usize>());
+    // Whole workgroups, and what is left over, where other chunks have left their traces.
+    let chunks = [
+        (0, 1000),
+        (5, 256),
+        (7, 512),
+        (100, 255),
+        (100, 257),
+        (visible - 1, 1),
+        (visible, 1),
+        (visible - 1, 7),
+        (u32::MAX, 7),
+        (7, 1),
+        (7, 0),
+    ]
+    .map(|(start, capacity)| ChunkUniform {
+        start,
+        capacity,
+        ..all
+    });
+    input.check(gpu, &chunks, &[], "chunks of all sizes");
 }
 
 #[test]
@@ -428,7 +451,7 @@ fn lists_that_find_no_room_are_empty_and_say_what_they_need() {
     let chunk = whole(&input);
     let entries: usize = input.expected(chunk).iter().map(Vec::len).sum();
     for capacity in [0, 1, entries as u64 - 1] {
-        let got = input.binned(gpu, chunk, &[], capacity);
+        let got = input.binned(gpu, &[chunk], &[], capacity).remove(0);
         assert_eq!(got.needed as usize, entries);
         assert!(got.tiles.iter().all(Vec::is_empty), "{capacity}");
     }
@@ -444,7 +467,32 @@ fn lists_that_find_no_room_are_empty_and_say_what_they_need() {
         exact: Vec::new(),
         tiles: [1024, 1024],
     };
-    let got = input.binned(gpu, whole(&input), &[], 1000);
+    let got = input.binned(gpu, &[whole(&input)], &[], 1000).remove(0);
     assert_eq!(got.needed, u32::MAX);
     assert!(got.tiles.iter().all(Vec::is_empty));
+}
+
+#[test]
+fn the_largest_band_is_walked_to_its_end() {
+    let Some(gpu) = gpu() else { return };
+    // A workgroup of footprints, each all over the band and tested tile by tile.
+    let tiles = [254, 256];
+    let count = 256;
+    let everywhere = Footprint {
+        centre_px: [1000.0, 1000.0],
+        form_p: [1e-4, 0.0],
+        form_r: [0.0, 1e-4],
+        cutoff_squared: 9.0,
+        path: PATH_AFFINE,
+        columns: pack_range(0, 254 * SIDE),
+        rows: pack_range(0, 256 * SIDE),
+        ..Footprint::zeroed()
+    };
+    let input = Input {
+        footprints: vec![everywhere; count as usize],
+        exact: Vec::new(),
+        tiles,
+    };
+    let got = input.binned(gpu, &[whole(&input)], &[], 0).remove(0);
+    assert_eq!(got.needed, count * MAX_BAND_TILES);
 }

@@ -1,5 +1,7 @@
 //! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
 
+use bytemuck::{Zeroable, bytes_of, cast_slice};
+
 use super::device::Gpu;
 use super::gather::{BoundGather, Gather};
 use super::kernel::{Access, BoundKernel, Kernel};
@@ -8,7 +10,7 @@ use super::scan::{BoundScan, Scan};
 use super::shaders;
 use super::sort::Sort;
 use crate::error::Result;
-use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint};
+use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint, PartRange, SortState};
 
 /// The pipelines of the stage.
 #[derive(Debug)]
@@ -37,6 +39,11 @@ pub(super) struct BoundBin {
     arguments: wgpu::Buffer,
 }
 
+/// Tiles of a band at most. Where a workgroup's 256 footprints are large, each of its threads makes
+/// a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of a
+/// thread, without a word, after 65,535 rounds.
+pub const MAX_BAND_TILES: u32 = 254 * 256;
+
 /// Words of a [`ChunkState`].
 const OFFSET_COUNT: u32 = 1;
 const ENTRIES: u32 = 2;
@@ -55,7 +62,7 @@ impl Bin {
             scan: Scan::new(gpu, OFFSET_COUNT),
             prepare: kernel("bin_prepare", &[Uniform, Uniform, Read, Write, Write], &[]),
             radix: RadixSort::new(gpu),
-            ranges: kernel("bin_ranges", &[Uniform, Uniform, Read, Read, Write], &[]),
+            ranges: kernel("bin_ranges", &[Uniform, Read, Read, Write], &[]),
         }
     }
 
@@ -63,7 +70,7 @@ impl Bin {
     ///
     /// - `chunk`: the uniform [`ChunkUniform`] of `gather`.
     /// - `chunk_capacity`: footprints that `gather` holds.
-    /// - `tiles`: how many a band has at most.
+    /// - `tiles`: how many a band has at most, [`MAX_BAND_TILES`] or fewer.
     ///
     /// # Errors
     /// No memory for the entries, 16 bytes each.
@@ -106,10 +113,9 @@ impl Bin {
                 .prepare
                 .bind(gpu, &[chunk, &entry_capacity, &offsets, state, &arguments]),
             emit: walk(1)?,
-            find_ranges: self.ranges.bind(
-                gpu,
-                &[chunk, &entry_capacity, &entries.keys, state, &ranges],
-            ),
+            find_ranges: self
+                .ranges
+                .bind(gpu, &[chunk, &entries.keys, state, &ranges]),
             entries,
             ranges,
             chunk_arguments: gather.arguments.clone(),
@@ -144,61 +150,83 @@ pub struct ChunkBins {
     pub tiles: Vec<Vec<u32>>,
 }
 
-/// The lists of the tiles of a band, of a chunk of the sorted footprints: those of
-/// [`crate::cpu::bin`], restricted to both.
+/// The lists of the tiles of bands, of chunks of the sorted footprints: those of
+/// [`crate::cpu::bin`], restricted to both. One chunk after the other in the same buffers, as in a
+/// frame.
 ///
-/// - `parts`: footprints and, for all or none of the parts, exact terms, as [`super::sort`] has
-///   them.
-/// - `capacity`: entries that find room.
+/// - `parts`: footprints, one part after the other; exact terms for all parts or none.
+/// - `order`: as [`super::sort`] writes it.
+/// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
+/// - `capacity`: entries of one chunk that find room.
 ///
 /// # Errors
 /// No memory, or a lost device.
 pub fn bin(
     gpu: &Gpu,
     parts: &[(&[Footprint], &[ExactTerms])],
-    chunk: ChunkUniform,
+    order: &[u64],
+    chunks: &[ChunkUniform],
     capacity: u64,
-) -> Result<ChunkBins> {
+) -> Result<Vec<ChunkBins>> {
     let has_exact = parts.iter().any(|(_, exact)| !exact.is_empty());
-    let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
-    let counts = gpu.upload("part counts", &counts)?;
     let upload = |(footprints, exact): &(&[Footprint], &[ExactTerms])| {
         let footprints = gpu.upload("footprints", footprints)?;
         Ok((footprints, gpu.upload("exact terms", exact)?))
     };
     let uploaded = parts.iter().map(upload).collect::<Result<Vec<_>>>()?;
     let footprints: Vec<_> = uploaded.iter().map(|(f, _)| f).collect();
-    let total = parts.iter().map(|(f, _)| f.len() as u64).sum();
     let gathered: Vec<_> = uploaded
         .iter()
         .map(|(f, e)| (f, has_exact.then_some(e)))
         .collect();
-    let chunk_capacity = u64::from(chunk.capacity);
-    let tiles = chunk.band_size[0] * chunk.band_size[1];
-    let uniform = gpu.uniform("chunk", &chunk)?;
+    // What the sort leaves behind.
+    let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
+    let mut count = 0;
+    let ranges = counts.iter().map(|&of_part| {
+        let first = count;
+        count += of_part;
+        PartRange {
+            first,
+            count: of_part,
+        }
+    });
+    let ranges: Vec<_> = ranges.collect();
+    let visible = order.len() as u32;
+    let order: Vec<u32> = order.iter().map(|&word| word as u32).collect();
+    let counts = gpu.upload("part counts", &counts)?;
+    let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, u64::from(count))?;
+    gpu.write(&sort.ranges, cast_slice(&ranges));
+    gpu.write(&sort.state, bytes_of(&SortState { count, visible }));
+    gpu.write(&sort.pairs.values, cast_slice(&order));
 
-    let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, total)?;
+    let tile_count = |chunk: &ChunkUniform| chunk.band_size[0] * chunk.band_size[1];
+    let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
+    let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
+    let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
     let gather =
         Gather::new(gpu, has_exact).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
     let bin =
         Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
-    gpu.run(|pass| {
-        sort.encode(pass);
-        gather.encode(pass);
-        bin.encode(pass);
-    });
 
-    let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
-    let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tiles as usize)?;
-    let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
-    let order: Vec<u32> = gpu.read(&sort.pairs.values, total as usize)?;
-    let list = |&[first, end]: &[u32; 2]| {
-        let places = &places[first as usize..end as usize];
-        let index = |&k: &u32| order[(chunk.start + k) as usize];
-        places.iter().map(index).collect()
-    };
-    Ok(ChunkBins {
-        needed: state[0].needed,
-        tiles: ranges.iter().map(list).collect(),
-    })
+    let binned = chunks.iter().map(|chunk| {
+        gpu.write(&uniform, bytes_of(chunk));
+        gpu.write(&gather.state, bytes_of(&<ChunkState as Zeroable>::zeroed()));
+        gpu.run(|pass| {
+            gather.encode(pass);
+            bin.encode(pass);
+        });
+        let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
+        let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tile_count(chunk) as usize)?;
+        let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
+        let list = |&[first, end]: &[u32; 2]| {
+            let places = &places[first as usize..end as usize];
+            let index = |&k: &u32| order[(chunk.start + k) as usize];
+            places.iter().map(index).collect()
+        };
+        Ok(ChunkBins {
+            needed: state[0].needed,
+            tiles: ranges.iter().map(list).collect(),
+        })
+    });
+    binned.collect()
 }

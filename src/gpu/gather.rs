@@ -18,13 +18,13 @@ pub(super) struct Gather {
 /// The stage with its buffers.
 #[derive(Debug)]
 pub(super) struct BoundGather {
-    /// A [`ChunkState`]; the frame clears its `needed`.
+    /// A [`ChunkState`]; whoever asks for its `needed` clears it before.
     pub(super) state: wgpu::Buffer,
     /// The chunk's footprints in depth order.
     pub(super) footprints: wgpu::Buffer,
     /// Their exact terms, or room for one where there are none.
     pub(super) exact: wgpu::Buffer,
-    /// Arguments of a dispatch of one thread per footprint and one more, at [`Self::WALK`].
+    /// Arguments of a dispatch of one thread per footprint, at [`Self::WALK`].
     pub(super) arguments: wgpu::Buffer,
     prepare: BoundKernel,
     parts: Vec<BoundKernel>,

@@ -53,7 +53,7 @@ mod shaders;
 mod sort;
 mod timer;
 
-pub use bin::{ChunkBins, bin};
+pub use bin::{ChunkBins, MAX_BAND_TILES, bin};
 pub use classify::{Classified, classify};
 pub use cull::{CullOutput, camera_uniform, cull};
 pub use device::{AdapterChoice, Gpu};
