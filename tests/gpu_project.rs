@@ -149,8 +149,6 @@ impl Seen {
 
 /// What the roundings of a kernel's projection may amount to.
 struct Roundings {
-    /// Relative, of the centre's depth.
-    depth: f32,
     /// Of the centre, px.
     centre_px: f32,
     /// Relative, of the footprint's smaller axis.
@@ -188,7 +186,6 @@ fn roundings(
     let of = if is_bare { &bare } else { image };
     let smallest = of.determinant / (of.a + of.c);
     Roundings {
-        depth,
         centre_px: focal * per_depth * position
             + focal * slope * (depth + 4.0 * EPS)
             + 4.0 * EPS * (screen.centre_px.length() + Vec2::from(view.centre_px).length()),

@@ -1,5 +1,7 @@
 //! Splats of radiance fields, by the rule of their format (Kerbl et al. 2023, *3D Gaussian
 //! Splatting for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
+//!
+//! Twin: `shaders/shared/peak.wgsl`.
 
 use glam::Vec2;
 
