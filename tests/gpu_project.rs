@@ -149,8 +149,6 @@ impl Seen {
 
 /// What the roundings of a kernel's projection may amount to.
 struct Roundings {
-    /// Relative, of the centre's depth.
-    depth: f32,
     /// Of the centre, px.
     centre_px: f32,
     /// Relative, of the footprint's smaller axis.
@@ -188,7 +186,6 @@ fn roundings(
     let of = if is_bare { &bare } else { image };
     let smallest = of.determinant / (of.a + of.c);
     Roundings {
-        depth,
         centre_px: focal * per_depth * position
             + focal * slope * (depth + 4.0 * EPS)
             + 4.0 * EPS * (screen.centre_px.length() + Vec2::from(view.centre_px).length()),
@@ -706,32 +703,25 @@ fn splats_of_either_rule() {
 #[test]
 fn settings_at_their_ends() {
     let mut random = Random::new(13);
-    for filter in [
-        Filter::Adaptive,
-        Filter::Exact,
-        Filter::Ewa,
-        Filter::UniformScaling,
+    for (filter, h2, cutoff) in [
+        (Filter::Adaptive, 0.0, 0.0),
+        (Filter::Adaptive, 1.0, 2.5),
+        (Filter::Adaptive, 1e-6, 0.0),
+        (Filter::Exact, 0.0, 0.0),
+        (Filter::Exact, 4.0, 100.0),
+        (Filter::Ewa, 0.0, 0.0),
+        (Filter::Ewa, 1.0, 0.01),
+        (Filter::UniformScaling, 0.0, 0.0),
+        (Filter::UniformScaling, 1e-6, 2.5),
     ] {
-        for (h2, cutoff) in [
-            (0.0, 0.0),
-            (1.0, 2.5),
-            (1.0, 0.01),
-            (4.0, 100.0),
-            (1e-6, 0.0),
-        ] {
-            let mut seen = Seen::default();
-            let scene = Scene {
-                h2,
-                cutoff,
-                ..Scene::new(Kind::Ellipsoids, filter, false)
-            };
-            compare(
-                &scene.input(&mut random, &SIZES[..6]),
-                "settings",
-                &mut seen,
-            );
-            seen.report(&format!("{filter:?} h2 {h2} cut-off {cutoff}"));
-        }
+        let mut seen = Seen::default();
+        let scene = Scene {
+            h2,
+            cutoff,
+            ..Scene::new(Kind::Ellipsoids, filter, false)
+        };
+        compare(&scene.input(&mut random, &SIZES), "settings", &mut seen);
+        seen.report(&format!("{filter:?} h2 {h2} cut-off {cutoff}"));
     }
 }
 
@@ -739,23 +729,18 @@ fn settings_at_their_ends() {
 fn needles_and_scales() {
     let mut random = Random::new(14);
     for is_orthographic in [false, true] {
-        for scale in [1e-12, 1e-6, 1.0, 1e6, 1e12] {
+        let scene = Scene::new(Kind::Ellipsoids, Filter::Adaptive, is_orthographic);
+        let needles = Scene {
+            ratio: 1e4,
+            near: 0.0,
+            ..scene
+        };
+        let scales = [1e-12, 1e-6, 1e6, 1e12].map(|scale| Scene { scale, ..scene });
+        for scene in [needles].into_iter().chain(scales) {
             let mut seen = Seen::default();
-            let scene = Scene {
-                scale,
-                ratio: 1e4,
-                near: 0.0,
-                ..Scene::new(Kind::Ellipsoids, Filter::Adaptive, is_orthographic)
-            };
-            compare(&scene.input(&mut random, &SIZES[..6]), "needles", &mut seen);
-            let scene = Scene {
-                near: 1.0,
-                ratio: 100.0,
-                ..scene
-            };
-            compare(&scene.input(&mut random, &SIZES[..6]), "near", &mut seen);
-            seen.report(&format!("scale {scale:e} orthographic {is_orthographic}"));
-            assert!(seen.visible > 200);
+            compare(&scene.input(&mut random, &SIZES), "needles", &mut seen);
+            seen.report(&format!("{scene:?}"));
+            assert!(seen.visible > 200 && seen.loose * 20 < seen.footprints);
         }
     }
 }
@@ -876,8 +861,14 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
         }
     }
     let count = positions.len();
+    let filters = [
+        Filter::Adaptive,
+        Filter::Exact,
+        Filter::Ewa,
+        Filter::UniformScaling,
+    ];
     for (orthographic, focal) in [(1, 1.0), (0, 32.0)] {
-        for filter in Filter::ALL {
+        for filter in filters {
             let input = Input {
                 volume: volume(
                     (0..count).map(|i| block(i as u32, 1)).collect(),
@@ -1005,13 +996,16 @@ fn poison_stays_where_it_is() {
         -1e20,
         1e-20,
     ];
-    for kind in [
-        Kind::Spheres,
-        Kind::Ellipsoids,
-        Kind::Splats,
-        Kind::AntiAliasedSplats,
-    ] {
-        for filter in Filter::ALL {
+    use Filter::{Adaptive, Ewa, Exact, UniformScaling};
+    // Splats follow no filter.
+    let cases: [(Kind, &[Filter]); 4] = [
+        (Kind::Spheres, &[Adaptive]),
+        (Kind::Ellipsoids, &[Adaptive, Exact, Ewa, UniformScaling]),
+        (Kind::Splats, &[Ewa]),
+        (Kind::AntiAliasedSplats, &[Ewa]),
+    ];
+    for (kind, filters) in cases {
+        for &filter in filters {
             for is_orthographic in [false, true] {
                 let scene = Scene::new(kind, filter, is_orthographic);
                 let mut input = scene.input(&mut random, &SIZES[..8]);
@@ -1093,9 +1087,9 @@ fn poison_stays_where_it_is() {
                         println!("visible otherwise: {context}");
                     }
                 }
-                println!(
-                    "{kind:?} {filter:?} {is_orthographic}: {count} poisoned, {other} otherwise"
-                );
+                // Where numbers leave f32, a device may take them for zero or infinite earlier.
+                println!("{kind:?} {filter:?} {is_orthographic}: {other} of {count} otherwise");
+                assert!(other * 100 <= count);
             }
         }
     }

@@ -22,15 +22,15 @@ fn min_number(a: f32, b: f32) -> f32 {
     return a;
 }
 
-// sqrt(a² + b²) without squares that leave f32.
+// sqrt(a² + b²) without squares that leave f32; infinite where either is, whatever the other.
 fn hypot(a: f32, b: f32) -> f32 {
-    if is_nan(a) || is_nan(b) {
-        return a + b;
-    }
-    let large = max(abs(a), abs(b));
-    let small = min(abs(a), abs(b));
+    let large = max_number(abs(a), abs(b));
     if large == 0.0 || !is_finite(large) {
         return large;
+    }
+    let small = min_number(abs(a), abs(b));
+    if is_nan(a) || is_nan(b) {
+        return a + b;
     }
     let ratio = small / large;
     return large * sqrt(1.0 + ratio * ratio);

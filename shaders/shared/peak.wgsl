@@ -39,7 +39,8 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
         let determinant = dot3(minor, minor);
         image.tau = image.tau * sqrt(determinant / image.determinant);
     }
-    let is_shape = is_finite3(screen.row_x) && is_finite3(screen.row_y);
+    // Lengths whose squares leave f32 have no form.
+    let is_shape = is_finite(image.a + image.c);
     out.exists = is_shape && is_above(image.tau, 0.0) && is_finite(image.tau);
     out.screen = screen;
     out.image = image;

@@ -16,8 +16,16 @@ pub struct BrickGrid {
     lattice: Lattice,
     kernel_width: f64,
     bricks: [usize; 3],
-    /// For a rectilinear lattice, the samples of each axis.
-    axes: Option<[Vec<AxisSample>; 3]>,
+    cells: Cells,
+}
+
+/// What cells within a brick follow from.
+#[derive(Debug, Clone)]
+enum Cells {
+    /// Columns: the step between neighbours along each index, world units.
+    Uniform(Mat3),
+    /// The samples of each axis.
+    Rectilinear([Vec<AxisSample>; 3]),
 }
 
 /// A sample of a rectilinear lattice's axis as bricks see it, world units.
@@ -34,17 +42,17 @@ impl BrickGrid {
     /// Cuts a lattice into bricks.
     pub(super) fn new(lattice: Lattice, kernel_width: f64) -> Self {
         let bricks = [0, 1, 2].map(|a| lattice.dims[a].div_ceil(BRICK[a]));
-        let axes = match &lattice.spacing {
-            LatticeSpacing::Uniform { .. } => None,
+        let cells = match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => Cells::Uniform(step.as_mat3()),
             LatticeSpacing::Rectilinear { coordinates } => {
-                Some([0, 1, 2].map(|a| axis_samples(&coordinates[a], BRICK[a])))
+                Cells::Rectilinear([0, 1, 2].map(|a| axis_samples(&coordinates[a], BRICK[a])))
             }
         };
         Self {
             lattice,
             kernel_width,
             bricks,
-            axes,
+            cells,
         }
     }
 
@@ -65,7 +73,19 @@ impl BrickGrid {
 
     /// The samples of each axis: none for a uniform lattice.
     pub fn axes(&self) -> Option<&[Vec<AxisSample>; 3]> {
-        self.axes.as_ref()
+        match &self.cells {
+            Cells::Uniform(_) => None,
+            Cells::Rectilinear(axes) => Some(axes),
+        }
+    }
+
+    /// The step between neighbouring cells along each index, as columns, world units: none for a
+    /// rectilinear lattice.
+    pub fn step(&self) -> Option<Mat3> {
+        match self.cells {
+            Cells::Uniform(step) => Some(step),
+            Cells::Rectilinear(_) => None,
+        }
     }
 
     /// First cell and one past the last cell of a brick along each axis.
@@ -111,28 +131,19 @@ impl BrickGrid {
     /// brick, wherever the lattice lies. Twin: `shaders/shared/particles_lattice.wgsl`.
     #[inline]
     pub fn offset(&self, cells: [[usize; 2]; 3], [i, j, k]: [usize; 3]) -> Vec3 {
-        let Some(step) = self.step() else {
-            return self.axes.as_ref().map_or(Vec3::ZERO, |[x, y, z]| {
-                Vec3::new(x[i].offset, y[j].offset, z[k].offset)
-            });
-        };
         let from_middle = |cell: usize, [first, end]: [usize; 2]| {
             (cell - first) as f32 - 0.5 * (end - first - 1) as f32
         };
-        step * Vec3::new(
-            from_middle(i, cells[0]),
-            from_middle(j, cells[1]),
-            from_middle(k, cells[2]),
-        )
-    }
-
-    /// The step between neighbouring cells along each index, as columns: none for a rectilinear
-    /// lattice.
-    #[inline]
-    pub fn step(&self) -> Option<Mat3> {
-        match &self.lattice.spacing {
-            LatticeSpacing::Uniform { step, .. } => Some(step.as_mat3()),
-            LatticeSpacing::Rectilinear { .. } => None,
+        match &self.cells {
+            Cells::Uniform(step) => {
+                *step
+                    * Vec3::new(
+                        from_middle(i, cells[0]),
+                        from_middle(j, cells[1]),
+                        from_middle(k, cells[2]),
+                    )
+            }
+            Cells::Rectilinear([x, y, z]) => Vec3::new(x[i].offset, y[j].offset, z[k].offset),
         }
     }
 
@@ -179,7 +190,7 @@ impl BrickGrid {
 
     #[inline]
     fn cell_width(&self, [i, j, k]: [usize; 3]) -> Vec3 {
-        self.axes.as_ref().map_or(Vec3::ONE, |[x, y, z]| {
+        self.axes().map_or(Vec3::ONE, |[x, y, z]| {
             Vec3::new(x[i].width, y[j].width, z[k].width)
         })
     }
@@ -211,7 +222,7 @@ impl BrickGrid {
                 LatticeSpacing::Rectilinear { .. } => ((upper - lower) / 2.0).as_vec3().abs(),
             };
             let max_sigma = uniform_sigma.unwrap_or_else(|| {
-                let widest = self.axes.as_ref().map_or(0.0, |axes| {
+                let widest = self.axes().map_or(0.0, |axes| {
                     (0..3)
                         .flat_map(|a| &axes[a][cells[a][0]..cells[a][1]])
                         .map(|sample| sample.width)

@@ -1,4 +1,4 @@
-//! Stage: from particles to footprints.
+//! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -1,5 +1,7 @@
 //! Kernels that cross the camera plane: the direct line integral along the half line in front of
 //! the eye. No affine footprint, no clamp of the Jacobian.
+//!
+//! Twin: `shaders/shared/near.wgsl`.
 
 use std::f32::consts::TAU;
 

@@ -1,5 +1,7 @@
 //! Splats of radiance fields, by the rule of their format (Kerbl et al. 2023, *3D Gaussian
 //! Splatting for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
+//!
+//! Twin: `shaders/shared/peak.wgsl`.
 
 use glam::Vec2;
 
@@ -71,6 +73,7 @@ pub fn peak_footprint(
         let determinant = screen.row_x.cross(screen.row_y).length_squared();
         image.tau *= (determinant / image.determinant).sqrt();
     }
-    let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
+    // Lengths whose squares leave f32 have no form.
+    let is_shape = (image.a + image.c).is_finite();
     (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
 }
