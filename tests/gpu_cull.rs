@@ -157,12 +157,16 @@ fn expected(
     (views, range.keys_per_unit())
 }
 
-/// Compares every view to the bit; returns how many there are.
-fn check(volumes: &[BlockedVolume], camera: &Camera, rejects: bool, part_bytes: u64) -> usize {
+/// Compares every view of frames, each with or without a frustum, to the bit; returns how many
+/// there are in each.
+fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) -> Vec<usize> {
     let gpu = gpu().unwrap();
-    let frustum = Frustum::new(camera, 7.0);
-    let (views, key_scale) = expected(volumes, camera, &frustum, rejects);
-    let out = gpu::cull(gpu, volumes, camera, &frustum, rejects, part_bytes).unwrap();
+    let frustum = |camera| Frustum::new(camera, 7.0);
+    let uniforms: Vec<_> = frames
+        .iter()
+        .map(|(camera, rejects)| gpu::camera_uniform(camera, &frustum(camera), *rejects))
+        .collect();
+    let outputs = gpu::cull(gpu, volumes, &uniforms, part_bytes).unwrap();
     // Zeros of either sign and NaNs are alike.
     let bits = |v: &BlockView| {
         let point = v.origin_camera.map(|x| {
@@ -171,16 +175,21 @@ fn check(volumes: &[BlockedVolume], camera: &Camera, rejects: bool, part_bytes: 
         });
         (v.block, point, v.first, v.count, v.key)
     };
-    for (device, expected) in out.views.iter().zip(&views) {
-        let device: Vec<_> = device.iter().map(bits).collect();
-        let expected: Vec<_> = expected.iter().map(bits).collect();
-        assert_eq!(device.len(), expected.len(), "views");
-        for (a, b) in device.iter().zip(&expected) {
-            assert_eq!(a, b);
+    let mut totals = Vec::new();
+    for ((camera, rejects), out) in frames.iter().zip(outputs) {
+        let (views, key_scale) = expected(volumes, camera, &frustum(camera), *rejects);
+        for (device, expected) in out.views.iter().zip(&views) {
+            let device: Vec<_> = device.iter().map(bits).collect();
+            let expected: Vec<_> = expected.iter().map(bits).collect();
+            assert_eq!(device.len(), expected.len(), "views");
+            for (a, b) in device.iter().zip(&expected) {
+                assert_eq!(a, b);
+            }
         }
+        assert_eq!(out.key_scale.to_bits(), key_scale.to_bits(), "key scale");
+        totals.push(views.iter().map(Vec::len).sum());
     }
-    assert_eq!(out.key_scale.to_bits(), key_scale.to_bits(), "key scale");
-    views.iter().map(Vec::len).sum()
+    totals
 }
 
 fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume {
@@ -255,9 +264,9 @@ fn blocks_of_points_are_seen_alike_at_every_scale_and_place() {
         let sigma = 1e-2 * scale;
         let volume = points(positions.collect(), |i| (sigma * (i % 7) as f64) as f32);
         let volumes = [volume];
-        for camera in cameras(&mut random, scale, middle) {
-            totals.push(check(&volumes, &camera, true, u64::MAX));
-        }
+        let cameras = cameras(&mut random, scale, middle);
+        let frames: Vec<_> = cameras.into_iter().map(|c| (c, true)).collect();
+        totals.extend(check(&volumes, &frames, u64::MAX));
     }
     println!("views: {totals:?}");
     assert!(totals.contains(&0) && totals.iter().any(|&n| n > 256));
@@ -363,13 +372,17 @@ fn transparent_bricks_and_parts_of_several_volumes_are_told_alike() {
     volumes.push(points(positions, |_| 0.01));
     volumes.push(points(Vec::new(), |_| 0.01));
     let blocks: usize = volumes.iter().map(|v| v.blocks.len()).sum();
-    let mut totals = Vec::new();
-    for (i, camera) in cameras(&mut random, 1.0, DVec3::ZERO).iter().enumerate() {
-        // Whole, and in parts of thirty bricks or of one.
-        let part_bytes = [u64::MAX, 30 * 256 * 64, 1][i % 3];
-        // Uniform scaling culls only what is transparent; keys span what is in view.
-        totals.push(check(&volumes, camera, i % 4 != 1, part_bytes));
-    }
+    // Uniform scaling culls only what is transparent; keys span what is in view.
+    let cameras = cameras(&mut random, 1.0, DVec3::ZERO);
+    let frames: Vec<_> = (0..)
+        .map(|i| i % 4 != 1)
+        .zip(cameras)
+        .map(|(r, c)| (c, r))
+        .collect();
+    // Whole, and in parts of thirty bricks or of one.
+    let totals = check(&volumes, &frames, u64::MAX);
+    assert_eq!(check(&volumes, &frames, 30 * 256 * 64), totals);
+    assert_eq!(check(&volumes, &frames[..2], 1), totals[..2]);
     println!("views of {blocks} blocks: {totals:?}");
     assert!(totals.iter().any(|&n| n > 100) && totals.iter().all(|&n| n < blocks));
 }
@@ -420,7 +433,7 @@ fn an_edit_of_the_range_ends_moves_no_block() {
         height: 300,
     };
     let blocks = volume.blocks.len();
-    let seen = check(&[volume], &camera, true, u64::MAX);
+    let seen = check(&[volume], &[(camera, true)], u64::MAX)[0];
     println!("{seen} of {blocks} blocks");
     assert!(seen > 0 && seen < blocks);
 }
@@ -453,11 +466,17 @@ fn poison_is_seen_alike() {
             transfer_function: None,
         }));
     }
-    let mut totals = Vec::new();
-    for (i, camera) in cameras(&mut random, 1.0, DVec3::ZERO).iter().enumerate() {
-        let one = i % volumes.len();
-        totals.push(check(&volumes[one..=one], camera, i % 5 != 0, u64::MAX));
-        totals.push(check(&volumes, camera, i % 5 != 0, u64::MAX));
+    let cameras = cameras(&mut random, 1.0, DVec3::ZERO);
+    let frames: Vec<_> = (0..)
+        .map(|i| i % 5 != 0)
+        .zip(cameras)
+        .map(|(r, c)| (c, r))
+        .collect();
+    println!("views: {:?}", check(&volumes, &frames, u64::MAX));
+    for volume in &volumes {
+        println!(
+            "views: {:?}",
+            check(std::slice::from_ref(volume), &frames, u64::MAX)
+        );
     }
-    println!("views: {totals:?}");
 }

@@ -151,7 +151,7 @@ impl BoundCull {
     }
 }
 
-/// What [`cull`] finds.
+/// What [`cull`] finds in a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CullOutput {
     /// Each volume's views, their `first` and `count` 0.
@@ -160,9 +160,9 @@ pub struct CullOutput {
     pub key_scale: f32,
 }
 
-/// The blocks of some volumes that a frame sees, with their keys: of one frame.
+/// The blocks of some volumes that frames see, with their keys.
 ///
-/// - `rejects`: whether the frustum leaves blocks out.
+/// - `cameras`: one for each frame.
 /// - `part_bytes`: parts of volumes have buffers of at most so many bytes.
 ///
 /// Twin: [`crate::blocks::cull`] and the keys of [`crate::Renderer::render`].
@@ -172,42 +172,39 @@ pub struct CullOutput {
 pub fn cull(
     gpu: &Gpu,
     volumes: &[BlockedVolume],
-    camera: &Camera,
-    frustum: &Frustum,
-    rejects: bool,
+    cameras: &[CameraUniform],
     part_bytes: u64,
-) -> Result<CullOutput> {
+) -> Result<Vec<CullOutput>> {
     let scene = Scene::new(gpu, volumes, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
-    frame.write(
-        gpu,
-        &ViewUniform::zeroed(),
-        &camera_uniform(camera, frustum, rejects),
-    );
     let buffers = scene
         .parts
         .iter()
         .map(|part| PartBuffers::new(gpu, part, 1))
         .collect::<Result<Vec<_>>>()?;
     let bound = Cull::new(gpu).bind(gpu, &frame, &scene.parts, &buffers)?;
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.encode(&mut pass);
-    }
-    gpu.submit(encoder);
-    let mut views = vec![Vec::new(); volumes.len()];
-    for (part, buffers) in scene.parts.iter().zip(&buffers) {
-        let state: PartState = gpu.read(&buffers.state, 1)?[0];
-        let mut seen: Vec<BlockView> = gpu.read(&buffers.views, state.view_count as usize)?;
-        for view in &mut seen {
-            view.block += part.run.start as u32;
+    let run = |camera: &CameraUniform| {
+        frame.write(gpu, &ViewUniform::zeroed(), camera);
+        let mut encoder = gpu.encoder();
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            bound.encode(&mut pass);
         }
-        views[part.volume].append(&mut seen);
-    }
-    let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
-    Ok(CullOutput {
-        views,
-        key_scale: view.key_scale,
-    })
+        gpu.submit(encoder);
+        let mut views = vec![Vec::new(); volumes.len()];
+        for (part, buffers) in scene.parts.iter().zip(&buffers) {
+            let state: PartState = gpu.read(&buffers.state, 1)?[0];
+            let mut seen: Vec<BlockView> = gpu.read(&buffers.views, state.view_count as usize)?;
+            for view in &mut seen {
+                view.block += part.run.start as u32;
+            }
+            views[part.volume].append(&mut seen);
+        }
+        let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
+        Ok(CullOutput {
+            views,
+            key_scale: view.key_scale,
+        })
+    };
+    cameras.iter().map(run).collect()
 }
