@@ -412,6 +412,30 @@ fn lattices_tiny_and_huge_are_classified_alike_in_parts() {
 }
 
 #[test]
+fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    // 65,538 bricks of four cells: the dispatch is folded into two rows.
+    let dims = [1, 1, 4 * 65_538];
+    let volume = BlockedVolume::new(PointVolume {
+        particles: Particles::Lattice {
+            lattice: Lattice::uniform(dims, DVec3::ZERO, DVec3::ONE),
+            kernel_width: 0.7,
+        },
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: values(1, dims[2], &mut Random::new(10)),
+        transfer_function: Some(transfer()),
+    });
+    let mut tally = Tally::default();
+    check(&volume, &views(&volume), u64::MAX, &mut tally);
+    println!("{tally:?}");
+}
+
+#[test]
 fn particles_without_room_are_counted_and_left_out() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(8);

@@ -388,7 +388,7 @@ fn transparent_bricks_and_parts_of_several_volumes_are_told_alike() {
 }
 
 #[test]
-fn an_edit_of_the_range_ends_moves_no_block() {
+fn ranges_that_end_on_entries_of_the_table_are_told_alike() {
     if gpu().is_none() {
         return;
     }
@@ -436,6 +436,35 @@ fn an_edit_of_the_range_ends_moves_no_block() {
     let seen = check(&[volume], &[(camera, true)], u64::MAX)[0];
     println!("{seen} of {blocks} blocks");
     assert!(seen > 0 && seen < blocks);
+}
+
+#[test]
+fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    // 66,000 bricks of four cells: 258 workgroups.
+    let dims = [1, 1, 4 * 66_000];
+    let lattice = Lattice::uniform(dims, DVec3::new(0.0, 0.0, 1.0), DVec3::splat(1e-3));
+    let volume = BlockedVolume::new(PointVolume {
+        strength: Strength::Mass(vec![1.0; lattice.len()]),
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width: 0.7,
+        },
+        colour: Colour::Uniform([1.0; 3]),
+        values: None,
+        transfer_function: None,
+    });
+    let (eye, size) = (DVec3::new(40.0, 0.0, 100.0), [200, 100]);
+    let camera = Camera::perspective(eye, DVec3::Z * 120.0, DVec3::X, 120.0, size);
+    let seen = check(
+        &[volume],
+        &[(camera.clone(), true), (camera, false)],
+        u64::MAX,
+    );
+    println!("views: {seen:?}");
+    assert!(seen[0] > 40_000 && seen[0] < 66_000);
 }
 
 #[test]
