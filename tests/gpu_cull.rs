@@ -10,7 +10,9 @@ mod common;
 
 use common::Random;
 use common::gpu::gpu;
-use ewa_splat::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+use ewa_splat::blocks::{
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, cull, distance_interval,
+};
 use ewa_splat::gpu::{self, f64_operations};
 use ewa_splat::layout::BlockView;
 use ewa_splat::scene::{
@@ -18,7 +20,7 @@ use ewa_splat::scene::{
     TransferFunction, Values,
 };
 use ewa_splat::view::{Camera, Projection};
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 /// Denormals are zeros on the device.
 fn flushed(x: f64) -> f64 {
@@ -77,9 +79,11 @@ fn double_precision_in_integers_is_that_of_the_processor() {
             // Any bits at all.
             0 => {}
             // Exponents so near that digits cancel.
-            1 => pair = bits.map(|b| f64::from_bits(b % (3 << 52) | 0x3ff << 52 | b & 1 << 63)),
+            1 => {
+                pair = bits.map(|b| f64::from_bits((b % (3 << 52)) | (0x3ff << 52) | (b & 1 << 63)))
+            }
             // Few digits: ties.
-            2 => pair = bits.map(|b| f64::from_bits(b & 0x83ff_ffff_8000_0000 | 0x3e0 << 52)),
+            2 => pair = bits.map(|b| f64::from_bits((b & 0x83ff_ffff_8000_0000) | (0x3e0 << 52))),
             // Neighbours of numbers and ties of f32.
             3 => {
                 let near = f64::from_bits((bits[0] & !0x1fff_ffff) | 0x1000_0000).to_bits();
@@ -443,19 +447,27 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
     if gpu().is_none() {
         return;
     }
-    // 66,000 bricks of four cells: 258 workgroups.
-    let dims = [1, 1, 4 * 66_000];
-    let lattice = Lattice::uniform(dims, DVec3::new(0.0, 0.0, 1.0), DVec3::splat(1e-3));
-    let volume = BlockedVolume::new(PointVolume {
-        strength: Strength::Mass(vec![1.0; lattice.len()]),
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: 0.7,
+    // 66,000 blocks of a particle each, in 258 workgroups.
+    let count = 66_000;
+    let block = |i: u32| Block {
+        origin: DVec3::new(0.0, 0.0, 1.0 + f64::from(i) * 4e-3),
+        half_extent: Vec3::splat(1e-3),
+        max_sigma: 1e-3,
+        first: i,
+        count: 1,
+        value_range: [0.0, 1.0],
+    };
+    let volume = BlockedVolume {
+        blocks: (0..count).map(block).collect(),
+        particles: BlockedParticles::Isotropic {
+            offsets: vec![[0.0; 3]; count as usize],
+            sigmas: vec![1e-3; count as usize],
         },
+        strength: Strength::Mass(vec![1.0; count as usize]),
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
-    });
+    };
     let (eye, size) = (DVec3::new(40.0, 0.0, 100.0), [200, 100]);
     let camera = Camera::perspective(eye, DVec3::Z * 120.0, DVec3::X, 120.0, size);
     let seen = check(
