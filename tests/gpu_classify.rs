@@ -102,7 +102,9 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
     };
     let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes).unwrap();
     let mut first = 0;
-    for state in &out.states {
+    for (state, groups) in out.states.iter().zip(&out.groups) {
+        let count = state.needed.div_ceil(256);
+        assert_eq!(*groups, [count, u32::from(count > 0), 1]);
         assert_eq!((state.first, state.needed), (first, state.classified_count));
         first += state.needed;
     }

@@ -190,6 +190,9 @@ fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) 
                 assert_eq!(a, b);
             }
         }
+        for (count, groups) in out.parts {
+            assert_eq!(groups, [count.min(65_535), count.div_ceil(65_535), 1]);
+        }
         assert_eq!(out.key_scale.to_bits(), key_scale.to_bits(), "key scale");
         totals.push(views.iter().map(Vec::len).sum());
     }

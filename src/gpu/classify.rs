@@ -192,6 +192,8 @@ pub struct Classified {
     pub particles: Vec<ClassifiedParticle>,
     /// What the device knows of each part of the volume.
     pub states: Vec<PartState>,
+    /// The workgroups of a dispatch over each part's particles, 256 in one.
+    pub groups: Vec<[u32; 3]>,
 }
 
 /// The visible particles of each view: sets `count` and `first` of the views.
@@ -223,6 +225,7 @@ pub fn classify(
     let mut out = Classified {
         particles: Vec::new(),
         states: Vec::new(),
+        groups: Vec::new(),
     };
     for (buffers, range) in uploaded.buffers.iter().zip(uploaded.views) {
         let state: PartState = gpu.read(&buffers.state, 1)?[0];
@@ -239,6 +242,8 @@ pub fn classify(
                 ..*p
             }));
         out.states.push(state);
+        let arguments: Vec<[u32; 3]> = gpu.read(&buffers.arguments, 2)?;
+        out.groups.push(arguments[1]);
     }
     Ok(out)
 }

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
-use super::scene::{FrameBuffers, Part, PartBuffers, Scene};
+use super::scene::{FrameBuffers, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
 use super::shaders::{self, words};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
@@ -156,6 +156,8 @@ impl BoundCull {
 pub struct CullOutput {
     /// Each volume's views, their `first` and `count` 0.
     pub views: Vec<Vec<BlockView>>,
+    /// How many of them each part has, and the workgroups of a dispatch with one for each.
+    pub parts: Vec<(u32, [u32; 3])>,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
 }
@@ -192,6 +194,7 @@ pub fn cull(
         }
         gpu.submit(encoder);
         let mut views = vec![Vec::new(); volumes.len()];
+        let mut counts = Vec::new();
         for (part, buffers) in scene.parts.iter().zip(&buffers) {
             let state: PartState = gpu.read(&buffers.state, 1)?[0];
             let mut seen: Vec<BlockView> = gpu.read(&buffers.views, state.view_count as usize)?;
@@ -199,10 +202,13 @@ pub fn cull(
                 view.block += part.run.start as u32;
             }
             views[part.volume].append(&mut seen);
+            const { assert!(VIEW_ARGUMENTS == 0) };
+            counts.push((state.view_count, gpu.read(&buffers.arguments, 1)?[0]));
         }
         let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
         Ok(CullOutput {
             views,
+            parts: counts,
             key_scale: view.key_scale,
         })
     };
