@@ -6,7 +6,7 @@ use std::mem::offset_of;
 use bytemuck::Zeroable;
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, MAX_GROUPS};
 use super::scan::{BoundScan, Scan};
 use super::scene::{
     FrameBuffers, Kinds, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene, VIEW_ARGUMENTS,
@@ -169,14 +169,20 @@ pub(super) fn upload_views(
             ..PartState::zeroed()
         };
         gpu.write(&buffers.state, bytemuck::bytes_of(&state));
-        let folded = |groups: u32| [groups.min(65_535), groups.div_ceil(65_535), 1];
-        const { assert!(VIEW_ARGUMENTS == 0 && PARTICLE_ARGUMENTS == 3) };
-        let arguments = [folded(count), [0, 0, 1]];
-        gpu.write(&buffers.arguments, bytemuck::cast_slice(&arguments));
+        gpu.write(
+            &buffers.arguments,
+            bytemuck::cast_slice(&arguments(count, 0)),
+        );
         uploaded.buffers.push(buffers);
         uploaded.views.push(start..end);
     }
     Ok(uploaded)
+}
+
+/// The arguments of dispatches over so many workgroups: of views, and of particles.
+pub(super) fn arguments(views: u32, particles: u32) -> [[u32; 3]; 2] {
+    const { assert!(VIEW_ARGUMENTS == 0 && PARTICLE_ARGUMENTS == 3) };
+    [views, particles].map(|n| [n.min(MAX_GROUPS), n.div_ceil(MAX_GROUPS), 1])
 }
 
 /// What [`classify`] finds.
@@ -186,6 +192,8 @@ pub struct Classified {
     pub particles: Vec<ClassifiedParticle>,
     /// What the device knows of each part of the volume.
     pub states: Vec<PartState>,
+    /// The workgroups of a dispatch over each part's particles, 256 in one.
+    pub groups: Vec<[u32; 3]>,
 }
 
 /// The visible particles of each view: sets `count` and `first` of the views.
@@ -217,6 +225,7 @@ pub fn classify(
     let mut out = Classified {
         particles: Vec::new(),
         states: Vec::new(),
+        groups: Vec::new(),
     };
     for (buffers, range) in uploaded.buffers.iter().zip(uploaded.views) {
         let state: PartState = gpu.read(&buffers.state, 1)?[0];
@@ -233,6 +242,8 @@ pub fn classify(
                 ..*p
             }));
         out.states.push(state);
+        let arguments: Vec<[u32; 3]> = gpu.read(&buffers.arguments, 2)?;
+        out.groups.push(arguments[1]);
     }
     Ok(out)
 }

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
-use super::scene::{FrameBuffers, Part, PartBuffers, Scene};
+use super::scene::{FrameBuffers, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
 use super::shaders::{self, words};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
@@ -152,18 +152,20 @@ impl BoundCull {
     }
 }
 
-/// What [`cull`] finds.
+/// What [`cull`] finds in a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CullOutput {
     /// Each volume's views, their `first` and `count` 0.
     pub views: Vec<Vec<BlockView>>,
+    /// How many of them each part has, and the workgroups of a dispatch with one for each.
+    pub parts: Vec<(u32, [u32; 3])>,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
 }
 
-/// The blocks of some volumes that a frame sees, with their keys: of one frame.
+/// The blocks of some volumes that frames see, with their keys.
 ///
-/// - `rejects`: whether the frustum leaves blocks out.
+/// - `cameras`: one for each frame.
 /// - `part_bytes`: parts of volumes have buffers of at most so many bytes.
 ///
 /// Twin: [`crate::blocks::cull`] and the keys of [`crate::Renderer::render`].
@@ -173,42 +175,43 @@ pub struct CullOutput {
 pub fn cull(
     gpu: &Gpu,
     volumes: &[BlockedVolume],
-    camera: &Camera,
-    frustum: &Frustum,
-    rejects: bool,
+    cameras: &[CameraUniform],
     part_bytes: u64,
-) -> Result<CullOutput> {
+) -> Result<Vec<CullOutput>> {
     let scene = Scene::new(gpu, volumes, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
-    frame.write(
-        gpu,
-        &ViewUniform::zeroed(),
-        &camera_uniform(camera, frustum, rejects),
-    );
     let buffers = scene
         .parts
         .iter()
         .map(|part| PartBuffers::new(gpu, part, 1))
         .collect::<Result<Vec<_>>>()?;
     let bound = Cull::new(gpu).bind(gpu, &frame, &scene.parts, &buffers)?;
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.encode(&mut pass);
-    }
-    gpu.submit(encoder);
-    let mut views = vec![Vec::new(); volumes.len()];
-    for (part, buffers) in scene.parts.iter().zip(&buffers) {
-        let state: PartState = gpu.read(&buffers.state, 1)?[0];
-        let mut seen: Vec<BlockView> = gpu.read(&buffers.views, state.view_count as usize)?;
-        for view in &mut seen {
-            view.block += part.run.start as u32;
+    let run = |camera: &CameraUniform| {
+        frame.write(gpu, &ViewUniform::zeroed(), camera);
+        let mut encoder = gpu.encoder();
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            bound.encode(&mut pass);
         }
-        views[part.volume].append(&mut seen);
-    }
-    let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
-    Ok(CullOutput {
-        views,
-        key_scale: view.key_scale,
-    })
+        gpu.submit(encoder);
+        let mut views = vec![Vec::new(); volumes.len()];
+        let mut counts = Vec::new();
+        for (part, buffers) in scene.parts.iter().zip(&buffers) {
+            let state: PartState = gpu.read(&buffers.state, 1)?[0];
+            let mut seen: Vec<BlockView> = gpu.read(&buffers.views, state.view_count as usize)?;
+            for view in &mut seen {
+                view.block += part.run.start as u32;
+            }
+            views[part.volume].append(&mut seen);
+            const { assert!(VIEW_ARGUMENTS == 0) };
+            counts.push((state.view_count, gpu.read(&buffers.arguments, 1)?[0]));
+        }
+        let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
+        Ok(CullOutput {
+            views,
+            parts: counts,
+            key_scale: view.key_scale,
+        })
+    };
+    cameras.iter().map(run).collect()
 }

@@ -446,7 +446,8 @@ impl PartBuffers {
             views: gpu.buffer("views", bytes(size_of::<BlockView>(), part.run.len()))?,
             classified: gpu.buffer(
                 "classified particles",
-                bytes(size_of::<ClassifiedParticle>(), capacity as usize),
+                // A binding holds one at least.
+                bytes(size_of::<ClassifiedParticle>(), capacity.max(1) as usize),
             )?,
         })
     }

@@ -1,7 +1,7 @@
 //! Stage: colours that depend on the view, per visible particle, once. Twin:
 //! [`crate::cpu::shade()`].
 
-use super::classify::upload_views;
+use super::classify::{arguments, upload_views};
 use super::cull::camera_uniform;
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel};
@@ -120,9 +120,8 @@ pub fn shade(
         let mut state: PartState = gpu.read(&buffers.state, 1)?[0];
         state.classified_count = count;
         gpu.write(&buffers.state, bytemuck::bytes_of(&state));
-        let groups = count.div_ceil(256);
-        let arguments = [[0, 0, 1], [groups.min(65_535), groups.div_ceil(65_535), 1]];
-        gpu.write(&buffers.arguments, bytemuck::cast_slice(&arguments));
+        let groups = arguments(0, count.div_ceil(256));
+        gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
         let mut encoder = gpu.encoder();
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
