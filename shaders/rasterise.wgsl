@@ -11,12 +11,10 @@ struct Band {
     columns: u32,
     // Rows of tiles.
     rows: u32,
-    // 1 for the first chunk of the frame.
-    is_first: u32,
 }
 
 struct TileProgress {
-    // Footprints drawn so far.
+    // Footprints drawn so far; none before a frame's first chunk, whatever the pixels hold.
     drawn: u32,
     // 1 where every pixel is opaque.
     is_done: u32,
@@ -123,11 +121,7 @@ fn rasterise(
     let depth_index = 4u * width * band_height + index;
 
     if thread == 0u {
-        if band.is_first != 0u {
-            shared_progress = TileProgress(0u, 0u, vec2<u32>(0u));
-        } else {
-            shared_progress = progress[tile];
-        }
+        shared_progress = progress[tile];
         atomicStore(&inside_low, 0u);
     }
     let carried = workgroupUniformLoad(&shared_progress);
@@ -135,7 +129,7 @@ fn rasterise(
     var alpha = 0.0;
     // None: WGSL has no infinity to write down.
     var depth = -1.0;
-    if is_pixel && band.is_first == 0u {
+    if is_pixel && carried.drawn > 0u {
         colour = vec3<f32>(pixels[4u * index], pixels[4u * index + 1u], pixels[4u * index + 2u]);
         alpha = pixels[4u * index + 3u];
         if HAS_DEPTH {

@@ -196,7 +196,14 @@ pub fn bin(
     let counts = gpu.upload("part counts", &counts)?;
     let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, u64::from(count))?;
     gpu.write(&sort.ranges, cast_slice(&ranges));
-    gpu.write(&sort.state, bytes_of(&SortState { count, visible }));
+    gpu.write(
+        &sort.state,
+        bytes_of(&SortState {
+            count,
+            visible,
+            exact: 0,
+        }),
+    );
     gpu.write(&sort.pairs.values, cast_slice(&order));
 
     let tile_count = |chunk: &ChunkUniform| chunk.band_size[0] * chunk.band_size[1];

@@ -11,7 +11,7 @@
 use bytemuck::Zeroable;
 use wgpu::CommandEncoder;
 
-use super::bin::{Bin, BoundBin};
+use super::bin::{Bin, BoundBin, MAX_BAND_TILES};
 use super::classify::{BoundClassify, bind_classify};
 use super::cull::{BoundCull, Cull, camera_uniform};
 use super::device::Gpu;
@@ -364,6 +364,7 @@ impl Plan {
         let pixel_words = pixel_words(kind.depth);
         let row_bytes = 4 * pixel_words * u64::from(kind.size[0]) * u64::from(tile);
         let rows = gpu.max_binding_bytes() / row_bytes;
+        let rows = rows.min(u64::from(MAX_BAND_TILES / tiles[0]));
         if rows == 0 {
             return Err(Error::format(
                 "GPU",
@@ -570,6 +571,9 @@ impl Frame {
         for band in 0..self.plan.bands() {
             for chunk in 0..self.plan.chunks {
                 self.write_step(gpu, input, band, chunk);
+                if chunk == 0 {
+                    encoder.clear_buffer(&self.progress, 0, None);
+                }
                 self.encode_chunk(&mut encoder, timer, band);
                 let bytes = size_of::<ChunkState>() as u64;
                 let state = &self.gather.state;
@@ -652,7 +656,7 @@ impl Frame {
             first_row,
             columns,
             rows,
-            is_first: u32::from(chunk == 0),
+            unused: 0,
         };
         gpu.write(&self.chunk, bytemuck::bytes_of(&of_chunk));
         gpu.write(&self.band, bytemuck::bytes_of(&of_band));

@@ -34,8 +34,8 @@ pub(super) struct Band {
     pub(super) columns: u32,
     /// Rows of tiles.
     pub(super) rows: u32,
-    /// 1 for the first chunk of the frame.
-    pub(super) is_first: u32,
+    /// Fills up the uniform.
+    pub(super) unused: u32,
 }
 
 impl Band {
@@ -150,6 +150,8 @@ impl Rasterise {
 impl BoundRasterise {
     /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
     ///
+    /// The tiles' progress must be cleared before a frame's first lists.
+    ///
     /// - `tiles`: of the band.
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
         for _ in 0..longest.div_ceil(self.slice).max(1) {
@@ -220,7 +222,7 @@ pub fn rasterise(
             first_row: 0,
             columns,
             rows,
-            is_first: u32::from(chunk == 0),
+            unused: 0,
         };
         let bound = kernel.bind(
             gpu,
