@@ -91,7 +91,7 @@ impl Gpu {
         .map_err(|e| {
             Error::format(
                 "GPU",
-                &describe(&info),
+                describe(&info),
                 "an adapter that opens",
                 e.to_string(),
                 "choose another with EWA_ADAPTER, or use --backend cpu",
@@ -174,7 +174,7 @@ impl Gpu {
     pub(super) fn failed(&self, found: String) -> Error {
         Error::format(
             "GPU",
-            &self.adapter(),
+            self.adapter(),
             "a device that answers",
             found,
             "render again, with --backend cpu if it keeps failing",

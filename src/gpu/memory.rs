@@ -176,7 +176,7 @@ impl Gpu {
     fn out_of_memory(&self, label: &str, bytes: u64, found: &str) -> Error {
         Error::format(
             "GPU",
-            &self.adapter(),
+            self.adapter(),
             format!("{bytes} bytes for the {label}"),
             found.to_string(),
             "render fewer particles or a smaller image, or use --backend cpu",
