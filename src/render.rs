@@ -65,7 +65,7 @@ impl Default for Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
     /// A hardware GPU where there is one, the CPU otherwise: on a software adapter the CPU's own
-    /// path is faster.
+    /// path is faster. Where the environment variable `EWA_ADAPTER` names an adapter, that one.
     #[default]
     Auto,
     /// A GPU, a software adapter where there is no other.
@@ -148,16 +148,15 @@ impl Renderer {
     /// As [`Renderer::new`], and keeps the scene on a GPU where `backend` asks for one.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`]; for [`Backend::Gpu`], no adapter, or too little memory on it.
+    /// Those of [`Renderer::new`]; no adapter where one is asked for, or too little memory on it.
     pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
         #[cfg(feature = "gpu")]
         {
             let gpu = match backend {
                 Backend::Cpu => None,
                 Backend::Gpu => Some(Gpu::open(AdapterChoice::Any)?),
-                Backend::Auto => Gpu::open(AdapterChoice::Hardware)
-                    .ok()
-                    .filter(|gpu| !gpu.is_software()),
+                Backend::Auto if Gpu::is_adapter_named() => Some(Gpu::open(AdapterChoice::Any)?),
+                Backend::Auto => Gpu::open(AdapterChoice::Hardware).ok(),
             };
             let renderer = Self::new(scene)?;
             match gpu {

@@ -34,15 +34,28 @@ pub struct Gpu {
     fault: Arc<Mutex<Option<String>>>,
 }
 
+/// Names an adapter by a part of its description.
+const ADAPTER_VARIABLE: &str = "EWA_ADAPTER";
+
 impl Gpu {
+    /// Whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
+    pub fn is_adapter_named() -> bool {
+        Self::adapter_name().is_some()
+    }
+
+    fn adapter_name() -> Option<String> {
+        std::env::var(ADAPTER_VARIABLE)
+            .ok()
+            .filter(|n| !n.is_empty())
+    }
+
     /// Opens an adapter: discrete before integrated before software; the first whose name contains
     /// the environment variable `EWA_ADAPTER` (in any case) where that is set.
     ///
     /// # Errors
     /// No adapter, none of that name, or one that refuses to open; with what there is.
     pub fn open(choice: AdapterChoice) -> Result<Self> {
-        let wanted = std::env::var("EWA_ADAPTER").ok().filter(|n| !n.is_empty());
-        Self::open_named(choice, wanted.as_deref())
+        Self::open_named(choice, Self::adapter_name().as_deref())
     }
 
     /// As [`Gpu::open`], the name given instead of read from the environment.

@@ -105,6 +105,11 @@ struct Room {
 const FIRST_CLASSIFIED: u32 = 1 << 18;
 const FIRST_ENTRIES: u32 = 1 << 20;
 
+/// Entries of a chunk's lists at most, 2 GiB of them: beyond, a frame takes smaller chunks.
+fn entries_limit(binding_bytes: u64) -> u64 {
+    (binding_bytes / 4).min(1 << 27)
+}
+
 /// `needed`, and an eighth more, so that the next frame fits as well.
 fn with_slack(needed: u32, most: u64) -> u32 {
     let wanted = u64::from(needed) + u64::from(needed) / 8 + 64;
@@ -152,7 +157,7 @@ impl DeviceScene {
             room: Room {
                 classified,
                 near: 0,
-                entries: FIRST_ENTRIES.min((limit / 4) as u32),
+                entries: FIRST_ENTRIES.min(entries_limit(limit) as u32),
                 chunk: chunk_limit(limit),
                 exact: false,
             },
@@ -247,7 +252,7 @@ impl DeviceScene {
             room.exact = true;
         }
         if seen.needed_entries > room.entries {
-            let most = limit / 4;
+            let most = entries_limit(limit);
             if u64::from(seen.needed_entries) <= most {
                 room.entries = with_slack(seen.needed_entries, most);
             } else {
@@ -477,7 +482,8 @@ impl Frame {
             footprints.push((own, exact));
         }
 
-        let counts = gpu.buffer("part counts", 4 * parts.len() as u64)?;
+        // The sort takes a part for each word: one at least.
+        let counts = gpu.upload("part counts", &vec![0_u32; parts.len().max(1)])?;
         let capacity = room.classified.iter().map(|n| u64::from(*n)).sum();
         let in_parts: Vec<_> = footprints.iter().map(|(f, _)| f).collect();
         let sort = Sort::new(gpu).bind(gpu, &counts, &in_parts, capacity)?;

@@ -1,5 +1,8 @@
-//! The GPU back end, on wgpu: the stages of [`crate::cpu`] under the same names, each with a shader
-//! of its own in `shaders/`.
+#![doc = include_str!("../../docs/gpu.md")]
+//!
+//! # Rooms
+//!
+//! The stages of [`crate::cpu`] under the same names, each with a shader of its own in `shaders/`:
 //!
 //! | stage | reads | writes |
 //! |---|---|---|

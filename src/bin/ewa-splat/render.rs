@@ -50,7 +50,7 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum BackendName {
-    /// A hardware GPU where there is one, the CPU otherwise
+    /// A hardware GPU where there is one or EWA_ADAPTER names one, the CPU otherwise
     Auto,
     /// A GPU, or a software adapter where there is no other; the environment variable EWA_ADAPTER
     /// chooses one by a part of its name
