@@ -1,6 +1,7 @@
 // Stage: from values to masses and colours, per particle, once. A workgroup is a view, a thread a
-// particle of its block. Counting and emitting share `visit`, so that they cannot disagree. Colours
-// that depend on the view are left to shade.wgsl.
+// particle of its block. Counting and emitting share `visit`; should a compiler round the two
+// differently all the same, a view keeps to its places. Colours that depend on the view are left to
+// shade.wgsl.
 // Twin: src/cpu/classify.rs.
 //
 // Passes: classify_count, a prefix sum of `counts`, classify_place, classify_emit.
@@ -139,21 +140,27 @@ fn colour_of(particle: Visit) -> array<f32, 3> {
     return array<f32, 3>(0.0, 0.0, 0.0);
 }
 
+var<workgroup> visible_count: atomic<u32>;
+
 @compute @workgroup_size(256)
 fn classify_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let v = group_index(group, groups);
+    let v = group_index(group);
     let is_view = v < state.view_count;
     var count = 0u;
     if is_view {
         count = u32(is_positive(visit(views[v].block, thread).mass));
     }
-    _ = scan_threads(thread, count);
+    if thread == 0u {
+        atomicStore(&visible_count, 0u);
+    }
+    workgroupBarrier();
+    atomicAdd(&visible_count, count);
+    workgroupBarrier();
     if is_view && thread == 0u {
-        counts[v] = scan_total;
+        counts[v] = atomicLoad(&visible_count);
     }
 }
 
@@ -163,9 +170,8 @@ fn classify_count(
 fn classify_place(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let v = group_index(group, groups) * SCAN_THREADS + thread;
+    let v = group_index(group) * SCAN_THREADS + thread;
     let view_count = state.view_count;
     if v < view_count {
         views[v].first = counts[v];
@@ -179,7 +185,6 @@ fn classify_place(
         state.classified_count = classified_count;
         state.first = frame.classified_count;
         frame.classified_count = add_saturating(frame.classified_count, classified_count);
-        frame.overflows = frame.overflows + u32(!fits);
         let folds = folded((classified_count + SCAN_THREADS - 1u) / SCAN_THREADS);
         arguments[PARTICLE_ARGUMENTS] = folds.x;
         arguments[PARTICLE_ARGUMENTS + 1u] = folds.y;
@@ -191,9 +196,8 @@ fn classify_place(
 fn classify_emit(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let v = group_index(group, groups);
+    let v = group_index(group);
     // None where there is no room for all.
     let is_view = v < state.view_count && state.classified_count > 0u;
     var particle = Visit(0u, 0.0, vec4<f32>(0.0));
@@ -202,8 +206,15 @@ fn classify_emit(
     }
     let is_visible = is_positive(particle.mass);
     let place = scan_threads(thread, u32(is_visible));
-    if is_visible {
+    if !is_view {
+        return;
+    }
+    let view = views[v];
+    if is_visible && place < view.count {
         let colour = colour_of(particle);
-        classified[views[v].first + place] = ClassifiedParticle(v, thread, particle.mass, colour);
+        classified[view.first + place] = ClassifiedParticle(v, thread, particle.mass, colour);
+    }
+    if thread >= scan_total && thread < view.count {
+        classified[view.first + thread] = ClassifiedParticle(v, 0u, 0.0, array<f32, 3>());
     }
 }

@@ -41,9 +41,7 @@ override IS_CLASSIFIED: bool = false;
 fn cull_begin() {
     frame.nearest = vec2<u32>(0u);
     frame.farthest = vec2<u32>(0u);
-    frame.view_count = 0u;
     frame.classified_count = 0u;
-    frame.overflows = 0u;
 }
 
 // World to camera space.
@@ -137,9 +135,8 @@ fn nearest_word(distance: vec2<u32>) -> vec2<u32> {
 fn cull_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let index = group_index(group, groups);
+    let index = group_index(group);
     let i = index * SCAN_THREADS + thread;
     var is_kept = false;
     var nearest = vec2<u32>(0u);
@@ -205,7 +202,6 @@ fn cull_scan(@builtin(local_invocation_index) thread: u32) {
         arguments[VIEW_ARGUMENTS] = folds.x;
         arguments[VIEW_ARGUMENTS + 1u] = folds.y;
         arguments[VIEW_ARGUMENTS + 2u] = folds.z;
-        frame.view_count = frame.view_count + scan_total;
         frame.nearest = u64_max(frame.nearest, nearest);
         frame.farthest = u64_max(frame.farthest, farthest);
     }
@@ -235,9 +231,8 @@ fn depth_key(distance: vec2<u32>) -> u32 {
 fn cull_emit(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let index = group_index(group, groups);
+    let index = group_index(group);
     let i = index * SCAN_THREADS + thread;
     if i >= arrayLength(&blocks) {
         return;

@@ -47,9 +47,8 @@ override EXACT: bool = true;
 fn gather(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let k = group_index(group, groups) * FOOTPRINTS + thread / QUARTERS;
+    let k = group_index(group) * FOOTPRINTS + thread / QUARTERS;
     if k >= state.length {
         return;
     }
@@ -61,7 +60,8 @@ fn gather(
     }
     let quarter = thread % QUARTERS;
     sorted_footprints[k * QUARTERS + quarter] = footprints[i * QUARTERS + quarter];
-    if EXACT {
+    // Parts of splats have no exact terms.
+    if EXACT && footprints[i * QUARTERS + 3u].x == PATH_EXACT {
         for (var word = quarter; word < EXACT_WORDS; word = word + QUARTERS) {
             sorted_exact[k * EXACT_WORDS + word] = exact[i * EXACT_WORDS + word];
         }

@@ -35,9 +35,8 @@ override IS_ANTI_ALIASED: bool = false;
 fn project(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let i = group_index(group, groups) * 256u + thread;
+    let i = group_index(group) * 256u + thread;
     if i >= counts[COUNT_INDEX] {
         return;
     }

@@ -65,9 +65,8 @@ var<workgroup> histogram: array<atomic<u32>, RADIX * COPIES>;
 fn radix_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let index = group_index(group, groups);
+    let index = group_index(group);
     atomicStore(&histogram[thread], 0u);
     workgroupBarrier();
     for (var part = 0u; part < RUN / 4u; part = part + 1u) {
@@ -116,9 +115,8 @@ fn half_shift(digit: u32) -> u32 {
 fn radix_scatter(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let index = group_index(group, groups);
+    let index = group_index(group);
     // Pairs of the workgroup, and of the thread: all are its first ones.
     let length = min(state.count - min(index * RADIX_GROUP, state.count), RADIX_GROUP);
     let own = min(length - min(thread * RUN, length), RUN);

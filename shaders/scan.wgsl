@@ -18,10 +18,9 @@ override LENGTH_INDEX: u32 = 0u;
 fn scan_reduce(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
-    let index = group_index(group, groups);
+    let index = group_index(group);
     let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
@@ -62,10 +61,9 @@ fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
 fn scan_apply(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
-    let index = group_index(group, groups);
+    let index = group_index(group);
     let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {

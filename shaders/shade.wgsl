@@ -89,9 +89,8 @@ fn normalize_or_zero(v: vec3<f32>) -> vec3<f32> {
 fn shade(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let n = group_index(group, groups) * 256u + thread;
+    let n = group_index(group) * 256u + thread;
     if n >= state.classified_count {
         return;
     }

@@ -46,7 +46,6 @@ var<workgroup> exact: atomic<u32>;
 fn sort_keys(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     if thread == 0u {
         atomicStore(&visible, 0u);
@@ -54,7 +53,7 @@ fn sort_keys(
     }
     workgroupBarrier();
     let range = ranges[part.index];
-    let i = group_index(group, groups) * THREADS + thread;
+    let i = group_index(group) * THREADS + thread;
     if i < range.count {
         let is_visible = footprints[i].rows != 0u;
         keys[range.first + i] = select(INVISIBLE, footprints[i].key, is_visible);

@@ -134,12 +134,8 @@ pub struct FrameState {
     pub near: [u32; 2],
     /// Depth keys per unit of distance, f64.
     pub keys_per_unit: [u32; 2],
-    /// Blocks in view.
-    pub view_count: u32,
     /// Particles classified; `u32::MAX` stands for more.
     pub classified_count: u32,
-    /// Parts whose classified particles had no room.
-    pub overflows: u32,
     /// Fills up a pair of words.
     pub unused: u32,
 }

@@ -64,7 +64,7 @@ impl Default for Settings {
 /// What draws frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// A hardware GPU where there is one, the CPU otherwise: on a software adapter the CPU's own
+    /// A hardware GPU where there is one and the scene fits it, the CPU otherwise: on a software adapter the CPU's own
     /// path is faster. Where the environment variable `EWA_ADAPTER` names an adapter, that one.
     #[default]
     Auto,
@@ -152,17 +152,22 @@ impl Renderer {
     pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
         #[cfg(feature = "gpu")]
         {
+            let is_asked_for = backend == Backend::Gpu || Gpu::is_adapter_named();
             let gpu = match backend {
                 Backend::Cpu => None,
-                Backend::Gpu => Some(Gpu::open(AdapterChoice::Any)?),
-                Backend::Auto if Gpu::is_adapter_named() => Some(Gpu::open(AdapterChoice::Any)?),
-                Backend::Auto => Gpu::open(AdapterChoice::Hardware).ok(),
+                _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
+                _ => Gpu::open(AdapterChoice::Hardware).ok(),
             };
-            let renderer = Self::new(scene)?;
-            match gpu {
-                Some(gpu) => renderer.on(gpu),
-                None => Ok(renderer),
+            let mut renderer = Self::new(scene)?;
+            if let Some(gpu) = gpu {
+                match DeviceScene::new(gpu, &renderer.volumes) {
+                    Ok(device) => renderer.device = Some(device),
+                    Err(e) if is_asked_for => return Err(e),
+                    // Too large for this GPU, not for the CPU.
+                    Err(_) => {}
+                }
             }
+            Ok(renderer)
         }
         #[cfg(not(feature = "gpu"))]
         {

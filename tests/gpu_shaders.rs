@@ -96,9 +96,7 @@ fn structs_are_laid_out_alike() {
         farthest,
         near,
         keys_per_unit,
-        view_count,
         classified_count,
-        overflows,
         unused,
     });
     check_layout!(PartState {

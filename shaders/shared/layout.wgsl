@@ -54,9 +54,7 @@ struct FrameState {
     farthest: vec2<u32>,
     near: vec2<u32>,
     keys_per_unit: vec2<u32>,
-    view_count: u32,
     classified_count: u32,
-    overflows: u32,
     unused: u32,
 }
 

@@ -13,6 +13,8 @@ use crate::view::{Camera, Projection};
 
 /// Blocks per workgroup.
 const GROUP: usize = 256;
+/// Of a `CullGroup` in `cull.wgsl`.
+const CULL_GROUP_BYTES: u64 = 24;
 
 /// What the device needs of a camera; `rejects`: whether blocks that the frustum does not see are
 /// left out (the range of depth keys is theirs who are seen in any case).
@@ -108,7 +110,7 @@ impl Cull {
             let block_count = part.run.len();
             let groups = block_count.div_ceil(GROUP);
             let places = gpu.buffer("places of blocks", 4 * block_count as u64)?;
-            let seen = gpu.buffer("seen blocks", 24 * groups as u64)?;
+            let seen = gpu.buffer("seen blocks", CULL_GROUP_BYTES * groups as u64)?;
             let blocks = &part.blocks;
             let PartBuffers {
                 state,

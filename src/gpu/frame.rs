@@ -105,9 +105,10 @@ struct Room {
 const FIRST_CLASSIFIED: u32 = 1 << 18;
 const FIRST_ENTRIES: u32 = 1 << 20;
 
-/// Entries of a chunk's lists at most, 2 GiB of them: beyond, a frame takes smaller chunks.
+/// Entries of a chunk's lists at most, 1 GiB of them: beyond, a frame takes smaller chunks. So is
+/// what one submission may take bounded, for systems that end those of seconds.
 fn entries_limit(binding_bytes: u64) -> u64 {
-    (binding_bytes / 4).min(1 << 27)
+    (binding_bytes / 4).min(1 << 26)
 }
 
 /// `needed`, and an eighth more, so that the next frame fits as well.
@@ -283,10 +284,12 @@ impl DeviceScene {
     }
 }
 
-/// Footprints of a depth chunk at most: those whose buffer a binding holds.
+/// Footprints of a depth chunk at most: those whose buffer a binding holds, and fewer than overflow
+/// a tile's count of splat-pixels, one of 32 bits for all its pixels.
 fn chunk_limit(binding_bytes: u64) -> u32 {
+    const COUNTABLE: u64 = u32::MAX as u64 / (TILE_SIZE * TILE_SIZE) as u64;
     let footprints = binding_bytes / size_of::<Footprint>() as u64;
-    footprints.clamp(1, 1 << 24) as u32
+    footprints.clamp(1, COUNTABLE) as u32
 }
 
 /// What a frame found out.
@@ -572,6 +575,7 @@ impl Frame {
         let places = self.plan.report_places(self.parts.len());
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer, &places);
+        gpu.submit(std::mem::replace(&mut encoder, gpu.encoder()));
         let mut splat_pixels = 0;
         let mut state_place = places.chunks;
         for band in 0..self.plan.bands() {

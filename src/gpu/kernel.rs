@@ -36,7 +36,13 @@ type KernelKey = (&'static str, String, Vec<(String, u64)>);
 
 /// The kernels that a device has compiled.
 #[derive(Debug, Clone, Default)]
-pub(super) struct KernelCache(Arc<Mutex<HashMap<KernelKey, Kernel>>>);
+pub(super) struct KernelCache(Arc<Mutex<Compiled>>);
+
+#[derive(Debug, Default)]
+struct Compiled {
+    modules: HashMap<&'static str, wgpu::ShaderModule>,
+    kernels: HashMap<KernelKey, Kernel>,
+}
 
 impl Gpu {
     /// An entry point of a shader, compiled when it is first asked for.
@@ -56,23 +62,29 @@ impl Gpu {
         let key = (shader.name, entry.to_string(), bits.collect());
         let cache = self.kernels.0.lock();
         let mut cache = cache.unwrap_or_else(PoisonError::into_inner);
-        let compile = || self.compile(shader, entry, bindings, constants);
-        cache.entry(key).or_insert_with(compile).clone()
+        let Compiled { modules, kernels } = &mut *cache;
+        if let Some(kernel) = kernels.get(&key) {
+            return kernel.clone();
+        }
+        let module = modules.entry(shader.name).or_insert_with(|| {
+            let source = wgpu::ShaderSource::Wgsl(shader.source().into());
+            self.device
+                .create_shader_module(wgpu::ShaderModuleDescriptor {
+                    label: Some(shader.name),
+                    source,
+                })
+        });
+        let kernel = self.compile(module, entry, bindings, constants);
+        kernels.entry(key).or_insert(kernel).clone()
     }
 
     fn compile(
         &self,
-        shader: &Shader,
+        module: &wgpu::ShaderModule,
         entry: &str,
         bindings: &[Access],
         constants: &[(&str, f64)],
     ) -> Kernel {
-        let module = self
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(shader.name),
-                source: wgpu::ShaderSource::Wgsl(shader.source().into()),
-            });
         let entries: Vec<_> = (0..)
             .zip(bindings)
             .map(|(binding, access)| wgpu::BindGroupLayoutEntry {
@@ -108,7 +120,7 @@ impl Gpu {
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: Some(&pipeline_layout),
-                module: &module,
+                module,
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions {
                     constants,
@@ -142,7 +154,7 @@ impl Kernel {
     }
 }
 
-/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees.
+/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees. Shaders count on it.
 pub(super) const MAX_GROUPS: u32 = 65_535;
 
 impl BoundKernel {

@@ -67,13 +67,24 @@ impl Gpu {
     }
 
     /// Writes words at the beginning of a buffer; a last part of a word is filled up with zeros.
+    ///
+    /// Large ones go in slices, each on its way before the next: what waits lies in memory of its
+    /// own.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
-        let whole = bytes.len() / 4 * 4;
-        self.queue.write_buffer(buffer, 0, &bytes[..whole]);
-        if whole < bytes.len() {
-            let mut word = [0; 4];
-            word[..bytes.len() - whole].copy_from_slice(&bytes[whole..]);
-            self.queue.write_buffer(buffer, whole as u64, &word);
+        /// A multiple of a word.
+        const SLICE: usize = 1 << 26;
+        for (offset, slice) in (0..).step_by(SLICE).zip(bytes.chunks(SLICE)) {
+            let whole = slice.len() / 4 * 4;
+            self.queue.write_buffer(buffer, offset, &slice[..whole]);
+            if whole < slice.len() {
+                let mut word = [0; 4];
+                word[..slice.len() - whole].copy_from_slice(&slice[whole..]);
+                let last = offset + whole as u64;
+                self.queue.write_buffer(buffer, last, &word);
+            }
+            if bytes.len() > SLICE {
+                self.queue.submit([]);
+            }
         }
     }
 

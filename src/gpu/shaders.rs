@@ -3,12 +3,13 @@
 
 use std::fmt::Write as _;
 
+use super::kernel::MAX_GROUPS;
 use super::radix;
 use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS, ValueKind};
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
-    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN,
-    TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
+    BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN, TERMINATION_INTERVAL,
+    TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
 use crate::math::{ERFC_SERIES, HARMONIC_0, HARMONIC_1, HARMONICS_2, HARMONICS_3};
@@ -224,8 +225,8 @@ pub(super) const SHADE: Shader = Shader {
 pub fn prelude() -> String {
     let mut text = String::new();
     let integers = [
+        ("MAX_GROUPS", MAX_GROUPS),
         ("TILE_SIZE", TILE_SIZE as u32),
-        ("BLOCK_CAPACITY", BLOCK_CAPACITY as u32),
         ("BRICK_X", BRICK[0] as u32),
         ("BRICK_Y", BRICK[1] as u32),
         ("BRICK_Z", BRICK[2] as u32),
