@@ -276,7 +276,7 @@ fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprin
     var highest = weight * sqrt(trace / unit2) / found.terms.sigma;
     if !is_finite(highest) || found.terms.sigma == 0.0 {
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
-        highest = 3.4e38;
+        highest = LARGEST;
     }
     let r = cutoff_radius(highest, view.tolerance, view.cutoff);
     let x_axis = vec3<f32>(1.0, 0.0, 0.0);

@@ -11,7 +11,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::gpu::{assert_alike, gpu};
+use common::gpu::{ALIKE, assert_alike, gpu};
 use common::scene::{Particle, difference, volume};
 use common::{Random, real_data};
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
@@ -229,7 +229,9 @@ fn frames_follow_one_another() {
             let mut fresh = Renderer::new(vec![scene.clone()]).unwrap();
             fresh = fresh.on(gpu.clone()).unwrap();
             fresh.render(camera, &settings).unwrap();
-            assert_eq!(difference(&again, fresh.image()), 0.0);
+            // A compiler may round the code with and without the exact path in different ways.
+            let allowed = if gpu.is_software() { 0.0 } else { ALIKE };
+            assert!(difference(&again, fresh.image()) <= allowed);
             assert_eq!(renderer.depth(), fresh.depth());
             assert_eq!(renderer.counts(), fresh.counts());
         }

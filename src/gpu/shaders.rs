@@ -266,6 +266,7 @@ pub fn prelude() -> String {
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
         ("SMALLEST", f32::MIN_POSITIVE),
+        ("LARGEST", f32::MAX),
         ("LN_2", std::f32::consts::LN_2),
         ("LOG2_E", std::f32::consts::LOG2_E),
         ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
