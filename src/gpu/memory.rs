@@ -146,10 +146,11 @@ impl Gpu {
     /// Bytes that one binding of a storage buffer may have.
     pub(super) fn max_binding_bytes(&self) -> u64 {
         let limits = &self.limits;
-        // Whole vectors of words.
+        // Whole vectors of words, counted in 32 bits.
         limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size)
+            .min(u32::MAX.into())
             / 16
             * 16
     }
