@@ -64,8 +64,8 @@ impl Default for Settings {
 /// What draws frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// A hardware GPU where there is one, the CPU otherwise: on a software adapter the CPU's own
-    /// path is faster.
+    /// A hardware GPU where there is one that the scene fits, the CPU otherwise: on a software
+    /// adapter the CPU's own path is faster.
     #[default]
     Auto,
     /// A GPU, a software adapter where there is no other.
@@ -159,11 +159,13 @@ impl Renderer {
                     .ok()
                     .filter(|gpu| !gpu.is_software()),
             };
-            let renderer = Self::new(scene)?;
-            match gpu {
-                Some(gpu) => renderer.on(gpu),
-                None => Ok(renderer),
-            }
+            let mut renderer = Self::new(scene)?;
+            renderer.device = match gpu.map(|gpu| DeviceScene::new(gpu, &renderer.volumes)) {
+                // What is too large for the device, or not drawn on any.
+                Some(Err(_)) if backend == Backend::Auto => None,
+                device => device.transpose()?,
+            };
+            Ok(renderer)
         }
         #[cfg(not(feature = "gpu"))]
         {

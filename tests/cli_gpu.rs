@@ -4,24 +4,30 @@
 
 mod common;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use common::gpu::{ALIKE, gpu};
 use common::scene::difference;
 use ewa_splat::io::read_image;
 
-/// Draws a fixture at a size that a software adapter draws quickly.
-fn render(folder: &Path, adapter: Option<&str>, options: &[&str]) -> Output {
-    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name)
+}
+
+/// Runs `render`; `adapter` is what EWA_ADAPTER is set to.
+fn render(folder: &Path, file: &str, adapter: Option<&str>, options: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ewa-splat"));
     command
         .arg("render")
-        .arg(fixtures.join("wake.xyz"))
-        .arg("--transfer-function")
-        .arg(fixtures.join("wake_transfer.json"))
+        .arg(fixture(file))
+        // A software adapter draws them quickly.
         .args(["--size", "100x70"])
         .args(options)
+        // Mesa complains on standard error where it is unset.
+        .env("XDG_RUNTIME_DIR", folder)
         .current_dir(folder);
     if let Some(adapter) = adapter {
         command.env("EWA_ADAPTER", adapter);
@@ -30,14 +36,16 @@ fn render(folder: &Path, adapter: Option<&str>, options: &[&str]) -> Output {
 }
 
 fn succeed(folder: &Path, options: &[&str]) {
-    let output = render(folder, None, options);
+    let transfer = fixture("wake_transfer.json");
+    let transfer = ["--transfer-function", transfer.to_str().unwrap()];
+    let output = render(folder, "wake.xyz", None, &[&transfer[..], options].concat());
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{options:?}: {text}");
 }
 
 /// One line that begins with `error: `, exit status 1, and no file.
 fn refusal(folder: &Path, adapter: Option<&str>, options: &[&str]) -> String {
-    let output = render(folder, adapter, options);
+    let output = render(folder, "particles.csv", adapter, options);
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{options:?}: {text}");
     assert!(text.starts_with("error: "), "{text}");
@@ -61,7 +69,15 @@ fn both_back_ends_draw_one_picture() {
         let [out, depth, json] = ["", "_depth", "_stats"].map(|part| format!("{backend}{part}"));
         let (out, depth, json) = (out + ".npy", depth + ".npy", json + ".json");
         let own = [
-            "--backend", backend, "--out", &out, "--depth", &depth, "--stats", &json, "--frames",
+            "--backend",
+            backend,
+            "--out",
+            &out,
+            "--depth",
+            &depth,
+            "--stats",
+            &json,
+            "--frames",
             "2",
         ];
         succeed(folder, &[&own[..], &options].concat());
@@ -148,6 +164,7 @@ fn what_the_gpu_cannot_is_refused() {
     // Where nothing is asked of a GPU, none is looked for.
     let output = render(
         folder,
+        "particles.csv",
         Some("nonsense"),
         &["--out", "a.npy", "--backend", "cpu"],
     );

@@ -8,6 +8,7 @@
 
 mod common;
 
+use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use common::Random;
@@ -156,13 +157,17 @@ fn a_closed_device_is_an_error_now_and_later() {
 fn a_device_lost_within_a_frame_is_an_error() {
     let scene = cloud(3_000);
     let camera = view([200, 160]);
-    for after in [0, 2, 10, 30, 80] {
+    // While the first frame compiles its shaders, and while later ones run.
+    for (is_used, after_ms) in [(false, 0), (false, 50), (true, 0), (true, 3), (true, 200)] {
         let Some(gpu) = own_gpu() else { return };
         let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
         renderer = renderer.on(gpu.clone()).unwrap();
+        if is_used {
+            renderer.render(&camera, &with_depth()).unwrap();
+        }
         let frames = std::thread::scope(|scope| {
             scope.spawn(|| {
-                std::thread::sleep(Duration::from_millis(after));
+                std::thread::sleep(Duration::from_millis(after_ms));
                 gpu.close();
             });
             let start = Instant::now();
@@ -174,7 +179,7 @@ fn a_device_lost_within_a_frame_is_an_error() {
             }
             frames
         });
-        println!("lost after {after} ms, {frames} frames");
+        println!("lost after {after_ms} ms, {frames} frames");
         assert_fails_soon(&mut renderer, &camera);
     }
 }
@@ -193,12 +198,18 @@ fn what_finds_no_room_is_said_with_its_bytes() {
     };
     // A block's particles: nine words each of offset and shape.
     let e = error(4096, &camera);
-    assert!(e.contains(&format!("{} bytes for the shapes", 256 * 36)), "{e}");
+    assert!(
+        e.contains(&format!("{} bytes for the shapes", 256 * 36)),
+        "{e}"
+    );
     assert!(e.contains("at most 4096 bytes"), "{e}");
     assert!(e.contains("fewer particles"), "{e}");
     // A row of tiles: five words a pixel, with depth.
     let e = error(60_000, &view([200, 5]));
-    assert!(e.contains(&format!("{} bytes for one of 200", 200 * 16 * 20)), "{e}");
+    assert!(
+        e.contains(&format!("{} bytes for one of 200", 200 * 16 * 20)),
+        "{e}"
+    );
     assert!(e.contains("at most 60000 bytes"), "{e}");
     assert!(e.contains("narrower image"), "{e}");
     // No limit is too small for an error.
@@ -246,22 +257,25 @@ fn around_the_eye(count: usize) -> PointVolume {
 
 #[test]
 fn kernels_across_the_camera_plane_find_room() {
-    let camera = view([48, 32]);
-    for count in [1, 2, 65, 500] {
+    let camera = view([32, 17]);
+    for count in [1, 2, 65, 300] {
         let scene = around_the_eye(count);
         assert_alike("around the eye", &scene, &camera, &Settings::default());
         assert_cut_is_whole("around the eye", &scene, &camera, 181_000);
     }
-    // More than a binding ever holds.
+    // More than a binding holds.
     let Some(gpu) = gpu() else { return };
-    let limited = gpu.clone().with_binding_limit(60_000);
-    let mut renderer = Renderer::new(vec![around_the_eye(500)]).unwrap();
+    let limited = gpu.clone().with_binding_limit(40_000);
+    let mut renderer = Renderer::new(vec![around_the_eye(300)]).unwrap();
     renderer = renderer.on(limited).unwrap();
     for _ in 0..2 {
         let error = renderer.render(&camera, &Settings::default());
         let error = error.unwrap_err().to_string();
-        assert!(error.contains("kernels across the camera plane"), "{error}");
-        assert!(error.contains("found 500"), "{error}");
+        assert!(
+            error.contains("at most 169 kernels across the camera plane"),
+            "{error}"
+        );
+        assert!(error.contains("found 300"), "{error}");
     }
     // Seen from afar none of them is near.
     let away = Camera {
@@ -271,14 +285,14 @@ fn kernels_across_the_camera_plane_find_room() {
     assert!(renderer.render(&away, &Settings::default()).is_ok());
 }
 
-/// Faint kernels that each cover the whole image.
-fn veils(count: usize) -> PointVolume {
+/// Kernels that each cover the whole image.
+fn veils(count: usize, tau: f64) -> PointVolume {
     let mut random = Random::new(33);
     let particles: Vec<_> = (0..count)
         .map(|_| Particle {
             position: DVec3::Z * random.range(20.0, 30.0),
             factor: DMat3::from_diagonal(DVec3::new(20.0, 20.0, 0.5)),
-            mass: 2.0,
+            mass: (tau * TAU * 20.0 * 20.0) as f32,
             colour: [0; 3].map(|_| random.range(0.0, 1.0) as f32),
         })
         .collect();
@@ -287,14 +301,12 @@ fn veils(count: usize) -> PointVolume {
 
 #[test]
 fn footprints_over_the_whole_image_find_room() {
-    // Some 110 tiles: 330,000 entries of 3,000 footprints, of which a binding holds 45,000.
-    let camera = view([176, 160]);
-    assert_cut_is_whole("veils", &veils(3_000), &camera, 181_000);
-    // More entries than there is room for at first: 2^20.
+    // 30 tiles: 90,000 entries of 3,000 footprints, of which a binding holds 45,000.
+    let camera = view([96, 80]);
+    assert_cut_is_whole("veils", &veils(3_000, 1e-3), &camera, 181_000);
+    // More entries than there is room for at first, 2^20; opaque after some, or they take long.
     let camera = view([640, 480]);
-    let scene = veils(1_000);
-    assert_cut_is_whole("many entries", &scene, &camera, 2 << 20);
-    assert_alike("many entries", &scene, &camera, &Settings::default());
+    assert_cut_is_whole("many entries", &veils(1_000, 0.2), &camera, 2 << 20);
 }
 
 #[test]

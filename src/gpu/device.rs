@@ -70,7 +70,11 @@ impl Gpu {
                 .iter()
                 .map(|a| {
                     let info = a.get_info();
-                    let kind = if is_software(&info) { ", a software adapter" } else { "" };
+                    let kind = if is_software(&info) {
+                        ", a software adapter"
+                    } else {
+                        ""
+                    };
                     describe(&info) + kind
                 })
                 .collect();
@@ -197,10 +201,15 @@ impl Gpu {
             "GPU",
             self.adapter(),
             "a device that answers",
-            found,
-            "render again, with --backend cpu if it keeps failing",
+            one_line(&found),
+            "start again, with --backend cpu if it keeps failing",
         )
     }
+}
+
+/// What wgpu says in several lines, as errors are printed.
+pub(super) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 /// Keeps what a device reports first.

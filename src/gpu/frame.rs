@@ -209,8 +209,7 @@ impl DeviceScene {
                 // Its memory is free before the next one's is asked for.
                 other => {
                     drop(other);
-                    let made =
-                        Frame::new(&self.gpu, &self.scene, &input.view, &kind, &self.room);
+                    let made = Frame::new(&self.gpu, &self.scene, &input.view, &kind, &self.room);
                     if made.is_err() {
                         // Another frame may need less than this one found it did.
                         self.room = Room::first(&self.scene, self.gpu.max_binding_bytes());
@@ -281,7 +280,7 @@ impl DeviceScene {
             self.gpu.adapter(),
             format!("at most {most} {what}"),
             needed.to_string(),
-            "use --backend cpu, or a smaller image",
+            "use --backend cpu",
         ))
     }
 }

@@ -3,7 +3,7 @@
 use bytemuck::Pod;
 use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 
-use super::device::Gpu;
+use super::device::{Gpu, one_line};
 use crate::error::{Error, Result};
 
 /// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
@@ -179,7 +179,7 @@ impl Gpu {
             "GPU",
             self.adapter(),
             format!("{bytes} bytes for the {label}"),
-            found.to_string(),
+            one_line(found),
             "render fewer particles or a smaller image, or use --backend cpu",
         )
     }

@@ -96,7 +96,7 @@ pub fn assert_alike(
 
 /// The first pictures of a line of a test that [`hold_sampled`] holds to the GPU's.
 const FIRST: usize = 8;
-/// After those, one in so many: a software adapter takes some 50 ms for the smallest.
+/// After those, one in so many: a software adapter takes 15 ms or more for each.
 const ONE_IN: usize = 40;
 
 /// [`assert_alike`], for a sample of the pictures that each line of the tests draws.
