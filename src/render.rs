@@ -64,8 +64,9 @@ impl Default for Settings {
 /// What draws frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// A hardware GPU where there is one and the scene fits it, the CPU otherwise: on a software adapter the CPU's own
-    /// path is faster. Where the environment variable `EWA_ADAPTER` names an adapter, that one.
+    /// A hardware GPU where there is one that the scene fits, the CPU otherwise: on a software
+    /// adapter the CPU's own path is faster. Where the environment variable `EWA_ADAPTER` names an
+    /// adapter, that one.
     #[default]
     Auto,
     /// A GPU, a software adapter where there is no other.
@@ -159,14 +160,11 @@ impl Renderer {
                 _ => Gpu::open(AdapterChoice::Hardware).ok(),
             };
             let mut renderer = Self::new(scene)?;
-            if let Some(gpu) = gpu {
-                match DeviceScene::new(gpu, &renderer.volumes) {
-                    Ok(device) => renderer.device = Some(device),
-                    Err(e) if is_asked_for => return Err(e),
-                    // Too large for this GPU, not for the CPU.
-                    Err(_) => {}
-                }
-            }
+            renderer.device = match gpu.map(|gpu| DeviceScene::new(gpu, &renderer.volumes)) {
+                // What is too large for the device, or not drawn on any.
+                Some(Err(_)) if !is_asked_for => None,
+                device => device.transpose()?,
+            };
             Ok(renderer)
         }
         #[cfg(not(feature = "gpu"))]

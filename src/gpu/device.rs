@@ -1,5 +1,6 @@
 //! Adapters, limits, and what a device says when it fails.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -11,6 +12,9 @@ use crate::error::{Error, Result};
 /// How long a submission may run before the device counts as hung: software adapters take minutes
 /// for what a graphics card does in milliseconds.
 const TIMEOUT: Duration = Duration::from_secs(600);
+
+/// What is found where there is no adapter at all.
+const NONE: &str = "none";
 
 /// Which adapter to open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -58,7 +62,8 @@ impl Gpu {
         Self::open_named(choice, Self::adapter_name().as_deref())
     }
 
-    /// As [`Gpu::open`], the name given instead of read from the environment.
+    /// As [`Gpu::open`], the name given instead of read from the environment. A name outweighs the
+    /// choice.
     ///
     /// # Errors
     /// Those of [`Gpu::open`].
@@ -74,9 +79,20 @@ impl Gpu {
                 .contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
         });
         let described = |adapters: &[wgpu::Adapter]| {
-            let names: Vec<_> = adapters.iter().map(|a| describe(&a.get_info())).collect();
+            let names: Vec<_> = adapters
+                .iter()
+                .map(|a| {
+                    let info = a.get_info();
+                    let kind = if is_software(&info) {
+                        ", a software adapter"
+                    } else {
+                        ""
+                    };
+                    describe(&info) + kind
+                })
+                .collect();
             if names.is_empty() {
-                "none".to_string()
+                NONE.to_string()
             } else {
                 names.join("; ")
             }
@@ -111,17 +127,9 @@ impl Gpu {
             )
         })?;
         let fault = Arc::new(Mutex::new(None));
-        let note = |fault: &Arc<Mutex<Option<String>>>, message: String| {
-            fault
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .get_or_insert(message);
-        };
         let on_lost = Arc::clone(&fault);
         device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                note(&on_lost, format!("device lost: {message}"));
-            }
+            note(&on_lost, format!("device lost: {reason:?} {message}"));
         });
         let on_error = Arc::clone(&fault);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -161,17 +169,34 @@ impl Gpu {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
+    /// Gives the device up, with all memory that scenes hold on it: for this and all clones
+    /// whatever is drawn from now on, and what is being drawn, is an error.
+    pub fn close(&self) {
+        note(&self.fault, "a device that was closed".to_string());
+        self.device.destroy();
+        // The memory is free once nothing runs; an error is what was asked for.
+        drop(self.wait());
+    }
+
     /// Waits until everything submitted has run.
     ///
     /// # Errors
     /// A lost or hung device, and whatever it has reported since it was opened.
     pub(super) fn wait(&self) -> Result<()> {
-        let polled = self.device.poll(wgpu::PollType::Wait {
-            submission_index: None,
-            timeout: Some(TIMEOUT),
-        });
+        let poll = || {
+            self.device.poll(wgpu::PollType::Wait {
+                submission_index: None,
+                timeout: Some(TIMEOUT),
+            })
+        };
+        // wgpu panics where it is the wait that finds the device lost, after the device's callback
+        // has noted it.
+        let polled = catch_unwind(AssertUnwindSafe(poll));
         self.check()?;
-        polled.map(|_| ()).map_err(|e| self.failed(e.to_string()))
+        match polled {
+            Ok(polled) => polled.map(|_| ()).map_err(|e| self.failed(e.to_string())),
+            Err(_) => Err(self.failed("a device that cannot be waited for".to_string())),
+        }
     }
 
     /// # Errors
@@ -189,10 +214,21 @@ impl Gpu {
             "GPU",
             self.adapter(),
             "a device that answers",
-            found,
-            "render again, with --backend cpu if it keeps failing",
+            one_line(&found),
+            "start again, with --backend cpu if it keeps failing",
         )
     }
+}
+
+/// What wgpu says in several lines, as errors are printed.
+pub(super) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Keeps what a device reports first.
+fn note(fault: &Mutex<Option<String>>, message: String) {
+    let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
+    fault.get_or_insert(message);
 }
 
 fn rank(kind: DeviceType) -> u32 {
@@ -221,11 +257,10 @@ fn no_adapter(choice: AdapterChoice, name: Option<&str>, found: String) -> Error
         (None, AdapterChoice::Hardware) => "a hardware adapter".to_string(),
         (None, AdapterChoice::Any) => "a Vulkan, Metal or DirectX 12 adapter".to_string(),
     };
-    Error::format(
-        "GPU",
-        "adapters",
-        expected,
-        found,
-        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu",
-    )
+    let advice = if name.is_some() && found != NONE {
+        "choose one of these with EWA_ADAPTER or leave it unset, or use --backend cpu"
+    } else {
+        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu"
+    };
+    Error::format("GPU", "adapters", expected, found, advice)
 }

@@ -111,6 +111,28 @@ fn entries_limit(binding_bytes: u64) -> u64 {
     (binding_bytes / 4).min(1 << 26)
 }
 
+impl Room {
+    /// What there is room for before any frame was drawn.
+    fn first(scene: &Scene, binding_bytes: u64) -> Self {
+        let classified = scene.parts.iter().map(|part| {
+            let all = part.slots as u32;
+            // All are visible where nothing is classified.
+            if part.kinds.may_be_transparent() {
+                all.min(FIRST_CLASSIFIED)
+            } else {
+                all
+            }
+        });
+        Self {
+            classified: classified.collect(),
+            near: 0,
+            entries: FIRST_ENTRIES.min(entries_limit(binding_bytes) as u32),
+            chunk: chunk_limit(binding_bytes),
+            exact: false,
+        }
+    }
+}
+
 /// `needed`, and an eighth more, so that the next frame fits as well.
 fn with_slack(needed: u32, most: u64) -> u32 {
     let wanted = u64::from(needed) + u64::from(needed) / 8 + 64;
@@ -138,30 +160,10 @@ impl DeviceScene {
     /// Too little memory on the device, or what only the CPU draws.
     pub fn new(gpu: Gpu, volumes: &[BlockedVolume]) -> Result<Self> {
         let scene = Scene::new(&gpu, volumes, gpu.max_binding_bytes())?;
-        let classified = scene
-            .parts
-            .iter()
-            .map(|part| {
-                let all = part.slots as u32;
-                // All are visible where nothing is classified.
-                if part.kinds.may_be_transparent() {
-                    all.min(FIRST_CLASSIFIED)
-                } else {
-                    all
-                }
-            })
-            .collect();
-        let limit = gpu.max_binding_bytes();
         Ok(Self {
             timer: Timer::new(&gpu)?,
             block_count: volumes.iter().map(|v| v.blocks.len()).sum(),
-            room: Room {
-                classified,
-                near: 0,
-                entries: FIRST_ENTRIES.min(entries_limit(limit) as u32),
-                chunk: chunk_limit(limit),
-                exact: false,
-            },
+            room: Room::first(&scene, gpu.max_binding_bytes()),
             frame: None,
             scene,
             gpu,
@@ -213,7 +215,12 @@ impl DeviceScene {
                 // Its memory is free before the next one's is asked for.
                 other => {
                     drop(other);
-                    Frame::new(&self.gpu, &self.scene, &input.view, &kind, &self.room)?
+                    let made = Frame::new(&self.gpu, &self.scene, &input.view, &kind, &self.room);
+                    if made.is_err() {
+                        // Another frame may need less than this one found it did.
+                        self.room = Room::first(&self.scene, self.gpu.max_binding_bytes());
+                    }
+                    made?
                 }
             };
             let seen = frame.draw(&self.gpu, &mut self.timer, input, image, depth)?;
@@ -258,12 +265,12 @@ impl DeviceScene {
                 room.entries = with_slack(seen.needed_entries, most);
             } else {
                 // Fewer footprints at a time, however many tiles each touches.
-                self.check_room(
-                    "entries of one footprint",
-                    seen.needed_entries,
-                    if room.chunk > 1 { u64::MAX } else { most },
-                )?;
-                room.chunk = (room.chunk / 2).max(1);
+                let chunk = room.chunk.min(seen.sort.visible);
+                if chunk <= 1 {
+                    self.check_room("entries of one footprint", seen.needed_entries, most)?;
+                }
+                let share = u64::from(chunk) * most / u64::from(seen.needed_entries);
+                room.chunk = (share as u32).min(chunk / 2).max(1);
                 room.entries = most as u32;
             }
         }
@@ -279,7 +286,7 @@ impl DeviceScene {
             self.gpu.adapter(),
             format!("at most {most} {what}"),
             needed.to_string(),
-            "use --backend cpu, or a smaller image",
+            "use --backend cpu",
         ))
     }
 }
@@ -377,7 +384,10 @@ impl Plan {
             return Err(Error::format(
                 "GPU",
                 gpu.adapter(),
-                "an image whose rows of tiles fit a binding",
+                format!(
+                    "rows of tiles of at most {} bytes, what a binding holds",
+                    gpu.max_binding_bytes()
+                ),
                 format!("{row_bytes} bytes for one of {} pixels", kind.size[0]),
                 "render a narrower image, or use --backend cpu",
             ));

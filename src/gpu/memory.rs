@@ -3,7 +3,7 @@
 use bytemuck::Pod;
 use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 
-use super::device::Gpu;
+use super::device::{Gpu, one_line};
 use crate::error::{Error, Result};
 
 /// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
@@ -157,10 +157,11 @@ impl Gpu {
     /// Bytes that one binding of a storage buffer may have.
     pub(super) fn max_binding_bytes(&self) -> u64 {
         let limits = &self.limits;
-        // Whole vectors of words.
+        // Whole vectors of words, counted in 32 bits.
         limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size)
+            .min(u32::MAX.into())
             / 16
             * 16
     }
@@ -189,7 +190,7 @@ impl Gpu {
             "GPU",
             self.adapter(),
             format!("{bytes} bytes for the {label}"),
-            found.to_string(),
+            one_line(found),
             "render fewer particles or a smaller image, or use --backend cpu",
         )
     }

@@ -173,8 +173,7 @@ impl Scene {
     /// # Errors
     /// No memory, or what only the CPU draws: harmonics on a lattice.
     pub(super) fn new(gpu: &Gpu, volumes: &[BlockedVolume], part_bytes: u64) -> Result<Self> {
-        // Shaders count words in 32 bits.
-        let part_bytes = part_bytes.min(gpu.max_binding_bytes()).min(u32::MAX.into());
+        let part_bytes = part_bytes.min(gpu.max_binding_bytes());
         let mut parts = Vec::new();
         for (i, volume) in volumes.iter().enumerate() {
             upload(gpu, i, volume, part_bytes, &mut parts)?;

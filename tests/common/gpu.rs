@@ -1,6 +1,9 @@
 //! The device that the tests of the GPU back end share.
 
-use std::sync::OnceLock;
+use std::collections::BTreeMap;
+use std::panic::Location;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 
 use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::cpu::{Bins, SimdLevel};
@@ -80,7 +83,40 @@ pub fn assert_alike(
         "{name}: {flips} of {} pixels differ at a threshold",
         a.pixels.len()
     );
+    if let (Some(a), Some(b)) = (on_cpu.depth(), on_gpu.depth()) {
+        // Another footprint's where the opacity before it is within rounding of a half.
+        let differ = |(x, y): &(&f32, &f32)| !((*x - *y).abs() <= 1e-5 * x.abs() || x == y);
+        let count = a.depths.iter().zip(&b.depths).filter(differ).count();
+        println!("{name}: {count} depths differ");
+        assert!(count <= flips + 2 + a.depths.len() / 1000, "{name}");
+    }
+    assert_eq!(on_cpu.depth().is_some(), on_gpu.depth().is_some());
     Some(flips)
+}
+
+/// The first pictures of a line of a test that [`hold_sampled`] holds to the GPU's.
+const FIRST: usize = 8;
+/// After those, one in so many: a software adapter takes 15 ms or more for each.
+const ONE_IN: usize = 40;
+
+/// [`assert_alike`], for a sample of the pictures that each line of the tests draws.
+#[track_caller]
+pub fn hold_sampled(scene: &PointVolume, camera: &Camera, settings: &Settings) {
+    static DRAWN: Mutex<BTreeMap<(&str, u32), usize>> = Mutex::new(BTreeMap::new());
+    let line = Location::caller();
+    let n = {
+        let mut drawn = DRAWN.lock().unwrap_or_else(PoisonError::into_inner);
+        let n = drawn.entry((line.file(), line.line())).or_default();
+        *n += 1;
+        *n - 1
+    };
+    if n < FIRST || n.is_multiple_of(ONE_IN) {
+        let name = format!("{}:{}, picture {n}", line.file(), line.line());
+        let start = Instant::now();
+        if let Some(flips) = assert_alike(&name, scene, camera, settings) {
+            println!("{name}: {flips} flips, {:.0?}", start.elapsed());
+        }
+    }
 }
 
 /// How many pixels of two pictures of one frame differ by more than `rounding`. Fails where such a

@@ -143,6 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.stats.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
+    let backend = arguments.backend()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -162,7 +163,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let prepare_start = Instant::now();
     let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
     let integrator = integrator.transpose()?;
-    let mut renderer = Renderer::with_backend(scene, arguments.backend()?)?;
+    let mut renderer = Renderer::with_backend(scene, backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
     let prepared = Prepared {
