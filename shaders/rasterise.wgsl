@@ -48,7 +48,12 @@ override SLICE: u32 = 0xffffffffu;
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
 
-var<workgroup> batch: array<Footprint, TERMINATION_INTERVAL>;
+// The footprints of a batch, read four words at a time: `centre_px` and `form_p`; `form_r`, `tau`
+// and `cutoff_squared`; `colour` and `depth`; `path`, `columns` and `rows`.
+var<workgroup> batch_place: array<vec4<f32>, TERMINATION_INTERVAL>;
+var<workgroup> batch_form: array<vec4<f32>, TERMINATION_INTERVAL>;
+var<workgroup> batch_light: array<vec4<f32>, TERMINATION_INTERVAL>;
+var<workgroup> batch_bits: array<vec4<u32>, TERMINATION_INTERVAL>;
 var<workgroup> batch_exact: array<ExactTerms, TERMINATION_INTERVAL>;
 var<workgroup> shared_progress: TileProgress;
 var<workgroup> open_pixels: atomic<u32>;
@@ -60,22 +65,26 @@ fn ray(pixel: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((pixel - view.centre_px) / view.focal_px, 1.0);
 }
 
-// Optical depth of a footprint on the near or the half-line path at a point of the image.
-fn near_depth(footprint: Footprint, at: u32, pixel: vec2<f32>) -> f32 {
-    if (footprint.path & 3u) == PATH_NEAR {
-        return evaluate_near(at, footprint.tau, ray(pixel), footprint.cutoff_squared);
+// Optical depth of a footprint on the near or the half-line path at a point of the image; its words
+// as a batch has them.
+fn near_depth(path: u32, place: vec4<f32>, form: vec4<f32>, pixel: vec2<f32>) -> f32 {
+    let at = path >> 2u;
+    let tau = form.z;
+    let cutoff_squared = form.w;
+    if (path & 3u) == PATH_NEAR {
+        return evaluate_near(at, tau, ray(pixel), cutoff_squared);
     }
-    let d = pixel - footprint.centre_px;
-    let p = footprint.form_p.x * d.x + footprint.form_p.y * d.y;
-    let r = footprint.form_r.x * d.x + footprint.form_r.y * d.y;
+    let d = pixel - place.xy;
+    let p = place.z * d.x + place.w * d.y;
+    let r = form.x * d.x + form.y * d.y;
     let q = p * p + r * r;
-    if !is_finite(q) || q > footprint.cutoff_squared {
+    if !is_finite(q) || q > cutoff_squared {
         return 0.0;
     }
     let half_line = near.terms[at].half_line;
     let z = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
     let in_front = normal_cdf(z / max(near.terms[at].sigma, SMALLEST));
-    return footprint.tau * exp_minus_half(q) * in_front;
+    return tau * exp_minus_half(q) * in_front;
 }
 
 // Optical depth of a kernel along the half line t D, t > 0. Twin: src/splat/near.rs.
@@ -174,32 +183,41 @@ fn rasterise(
         workgroupBarrier();
         if thread < count {
             let i = tile_lists[next + thread];
-            batch[thread] = footprints[i];
+            let f = footprints[i];
+            batch_place[thread] = vec4<f32>(f.centre_px, f.form_p);
+            batch_form[thread] = vec4<f32>(f.form_r, f.tau, f.cutoff_squared);
+            batch_light[thread] = vec4<f32>(vector(f.colour), f.depth);
+            batch_bits[thread] = vec4<u32>(f.path, f.columns, f.rows, f.key);
             if HAS_EXACT {
                 batch_exact[thread] = exact[i];
             }
         }
         workgroupBarrier();
         for (var n = 0u; n < count; n = n + 1u) {
-            let rows = batch[n].rows;
-            let columns = batch[n].columns;
+            let bits = batch_bits[n];
+            let columns = bits.y;
+            let rows = bits.z;
             if !is_pixel || at.y < (rows & 0xffffu) || at.y >= (rows >> 16u)
                 || at.x < (columns & 0xffffu) || at.x >= (columns >> 16u) {
                 continue;
             }
-            let path = batch[n].path;
-            var tau = batch[n].tau;
+            let path = bits.x;
+            let place = batch_place[n];
+            let form = batch_form[n];
+            let peak = form.z;
+            let cutoff_squared = form.w;
+            var tau = peak;
             if HAS_NEAR && (path & 2u) != 0u {
-                tau = near_depth(batch[n], path >> 2u, pixel);
+                tau = near_depth(path, place, form, pixel);
                 if !(tau > 0.0) {
                     continue;
                 }
             } else {
                 // As the twin walks a row: from the tile's first pixel.
-                let dx = (corner.x - batch[n].centre_px.x) + f32(local.x);
-                let dy = (corner.y - batch[n].centre_px.y) + f32(local.y);
-                let p = batch[n].form_p.x * dx + batch[n].form_p.y * dy;
-                let r = batch[n].form_r.x * dx + batch[n].form_r.y * dy;
+                let dx = (corner.x - place.x) + f32(local.x);
+                let dy = (corner.y - place.y) + f32(local.y);
+                let p = place.z * dx + place.w * dy;
+                let r = form.x * dx + form.y * dy;
                 var q = p * p + r * r;
                 if HAS_EXACT && path == PATH_EXACT {
                     let gradient = batch_exact[n].gradient;
@@ -215,7 +233,7 @@ fn rasterise(
                     q = q * inverse;
                     tau = tau * (ray_length * sqrt(inverse));
                 }
-                if !is_finite(q) || q > batch[n].cutoff_squared {
+                if !is_finite(q) || q > cutoff_squared {
                     continue;
                 }
                 tau = tau * exp_minus_half(q);
@@ -224,7 +242,7 @@ fn rasterise(
             var opacity: f32;
             if IS_LINEAR || path == PATH_PEAK {
                 opacity = min(tau, 1.0);
-            } else if path == PATH_AFFINE && batch[n].tau <= FAINT {
+            } else if path == PATH_AFFINE && peak <= FAINT {
                 opacity = tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0)));
             } else {
                 opacity = opacity_of(tau);
@@ -232,10 +250,11 @@ fn rasterise(
             let before = alpha;
             let weight = opacity * (1.0 - before);
             alpha = before + weight;
-            colour = colour + weight * vector(batch[n].colour);
+            let light = batch_light[n];
+            colour = colour + weight * light.xyz;
             if HAS_DEPTH && before < 0.5 && alpha >= 0.5 {
                 // Within a kernel that holds the eye, the centre may lie behind.
-                depth = batch[n].depth;
+                depth = light.w;
                 if (path & 2u) != 0u {
                     depth = max(depth, 0.0);
                 }
