@@ -200,13 +200,14 @@ fn rasterise(
         }
         workgroupBarrier();
         for (var n = 0u; n < count; n = n + 1u) {
-            let footprint = batched(n);
-            let rows = footprint.rows;
-            let columns = footprint.columns;
+            // Most threads need no more of it than its range.
+            let columns = batch[4u * n + 3u].y;
+            let rows = batch[4u * n + 3u].z;
             if !is_pixel || at.y < (rows & 0xffffu) || at.y >= (rows >> 16u)
                 || at.x < (columns & 0xffffu) || at.x >= (columns >> 16u) {
                 continue;
             }
+            let footprint = batched(n);
             let path = footprint.path;
             var tau = footprint.tau;
             if HAS_NEAR && (path & 2u) != 0u {

@@ -11,8 +11,24 @@ const SCAN_RUN: u32 = 8u;
 // One sum per workgroup, then its prefix; last the sum of all.
 @group(0) @binding(2) var<storage, read_write> scan_sums: array<u32>;
 
+// Of a dispatch over the words there are.
+@group(0) @binding(3) var<storage, read_write> scan_arguments: array<u32, 3>;
+
 // Which word of `scan_length` counts.
 override LENGTH_INDEX: u32 = 0u;
+
+// Words per workgroup.
+const SCAN_GROUP: u32 = SCAN_THREADS * SCAN_RUN;
+
+fn scan_groups() -> u32 {
+    return (scan_length[LENGTH_INDEX] + SCAN_GROUP - 1u) / SCAN_GROUP;
+}
+
+@compute @workgroup_size(1)
+fn scan_prepare() {
+    let arguments = folded(scan_groups());
+    scan_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
+}
 
 @compute @workgroup_size(256)
 fn scan_reduce(
@@ -27,7 +43,7 @@ fn scan_reduce(
         sum = add_saturating(sum, scan_words[i]);
     }
     _ = scan_threads(thread, sum);
-    if thread == 0u && index * SCAN_THREADS * SCAN_RUN < length {
+    if thread == 0u && index * SCAN_GROUP < length {
         scan_sums[index] = scan_total;
     }
 }
@@ -35,9 +51,7 @@ fn scan_reduce(
 // One workgroup.
 @compute @workgroup_size(256)
 fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
-    let length = scan_length[LENGTH_INDEX];
-    let per_group = SCAN_THREADS * SCAN_RUN;
-    let count = (length + per_group - 1u) / per_group;
+    let count = scan_groups();
     // Each thread owns a run.
     let run = (count + SCAN_THREADS - 1u) / SCAN_THREADS;
     let first = min(thread * run, count);
@@ -70,7 +84,7 @@ fn scan_apply(
         sum = add_saturating(sum, scan_words[i]);
     }
     var before = scan_threads(thread, sum);
-    if index * SCAN_THREADS * SCAN_RUN < length {
+    if index * SCAN_GROUP < length {
         before = add_saturating(before, scan_sums[index]);
     }
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {

@@ -9,6 +9,7 @@
 //! carried from one to the next.
 
 use bytemuck::Zeroable;
+use rayon::prelude::*;
 use wgpu::CommandEncoder;
 
 use super::bin::{Bin, BoundBin, MAX_BAND_TILES};
@@ -104,6 +105,9 @@ struct Room {
 /// Classified particles of a part that there is room for before anything is known.
 const FIRST_CLASSIFIED: u32 = 1 << 18;
 const FIRST_ENTRIES: u32 = 1 << 20;
+
+/// Bytes of the picture that one thread copies at a time.
+const COPY_BYTES: usize = 1 << 20;
 
 /// Entries of a chunk's lists at most, 1 GiB of them: beyond, a frame takes smaller chunks. So is
 /// what one submission may take bounded, for systems that end those of seconds.
@@ -738,8 +742,12 @@ impl Frame {
         let count = self.band_pixels(input, band) as usize;
         gpu.read_staging(&self.pixels_back, |bytes| {
             let (colours, depths) = bytes.split_at(16 * count);
-            let pixels = &mut image.pixels[first..first + count];
-            bytemuck::cast_slice_mut::<_, u8>(pixels).copy_from_slice(colours);
+            let pixels = bytemuck::cast_slice_mut::<_, u8>(&mut image.pixels[first..first + count]);
+            // On a graphics card one thread's copy would take longer than the frame.
+            pixels
+                .par_chunks_mut(COPY_BYTES)
+                .zip(colours.par_chunks(COPY_BYTES))
+                .for_each(|(to, from)| to.copy_from_slice(from));
             if let Some(depth) = depth {
                 let words = bytemuck::cast_slice::<u8, f32>(&depths[..4 * count]);
                 for (out, word) in depth.depths[first..first + count].iter_mut().zip(words) {

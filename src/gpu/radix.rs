@@ -122,9 +122,10 @@ impl RadixSort {
 impl BoundRadixSort {
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
         self.prepare.dispatch(pass, 1);
+        self.scan.encode_length(pass);
         for [count, scatter] in &self.passes {
             count.dispatch_indirect(pass, &self.arguments, 0);
-            self.scan.encode(pass);
+            self.scan.encode_sums(pass);
             scatter.dispatch_indirect(pass, &self.arguments, 0);
         }
     }
