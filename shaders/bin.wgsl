@@ -2,7 +2,6 @@
 // footprints' order, which radix.wgsl sorts by tile.
 // Twin: src/cpu/bin.rs.
 
-const THREADS: u32 = 256u;
 // Tiles in the box of a footprint that the whole workgroup walks: a thread alone would keep the others waiting.
 const LARGE_BOX: u32 = 64u;
 
@@ -33,7 +32,7 @@ var<workgroup> large: array<u32, THREADS>;
 var<workgroup> large_count: atomic<u32>;
 
 // Once to count and once to write, the prefix sums between.
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn bin_walk(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
@@ -266,7 +265,7 @@ fn bin_prepare() {
 // First and one-past-last entry of every tile of the band; zeros where there is none.
 @group(0) @binding(3) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn bin_ranges(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,

@@ -142,7 +142,7 @@ fn colour_of(particle: Visit) -> array<f32, 3> {
 
 var<workgroup> visible_count: atomic<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn classify_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
@@ -166,12 +166,12 @@ fn classify_count(
 
 // A thread per view: where its particles begin and how many there are. The first lays out the
 // part's.
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn classify_place(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let v = group_index(group) * SCAN_THREADS + thread;
+    let v = group_index(group) * THREADS + thread;
     let view_count = state.view_count;
     if v < view_count {
         views[v].first = counts[v];
@@ -185,14 +185,14 @@ fn classify_place(
         state.classified_count = classified_count;
         state.first = frame.classified_count;
         frame.classified_count = add_saturating(frame.classified_count, classified_count);
-        let folds = folded((classified_count + SCAN_THREADS - 1u) / SCAN_THREADS);
+        let folds = folded((classified_count + THREADS - 1u) / THREADS);
         arguments[PARTICLE_ARGUMENTS] = folds.x;
         arguments[PARTICLE_ARGUMENTS + 1u] = folds.y;
         arguments[PARTICLE_ARGUMENTS + 2u] = folds.z;
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn classify_emit(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,

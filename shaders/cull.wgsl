@@ -10,6 +10,7 @@ const NOT_KEPT: u32 = 0xffffffffu;
 struct CullGroup {
     // Blocks that are kept; after `cull_scan`, those of the groups before.
     count: u32,
+    unused: u32,
     nearest: vec2<u32>,
     farthest: vec2<u32>,
 }
@@ -105,14 +106,14 @@ fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
     return f64_sqrt(f64_dot(centre, centre));
 }
 
-var<workgroup> cull_greatest: array<vec2<u32>, 256>;
+var<workgroup> cull_greatest: array<vec2<u32>, THREADS>;
 
 // The greatest word of the workgroup's threads, for all of them.
 fn greatest_of_threads(thread: u32, word: vec2<u32>) -> vec2<u32> {
     workgroupBarrier();
     cull_greatest[thread] = word;
     workgroupBarrier();
-    for (var half = SCAN_THREADS / 2u; half > 0u; half = half / 2u) {
+    for (var half = THREADS / 2u; half > 0u; half = half / 2u) {
         if thread < half {
             cull_greatest[thread] = u64_max(cull_greatest[thread], cull_greatest[thread + half]);
         }
@@ -131,13 +132,13 @@ fn nearest_word(distance: vec2<u32>) -> vec2<u32> {
     return farthest_word(f64_negate(distance));
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn cull_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let index = group_index(group);
-    let i = index * SCAN_THREADS + thread;
+    let i = index * THREADS + thread;
     var is_kept = false;
     var nearest = vec2<u32>(0u);
     var farthest = vec2<u32>(0u);
@@ -166,17 +167,17 @@ fn cull_count(
     if i < arrayLength(&blocks) {
         places[i] = select(NOT_KEPT, place, is_kept);
         if thread == 0u {
-            groups_seen[index] = CullGroup(scan_total, nearest, farthest);
+            groups_seen[index] = CullGroup(scan_total, 0u, nearest, farthest);
         }
     }
 }
 
 // One workgroup: the groups' places, and what the part adds to the range of all.
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn cull_scan(@builtin(local_invocation_index) thread: u32) {
     let count = arrayLength(&groups_seen);
     // Each thread owns a run.
-    let run = (count + SCAN_THREADS - 1u) / SCAN_THREADS;
+    let run = (count + THREADS - 1u) / THREADS;
     let first = min(thread * run, count);
     let end = min(first + run, count);
     var sum = 0u;
@@ -227,13 +228,13 @@ fn depth_key(distance: vec2<u32>) -> u32 {
     return min(add_saturating(key, 4u), (1u << DEPTH_KEY_BITS) - 4u);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn cull_emit(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let index = group_index(group);
-    let i = index * SCAN_THREADS + thread;
+    let i = index * THREADS + thread;
     if i >= arrayLength(&blocks) {
         return;
     }

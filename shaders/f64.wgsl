@@ -20,12 +20,12 @@ struct F64Results {
 @group(0) @binding(0) var<storage, read> f64_pairs: array<array<vec2<u32>, 2>>;
 @group(0) @binding(1) var<storage, read_write> f64_results: array<F64Results>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn f64_operations(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let i = group_index(group) * 256u + thread;
+    let i = group_index(group) * THREADS + thread;
     if i >= arrayLength(&f64_pairs) {
         return;
     }

@@ -2,8 +2,6 @@
 // one after the other, and no binding needs to hold more than a part or a chunk.
 // No twin: on the CPU the order's words name footprints where they lie.
 
-const THREADS: u32 = 256u;
-
 @group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<storage, read> sort_state: SortState;
 @group(0) @binding(2) var<storage, read_write> new_state: ChunkState;
@@ -43,7 +41,7 @@ const EXACT_WORDS: u32 = 5u;
 // Whether there are exact terms.
 override EXACT: bool = true;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn gather(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,

@@ -31,12 +31,12 @@ override IS_ORTHOGRAPHIC: bool = false;
 override IS_OF_SPLATS: bool = false;
 override IS_ANTI_ALIASED: bool = false;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn project(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let i = group_index(group) * 256u + thread;
+    let i = group_index(group) * THREADS + thread;
     if i >= counts[COUNT_INDEX] {
         return;
     }

@@ -3,7 +3,6 @@
 // No twin: the stage's is a library's radix sort; tests/gpu_sort.rs holds it to that.
 
 const RADIX: u32 = 1u << RADIX_BITS;
-const THREADS: u32 = 256u;
 // Consecutive pairs per thread.
 const RUN: u32 = RADIX_GROUP / THREADS;
 // Rows of words that hold two counters each.
@@ -61,7 +60,7 @@ fn digit(key: u32) -> u32 {
 const COPIES: u32 = 16u;
 var<workgroup> histogram: array<atomic<u32>, RADIX * COPIES>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn radix_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
@@ -111,7 +110,7 @@ fn half_shift(digit: u32) -> u32 {
     return digit / ROWS * 16u;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn radix_scatter(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,

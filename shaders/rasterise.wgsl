@@ -11,6 +11,7 @@ struct Band {
     columns: u32,
     // Rows of tiles.
     rows: u32,
+    unused: u32,
 }
 
 struct TileProgress {

@@ -2,9 +2,6 @@
 // beyond 32 bits is the greatest word.
 // No twin; tests/gpu_stages.rs holds it to a loop.
 
-// Words per thread.
-const SCAN_RUN: u32 = 8u;
-
 // How many words are summed: written by the stage that filled them.
 @group(0) @binding(0) var<storage, read> scan_length: array<u32>;
 @group(0) @binding(1) var<storage, read_write> scan_words: array<u32>;
@@ -18,7 +15,7 @@ const SCAN_RUN: u32 = 8u;
 override LENGTH_INDEX: u32 = 0u;
 
 // Words per workgroup.
-const SCAN_GROUP: u32 = SCAN_THREADS * SCAN_RUN;
+const SCAN_GROUP: u32 = THREADS * SCAN_RUN;
 
 fn scan_groups() -> u32 {
     return (scan_length[LENGTH_INDEX] + SCAN_GROUP - 1u) / SCAN_GROUP;
@@ -30,14 +27,14 @@ fn scan_prepare() {
     scan_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn scan_reduce(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
     let index = group_index(group);
-    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    let first = (index * THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
         sum = add_saturating(sum, scan_words[i]);
@@ -49,11 +46,11 @@ fn scan_reduce(
 }
 
 // One workgroup.
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
     let count = scan_groups();
     // Each thread owns a run.
-    let run = (count + SCAN_THREADS - 1u) / SCAN_THREADS;
+    let run = (count + THREADS - 1u) / THREADS;
     let first = min(thread * run, count);
     let end = min(first + run, count);
     var sum = 0u;
@@ -71,14 +68,14 @@ fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn scan_apply(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
     let index = group_index(group);
-    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    let first = (index * THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
         sum = add_saturating(sum, scan_words[i]);

@@ -85,12 +85,12 @@ fn normalize_or_zero(v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(0.0);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn shade(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let n = group_index(group) * 256u + thread;
+    let n = group_index(group) * THREADS + thread;
     if n >= state.classified_count {
         return;
     }

@@ -1,8 +1,6 @@
 // Stage: the footprints' order, front to back: their keys and indices, which radix.wgsl sorts.
 // Twin: src/cpu/sort.rs.
 
-const THREADS: u32 = 256u;
-
 @group(0) @binding(0) var<storage, read> part_counts: array<u32>;
 @group(0) @binding(1) var<storage, read_write> new_state: SortState;
 @group(0) @binding(2) var<storage, read_write> new_ranges: array<PartRange>;
@@ -42,7 +40,7 @@ struct Counted {
 var<workgroup> visible: atomic<u32>;
 var<workgroup> exact: atomic<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn sort_keys(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,

@@ -1,4 +1,4 @@
-// The structs that stages exchange. Twin: src/layout.rs; tests/gpu_shaders.rs compares offsets.
+// The structs that stages exchange. Twin: src/layout.rs; src/gpu/reflection.rs compares offsets.
 // Triples are arrays: a vec3 would be aligned to four words.
 
 struct ViewUniform {

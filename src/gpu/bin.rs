@@ -1,10 +1,12 @@
 //! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
 
+use std::mem::offset_of;
+
 use bytemuck::{Zeroable, bytes_of, cast_slice};
 
 use super::device::Gpu;
 use super::gather::{BoundGather, Gather};
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::radix::{BoundRadixSort, RadixSort};
 use super::scan::{BoundScan, Scan};
 use super::shaders;
@@ -39,14 +41,14 @@ pub(super) struct BoundBin {
     arguments: wgpu::Buffer,
 }
 
-/// Tiles of a band at most. Where a workgroup's 256 footprints are large, each of its threads makes
+/// Tiles of a band at most. Where all footprints of a workgroup's [`THREADS`] are large, each of its threads makes
 /// a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of a
 /// thread, without a word, after 65,535 rounds.
-pub const MAX_BAND_TILES: u32 = 254 * 256;
+pub const MAX_BAND_TILES: u32 = 254 * THREADS;
 
 /// Words of a [`ChunkState`].
-const OFFSET_COUNT: u32 = 1;
-const ENTRIES: u32 = 2;
+const OFFSET_COUNT: u32 = (offset_of!(ChunkState, offset_count) / 4) as u32;
+const ENTRIES: u32 = (offset_of!(ChunkState, entries) / 4) as u32;
 
 impl Bin {
     /// `exact`: whether footprints have exact terms.

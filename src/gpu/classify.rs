@@ -6,7 +6,7 @@ use std::mem::offset_of;
 use bytemuck::Zeroable;
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, MAX_GROUPS};
+use super::kernel::{Access, BoundKernel, Kernel, MAX_GROUPS, THREADS};
 use super::scan::{BoundScan, Scan};
 use super::scene::{
     FrameBuffers, Kinds, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene, VIEW_ARGUMENTS,
@@ -107,7 +107,7 @@ pub(super) fn bind_classify(
             place: kernels.place.bind(gpu, &place),
             emit: kernels.emit.bind(gpu, &emit),
             arguments: arguments.clone(),
-            groups: part.run.len().div_ceil(256) as u32,
+            groups: (part.run.len() as u32).div_ceil(THREADS),
         })
     };
     parts.iter().zip(buffers).map(bind_part).collect()
@@ -192,7 +192,7 @@ pub struct Classified {
     pub particles: Vec<ClassifiedParticle>,
     /// What the device knows of each part of the volume.
     pub states: Vec<PartState>,
-    /// The workgroups of a dispatch over each part's particles, 256 in one.
+    /// The workgroups of a dispatch over each part's particles, [`THREADS`] in one.
     pub groups: Vec<[u32; 3]>,
 }
 

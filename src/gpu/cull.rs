@@ -1,9 +1,9 @@
 //! Stage: which blocks a frame sees, and the keys of their depths. Twin: [`crate::blocks::cull`].
 
-use bytemuck::Zeroable;
+use bytemuck::{Pod, Zeroable};
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::scene::{FrameBuffers, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
 use super::shaders::{self, words};
 use crate::blocks::{BlockedVolume, Frustum};
@@ -11,10 +11,15 @@ use crate::error::Result;
 use crate::layout::{BlockView, CameraUniform, PartState, ViewUniform};
 use crate::view::{Camera, Projection};
 
-/// Blocks per workgroup.
-const GROUP: usize = 256;
-/// Of a `CullGroup` in `cull.wgsl`.
-const CULL_GROUP_BYTES: u64 = 24;
+/// What a workgroup has seen, as `cull.wgsl` has it.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct CullGroup {
+    pub(super) count: u32,
+    pub(super) unused: u32,
+    pub(super) nearest: [u32; 2],
+    pub(super) farthest: [u32; 2],
+}
 
 /// What the device needs of a camera; `rejects`: whether blocks that the frustum does not see are
 /// left out (the range of depth keys is theirs who are seen in any case).
@@ -108,9 +113,9 @@ impl Cull {
         } = frame;
         let bind_part = |(part, buffers): (&Part, &PartBuffers)| {
             let block_count = part.run.len();
-            let groups = block_count.div_ceil(GROUP);
+            let groups = block_count.div_ceil(THREADS as usize);
             let places = gpu.buffer("places of blocks", 4 * block_count as u64)?;
-            let seen = gpu.buffer("seen blocks", CULL_GROUP_BYTES * groups as u64)?;
+            let seen = gpu.buffer("seen blocks", (size_of::<CullGroup>() * groups) as u64)?;
             let blocks = &part.blocks;
             let PartBuffers {
                 state,

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::device::Gpu;
-use super::kernel::Access;
+use super::kernel::{Access, THREADS};
 use super::shaders;
 use crate::error::Result;
 
@@ -56,7 +56,7 @@ pub fn f64_operations(gpu: &Gpu, pairs: &[[f64; 2]]) -> Result<Vec<F64Results>> 
     let mut encoder = gpu.encoder();
     {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.dispatch(&mut pass, pairs.len().div_ceil(256) as u32);
+        bound.dispatch(&mut pass, (pairs.len() as u32).div_ceil(THREADS));
     }
     gpu.submit(encoder);
     gpu.read(&output, pairs.len())

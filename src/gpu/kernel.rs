@@ -154,6 +154,9 @@ impl Kernel {
     }
 }
 
+/// Threads of a workgroup, but for tiles.
+pub(super) const THREADS: u32 = 256;
+
 /// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees. Shaders count on it.
 pub(super) const MAX_GROUPS: u32 = 65_535;
 

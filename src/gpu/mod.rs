@@ -48,6 +48,8 @@ mod particles;
 mod project;
 mod radix;
 mod rasterise;
+#[cfg(test)]
+mod reflection;
 mod resolve;
 mod scan;
 mod scene;

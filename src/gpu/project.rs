@@ -3,7 +3,7 @@
 use glam::Mat3;
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
 use super::scene::Kinds;
 use super::shaders;
@@ -109,7 +109,7 @@ impl Project {
         Self { kernel }
     }
 
-    /// To be dispatched with one workgroup per 256 classified particles.
+    /// To be dispatched with one workgroup per [`THREADS`] classified particles.
     pub(super) fn bind(&self, gpu: &Gpu, buffers: &ProjectBuffers<'_>) -> BoundKernel {
         self.kernel.bind(
             gpu,
@@ -207,7 +207,7 @@ pub fn project(
     let mut encoder = gpu.encoder();
     {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.dispatch(&mut pass, (count as u32).div_ceil(256));
+        bound.dispatch(&mut pass, (count as u32).div_ceil(THREADS));
     }
     gpu.submit(encoder);
     let words: Vec<u32> = gpu.read(&near, near_bytes(near_capacity) as usize / 4)?;

@@ -1,9 +1,11 @@
 //! A stable sort of pairs by the low bits of their keys, least digit first.
 
+use std::mem::offset_of;
+
 use bytemuck::{Pod, Zeroable};
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::scan::{BoundScan, Scan};
 use super::shaders;
 use crate::error::Result;
@@ -12,7 +14,7 @@ use crate::error::Result;
 pub(super) const BITS: u32 = 4;
 
 /// Pairs that one workgroup ranks.
-pub(super) const GROUP: u64 = 2048;
+pub(super) const GROUP: u64 = 8 * THREADS as u64;
 
 /// The pipelines of the sort. Per pair and pass it reads 12 bytes and writes 8: a graphics card of
 /// 3 TB/s can sort 31-bit keys at some 10 G pairs/s, and the ranking takes its share of that.
@@ -41,14 +43,25 @@ pub(super) struct BoundRadixSort {
 /// As in `radix.wgsl`.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct RadixPlan {
-    count_index: u32,
-    capacity: u32,
+pub(super) struct RadixPlan {
+    pub(super) count_index: u32,
+    pub(super) capacity: u32,
 }
 
-/// Words of `RadixState`: pairs, workgroups, words of the table.
-const STATE_WORDS: u64 = 3;
-const TABLE_LENGTH: u32 = 2;
+/// What the device knows of a sort, as `radix.wgsl` has it.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct RadixState {
+    /// Pairs.
+    pub(super) count: u32,
+    /// Workgroups that have any.
+    pub(super) groups: u32,
+    /// Counts of digits.
+    pub(super) table_length: u32,
+}
+
+/// Which of its words counts what is summed.
+const TABLE_LENGTH: u32 = (offset_of!(RadixState, table_length) / 4) as u32;
 
 impl RadixSort {
     pub(super) fn new(gpu: &Gpu) -> Self {
@@ -85,7 +98,7 @@ impl RadixSort {
         let (other_keys, other_values) = (words("sort keys")?, words("sort values")?);
         let table_capacity = capacity.div_ceil(GROUP) << BITS;
         let table = gpu.buffer("sort counts", 4 * table_capacity)?;
-        let state = gpu.buffer("sort state", 4 * STATE_WORDS)?;
+        let state = gpu.buffer("sort state", size_of::<RadixState>() as u64)?;
         let arguments = gpu.buffer("sort arguments", 12)?;
         let plan = RadixPlan {
             count_index,

@@ -48,9 +48,9 @@ impl Band {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct TileProgress {
-    drawn: u32,
-    is_done: u32,
-    splat_pixels: [u32; 2],
+    pub(super) drawn: u32,
+    pub(super) is_done: u32,
+    pub(super) splat_pixels: [u32; 2],
 }
 
 impl TileProgress {

@@ -1,12 +1,14 @@
 //! Prefix sums, which several stages need between counting and placing.
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::shaders;
 use crate::error::Result;
 
-/// Words that one workgroup sums: 256 threads of 8.
-const GROUP: u64 = 2048;
+/// Words that one thread sums.
+pub(super) const SCAN_RUN: u32 = 8;
+/// Words that one workgroup sums.
+const GROUP: u64 = (THREADS * SCAN_RUN) as u64;
 
 /// The pipelines of a prefix sum.
 #[derive(Debug)]

@@ -378,7 +378,7 @@ fn packed_maxima(transfer: &TransferFunction) -> Vec<f32> {
 
 /// The first word of the arguments of dispatches over a part's views in [`PartBuffers::arguments`].
 pub(super) const VIEW_ARGUMENTS: u32 = 0;
-/// The same over its classified particles, 256 a workgroup.
+/// The same over its classified particles, a thread each.
 pub(super) const PARTICLE_ARGUMENTS: u32 = 3;
 
 /// What all parts of a frame share.

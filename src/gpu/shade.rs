@@ -4,7 +4,7 @@
 use super::classify::{arguments, upload_views};
 use super::cull::camera_uniform;
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel};
+use super::kernel::{Access, BoundKernel, THREADS};
 use super::scene::{ColourKind, FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers};
 use super::shaders;
 use crate::blocks::{BlockedVolume, Frustum};
@@ -120,7 +120,7 @@ pub fn shade(
         let mut state: PartState = gpu.read(&buffers.state, 1)?[0];
         state.classified_count = count;
         gpu.write(&buffers.state, bytemuck::bytes_of(&state));
-        let groups = arguments(0, count.div_ceil(256));
+        let groups = arguments(0, count.div_ceil(THREADS));
         gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
         let mut encoder = gpu.encoder();
         {

@@ -3,8 +3,9 @@
 
 use std::fmt::Write as _;
 
-use super::kernel::MAX_GROUPS;
+use super::kernel::{MAX_GROUPS, THREADS};
 use super::radix;
+use super::scan::SCAN_RUN;
 use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS, ValueKind};
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
@@ -226,6 +227,8 @@ pub fn prelude() -> String {
     let mut text = String::new();
     let integers = [
         ("MAX_GROUPS", MAX_GROUPS),
+        ("THREADS", THREADS),
+        ("SCAN_RUN", SCAN_RUN),
         ("TILE_SIZE", TILE_SIZE as u32),
         ("BRICK_X", BRICK[0] as u32),
         ("BRICK_Y", BRICK[1] as u32),

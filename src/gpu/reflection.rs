@@ -1,11 +1,14 @@
-//! The shaders as text: every one composes and is valid, no device needed.
-#![cfg(feature = "gpu")]
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+//! The shaders as text, no device needed: every one composes and is valid, and its structs lie as
+//! those of Rust.
 
 use std::mem::{offset_of, size_of};
 
-use ewa_splat::gpu::Shader;
-use ewa_splat::layout::{
+use super::cull::CullGroup;
+use super::radix::{RadixPlan, RadixState};
+use super::rasterise::{Band, TileProgress};
+use super::resolve::Background;
+use super::shaders::Shader;
+use crate::layout::{
     BlockView, BrickUniform, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle,
     DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform, NearTerms, PartIndex,
     PartRange, PartState, SortState, ViewUniform,
@@ -28,26 +31,24 @@ fn every_shader_is_valid() {
 /// Name, offset and size of a struct's members as WGSL lays them out, and the distance of two in
 /// an array.
 fn reflected(name: &str) -> (Vec<(String, usize, usize)>, usize) {
-    let layout = Shader::ALL.iter().find(|s| s.name == "layout").unwrap();
-    let module = naga::front::wgsl::parse_str(&layout.source()).unwrap();
-    let mut layouter = naga::proc::Layouter::default();
-    layouter.update(module.to_ctx()).unwrap();
-    let (handle, ty) = module
-        .types
-        .iter()
-        .find(|(_, ty)| ty.name.as_deref() == Some(name))
-        .unwrap_or_else(|| panic!("no struct {name}"));
-    let TypeInner::Struct { members, .. } = &ty.inner else {
-        panic!("{name} is no struct");
-    };
-    let members = members
-        .iter()
-        .map(|m| {
+    let find = |shader: &Shader| {
+        let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let is_named = |ty: &naga::Type| ty.name.as_deref() == Some(name);
+        let (handle, ty) = module.types.iter().find(|(_, ty)| is_named(ty))?;
+        let TypeInner::Struct { members, .. } = &ty.inner else {
+            panic!("{name} is no struct");
+        };
+        let member = |m: &naga::StructMember| {
             let size = layouter[m.ty].size;
             (m.name.clone().unwrap(), m.offset as usize, size as usize)
-        })
-        .collect();
-    (members, layouter[handle].to_stride() as usize)
+        };
+        let members = members.iter().map(member).collect();
+        Some((members, layouter[handle].to_stride() as usize))
+    };
+    let found = Shader::ALL.iter().find_map(find);
+    found.unwrap_or_else(|| panic!("no struct {name}"))
 }
 
 macro_rules! check_layout {
@@ -177,4 +178,32 @@ fn structs_are_laid_out_alike() {
         entries,
         needed,
     });
+    // Of single stages.
+    check_layout!(CullGroup {
+        count,
+        unused,
+        nearest,
+        farthest,
+    });
+    check_layout!(RadixPlan {
+        count_index,
+        capacity,
+    });
+    check_layout!(RadixState {
+        count,
+        groups,
+        table_length,
+    });
+    check_layout!(Band {
+        first_row,
+        columns,
+        rows,
+        unused,
+    });
+    check_layout!(TileProgress {
+        drawn,
+        is_done,
+        splat_pixels,
+    });
+    check_layout!(Background { colour, pixels });
 }
