@@ -107,9 +107,9 @@ fn stages(c: &mut Criterion) {
     group.bench_function("project, affine", |b| b.iter(|| frame.project()));
     let mut exact = Frame::new(scene, &camera, &settings(Filter::Exact));
     group.bench_function("project, exact", |b| b.iter(|| exact.project()));
-    exact.uniform.filter = Filter::Adaptive as u32;
+    exact.uniform.filter_kind = Filter::Adaptive as u32;
     group.bench_function("project, adaptive", |b| b.iter(|| exact.project()));
-    exact.uniform.filter = Filter::Exact as u32;
+    exact.uniform.filter_kind = Filter::Exact as u32;
     exact.project();
 
     let mut order = Vec::new();

@@ -3,12 +3,15 @@
 //!
 //!     cargo run --release --example time_stages [PARTICLES] [WIDTH] [HEIGHT]
 
+mod scenes;
+
 use ewa_splat::cpu::SimdLevel;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Renderer, Settings};
 use glam::DVec3;
+use scenes::{camera, particles, uniform};
 
 fn main() -> ewa_splat::Result<()> {
     let number = |i: usize, default: usize| {
@@ -23,9 +26,8 @@ fn main() -> ewa_splat::Result<()> {
 }
 
 fn time_pictures(count: usize, width: usize, height: usize) -> ewa_splat::Result<()> {
-    let mut renderer = Renderer::new(vec![particles(count, height)])?;
-    let eye = DVec3::new(0.0, -4.0, 0.0);
-    let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 30.0, [width, height]);
+    let mut renderer = Renderer::new(vec![particles(count, height, 2.0)])?;
+    let camera = camera([width, height]);
     println!(
         "{count} particles of 2 px, {width} x {height}, {} threads",
         rayon::current_num_threads()
@@ -199,7 +201,7 @@ fn spheres(count: usize, [smallest, largest]: [f64; 2], half_side: f64) -> Point
 fn particles_in_pixels(count: usize) -> PointVolume {
     const SCALE: f64 = 480.0;
     // Standard deviations of 2 px at a distance of 4 cubes: `particles` for this focal length.
-    let mut volume = particles(count, 1024);
+    let mut volume = particles(count, 1024, 2.0);
     if let Particles::Anisotropic { positions, factors } = &mut volume.particles {
         let focal_px = 1024.0 / (2.0 * 15_f32.to_radians().tan());
         let shape_scale = focal_px / 4.0;
@@ -211,52 +213,4 @@ fn particles_in_pixels(count: usize) -> PointVolume {
         }
     }
     volume
-}
-
-/// Uniform numbers in \[0, 1): the same everywhere.
-fn uniform(seed: u64) -> impl FnMut() -> f32 {
-    let mut state = seed;
-    move || {
-        // A linear congruential generator.
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f32 / (1_u64 << 24) as f32
-    }
-}
-
-/// Random needles, discs and blobs in a cube of side 2: standard deviations about 2 px when seen
-/// from a distance of 4, faint enough that hundreds overlap.
-fn particles(count: usize, height: usize) -> PointVolume {
-    let mut random = uniform(1);
-    let focal_px = height as f32 / (2.0 * 15_f32.to_radians().tan());
-    let sigma = 2.0 * 4.0 / focal_px;
-    let mut positions = Vec::with_capacity(count);
-    let mut factors = Vec::with_capacity(count);
-    let mut masses = Vec::with_capacity(count);
-    let mut colours = Vec::with_capacity(count);
-    for _ in 0..count {
-        let mut coordinate = || f64::from(random()) * 2.0 - 1.0;
-        positions.push(DVec3::new(coordinate(), coordinate(), coordinate()));
-        let mut scale = || sigma * (0.5 + random());
-        let diagonal = [scale(), scale(), scale()];
-        let mut skew = || sigma * (random() - 0.5);
-        factors.push([
-            diagonal[0],
-            skew(),
-            diagonal[1],
-            skew(),
-            skew(),
-            diagonal[2],
-        ]);
-        masses.push(2e-6 * random());
-        colours.push([random(), random(), random()]);
-    }
-    PointVolume {
-        particles: Particles::Anisotropic { positions, factors },
-        strength: Strength::Mass(masses),
-        colour: Colour::PerParticle(colours),
-        values: None,
-        transfer_function: None,
-    }
 }

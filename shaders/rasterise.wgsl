@@ -11,12 +11,11 @@ struct Band {
     columns: u32,
     // Rows of tiles.
     rows: u32,
-    // 1 for the first chunk of the frame.
-    is_first: u32,
+    unused: u32,
 }
 
 struct TileProgress {
-    // Footprints drawn so far.
+    // Footprints drawn so far; none before a frame's first chunk, whatever the pixels hold.
     drawn: u32,
     // 1 where every pixel is opaque.
     is_done: u32,
@@ -34,13 +33,16 @@ override HAS_EXACT: bool = true;
 override HAS_NEAR: bool = true;
 override HAS_DEPTH: bool = false;
 override IS_LINEAR: bool = false;
+// Entries of a tile's list that one dispatch draws at most.
+override SLICE: u32 = 0xffffffffu;
 
 @group(0) @binding(0) var<uniform> band: Band;
 @group(0) @binding(1) var<storage, read> view: ViewUniform;
-// First and one past the last entry of each tile's list.
-@group(0) @binding(2) var<storage, read> tile_ranges: array<vec2<u32>>;
+// First and one past the last entry of each tile's list; what is drawn is taken off its beginning.
+@group(0) @binding(2) var<storage, read_write> tile_ranges: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> tile_lists: array<u32>;
-@group(0) @binding(4) var<storage, read> footprints: array<Footprint>;
+// Four vectors each, as `Footprint` lays them out.
+@group(0) @binding(4) var<storage, read> footprints: array<vec4<u32>>;
 @group(0) @binding(5) var<storage, read> exact: array<ExactTerms>;
 @group(0) @binding(6) var<storage, read> near: NearList;
 // The band's pixels, row by row: four floats each, then (with depths) one float each, negative
@@ -48,12 +50,29 @@ override IS_LINEAR: bool = false;
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
 
-var<workgroup> batch: array<Footprint, TERMINATION_INTERVAL>;
+// Footprints on their way to all pixels of the tile.
+var<workgroup> batch: array<vec4<u32>, 4u * TERMINATION_INTERVAL>;
 var<workgroup> batch_exact: array<ExactTerms, TERMINATION_INTERVAL>;
-var<workgroup> shared_progress: TileProgress;
+var<workgroup> begun: TileBegun;
 var<workgroup> open_pixels: atomic<u32>;
 var<workgroup> inside_low: atomic<u32>;
 var<workgroup> uniform_open: u32;
+
+// What all threads of a tile begin with.
+struct TileBegun {
+    progress: TileProgress,
+    range: vec2<u32>,
+}
+
+// Footprint n of the batch.
+fn batched(n: u32) -> Footprint {
+    let a = bitcast<vec4<f32>>(batch[4u * n]);
+    let b = bitcast<vec4<f32>>(batch[4u * n + 1u]);
+    let c = bitcast<vec4<f32>>(batch[4u * n + 2u]);
+    let d = batch[4u * n + 3u];
+    let colour = array<f32, 3>(c.x, c.y, c.z);
+    return Footprint(a.xy, a.zw, b.xy, b.z, b.w, colour, c.w, d.x, d.y, d.z, d.w);
+}
 
 // The ray D = (X, Y, 1) through a point of the image.
 fn ray(pixel: vec2<f32>) -> vec3<f32> {
@@ -97,7 +116,7 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
         return 0.0;
     }
     let root = sqrt(across);
-    let behind = along / (root * max(near.terms[at].sigma, SMALLEST));
+    let behind = along / max(root * near.terms[at].sigma, SMALLEST);
     return weight * sqrt(dot3(direction, direction)) / root * exp_minus_half(q) * normal_cdf(behind);
 }
 
@@ -106,9 +125,8 @@ fn rasterise(
     @builtin(local_invocation_id) local: vec3<u32>,
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let tile = group_index(group, groups);
+    let tile = group_index(group);
     if tile >= band.columns * band.rows {
         return;
     }
@@ -121,19 +139,17 @@ fn rasterise(
     let depth_index = 4u * width * band_height + index;
 
     if thread == 0u {
-        if band.is_first != 0u {
-            shared_progress = TileProgress(0u, 0u, vec2<u32>(0u));
-        } else {
-            shared_progress = progress[tile];
-        }
+        begun = TileBegun(progress[tile], tile_ranges[tile]);
         atomicStore(&inside_low, 0u);
     }
-    let carried = workgroupUniformLoad(&shared_progress);
+    let uniform_begun = workgroupUniformLoad(&begun);
+    let carried = uniform_begun.progress;
+    let range = uniform_begun.range;
     var colour = vec3<f32>(0.0);
     var alpha = 0.0;
     // None: WGSL has no infinity to write down.
     var depth = -1.0;
-    if is_pixel && band.is_first == 0u {
+    if is_pixel && carried.drawn > 0u {
         colour = vec3<f32>(pixels[4u * index], pixels[4u * index + 1u], pixels[4u * index + 2u]);
         alpha = pixels[4u * index + 3u];
         if HAS_DEPTH {
@@ -149,13 +165,13 @@ fn rasterise(
         ray_length = sqrt(dot3(direction, direction));
     }
     let opaque = 1.0 - view.tolerance * TERMINATION_SHARE;
-    let range = tile_ranges[tile];
+    let end = range.x + min(range.y - range.x, SLICE);
     var inside = 0u;
     var drawn = carried.drawn;
     var is_done = carried.is_done != 0u;
     var next = range.x;
     // Batches end where the twin looks whether the tile is opaque.
-    while !is_done && next < range.y {
+    while !is_done && next < end {
         if drawn % TERMINATION_INTERVAL == 0u && drawn > 0u {
             if thread == 0u {
                 atomicStore(&open_pixels, 0u);
@@ -173,36 +189,39 @@ fn rasterise(
                 break;
             }
         }
-        let count = min(TERMINATION_INTERVAL - drawn % TERMINATION_INTERVAL, range.y - next);
+        let count = min(TERMINATION_INTERVAL - drawn % TERMINATION_INTERVAL, end - next);
         workgroupBarrier();
-        if thread < count {
-            let i = tile_lists[next + thread];
-            batch[thread] = footprints[i];
-            if HAS_EXACT {
-                batch_exact[thread] = exact[i];
-            }
+        // Neighbours read neighbouring vectors.
+        if thread < 4u * count {
+            let i = tile_lists[next + thread / 4u];
+            batch[thread] = footprints[4u * i + thread % 4u];
+        }
+        if HAS_EXACT && thread < count {
+            batch_exact[thread] = exact[tile_lists[next + thread]];
         }
         workgroupBarrier();
         for (var n = 0u; n < count; n = n + 1u) {
-            let rows = batch[n].rows;
-            let columns = batch[n].columns;
+            // Most threads need no more of it than its range.
+            let columns = batch[4u * n + 3u].y;
+            let rows = batch[4u * n + 3u].z;
             if !is_pixel || at.y < (rows & 0xffffu) || at.y >= (rows >> 16u)
                 || at.x < (columns & 0xffffu) || at.x >= (columns >> 16u) {
                 continue;
             }
-            let path = batch[n].path;
-            var tau = batch[n].tau;
+            let footprint = batched(n);
+            let path = footprint.path;
+            var tau = footprint.tau;
             if HAS_NEAR && (path & 2u) != 0u {
-                tau = near_depth(batch[n], path >> 2u, pixel);
-                if !(tau > 0.0) {
+                tau = near_depth(footprint, path >> 2u, pixel);
+                if !is_positive(tau) {
                     continue;
                 }
             } else {
                 // As the twin walks a row: from the tile's first pixel.
-                let dx = (corner.x - batch[n].centre_px.x) + f32(local.x);
-                let dy = (corner.y - batch[n].centre_px.y) + f32(local.y);
-                let p = batch[n].form_p.x * dx + batch[n].form_p.y * dy;
-                let r = batch[n].form_r.x * dx + batch[n].form_r.y * dy;
+                let dx = (corner.x - footprint.centre_px.x) + f32(local.x);
+                let dy = (corner.y - footprint.centre_px.y) + f32(local.y);
+                let p = footprint.form_p.x * dx + footprint.form_p.y * dy;
+                let r = footprint.form_r.x * dx + footprint.form_r.y * dy;
                 var q = p * p + r * r;
                 if HAS_EXACT && path == PATH_EXACT {
                     let gradient = batch_exact[n].gradient;
@@ -218,16 +237,17 @@ fn rasterise(
                     q = q * inverse;
                     tau = tau * (ray_length * sqrt(inverse));
                 }
-                if !is_finite(q) || q > batch[n].cutoff_squared {
+                if !is_finite(q) || q > footprint.cutoff_squared {
                     continue;
                 }
-                tau = tau * exp_minus_half(q);
+                // A compiler that assumes numbers may drop the guard: then the pixel stays finite.
+                tau = tau * exp_minus_half(min(q, 49.0));
             }
             inside = inside + 1u;
             var opacity: f32;
             if IS_LINEAR || path == PATH_PEAK {
                 opacity = min(tau, 1.0);
-            } else if path == PATH_AFFINE && batch[n].tau <= FAINT {
+            } else if path == PATH_AFFINE && footprint.tau <= FAINT {
                 opacity = tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0)));
             } else {
                 opacity = opacity_of(tau);
@@ -235,10 +255,10 @@ fn rasterise(
             let before = alpha;
             let weight = opacity * (1.0 - before);
             alpha = before + weight;
-            colour = colour + weight * vector(batch[n].colour);
+            colour = colour + weight * vector(footprint.colour);
             if HAS_DEPTH && before < 0.5 && alpha >= 0.5 {
                 // Within a kernel that holds the eye, the centre may lie behind.
-                depth = batch[n].depth;
+                depth = footprint.depth;
                 if (path & 2u) != 0u {
                     depth = max(depth, 0.0);
                 }
@@ -257,13 +277,14 @@ fn rasterise(
             pixels[depth_index] = depth;
         }
     }
-    // A list of fewer than 2^24 footprints does not overflow this sum.
+    // Of fewer footprints than overflow this sum (chunk_limit of src/gpu/frame.rs).
     atomicAdd(&inside_low, inside);
     workgroupBarrier();
     if thread == 0u {
         let added = atomicLoad(&inside_low);
         let low = carried.splat_pixels.x + added;
         let high = carried.splat_pixels.y + select(0u, 1u, low < added);
+        tile_ranges[tile].x = end;
         progress[tile] = TileProgress(drawn, u32(is_done), vec2<u32>(low, high));
     }
 }

@@ -10,13 +10,12 @@ struct Background {
 @group(0) @binding(0) var<uniform> background: Background;
 @group(0) @binding(1) var<storage, read_write> pixels: array<vec4<f32>>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn resolve(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    let i = group_index(group, groups) * 256u + thread;
+    let i = group_index(group) * THREADS + thread;
     if i >= background.pixels {
         return;
     }

@@ -2,45 +2,55 @@
 // beyond 32 bits is the greatest word.
 // No twin; tests/gpu_stages.rs holds it to a loop.
 
-// Words per thread.
-const SCAN_RUN: u32 = 8u;
-
 // How many words are summed: written by the stage that filled them.
 @group(0) @binding(0) var<storage, read> scan_length: array<u32>;
 @group(0) @binding(1) var<storage, read_write> scan_words: array<u32>;
 // One sum per workgroup, then its prefix; last the sum of all.
 @group(0) @binding(2) var<storage, read_write> scan_sums: array<u32>;
 
+// Of a dispatch over the words there are.
+@group(0) @binding(3) var<storage, read_write> scan_arguments: array<u32, 3>;
+
 // Which word of `scan_length` counts.
 override LENGTH_INDEX: u32 = 0u;
 
-@compute @workgroup_size(256)
+// Words per workgroup.
+const SCAN_GROUP: u32 = THREADS * SCAN_RUN;
+
+fn scan_groups() -> u32 {
+    return (scan_length[LENGTH_INDEX] + SCAN_GROUP - 1u) / SCAN_GROUP;
+}
+
+@compute @workgroup_size(1)
+fn scan_prepare() {
+    let arguments = folded(scan_groups());
+    scan_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
+}
+
+@compute @workgroup_size(THREADS)
 fn scan_reduce(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
-    let index = group_index(group, groups);
-    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    let index = group_index(group);
+    let first = (index * THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
         sum = add_saturating(sum, scan_words[i]);
     }
     _ = scan_threads(thread, sum);
-    if thread == 0u && index * SCAN_THREADS * SCAN_RUN < length {
+    if thread == 0u && index * SCAN_GROUP < length {
         scan_sums[index] = scan_total;
     }
 }
 
 // One workgroup.
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
-    let length = scan_length[LENGTH_INDEX];
-    let per_group = SCAN_THREADS * SCAN_RUN;
-    let count = (length + per_group - 1u) / per_group;
+    let count = scan_groups();
     // Each thread owns a run.
-    let run = (count + SCAN_THREADS - 1u) / SCAN_THREADS;
+    let run = (count + THREADS - 1u) / THREADS;
     let first = min(thread * run, count);
     let end = min(first + run, count);
     var sum = 0u;
@@ -58,21 +68,20 @@ fn scan_sums_of_groups(@builtin(local_invocation_index) thread: u32) {
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn scan_apply(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
 ) {
     let length = scan_length[LENGTH_INDEX];
-    let index = group_index(group, groups);
-    let first = (index * SCAN_THREADS + thread) * SCAN_RUN;
+    let index = group_index(group);
+    let first = (index * THREADS + thread) * SCAN_RUN;
     var sum = 0u;
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
         sum = add_saturating(sum, scan_words[i]);
     }
     var before = scan_threads(thread, sum);
-    if index * SCAN_THREADS * SCAN_RUN < length {
+    if index * SCAN_GROUP < length {
         before = add_saturating(before, scan_sums[index]);
     }
     for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {

@@ -20,6 +20,11 @@ pub const DEPTH_KEY_BITS: u32 = 31;
 /// depth: exp(-7²/2) = 2e-11 of the peak lies outside.
 pub const MAX_CUTOFF: f32 = 7.0;
 
+/// Kernels are integrated directly from this multiple of the cut-off in front of the camera plane:
+/// at 1 the outline of the exact footprint reaches infinity, and its bounds are differences of
+/// large numbers.
+pub const NEAR_MARGIN: f32 = 1.2;
+
 /// The default tolerance: one grey level of 255, linear colour.
 pub const DEFAULT_TOLERANCE: f32 = 1.0 / 255.0;
 

@@ -6,11 +6,20 @@
 //! | [`ViewUniform`] | the frame's set-up | project, rasterise |
 //! | [`CameraUniform`] | the frame's set-up (GPU) | cull, shade, project |
 //! | [`DeviceBlock`] | the upload (GPU) | cull, classify, project |
+//! | [`LatticeUniform`] | the upload (GPU) | classify, shade, project |
+//! | [`BrickUniform`] | the upload (GPU) | classify |
+//! | [`FrameState`] | cull, classify (GPU) | cull, the frame |
+//! | [`PartState`] | cull, classify (GPU) | classify, shade, project, the frame |
 //! | [`BlockView`] | cull, classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
 //! | [`NearTerms`] | project, for kernels that cross the camera plane | bin, rasterise |
+//! | [`PartIndex`] | the upload (GPU) | sort, gather |
+//! | [`PartRange`] | sort (GPU) | sort, gather |
+//! | [`SortState`] | sort (GPU) | gather |
+//! | [`ChunkUniform`] | the frame's set-up (GPU) | gather, bin |
+//! | [`ChunkState`] | gather, bin (GPU) | gather, bin |
 
 use bytemuck::{Pod, Zeroable};
 
@@ -47,18 +56,20 @@ pub struct CameraUniform {
     pub eye: [[u32; 2]; 3],
     /// Rows of the rotation into camera space, f64.
     pub camera_from_world: [[[u32; 2]; 3]; 3],
-    /// Columns of the same in f32.
+    /// Inward normals of the frustum's planes, camera space, f64.
+    pub plane_normals: [[[u32; 2]; 3]; 5],
+    /// Their distances, f64: inside where n . u + d >= 0.
+    pub plane_distances: [[u32; 2]; 5],
+    /// Magnitudes of the normals' components in the world, f64.
+    pub plane_spreads: [[[u32; 2]; 3]; 5],
+    /// Columns of the rotation into camera space.
     pub rotation: [[f32; 3]; 3],
-    /// Inward normals of the frustum's planes, camera space.
-    pub plane_normals: [[f32; 3]; 5],
-    /// Their distances: inside where n . u + d >= 0.
-    pub plane_distances: [f32; 5],
-    /// Magnitudes of the normals' components in the world.
-    pub plane_spreads: [[f32; 3]; 5],
     /// 1 where the frustum rejects blocks.
     pub has_frustum: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
+    /// Fills up a pair of words.
+    pub unused: u32,
 }
 
 /// A block of particles as the device keeps it.
@@ -77,6 +88,74 @@ pub struct DeviceBlock {
     pub first: u32,
     /// Number of particles; for a brick of a lattice, of its cells within the lattice.
     pub count: u32,
+}
+
+/// A lattice as the device keeps it: particles are cells, in bricks of
+/// [`BRICK`](crate::constants::BRICK).
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct LatticeUniform {
+    /// Cells along each axis.
+    pub dims: [u32; 3],
+    /// Bricks along each axis.
+    pub bricks: [u32; 3],
+    /// Which of the lattice's bricks is the first of its part.
+    pub first_brick: u32,
+    /// 1 where cells follow from the samples of the axes, 0 where from `step` and `factor`.
+    pub is_rectilinear: u32,
+    /// Standard deviation over the width of a cell.
+    pub kernel_width: f32,
+    /// Columns: the step from one cell to the next along each index, world units.
+    pub step: [[f32; 3]; 3],
+    /// Columns of the factor that all kernels share, world units.
+    pub factor: [[f32; 3]; 3],
+}
+
+/// Which bricks of a lattice a part holds.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct BrickUniform {
+    /// Samples of the lattice along x, y and z; zeros where the part's volume is none.
+    pub dims: [u32; 3],
+    /// The brick that is the part's first block.
+    pub first: u32,
+}
+
+/// What the stages of a frame on the device know of all parts together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameState {
+    /// The least distance of a block in view, as a word that is the greater the nearer; 0 for
+    /// none.
+    pub nearest: [u32; 2],
+    /// The greatest distance, as a word in the order of distances; 0 for none.
+    pub farthest: [u32; 2],
+    /// Where depth keys begin: world units, f64.
+    pub near: [u32; 2],
+    /// Depth keys per unit of distance, f64.
+    pub keys_per_unit: [u32; 2],
+    /// Particles classified; `u32::MAX` stands for more.
+    pub classified_count: u32,
+    /// Fills up a pair of words.
+    pub unused: u32,
+}
+
+/// What the stages of a frame on the device know of a part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct PartState {
+    /// Room for classified particles: what the host has allocated.
+    pub capacity: u32,
+    /// Blocks in view.
+    pub view_count: u32,
+    /// One more than that: the counts whose prefix sums are taken.
+    pub count_length: u32,
+    /// Particles that the transfer function leaves visible; `u32::MAX` stands for more.
+    pub needed: u32,
+    /// How many of them were classified: all, or none where they have no room.
+    pub classified_count: u32,
+    /// How many of the parts before were classified.
+    pub first: u32,
 }
 
 /// A visible block of particles as one frame sees it.
@@ -186,6 +265,65 @@ pub struct NearTerms {
     pub sigma: f32,
     /// Half-line path only: dz/dx, dz/dy \[1/px\] and z at the centre.
     pub half_line: [f32; 3],
+}
+
+/// Which part of the frame's footprints a dispatch works on.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PartIndex {
+    /// Its number.
+    pub index: u32,
+}
+
+/// Where the footprints of a part lie among those of all parts.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PartRange {
+    /// The global index of its first footprint.
+    pub first: u32,
+    /// How many it has.
+    pub count: u32,
+}
+
+/// How many footprints a frame has.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SortState {
+    /// Of all parts, visible or not.
+    pub count: u32,
+    /// Those that reach a pixel: the first ones in depth order.
+    pub visible: u32,
+    /// Of these, on the exact path.
+    pub exact: u32,
+}
+
+/// Which footprints in depth order, and which tiles of the image, are drawn together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ChunkUniform {
+    /// The place of the chunk's first footprint in depth order.
+    pub start: u32,
+    /// Footprints of the chunk at most.
+    pub capacity: u32,
+    /// First column and row of the band, tiles.
+    pub band_first: [u32; 2],
+    /// Columns and rows of the band, tiles.
+    pub band_size: [u32; 2],
+}
+
+/// How much a chunk has.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ChunkState {
+    /// Footprints.
+    pub length: u32,
+    /// Words of the prefix sums of their entries: one more.
+    pub offset_count: u32,
+    /// Pairs of a tile and a footprint; 0 where they did not all find room.
+    pub entries: u32,
+    /// The most pairs that any chunk had since the host cleared this word, whether they found
+    /// room or not; `u32::MAX` where they were that many or more.
+    pub needed: u32,
 }
 
 impl Footprint {

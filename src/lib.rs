@@ -59,7 +59,9 @@
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
 //! | [`layout`] | the structs that stages exchange |
 //! | [`blocks`] | particles in blocks, culling |
+//! | [`stats`] | what frames count, and their times |
 //! | [`cpu`] | the stages of a frame on the CPU |
+//! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
@@ -112,8 +114,9 @@ pub mod render;
 pub mod sample;
 pub mod scene;
 pub mod splat;
+pub mod stats;
 pub mod view;
 
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image};
-pub use render::{ColumnSettings, Renderer, Settings};
+pub use render::{Backend, ColumnSettings, Renderer, Settings};

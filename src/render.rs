@@ -4,20 +4,21 @@ mod column;
 
 use std::time::Instant;
 
-use serde::Serialize;
-
 use crate::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
 use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, Gpu};
 use crate::image::{DepthImage, Image};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
-use crate::scene::{PointVolume, Requirements};
+use crate::scene::{PointVolume, Requirements, TransferFunction};
 use crate::splat::{Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, Projection};
 
+pub use crate::stats::{FrameCounts, StageTimes};
 use column::ColumnMemory;
 pub use column::ColumnSettings;
 
@@ -60,40 +61,18 @@ impl Default for Settings {
     }
 }
 
-/// What a frame counted.
+/// What draws frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FrameCounts {
-    /// Blocks of all volumes.
-    pub blocks: usize,
-    /// Blocks outside the view or transparent.
-    pub blocks_culled: usize,
-    /// Particles that the transfer function leaves visible, in the blocks that are left.
-    pub classified: usize,
-    /// Footprints that reach the image.
-    pub footprints: usize,
-    /// Of these, on the exact path.
-    pub footprints_exact: usize,
-    /// Of these, kernels that cross the camera plane.
-    pub footprints_near: usize,
-    /// Entries of the tiles' lists.
-    pub tile_entries: usize,
-    /// Kernels evaluated at pixel centres within their cut-off.
-    pub splat_pixels: u64,
-}
-
-/// Milliseconds per stage of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-#[allow(missing_docs, reason = "each is the stage of its name")]
-pub struct StageTimes {
-    pub cull: f64,
-    pub classify: f64,
-    pub project: f64,
-    pub sort: f64,
-    pub bin: f64,
-    pub rasterise: f64,
-    pub resolve: f64,
-    /// The whole frame.
-    pub frame: f64,
+pub enum Backend {
+    /// A hardware GPU where there is one that the scene fits, the CPU otherwise: on a software
+    /// adapter the CPU's own path is faster. Where the environment variable `EWA_ADAPTER` names an
+    /// adapter, that one.
+    #[default]
+    Auto,
+    /// A GPU, a software adapter where there is no other.
+    Gpu,
+    /// The processor.
+    Cpu,
 }
 
 /// A scene made ready, and the memory of its frames: after the first frame of a size, a frame
@@ -115,6 +94,8 @@ pub struct Renderer {
     column: ColumnMemory,
     counts: FrameCounts,
     times: StageTimes,
+    #[cfg(feature = "gpu")]
+    device: Option<DeviceScene>,
 }
 
 /// Images at most this wide and high: pixel ranges are half words.
@@ -123,7 +104,7 @@ const MAX_IMAGE_SIZE: usize = 65_535;
 const MAX_IMAGE_PIXELS: usize = 1 << 27;
 
 impl Renderer {
-    /// Sorts the volumes' particles into blocks.
+    /// Sorts the volumes' particles into blocks; frames are drawn on the CPU.
     ///
     /// # Errors
     /// More particles than a 32-bit index can name, or a volume that says it is classified and
@@ -160,7 +141,95 @@ impl Renderer {
             column: ColumnMemory::default(),
             counts: FrameCounts::default(),
             times: StageTimes::default(),
+            #[cfg(feature = "gpu")]
+            device: None,
         })
+    }
+
+    /// As [`Renderer::new`], and keeps the scene on a GPU where `backend` asks for one.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`]; no adapter where one is asked for, or too little memory on it.
+    pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
+        #[cfg(feature = "gpu")]
+        {
+            let is_asked_for = backend == Backend::Gpu || Gpu::is_adapter_named();
+            let gpu = match backend {
+                Backend::Cpu => None,
+                _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
+                _ => Gpu::open(AdapterChoice::Hardware).ok(),
+            };
+            let mut renderer = Self::new(scene)?;
+            renderer.device = match gpu.map(|gpu| DeviceScene::new(gpu, &renderer.volumes)) {
+                // What is too large for the device, or not drawn on any.
+                Some(Err(_)) if !is_asked_for => None,
+                device => device.transpose()?,
+            };
+            Ok(renderer)
+        }
+        #[cfg(not(feature = "gpu"))]
+        {
+            if backend == Backend::Gpu {
+                return Err(Error::format(
+                    "GPU",
+                    "back end",
+                    "a build with the feature gpu",
+                    "one without",
+                    "build with it, or use the CPU",
+                ));
+            }
+            Self::new(scene)
+        }
+    }
+
+    /// Uploads the scene to a device, which draws all frames from now on.
+    ///
+    /// # Errors
+    /// Too little memory on the device.
+    #[cfg(feature = "gpu")]
+    pub fn on(mut self, gpu: Gpu) -> Result<Self> {
+        self.device = Some(DeviceScene::new(gpu, &self.volumes)?);
+        Ok(self)
+    }
+
+    /// The adapter that draws the frames, or `None` where it is the CPU.
+    pub fn adapter(&self) -> Option<String> {
+        #[cfg(feature = "gpu")]
+        return self.device.as_ref().map(|d| d.gpu().adapter());
+        #[cfg(not(feature = "gpu"))]
+        None
+    }
+
+    /// Replaces the transfer function of a volume; its particles stay as and where they are.
+    ///
+    /// # Errors
+    /// No such volume, or one that is not classified.
+    pub fn set_transfer_function(
+        &mut self,
+        volume: usize,
+        transfer: TransferFunction,
+    ) -> Result<()> {
+        let count = self.volumes.len();
+        let classified = self.requirements.get(volume).map(|r| r.classification);
+        if classified != Some(true) {
+            return Err(Error::format(
+                "scene",
+                format!("volume {volume}"),
+                format!("a classified volume, one of {count}"),
+                if classified.is_some() {
+                    "one with masses and colours of its own"
+                } else {
+                    "none"
+                },
+                "give the number of a volume whose masses or colours come from values",
+            ));
+        }
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            device.set_transfer_function(volume, &transfer);
+        }
+        self.volumes[volume].transfer_function = Some(transfer);
+        Ok(())
     }
 
     /// Draws a frame; [`Renderer::image`] and the others hold its results until the next.
@@ -169,6 +238,54 @@ impl Renderer {
     /// An image of no pixels or of more than 65,535 along a side; settings out of range.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         check(camera, settings)?;
+        let low_pass = if self.volumes.iter().any(BlockedVolume::is_of_splats) {
+            settings.low_pass_variance_px2.max(SPLAT_LOW_PASS_PX2)
+        } else {
+            settings.low_pass_variance_px2
+        };
+        let frustum = frustum(camera, low_pass);
+        #[cfg(feature = "gpu")]
+        if self.device.is_some() {
+            self.render_on_device(camera, settings, &frustum)?;
+            return Ok(&self.image);
+        }
+        self.render_on_cpu(camera, settings, &frustum);
+        Ok(&self.image)
+    }
+
+    /// The frame on the GPU.
+    #[cfg(feature = "gpu")]
+    fn render_on_device(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        frustum: &Frustum,
+    ) -> Result<()> {
+        let Some(device) = &mut self.device else {
+            return Ok(());
+        };
+        let start = Instant::now();
+        let input = FrameInput {
+            camera,
+            frustum,
+            is_culled: is_culled(settings),
+            // The device finds the range of depth keys.
+            view: view_uniform(camera, settings, 0.0),
+            linear_opacity: settings.linear_opacity,
+            depth: settings.depth,
+            background: settings.background,
+        };
+        let (counts, times) = device.render(&input, &mut self.image, &mut self.depth)?;
+        self.counts = counts;
+        self.times = StageTimes {
+            frame: start.elapsed().as_secs_f64() * 1e3,
+            ..times
+        };
+        Ok(())
+    }
+
+    /// The frame on the CPU.
+    fn render_on_cpu(&mut self, camera: &Camera, settings: &Settings, frustum: &Frustum) {
         let frame_start = Instant::now();
         let mut times = StageTimes::default();
         let mut counts = FrameCounts {
@@ -178,14 +295,7 @@ impl Renderer {
         let mut clock = Clock(Instant::now());
 
         // Cull, and the range of depth keys over what is left and in view.
-        let low_pass = if self.volumes.iter().any(BlockedVolume::is_of_splats) {
-            settings.low_pass_variance_px2.max(SPLAT_LOW_PASS_PX2)
-        } else {
-            settings.low_pass_variance_px2
-        };
-        let frustum = frustum(camera, low_pass);
-        // Uniform scaling enlarges kernels beyond any reach.
-        let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
+        let cull_by = is_culled(settings).then_some(frustum);
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
             cull(volume, camera, cull_by, views);
         }
@@ -203,7 +313,7 @@ impl Renderer {
             }
         }
         counts.blocks_culled = counts.blocks - self.views.iter().map(Vec::len).sum::<usize>();
-        let uniform = view_uniform(camera, settings, &range);
+        let uniform = view_uniform(camera, settings, range.keys_per_unit());
         times.cull = clock.lap();
 
         // Classify.
@@ -268,7 +378,6 @@ impl Renderer {
         counts.footprints_exact = self.count_exact();
         self.counts = counts;
         self.times = times;
-        Ok(&self.image)
     }
 
     /// Counts the particles of all views and fills their places; returns each volume's
@@ -416,13 +525,19 @@ fn resize<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
 }
 
+/// Whether blocks outside the frustum are left out: uniform scaling enlarges kernels beyond any
+/// reach.
+fn is_culled(settings: &Settings) -> bool {
+    settings.filter != Filter::UniformScaling
+}
+
 /// The frustum, widened by the reach of the low-pass filter.
 fn frustum(camera: &Camera, low_pass_variance_px2: f32) -> Frustum {
     let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
     Frustum::new(camera, margin)
 }
 
-fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> ViewUniform {
+fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUniform {
     ViewUniform {
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
@@ -433,7 +548,7 @@ fn view_uniform(camera: &Camera, settings: &Settings, range: &DepthRange) -> Vie
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
         cutoff: settings.cutoff.unwrap_or(0.0),
-        key_scale: range.keys_per_unit(),
+        key_scale,
     }
 }
 

@@ -167,11 +167,13 @@ fn a_lattice_slab() {
     };
     let points = case["input"]["points"].as_array().unwrap();
     let expected = numbers(&case, "/expected/tau");
-    let mut renderer = Renderer::new(vec![volume]).unwrap();
+    let mut renderer = Renderer::new(vec![volume.clone()]).unwrap();
     for (i, (point, expected)) in points.iter().zip(expected).enumerate() {
         let at = numbers(point, "");
         let mut camera = scene::camera(Projection::Orthographic, [40.0; 2], [1, 1]);
         camera.centre_px = DVec2::splat(0.5) - 40.0 * DVec2::new(at[0], at[1]);
+        #[cfg(feature = "gpu")]
+        common::gpu::hold_sampled(&volume, &camera, &bare());
         renderer.render(&camera, &bare()).unwrap();
         let error = (depth(renderer.image()) - expected).abs();
         // Ten layers that each round their opacity, times exp(1).
@@ -179,6 +181,8 @@ fn a_lattice_slab() {
     }
     // The mean over one cell.
     let camera = scene::camera(Projection::Orthographic, [40.0; 2], [40, 40]);
+    #[cfg(feature = "gpu")]
+    common::gpu::hold_sampled(&volume, &camera, &bare());
     let image = renderer.render(&camera, &bare()).unwrap();
     let sum: f64 = image
         .pixels
@@ -375,12 +379,15 @@ fn a_tilted_sheet_is_denser() {
                 colour: [1.0; 3],
             })
             .collect();
-        let mut renderer = Renderer::new(vec![scene::volume(&particles)]).unwrap();
+        let sheet = scene::volume(&particles);
+        let mut renderer = Renderer::new(vec![sheet.clone()]).unwrap();
         // The mean over one cell of the lattice as it is seen, hence no ripple: 1.2 px of low-pass
         // filter and the cell both far narrower than the sheet.
         let focal = [100.0, 100.0 / tilt.to_radians().cos()];
         let mut camera = scene::camera(Projection::Orthographic, focal, [10, 10]);
         camera.eye = DVec3::ZERO;
+        #[cfg(feature = "gpu")]
+        common::gpu::hold_sampled(&sheet, &camera, &bare());
         let image = renderer.render(&camera, &bare()).unwrap();
         let mean: f64 = image
             .pixels

@@ -40,7 +40,10 @@ fn exact_settings() -> Settings {
     }
 }
 
+/// The CPU's picture, to which the GPU's is held.
 fn render(scene: &PointVolume, camera: &Camera, settings: &Settings, name: &str) -> Image {
+    #[cfg(feature = "gpu")]
+    common::gpu::assert_alike(name, scene, camera, settings);
     let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
     let image = renderer.render(camera, settings).unwrap();
     let finite = image.pixels.iter().flatten().all(|c| c.is_finite());

@@ -335,10 +335,28 @@ fn a_hundred_thousand_faint_layers_add_up() {
         ],
         Vec::new(),
     );
-    let drawn = on_gpu(gpu, &frame, &frame.bins(), spec_of(&frame), 2, None);
+    let drawn = on_gpu(gpu, &frame, &frame.bins(), spec_of(&frame), 1, None);
     let expected = -(-1.0_f32).exp_m1();
     for pixel in &drawn.image.pixels {
         // A sum of 1e5 terms near .6, each rounded by 2^-25 at random: 1e-5; and the twin's.
         assert!((pixel[3] - expected).abs() < 2e-5, "{}", pixel[3]);
     }
+}
+
+#[test]
+fn thousands_of_kernels_round_the_eye_add_up() {
+    let Some(gpu) = gpu() else { return };
+    let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, -DVec3::Y, 60.0, [20, 12]);
+    let mut random = Random::new(5);
+    let particles: Vec<Particle> = (0..8_000)
+        .map(|_| Particle {
+            position: random.point(0.2),
+            factor: random.factor(0.3, 2.0),
+            mass: 1e-5,
+            colour: [0.4, 0.9, 0.2],
+        })
+        .collect();
+    let frame = Frame::new(volume(&particles), &camera, &Settings::default());
+    assert!(frame.near.len() > 7_000, "{}", frame.near.len());
+    check(gpu, "round the eye", &frame, spec_of(&frame));
 }

@@ -265,7 +265,10 @@ fn a_camera_inside_the_cloud_sees_finite_pixels() {
                 depth: true,
                 ..Settings::default()
             };
-            let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
+            let scene = volume(&particles);
+            #[cfg(feature = "gpu")]
+            common::gpu::assert_alike("inside the cloud", &scene, &camera, &settings);
+            let mut renderer = Renderer::new(vec![scene]).unwrap();
             let image = renderer.render(&camera, &settings).unwrap();
             // The rest of opacity: premultiplied colours stay within it (three roundings).
             let legal = |p: &[f32; 4]| {
@@ -361,7 +364,10 @@ fn the_change_of_path_at_the_camera_plane_is_small() {
                 mass: 0.02,
                 colour: [1.0; 3],
             };
-            let mut renderer = Renderer::new(vec![volume(&[particle])]).unwrap();
+            let scene = volume(&[particle]);
+            #[cfg(feature = "gpu")]
+            common::gpu::hold_sampled(&scene, &camera, &settings);
+            let mut renderer = Renderer::new(vec![scene]).unwrap();
             renderer.render(&camera, &settings).unwrap();
             (renderer.image().clone(), renderer.counts())
         };

@@ -1,11 +1,9 @@
-// Which workgroup this is: dispatches of more than 65,535 are folded into rows.
-
-fn group_index(group: vec3<u32>, groups: vec3<u32>) -> u32 {
-    return group.x + group.y * groups.x;
+// Which workgroup this is: dispatches of more than MAX_GROUPS are folded into rows of as many.
+//
+// Not by the builtin num_workgroups, which DirectX does not know of indirect dispatches.
+fn group_index(group: vec3<u32>) -> u32 {
+    return group.x + group.y * MAX_GROUPS;
 }
-
-// Workgroups along one dimension of a dispatch at most.
-const MAX_GROUPS: u32 = 65535u;
 
 // The arguments of an indirect dispatch of at least `groups` workgroups.
 fn folded(groups: u32) -> vec3<u32> {

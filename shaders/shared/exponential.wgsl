@@ -5,10 +5,10 @@ fn exp2_parts(y: f32) -> vec2<f32> {
     let n = round(y);
     let f = y - n;
     let power = bitcast<f32>(u32(i32(n) + 127) << 23u);
-    var series = EXP2_SERIES_3;
-    series = series * f + EXP2_SERIES_2;
-    series = series * f + EXP2_SERIES_1;
-    series = series * f + EXP2_SERIES_0;
+    var series = EXP2_SERIES[3];
+    series = series * f + EXP2_SERIES[2];
+    series = series * f + EXP2_SERIES[1];
+    series = series * f + EXP2_SERIES[0];
     series = series * f + LN_2;
     return vec2<f32>(power, series * f);
 }
@@ -35,15 +35,15 @@ fn opacity_of(tau: f32) -> f32 {
 fn normal_cdf(x: f32) -> f32 {
     let z = abs(x) * FRAC_1_SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
-    var poly = t * ERFC_SERIES_9;
-    poly = t * (ERFC_SERIES_8 + poly);
-    poly = t * (ERFC_SERIES_7 + poly);
-    poly = t * (ERFC_SERIES_6 + poly);
-    poly = t * (ERFC_SERIES_5 + poly);
-    poly = t * (ERFC_SERIES_4 + poly);
-    poly = t * (ERFC_SERIES_3 + poly);
-    poly = t * (ERFC_SERIES_2 + poly);
-    poly = t * (ERFC_SERIES_1 + poly);
-    let tail = 0.5 * t * exp_negative(-z * z + ERFC_SERIES_0 + poly);
+    var poly = t * ERFC_SERIES[9];
+    poly = t * (ERFC_SERIES[8] + poly);
+    poly = t * (ERFC_SERIES[7] + poly);
+    poly = t * (ERFC_SERIES[6] + poly);
+    poly = t * (ERFC_SERIES[5] + poly);
+    poly = t * (ERFC_SERIES[4] + poly);
+    poly = t * (ERFC_SERIES[3] + poly);
+    poly = t * (ERFC_SERIES[2] + poly);
+    poly = t * (ERFC_SERIES[1] + poly);
+    let tail = 0.5 * t * exp_negative(-z * z + ERFC_SERIES[0] + poly);
     return select(1.0 - tail, tail, x < 0.0);
 }

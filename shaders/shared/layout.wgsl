@@ -1,4 +1,4 @@
-// The structs that stages exchange. Twin: src/layout.rs; tests/gpu_shaders.rs compares offsets.
+// The structs that stages exchange. Twin: src/layout.rs; src/gpu/reflection.rs compares offsets.
 // Triples are arrays: a vec3 would be aligned to four words.
 
 struct ViewUniform {
@@ -16,12 +16,13 @@ struct ViewUniform {
 struct CameraUniform {
     eye: array<vec2<u32>, 3>,
     camera_from_world: array<array<vec2<u32>, 3>, 3>,
+    plane_normals: array<array<vec2<u32>, 3>, 5>,
+    plane_distances: array<vec2<u32>, 5>,
+    plane_spreads: array<array<vec2<u32>, 3>, 5>,
     rotation: array<array<f32, 3>, 3>,
-    plane_normals: array<array<f32, 3>, 5>,
-    plane_distances: array<f32, 5>,
-    plane_spreads: array<array<f32, 3>, 5>,
     has_frustum: u32,
     orthographic: u32,
+    unused: u32,
 }
 
 struct DeviceBlock {
@@ -31,6 +32,39 @@ struct DeviceBlock {
     value_range: array<f32, 2>,
     first: u32,
     count: u32,
+}
+
+struct LatticeUniform {
+    dims: array<u32, 3>,
+    bricks: array<u32, 3>,
+    first_brick: u32,
+    is_rectilinear: u32,
+    kernel_width: f32,
+    step: array<array<f32, 3>, 3>,
+    factor: array<array<f32, 3>, 3>,
+}
+
+struct BrickUniform {
+    dims: vec3<u32>,
+    first: u32,
+}
+
+struct FrameState {
+    nearest: vec2<u32>,
+    farthest: vec2<u32>,
+    near: vec2<u32>,
+    keys_per_unit: vec2<u32>,
+    classified_count: u32,
+    unused: u32,
+}
+
+struct PartState {
+    capacity: u32,
+    view_count: u32,
+    count_length: u32,
+    needed: u32,
+    classified_count: u32,
+    first: u32,
 }
 
 struct BlockView {
@@ -75,6 +109,35 @@ struct NearTerms {
     half_line: array<f32, 3>,
 }
 
+struct PartIndex {
+    index: u32,
+}
+
+struct PartRange {
+    first: u32,
+    count: u32,
+}
+
+struct SortState {
+    count: u32,
+    visible: u32,
+    exact: u32,
+}
+
+struct ChunkUniform {
+    start: u32,
+    capacity: u32,
+    band_first: vec2<u32>,
+    band_size: vec2<u32>,
+}
+
+struct ChunkState {
+    length: u32,
+    offset_count: u32,
+    entries: u32,
+    needed: u32,
+}
+
 // A triple as a vector.
 fn vector(v: array<f32, 3>) -> vec3<f32> {
     return vec3<f32>(v[0], v[1], v[2]);
@@ -101,4 +164,9 @@ fn is_finite(x: f32) -> bool {
 
 fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+// x > 0, denormals too and infinity; false for NaN. By bits: see `is_finite`.
+fn is_positive(x: f32) -> bool {
+    return bitcast<u32>(x) - 1u < 0x7f800000u;
 }

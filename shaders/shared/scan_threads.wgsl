@@ -1,8 +1,6 @@
-// Prefix sums over the 256 threads of a workgroup.
+// Prefix sums over the threads of a workgroup.
 
-const SCAN_THREADS: u32 = 256u;
-
-var<workgroup> scan_shared: array<u32, 256>;
+var<workgroup> scan_shared: array<u32, THREADS>;
 // The sum over all threads, after `scan_threads`.
 var<workgroup> scan_total: u32;
 
@@ -19,7 +17,7 @@ fn scan_threads(thread: u32, value: u32) -> u32 {
     scan_shared[thread] = value;
     workgroupBarrier();
     var sum = value;
-    for (var step = 1u; step < SCAN_THREADS; step = step * 2u) {
+    for (var step = 1u; step < THREADS; step = step * 2u) {
         var before = 0u;
         if thread >= step {
             before = scan_shared[thread - step];
@@ -29,7 +27,7 @@ fn scan_threads(thread: u32, value: u32) -> u32 {
         scan_shared[thread] = sum;
         workgroupBarrier();
     }
-    if thread == SCAN_THREADS - 1u {
+    if thread == THREADS - 1u {
         scan_total = sum;
     }
     var before_this = 0u;

@@ -1,6 +1,7 @@
 //! Blocks of a lattice: bricks of neighbouring cells. Positions, shapes and volumes follow from
 //! indices, so that a voxel costs its value and a share of its brick.
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
@@ -15,25 +16,43 @@ pub struct BrickGrid {
     lattice: Lattice,
     kernel_width: f64,
     bricks: [usize; 3],
-    /// For a rectilinear lattice, the width of each cell along each axis.
-    widths: Option<[Vec<f32>; 3]>,
+    cells: Cells,
+}
+
+/// What cells within a brick follow from.
+#[derive(Debug, Clone)]
+enum Cells {
+    /// Columns: the step between neighbours along each index, world units.
+    Uniform(Mat3),
+    /// The samples of each axis.
+    Rectilinear([Vec<AxisSample>; 3]),
+}
+
+/// A sample of a rectilinear lattice's axis as bricks see it, world units.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct AxisSample {
+    /// Its coordinate relative to the middle of its brick: subtracted in f64.
+    pub offset: f32,
+    /// The width of its cell.
+    pub width: f32,
 }
 
 impl BrickGrid {
     /// Cuts a lattice into bricks.
     pub(super) fn new(lattice: Lattice, kernel_width: f64) -> Self {
         let bricks = [0, 1, 2].map(|a| lattice.dims[a].div_ceil(BRICK[a]));
-        let widths = match &lattice.spacing {
-            LatticeSpacing::Uniform { .. } => None,
+        let cells = match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => Cells::Uniform(step.as_mat3()),
             LatticeSpacing::Rectilinear { coordinates } => {
-                Some([0, 1, 2].map(|a| cell_widths(&coordinates[a])))
+                Cells::Rectilinear([0, 1, 2].map(|a| axis_samples(&coordinates[a], BRICK[a])))
             }
         };
         Self {
             lattice,
             kernel_width,
             bricks,
-            widths,
+            cells,
         }
     }
 
@@ -45,6 +64,28 @@ impl BrickGrid {
     /// Standard deviation over spacing.
     pub fn kernel_width(&self) -> f64 {
         self.kernel_width
+    }
+
+    /// Bricks along each axis.
+    pub fn bricks(&self) -> [usize; 3] {
+        self.bricks
+    }
+
+    /// The samples of each axis: none for a uniform lattice.
+    pub fn axes(&self) -> Option<&[Vec<AxisSample>; 3]> {
+        match &self.cells {
+            Cells::Uniform(_) => None,
+            Cells::Rectilinear(axes) => Some(axes),
+        }
+    }
+
+    /// The step between neighbouring cells along each index, as columns, world units: none for a
+    /// rectilinear lattice.
+    pub fn step(&self) -> Option<Mat3> {
+        match self.cells {
+            Cells::Uniform(step) => Some(step),
+            Cells::Rectilinear(_) => None,
+        }
     }
 
     /// First cell and one past the last cell of a brick along each axis.
@@ -83,10 +124,27 @@ impl BrickGrid {
         (x + BRICK[0] * (y + BRICK[1] * z)) as u32
     }
 
-    /// Position of a cell relative to `origin`, world units.
+    /// Position of a cell of the brick of `cells` relative to the brick's middle, which is its
+    /// block's origin; world units.
+    ///
+    /// In f32, without a position: half integers times the step err by three roundings of half a
+    /// brick, wherever the lattice lies. Twin: `shaders/shared/particles_lattice.wgsl`.
     #[inline]
-    pub fn offset(&self, cell: [usize; 3], origin: DVec3) -> Vec3 {
-        (self.lattice.position(cell) - origin).as_vec3()
+    pub fn offset(&self, cells: [[usize; 2]; 3], [i, j, k]: [usize; 3]) -> Vec3 {
+        let from_middle = |cell: usize, [first, end]: [usize; 2]| {
+            (cell - first) as f32 - 0.5 * (end - first - 1) as f32
+        };
+        match &self.cells {
+            Cells::Uniform(step) => {
+                *step
+                    * Vec3::new(
+                        from_middle(i, cells[0]),
+                        from_middle(j, cells[1]),
+                        from_middle(k, cells[2]),
+                    )
+            }
+            Cells::Rectilinear([x, y, z]) => Vec3::new(x[i].offset, y[j].offset, z[k].offset),
+        }
     }
 
     /// The factor that all kernels share: none for a rectilinear lattice.
@@ -132,9 +190,9 @@ impl BrickGrid {
 
     #[inline]
     fn cell_width(&self, [i, j, k]: [usize; 3]) -> Vec3 {
-        self.widths
-            .as_ref()
-            .map_or(Vec3::ONE, |[x, y, z]| Vec3::new(x[i], y[j], z[k]))
+        self.axes().map_or(Vec3::ONE, |[x, y, z]| {
+            Vec3::new(x[i].width, y[j].width, z[k].width)
+        })
     }
 
     /// One block per brick.
@@ -164,9 +222,10 @@ impl BrickGrid {
                 LatticeSpacing::Rectilinear { .. } => ((upper - lower) / 2.0).as_vec3().abs(),
             };
             let max_sigma = uniform_sigma.unwrap_or_else(|| {
-                let widest = self.widths.as_ref().map_or(0.0, |widths| {
+                let widest = self.axes().map_or(0.0, |axes| {
                     (0..3)
-                        .flat_map(|a| widths[a][cells[a][0]..cells[a][1]].iter().copied())
+                        .flat_map(|a| &axes[a][cells[a][0]..cells[a][1]])
+                        .map(|sample| sample.width)
                         .fold(0.0, f32::max)
                 });
                 widest * self.kernel_width as f32
@@ -206,9 +265,18 @@ impl BrickGrid {
     }
 }
 
-/// [`cell_width`] of each sample of an axis.
-fn cell_widths(axis: &[f64]) -> Vec<f32> {
+/// The samples of an axis that is cut into bricks of `brick` cells.
+fn axis_samples(axis: &[f64], brick: usize) -> Vec<AxisSample> {
     (0..axis.len())
-        .map(|i| cell_width(axis, i) as f32)
+        .map(|i| {
+            let first = i / brick * brick;
+            let last = (first + brick).min(axis.len()) - 1;
+            // The block's origin along this axis, as `BrickGrid::blocks` finds it.
+            let middle = (axis[first] + axis[last]) / 2.0;
+            AxisSample {
+                offset: (axis[i] - middle) as f32,
+                width: cell_width(axis, i) as f32,
+            }
+        })
         .collect()
 }

@@ -38,6 +38,11 @@ impl Frustum {
         }
     }
 
+    /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
+    pub fn planes(&self) -> &[(DVec3, f64); 5] {
+        &self.planes
+    }
+
     /// Whether a kernel of the block may reach inside. Conservative.
     pub fn sees(&self, camera: &Camera, block: &Block) -> bool {
         let centre = camera.camera_point(block.origin);
@@ -113,6 +118,10 @@ fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
     }
 }
 
+/// Keys from the nearest to the farthest distance: four keys of slack for roundings at either
+/// end.
+pub(crate) const DEPTH_KEY_SPAN: f64 = ((1_u64 << DEPTH_KEY_BITS) - 8) as f64;
+
 /// The distances that a frame's depth keys span.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
@@ -132,8 +141,7 @@ impl DepthRange {
         let span = (far - near).max(f64::MIN_POSITIVE);
         Self {
             near,
-            // Four keys of slack for roundings at either end.
-            keys_per_unit: (((1_u64 << DEPTH_KEY_BITS) - 8) as f64 / span).min(f64::from(f32::MAX)),
+            keys_per_unit: (DEPTH_KEY_SPAN / span).min(f64::from(f32::MAX)),
         }
     }
 

@@ -19,7 +19,9 @@ use glam::{DVec3, Vec3};
 
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
-pub use brick::BrickGrid;
+pub use brick::{AxisSample, BrickGrid};
+#[cfg(feature = "gpu")]
+pub(crate) use cull::DEPTH_KEY_SPAN;
 pub use cull::{DepthRange, Frustum, cull, cull_outside, distance_interval};
 
 /// A point volume made ready for rendering: its particles in blocks of at most

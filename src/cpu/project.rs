@@ -1,4 +1,4 @@
-//! Stage: from particles to footprints.
+//! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -7,7 +7,7 @@ use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
-use crate::constants::{MAX_CUTOFF, TILE_SIZE};
+use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
     PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform, pack_range,
@@ -150,14 +150,14 @@ impl<'a> Shapes<'a> {
     }
 
     fn of_block(&self, block: u32) -> BlockShapes<'_> {
-        let corner = match &self.volume.particles {
-            BlockedParticles::Lattice(grid) => grid.cells(block).map(|[first, _]| first),
-            _ => [0; 3],
+        let cells = match &self.volume.particles {
+            BlockedParticles::Lattice(grid) => grid.cells(block),
+            _ => [[0; 2]; 3],
         };
         BlockShapes {
             shapes: self,
             block: &self.volume.blocks[block as usize],
-            corner,
+            cells,
         }
     }
 }
@@ -166,8 +166,8 @@ impl<'a> Shapes<'a> {
 struct BlockShapes<'a> {
     shapes: &'a Shapes<'a>,
     block: &'a Block,
-    /// A brick's first cell.
-    corner: [usize; 3],
+    /// A brick's cells.
+    cells: [[usize; 2]; 3],
 }
 
 impl BlockShapes<'_> {
@@ -182,9 +182,9 @@ impl BlockShapes<'_> {
         let i = (self.block.first + local) as usize;
         match &volume.particles {
             BlockedParticles::Lattice(grid) => {
-                let cell = BrickGrid::cell(self.corner, local);
+                let cell = BrickGrid::cell(self.cells.map(|[first, _]| first), local);
                 let factor = shared.unwrap_or_else(|| grid.cell_factor(rotation, cell));
-                (*rotation * grid.offset(cell, self.block.origin), factor)
+                (*rotation * grid.offset(self.cells, cell), factor)
             }
             BlockedParticles::Isotropic { offsets, sigmas } => (
                 *rotation * Vec3::from(offsets[i]),
@@ -216,11 +216,6 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
     let keys = (delta * view.key_scale).round_ties_even() as i32;
     block.key.saturating_add_signed(keys)
 }
-
-/// Kernels are integrated directly from this multiple of the cut-off in front of the camera plane:
-/// at 1 the outline of the exact footprint reaches infinity, and its bounds are differences of
-/// large numbers.
-const NEAR_MARGIN: f32 = 1.2;
 
 /// A footprint that reaches no pixel yet.
 #[inline]
@@ -408,10 +403,12 @@ fn near_footprint(
         .map(|c| c.length_squared())
         .sum::<f32>();
     let unit2 = kernel.mass / (std::f32::consts::TAU * weight);
-    let highest = weight * (trace / unit2).sqrt() / terms.sigma;
+    let mut highest = weight * (trace / unit2).sqrt() / terms.sigma;
+    if !highest.is_finite() {
+        // A flat kernel's bound is infinite, and NaN must not shrink anything.
+        highest = f32::MAX;
+    }
     let r = cutoff_radius(highest, view.tolerance, view.cutoff);
-    // A flat kernel's bound is infinite, and NaN must not shrink anything.
-    let r = if r.is_finite() { r } else { MAX_CUTOFF };
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {

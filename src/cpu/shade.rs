@@ -39,9 +39,9 @@ pub fn shade(
         let block = &volume.blocks[index as usize];
         let (i, offset) = match &volume.particles {
             BlockedParticles::Lattice(grid) => {
-                let corner = grid.cells(index).map(|[first, _]| first);
-                let cell = BrickGrid::cell(corner, particle.local);
-                (grid.index(cell), grid.offset(cell, block.origin))
+                let cells = grid.cells(index);
+                let cell = BrickGrid::cell(cells.map(|[first, _]| first), particle.local);
+                (grid.index(cell), grid.offset(cells, cell))
             }
             BlockedParticles::Isotropic { offsets, .. }
             | BlockedParticles::Anisotropic { offsets, .. } => {

@@ -1,15 +1,20 @@
 //! Adapters, limits, and what a device says when it fails.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use wgpu::{Backends, DeviceType, Features, Limits};
 
+use super::kernel::KernelCache;
 use crate::error::{Error, Result};
 
 /// How long a submission may run before the device counts as hung: software adapters take minutes
 /// for what a graphics card does in milliseconds.
 const TIMEOUT: Duration = Duration::from_secs(600);
+
+/// What is found where there is no adapter at all.
+const NONE: &str = "none";
 
 /// Which adapter to open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -21,28 +26,44 @@ pub enum AdapterChoice {
     Hardware,
 }
 
-/// An open device: what every stage of the GPU back end runs on.
-#[derive(Debug)]
+/// An open device: what every stage of the GPU back end runs on. Clones share it, and the
+/// pipelines compiled for it.
+#[derive(Debug, Clone)]
 pub struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) limits: Limits,
+    pub(super) kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
 }
 
+/// Names an adapter by a part of its description.
+const ADAPTER_VARIABLE: &str = "EWA_ADAPTER";
+
 impl Gpu {
+    /// Whether the environment variable `EWA_ADAPTER` asks for a certain adapter.
+    pub fn is_adapter_named() -> bool {
+        Self::adapter_name().is_some()
+    }
+
+    fn adapter_name() -> Option<String> {
+        std::env::var(ADAPTER_VARIABLE)
+            .ok()
+            .filter(|n| !n.is_empty())
+    }
+
     /// Opens an adapter: discrete before integrated before software; the first whose name contains
     /// the environment variable `EWA_ADAPTER` (in any case) where that is set.
     ///
     /// # Errors
     /// No adapter, none of that name, or one that refuses to open; with what there is.
     pub fn open(choice: AdapterChoice) -> Result<Self> {
-        let wanted = std::env::var("EWA_ADAPTER").ok().filter(|n| !n.is_empty());
-        Self::open_named(choice, wanted.as_deref())
+        Self::open_named(choice, Self::adapter_name().as_deref())
     }
 
-    /// As [`Gpu::open`], the name given instead of read from the environment.
+    /// As [`Gpu::open`], the name given instead of read from the environment. A name outweighs the
+    /// choice.
     ///
     /// # Errors
     /// Those of [`Gpu::open`].
@@ -58,9 +79,20 @@ impl Gpu {
                 .contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
         });
         let described = |adapters: &[wgpu::Adapter]| {
-            let names: Vec<_> = adapters.iter().map(|a| describe(&a.get_info())).collect();
+            let names: Vec<_> = adapters
+                .iter()
+                .map(|a| {
+                    let info = a.get_info();
+                    let kind = if is_software(&info) {
+                        ", a software adapter"
+                    } else {
+                        ""
+                    };
+                    describe(&info) + kind
+                })
+                .collect();
             if names.is_empty() {
-                "none".to_string()
+                NONE.to_string()
             } else {
                 names.join("; ")
             }
@@ -88,24 +120,16 @@ impl Gpu {
         .map_err(|e| {
             Error::format(
                 "GPU",
-                &describe(&info),
+                describe(&info),
                 "an adapter that opens",
                 e.to_string(),
                 "choose another with EWA_ADAPTER, or use --backend cpu",
             )
         })?;
         let fault = Arc::new(Mutex::new(None));
-        let note = |fault: &Arc<Mutex<Option<String>>>, message: String| {
-            fault
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .get_or_insert(message);
-        };
         let on_lost = Arc::clone(&fault);
         device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                note(&on_lost, format!("device lost: {message}"));
-            }
+            note(&on_lost, format!("device lost: {reason:?} {message}"));
         });
         let on_error = Arc::clone(&fault);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -115,9 +139,19 @@ impl Gpu {
             device,
             queue,
             limits,
+            kernels: KernelCache::default(),
             info,
             fault,
         })
+    }
+
+    /// This device with bindings of at most `bytes`, as on a smaller adapter: more goes in parts,
+    /// depth chunks and bands.
+    #[must_use]
+    pub fn with_binding_limit(mut self, bytes: u64) -> Self {
+        let limit = &mut self.limits.max_storage_buffer_binding_size;
+        *limit = bytes.min(*limit);
+        self
     }
 
     /// The adapter: its name, the driver and the interface.
@@ -135,17 +169,34 @@ impl Gpu {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
+    /// Gives the device up, with all memory that scenes hold on it: for this and all clones
+    /// whatever is drawn from now on, and what is being drawn, is an error.
+    pub fn close(&self) {
+        note(&self.fault, "a device that was closed".to_string());
+        self.device.destroy();
+        // The memory is free once nothing runs; an error is what was asked for.
+        drop(self.wait());
+    }
+
     /// Waits until everything submitted has run.
     ///
     /// # Errors
     /// A lost or hung device, and whatever it has reported since it was opened.
     pub(super) fn wait(&self) -> Result<()> {
-        let polled = self.device.poll(wgpu::PollType::Wait {
-            submission_index: None,
-            timeout: Some(TIMEOUT),
-        });
+        let poll = || {
+            self.device.poll(wgpu::PollType::Wait {
+                submission_index: None,
+                timeout: Some(TIMEOUT),
+            })
+        };
+        // wgpu panics where it is the wait that finds the device lost, after the device's callback
+        // has noted it.
+        let polled = catch_unwind(AssertUnwindSafe(poll));
         self.check()?;
-        polled.map(|_| ()).map_err(|e| self.failed(e.to_string()))
+        match polled {
+            Ok(polled) => polled.map(|_| ()).map_err(|e| self.failed(e.to_string())),
+            Err(_) => Err(self.failed("a device that cannot be waited for".to_string())),
+        }
     }
 
     /// # Errors
@@ -161,12 +212,23 @@ impl Gpu {
     pub(super) fn failed(&self, found: String) -> Error {
         Error::format(
             "GPU",
-            &self.adapter(),
+            self.adapter(),
             "a device that answers",
-            found,
-            "render again, with --backend cpu if it keeps failing",
+            one_line(&found),
+            "start again, with --backend cpu if it keeps failing",
         )
     }
+}
+
+/// What wgpu says in several lines, as errors are printed.
+pub(super) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Keeps what a device reports first.
+fn note(fault: &Mutex<Option<String>>, message: String) {
+    let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
+    fault.get_or_insert(message);
 }
 
 fn rank(kind: DeviceType) -> u32 {
@@ -195,11 +257,10 @@ fn no_adapter(choice: AdapterChoice, name: Option<&str>, found: String) -> Error
         (None, AdapterChoice::Hardware) => "a hardware adapter".to_string(),
         (None, AdapterChoice::Any) => "a Vulkan, Metal or DirectX 12 adapter".to_string(),
     };
-    Error::format(
-        "GPU",
-        "adapters",
-        expected,
-        found,
-        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu",
-    )
+    let advice = if name.is_some() && found != NONE {
+        "choose one of these with EWA_ADAPTER or leave it unset, or use --backend cpu"
+    } else {
+        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu"
+    };
+    Error::format("GPU", "adapters", expected, found, advice)
 }

@@ -1,5 +1,8 @@
 //! A compute pipeline and the buffers bound to it.
 
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use super::device::Gpu;
 use super::shaders::Shader;
 
@@ -15,7 +18,7 @@ pub(super) enum Access {
 }
 
 /// A compute pipeline whose bindings are 0, 1, 2, ... of group 0.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Kernel {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
@@ -28,8 +31,21 @@ pub(super) struct BoundKernel {
     group: wgpu::BindGroup,
 }
 
+/// Shader, entry point, and names and bits of the constants.
+type KernelKey = (&'static str, String, Vec<(String, u64)>);
+
+/// The kernels that a device has compiled.
+#[derive(Debug, Clone, Default)]
+pub(super) struct KernelCache(Arc<Mutex<Compiled>>);
+
+#[derive(Debug, Default)]
+struct Compiled {
+    modules: HashMap<&'static str, wgpu::ShaderModule>,
+    kernels: HashMap<KernelKey, Kernel>,
+}
+
 impl Gpu {
-    /// Compiles an entry point of a shader.
+    /// An entry point of a shader, compiled when it is first asked for.
     ///
     /// - `bindings`: how binding 0, 1, 2, ... are used; more than the entry point uses do no harm.
     /// - `constants`: values of the shader's `override` declarations.
@@ -40,12 +56,35 @@ impl Gpu {
         bindings: &[Access],
         constants: &[(&str, f64)],
     ) -> Kernel {
-        let module = self
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(shader.name),
-                source: wgpu::ShaderSource::Wgsl(shader.source().into()),
-            });
+        let bits = constants
+            .iter()
+            .map(|(n, v)| ((*n).to_string(), v.to_bits()));
+        let key = (shader.name, entry.to_string(), bits.collect());
+        let cache = self.kernels.0.lock();
+        let mut cache = cache.unwrap_or_else(PoisonError::into_inner);
+        let Compiled { modules, kernels } = &mut *cache;
+        if let Some(kernel) = kernels.get(&key) {
+            return kernel.clone();
+        }
+        let module = modules.entry(shader.name).or_insert_with(|| {
+            let source = wgpu::ShaderSource::Wgsl(shader.source().into());
+            self.device
+                .create_shader_module(wgpu::ShaderModuleDescriptor {
+                    label: Some(shader.name),
+                    source,
+                })
+        });
+        let kernel = self.compile(module, entry, bindings, constants);
+        kernels.entry(key).or_insert(kernel).clone()
+    }
+
+    fn compile(
+        &self,
+        module: &wgpu::ShaderModule,
+        entry: &str,
+        bindings: &[Access],
+        constants: &[(&str, f64)],
+    ) -> Kernel {
         let entries: Vec<_> = (0..)
             .zip(bindings)
             .map(|(binding, access)| wgpu::BindGroupLayoutEntry {
@@ -81,7 +120,7 @@ impl Gpu {
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: Some(&pipeline_layout),
-                module: &module,
+                module,
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions {
                     constants,
@@ -115,7 +154,10 @@ impl Kernel {
     }
 }
 
-/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees.
+/// Threads of a workgroup, but for tiles.
+pub(super) const THREADS: u32 = 256;
+
+/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees. Shaders count on it.
 pub(super) const MAX_GROUPS: u32 = 65_535;
 
 impl BoundKernel {

@@ -3,21 +3,22 @@
 use bytemuck::Pod;
 use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 
-use super::device::Gpu;
+use super::device::{Gpu, one_line};
 use crate::error::{Error, Result};
 
-/// Bytes of a storage buffer at least: a binding must hold one element of what the shader declares,
-/// also where nothing is in it, and the largest are near terms.
-const SMALLEST_BUFFER: u64 = 256;
+/// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
+/// declares, and the largest are near terms.
+const EMPTY_BUFFER: u64 = 256;
 
 impl Gpu {
-    /// A storage buffer of `bytes`, rounded up to whole words, at least [`SMALLEST_BUFFER`].
+    /// A storage buffer of `bytes`, rounded up to whole words; of [`EMPTY_BUFFER`] where that is 0.
     ///
     /// # Errors
     /// More than a binding may have, or than the device's memory holds: with how much was asked
     /// for.
     pub(super) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
-        let bytes = bytes.max(SMALLEST_BUFFER).next_multiple_of(4);
+        let bytes = if bytes == 0 { EMPTY_BUFFER } else { bytes };
+        let bytes = bytes.next_multiple_of(4);
         let limit = self.max_binding_bytes();
         if bytes > limit {
             return Err(self.out_of_memory(
@@ -47,7 +48,7 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A uniform buffer that holds `value`.
+    /// A uniform buffer that holds `value`; stages on the device may write it as storage.
     ///
     /// # Errors
     /// Those of [`Gpu::buffer`].
@@ -56,20 +57,34 @@ impl Gpu {
         let buffer = self.create(
             label,
             bytes.len().next_multiple_of(16) as u64,
-            BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            BufferUsages::UNIFORM
+                | BufferUsages::STORAGE
+                | BufferUsages::COPY_SRC
+                | BufferUsages::COPY_DST,
         )?;
         self.write(&buffer, bytes);
         Ok(buffer)
     }
 
     /// Writes words at the beginning of a buffer; a last part of a word is filled up with zeros.
+    ///
+    /// Large ones go in slices, each on its way before the next: what waits lies in memory of its
+    /// own.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
-        let whole = bytes.len() / 4 * 4;
-        self.queue.write_buffer(buffer, 0, &bytes[..whole]);
-        if whole < bytes.len() {
-            let mut word = [0; 4];
-            word[..bytes.len() - whole].copy_from_slice(&bytes[whole..]);
-            self.queue.write_buffer(buffer, whole as u64, &word);
+        /// A multiple of a word.
+        const SLICE: usize = 1 << 26;
+        for (offset, slice) in (0..).step_by(SLICE).zip(bytes.chunks(SLICE)) {
+            let whole = slice.len() / 4 * 4;
+            self.queue.write_buffer(buffer, offset, &slice[..whole]);
+            if whole < slice.len() {
+                let mut word = [0; 4];
+                word[..slice.len() - whole].copy_from_slice(&slice[whole..]);
+                let last = offset + whole as u64;
+                self.queue.write_buffer(buffer, last, &word);
+            }
+            if bytes.len() > SLICE {
+                self.queue.submit([]);
+            }
         }
     }
 
@@ -142,10 +157,11 @@ impl Gpu {
     /// Bytes that one binding of a storage buffer may have.
     pub(super) fn max_binding_bytes(&self) -> u64 {
         let limits = &self.limits;
-        // Whole vectors of words.
+        // Whole vectors of words, counted in 32 bits.
         limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size)
+            .min(u32::MAX.into())
             / 16
             * 16
     }
@@ -172,9 +188,9 @@ impl Gpu {
     fn out_of_memory(&self, label: &str, bytes: u64, found: &str) -> Error {
         Error::format(
             "GPU",
-            &self.adapter(),
+            self.adapter(),
             format!("{bytes} bytes for the {label}"),
-            found.to_string(),
+            one_line(found),
             "render fewer particles or a smaller image, or use --backend cpu",
         )
     }

@@ -1,30 +1,72 @@
-//! The GPU back end, on wgpu: one file per stage with the names of [`crate::cpu`], each with a
-//! shader of the same name in `shaders/`.
+#![doc = include_str!("../../docs/gpu.md")]
+//!
+//! # Rooms
+//!
+//! The stages of [`crate::cpu`] under the same names, each with a shader of its own in `shaders/`:
+//!
+//! | stage | reads | writes |
+//! |---|---|---|
+//! | `cull.rs` | blocks, camera | blocks in view, the range of depth keys |
+//! | `classify.rs` | blocks in view, values, transfer function | visible particles |
+//! | `shade.rs` | visible particles, where colours depend on the view | their colours |
+//! | `project.rs` | visible particles, camera | footprints |
+//! | `sort.rs` | footprints | their order, front to back |
+//! | `gather.rs` | order, footprints | a chunk of them side by side, in order |
+//! | `bin.rs` | the chunk | lists per tile |
+//! | `rasterise.rs` | lists, the chunk | pixels |
+//! | `resolve.rs` | pixels | pixels before a background |
 //!
 //! | file | subject |
 //! |---|---|
+//! | `scene.rs`, `particles.rs` | the upload: a volume as parts |
+//! | `frame.rs` | the stages one after the other; how much room they have |
+//! | `radix.rs`, `scan.rs` | a stable sort of pairs and prefix sums, which several stages need |
+//! | `f64.rs` | double precision in integers, for its test |
 //! | `device.rs` | adapters, limits, errors of the device |
 //! | `kernel.rs` | a compute pipeline and the buffers bound to it |
 //! | `memory.rs` | buffers: up, down, and how much fits |
 //! | `shaders.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own file |
-//! | `scan.rs` | prefix sums, which several stages need |
-//! | `rasterise.rs` | lists, footprints to pixels |
-//! | `resolve.rs` | a background behind them |
+//! | `timer.rs` | the device's own clock |
+//!
+//! Each stage is also a function from slices to slices, by which tests hold it to its twin.
 
 #![allow(
     clippy::cast_possible_truncation,
     reason = "device memory is counted in 32-bit words by design; sizes are checked against the limits"
 )]
 
+mod bin;
+mod classify;
+mod cull;
 mod device;
+mod f64;
+mod frame;
+mod gather;
 mod kernel;
 mod memory;
+mod particles;
+mod project;
+mod radix;
 mod rasterise;
+#[cfg(test)]
+mod reflection;
 mod resolve;
 mod scan;
+mod scene;
+mod shade;
 mod shaders;
+mod sort;
+mod timer;
 
+pub use bin::{ChunkBins, MAX_BAND_TILES, bin};
+pub use classify::{Classified, classify};
+pub use cull::{CullOutput, camera_uniform, cull};
 pub use device::{AdapterChoice, Gpu};
+pub use f64::{F64Results, f64_operations};
+pub use frame::{DeviceScene, FrameInput};
+pub use project::{Projected, project};
 pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;
+pub use shade::shade;
 pub use shaders::{Shader, prelude};
+pub use sort::sort;

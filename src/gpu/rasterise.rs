@@ -34,8 +34,8 @@ pub(super) struct Band {
     pub(super) columns: u32,
     /// Rows of tiles.
     pub(super) rows: u32,
-    /// 1 for the first chunk of the frame.
-    pub(super) is_first: u32,
+    /// Fills up the uniform.
+    pub(super) unused: u32,
 }
 
 impl Band {
@@ -48,9 +48,9 @@ impl Band {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct TileProgress {
-    drawn: u32,
-    is_done: u32,
-    splat_pixels: [u32; 2],
+    pub(super) drawn: u32,
+    pub(super) is_done: u32,
+    pub(super) splat_pixels: [u32; 2],
 }
 
 impl TileProgress {
@@ -81,27 +81,52 @@ pub(super) struct RasterBuffers<'a> {
 
 /// The rasteriser's pipeline.
 #[derive(Debug)]
-pub(super) struct Rasterise(Kernel);
+pub(super) struct Rasterise {
+    kernel: Kernel,
+    slice: u32,
+}
+
+/// The rasteriser with its buffers.
+#[derive(Debug)]
+pub(super) struct BoundRasterise {
+    kernel: BoundKernel,
+    slice: u32,
+}
+
+/// Entries of a list that a dispatch draws at most: all.
+const WHOLE_LIST: u32 = u32::MAX;
+/// The same on a software adapter: llvmpipe ends all loops of a thread, without a word, after
+/// 65,535 rounds. An entry takes one and a share of its batch's.
+const SHORT_LIST: u32 = 60_000;
+/// The same where kernels may be near, whose columns and their pairs take rounds of their own.
+const SHORT_NEAR_LIST: u32 = 3_000;
 
 impl Rasterise {
     pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = f64::from;
-        Self(gpu.kernel(
+        let slice = match (gpu.is_software(), spec.near) {
+            (false, _) => WHOLE_LIST,
+            (true, false) => SHORT_LIST,
+            (true, true) => SHORT_NEAR_LIST,
+        };
+        let kernel = gpu.kernel(
             &shaders::RASTERISE,
             "rasterise",
-            &[Uniform, Read, Read, Read, Read, Read, Read, Write, Write],
+            &[Uniform, Read, Write, Read, Read, Read, Read, Write, Write],
             &[
                 ("HAS_EXACT", flag(u8::from(spec.exact))),
                 ("HAS_NEAR", flag(u8::from(spec.near))),
                 ("HAS_DEPTH", flag(u8::from(spec.depth))),
                 ("IS_LINEAR", flag(u8::from(spec.linear_opacity))),
+                ("SLICE", f64::from(slice)),
             ],
-        ))
+        );
+        Self { kernel, slice }
     }
 
-    pub(super) fn bind(&self, gpu: &Gpu, b: &RasterBuffers<'_>) -> BoundKernel {
-        self.0.bind(
+    pub(super) fn bind(&self, gpu: &Gpu, b: &RasterBuffers<'_>) -> BoundRasterise {
+        let kernel = self.kernel.bind(
             gpu,
             &[
                 b.band,
@@ -114,14 +139,32 @@ impl Rasterise {
                 b.pixels,
                 b.progress,
             ],
-        )
+        );
+        BoundRasterise {
+            kernel,
+            slice: self.slice,
+        }
     }
 }
 
-/// The near terms as the device keeps them: their number, then the terms.
-pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
+impl BoundRasterise {
+    /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
+    ///
+    /// The tiles' progress must be cleared before a frame's first lists.
+    ///
+    /// - `tiles`: of the band.
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
+        for _ in 0..longest.div_ceil(self.slice).max(1) {
+            self.kernel.dispatch(pass, tiles);
+        }
+    }
+}
+
+/// The near terms as the device keeps them: their number, then the terms, room for one at least.
+fn near_words(near: &[NearTerms]) -> Vec<u32> {
     let mut words = vec![near.len() as u32];
     words.extend_from_slice(bytemuck::cast_slice(near));
+    words.resize(words.len().max(1 + size_of::<NearTerms>() / 4), 0);
     words
 }
 
@@ -155,6 +198,7 @@ pub fn rasterise(
     let rows = height.div_ceil(TILE_SIZE) as u32;
     let kernel = Rasterise::new(gpu, spec);
     let view = gpu.upload("view", &[*view])?;
+    let longest = lists.iter().map(Vec::len).max().unwrap_or(0) as u32;
     let footprints = gpu.upload("footprints", footprints)?;
     let exact = gpu.upload("exact terms", exact)?;
     let near = gpu.upload("near terms", &near_words(near))?;
@@ -178,7 +222,7 @@ pub fn rasterise(
             first_row: 0,
             columns,
             rows,
-            is_first: u32::from(chunk == 0),
+            unused: 0,
         };
         let bound = kernel.bind(
             gpu,
@@ -194,7 +238,7 @@ pub fn rasterise(
                 progress: &progress,
             },
         );
-        gpu.run(|pass| bound.dispatch(pass, band.tiles()));
+        gpu.run(|pass| bound.encode(pass, band.tiles(), longest));
     }
     if let Some(colour) = background {
         let background = gpu.uniform("background", &Background::new(colour, count as u32))?;

@@ -3,15 +3,15 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::shaders;
 
 /// The background and the number of pixels before it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Background {
-    colour: [f32; 3],
-    pixels: u32,
+    pub(super) colour: [f32; 3],
+    pub(super) pixels: u32,
 }
 
 impl Background {
@@ -42,6 +42,6 @@ impl Resolve {
 
     /// Workgroups for so many pixels.
     pub(super) fn groups(pixels: u32) -> u32 {
-        pixels.div_ceil(256)
+        pixels.div_ceil(THREADS)
     }
 }

@@ -1,41 +1,45 @@
 //! Prefix sums, which several stages need between counting and placing.
 
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::shaders;
 use crate::error::Result;
 
-/// Words that one workgroup sums: 256 threads of 8.
-const GROUP: u64 = 2048;
+/// Words that one thread sums.
+pub(super) const SCAN_RUN: u32 = 8;
+/// Words that one workgroup sums.
+const GROUP: u64 = (THREADS * SCAN_RUN) as u64;
 
 /// The pipelines of a prefix sum.
 #[derive(Debug)]
 pub(super) struct Scan {
+    prepare: Kernel,
     kernels: [Kernel; 3],
 }
 
 /// A prefix sum of certain buffers.
 #[derive(Debug)]
 pub(super) struct BoundScan {
+    prepare: BoundKernel,
     reduce: BoundKernel,
     sums: BoundKernel,
     apply: BoundKernel,
-    groups: u32,
+    arguments: wgpu::Buffer,
 }
 
 impl Scan {
     /// `length_index`: which word of the buffer of lengths says how many words are summed.
     pub(super) fn new(gpu: &Gpu, length_index: u32) -> Self {
-        let kernel = |entry| {
-            gpu.kernel(
-                &shaders::SCAN,
-                entry,
-                &[Access::Read, Access::Write, Access::Write],
-                &[("LENGTH_INDEX", f64::from(length_index))],
-            )
+        use Access::{Read, Write};
+        let kernel = |entry, bindings: &[Access]| {
+            let constants = [("LENGTH_INDEX", f64::from(length_index))];
+            gpu.kernel(&shaders::SCAN, entry, bindings, &constants)
         };
         Self {
-            kernels: ["scan_reduce", "scan_sums_of_groups", "scan_apply"].map(kernel),
+            // The arguments are bound by none of the dispatches that they drive.
+            prepare: kernel("scan_prepare", &[Read, Write, Write, Write]),
+            kernels: ["scan_reduce", "scan_sums_of_groups", "scan_apply"]
+                .map(|entry| kernel(entry, &[Read, Write, Write])),
         }
     }
 
@@ -52,22 +56,36 @@ impl Scan {
     ) -> Result<BoundScan> {
         let groups = capacity.div_ceil(GROUP);
         let sums = gpu.buffer("prefix sums", 4 * (groups + 1))?;
+        let arguments = gpu.buffer("prefix sum arguments", 12)?;
+        let prepare = self.prepare.bind(gpu, &[lengths, words, &sums, &arguments]);
         let [reduce, sums, apply] =
             [0, 1, 2].map(|i| self.kernels[i].bind(gpu, &[lengths, words, &sums]));
         Ok(BoundScan {
+            prepare,
             reduce,
             sums,
             apply,
-            groups: groups as u32,
+            arguments,
         })
     }
 }
 
 impl BoundScan {
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
-        self.reduce.dispatch(pass, self.groups);
+        self.encode_length(pass);
+        self.encode_sums(pass);
+    }
+
+    /// Looks up the length: once for sums of equally many words, one after the other.
+    pub(super) fn encode_length(&self, pass: &mut wgpu::ComputePass<'_>) {
+        self.prepare.dispatch(pass, 1);
+    }
+
+    /// Takes the sums of as many words as there were at the last [`Self::encode_length`].
+    pub(super) fn encode_sums(&self, pass: &mut wgpu::ComputePass<'_>) {
+        self.reduce.dispatch_indirect(pass, &self.arguments, 0);
         self.sums.dispatch(pass, 1);
-        self.apply.dispatch(pass, self.groups);
+        self.apply.dispatch_indirect(pass, &self.arguments, 0);
     }
 }
 

@@ -3,12 +3,19 @@
 
 use std::fmt::Write as _;
 
+use super::kernel::{MAX_GROUPS, THREADS};
+use super::radix;
+use super::scan::SCAN_RUN;
+use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS, ValueKind};
+use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
-    BLOCK_CAPACITY, BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, TERMINATION_INTERVAL,
+    BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN, TERMINATION_INTERVAL,
     TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
-use crate::math::ERFC_SERIES;
+use crate::math::{ERFC_SERIES, HARMONIC_0, HARMONIC_1, HARMONICS_2, HARMONICS_3};
+use crate::scene::CLASSIFICATION_TABLE_LEN;
+use crate::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2};
 
 /// A shader's name and the files it is composed of.
 #[derive(Debug, Clone, Copy)]
@@ -30,12 +37,28 @@ impl Shader {
     }
 
     /// Every shader of the back end.
-    pub const ALL: &'static [Self] = &[LAYOUT, SCAN, RASTERISE, RESOLVE];
+    pub const ALL: &'static [Self] = &[
+        LAYOUT,
+        F64,
+        SCAN,
+        CULL,
+        CLASSIFY,
+        SHADE,
+        PROJECT_LATTICE,
+        PROJECT_ISOTROPIC,
+        PROJECT_ANISOTROPIC,
+        RADIX,
+        SORT,
+        GATHER,
+        BIN,
+        RASTERISE,
+        RESOLVE,
+    ];
 }
 
+const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
 
-const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
 const EXPONENTIAL: &str = include_str!("../../shaders/shared/exponential.wgsl");
 
 /// The structs of [`crate::layout`] alone.
@@ -61,6 +84,10 @@ pub(super) const RESOLVE: Shader = Shader {
     parts: &[DISPATCH, include_str!("../../shaders/resolve.wgsl")],
 };
 
+const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.wgsl");
+
+const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
+
 const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
 
 /// Prefix sums.
@@ -73,17 +100,156 @@ pub(super) const SCAN: Shader = Shader {
     ],
 };
 
+/// The sort of pairs that sort and bin need.
+pub(super) const RADIX: Shader = Shader {
+    name: "radix",
+    parts: &[
+        DISPATCH,
+        SCAN_THREADS,
+        include_str!("../../shaders/radix.wgsl"),
+    ],
+};
+
+/// Keys of footprints.
+pub(super) const SORT: Shader = Shader {
+    name: "sort",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/sort.wgsl")],
+};
+
+/// Footprints in depth order.
+pub(super) const GATHER: Shader = Shader {
+    name: "gather",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/gather.wgsl")],
+};
+
+/// Tiles that footprints touch.
+pub(super) const BIN: Shader = Shader {
+    name: "bin",
+    parts: &[STRUCTS, DISPATCH, include_str!("../../shaders/bin.wgsl")],
+};
+const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl");
+const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
+
+/// Positions and shapes of a lattice's cells.
+pub(super) const PARTICLES_LATTICE: &str =
+    include_str!("../../shaders/shared/particles_lattice.wgsl");
+/// Positions and shapes of spheres.
+pub(super) const PARTICLES_ISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_isotropic.wgsl");
+/// Positions and shapes of ellipsoids.
+pub(super) const PARTICLES_ANISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_anisotropic.wgsl");
+
+/// The projection of one kind of particle.
+const fn project(name: &'static str, parts: &'static [&'static str]) -> Shader {
+    Shader { name, parts }
+}
+
+macro_rules! project_parts {
+    ($particles:ident) => {
+        &[
+            DISPATCH,
+            STRUCTS,
+            FLOATS,
+            FACTOR,
+            $particles,
+            include_str!("../../shaders/shared/footprint.wgsl"),
+            include_str!("../../shaders/shared/exact.wgsl"),
+            include_str!("../../shaders/shared/bounds.wgsl"),
+            include_str!("../../shaders/shared/filter.wgsl"),
+            include_str!("../../shaders/shared/cutoff.wgsl"),
+            include_str!("../../shaders/shared/peak.wgsl"),
+            include_str!("../../shaders/shared/near.wgsl"),
+            include_str!("../../shaders/project.wgsl"),
+        ]
+    };
+}
+
+/// Footprints of a lattice's cells.
+pub(super) const PROJECT_LATTICE: Shader =
+    project("project of a lattice", project_parts!(PARTICLES_LATTICE));
+/// Footprints of spheres.
+pub(super) const PROJECT_ISOTROPIC: Shader =
+    project("project of spheres", project_parts!(PARTICLES_ISOTROPIC));
+/// Footprints of ellipsoids.
+pub(super) const PROJECT_ANISOTROPIC: Shader = project(
+    "project of ellipsoids",
+    project_parts!(PARTICLES_ANISOTROPIC),
+);
+/// Double precision in integers, for its test.
+pub(super) const F64: Shader = Shader {
+    name: "f64",
+    parts: &[
+        DISPATCH,
+        F64_ARITHMETIC,
+        include_str!("../../shaders/f64.wgsl"),
+    ],
+};
+
+/// Which blocks a frame sees.
+pub(super) const CULL: Shader = Shader {
+    name: "cull",
+    parts: &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        F64_ARITHMETIC,
+        TRANSFER,
+        include_str!("../../shaders/cull.wgsl"),
+    ],
+};
+
+/// From values to masses and colours.
+pub(super) const CLASSIFY: Shader = Shader {
+    name: "classify",
+    parts: &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        TRANSFER,
+        include_str!("../../shaders/classify.wgsl"),
+    ],
+};
+
+/// Colours that depend on the view.
+pub(super) const SHADE: Shader = Shader {
+    name: "shade",
+    parts: &[
+        DISPATCH,
+        STRUCTS,
+        F64_ARITHMETIC,
+        include_str!("../../shaders/shade.wgsl"),
+    ],
+};
+
 /// The numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {
     let mut text = String::new();
     let integers = [
+        ("MAX_GROUPS", MAX_GROUPS),
+        ("THREADS", THREADS),
+        ("SCAN_RUN", SCAN_RUN),
         ("TILE_SIZE", TILE_SIZE as u32),
-        ("BLOCK_CAPACITY", BLOCK_CAPACITY as u32),
         ("BRICK_X", BRICK[0] as u32),
         ("BRICK_Y", BRICK[1] as u32),
         ("BRICK_Z", BRICK[2] as u32),
         ("DEPTH_KEY_BITS", DEPTH_KEY_BITS),
         ("TERMINATION_INTERVAL", TERMINATION_INTERVAL as u32),
+        ("RADIX_BITS", radix::BITS),
+        ("RADIX_GROUP", radix::GROUP as u32),
+        ("CLASSIFICATION_TABLE_LEN", CLASSIFICATION_TABLE_LEN as u32),
+        ("VALUES_NONE", ValueKind::None as u32),
+        ("VALUES_U8", ValueKind::U8 as u32),
+        ("VALUES_U16", ValueKind::U16 as u32),
+        ("VALUES_I16", ValueKind::I16 as u32),
+        ("STRENGTH_CELL", StrengthKind::Cell as u32),
+        ("STRENGTH_WIDTHS", StrengthKind::Widths as u32),
+        ("STRENGTH_GIVEN", StrengthKind::Given as u32),
+        ("COLOUR_CLASSIFIED", ColourKind::Classified as u32),
+        ("COLOUR_PER_PARTICLE", ColourKind::PerParticle as u32),
+        ("COLOUR_UNIFORM", ColourKind::Uniform as u32),
+        ("VIEW_ARGUMENTS", VIEW_ARGUMENTS),
+        ("PARTICLE_ARGUMENTS", PARTICLE_ARGUMENTS),
         ("PATH_AFFINE", PATH_AFFINE),
         ("PATH_PEAK", PATH_PEAK),
         ("PATH_EXACT", PATH_EXACT),
@@ -93,26 +259,58 @@ pub fn prelude() -> String {
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
     }
+    for filter in Filter::ALL {
+        let name = filter.name().to_uppercase().replace('-', "_");
+        let _ = writeln!(text, "const FILTER_{name}: u32 = {}u;", filter as u32);
+    }
     let floats = [
         ("MAX_CUTOFF", MAX_CUTOFF),
+        ("NEAR_MARGIN", NEAR_MARGIN),
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
         ("SMALLEST", f32::MIN_POSITIVE),
+        ("LARGEST", f32::MAX),
         ("LN_2", std::f32::consts::LN_2),
         ("LOG2_E", std::f32::consts::LOG2_E),
         ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
+        ("SPLAT_LOW_PASS_PX2", SPLAT_LOW_PASS_PX2),
+        ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
+        ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),
         ("TAU", std::f32::consts::TAU),
+        ("HARMONIC_0", HARMONIC_0),
+        ("HARMONIC_1", HARMONIC_1),
     ];
     for (name, value) in floats {
         let _ = writeln!(text, "const {name}: f32 = {value:?};");
     }
-    // Coefficients, each a constant with its number.
-    let series: [(&str, &[f32]); 2] =
-        [("EXP2_SERIES", &EXP2_SERIES), ("ERFC_SERIES", &ERFC_SERIES)];
-    for (name, values) in series {
-        for (i, value) in values.iter().enumerate() {
-            let _ = writeln!(text, "const {name}_{i}: f32 = {value:?};");
-        }
+    let lists = [
+        ("EXP2_SERIES", EXP2_SERIES.as_slice()),
+        ("ERFC_SERIES", ERFC_SERIES.as_slice()),
+        ("HARMONICS_2", HARMONICS_2.as_slice()),
+        ("HARMONICS_3", HARMONICS_3.as_slice()),
+    ];
+    for (name, values) in lists {
+        let (count, values) = (values.len(), format!("{values:?}"));
+        let values = values.trim_matches(['[', ']']);
+        let kind = format!("array<f32, {count}>");
+        let _ = writeln!(text, "const {name}: {kind} = {kind}({values});");
+    }
+    let doubles = [
+        ("DEPTH_KEY_SPAN", DEPTH_KEY_SPAN),
+        ("GREATEST_F32", f64::from(f32::MAX)),
+    ];
+    for (name, value) in doubles {
+        let [low, high] = words(value);
+        let _ = writeln!(
+            text,
+            "const {name}: vec2<u32> = vec2<u32>({low}u, {high}u);"
+        );
     }
     text
+}
+
+/// The words of a number of f64, the low one first.
+pub(super) fn words(x: f64) -> [u32; 2] {
+    let bits = x.to_bits();
+    [bits as u32, (bits >> 32) as u32]
 }

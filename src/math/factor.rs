@@ -1,5 +1,7 @@
 //! Factors of variance matrices: V = F Fᵀ. A variance itself is never formed; squared axis
 //! ratios do not survive f32 (beyond about 1:4000 nothing is left of the short axis).
+//!
+//! Twin: `shaders/shared/factor.wgsl`.
 
 use glam::{Mat3, Vec3};
 

@@ -7,6 +7,15 @@ use glam::Vec3;
 /// The constant harmonic, 1 / (2 sqrt(pi)).
 pub const HARMONIC_0: f32 = 0.282_094_8;
 
+/// Of degree 1: sqrt(3 / 4 pi).
+pub(crate) const HARMONIC_1: f32 = 0.488_602_5;
+
+/// Of degree 2: sqrt(15 / 4 pi), sqrt(5 / 16 pi).
+pub(crate) const HARMONICS_2: [f32; 2] = [1.092_548_4, 0.315_391_57];
+
+/// Of degree 3: sqrt(35 / 32 pi), sqrt(105 / 4 pi), sqrt(21 / 32 pi), sqrt(7 / 16 pi).
+pub(crate) const HARMONICS_3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_34];
+
 /// The greatest degree of [`harmonics`].
 pub const MAX_HARMONICS_DEGREE: u8 = 3;
 
@@ -17,11 +26,9 @@ pub const MAX_HARMONICS_DEGREE: u8 = 3;
 /// Splatting*, and every file of that layout.
 #[inline]
 pub fn harmonics(Vec3 { x, y, z }: Vec3) -> [f32; 16] {
-    // sqrt(3 / 4 pi); sqrt(15 / 4 pi), sqrt(5 / 16 pi); sqrt(35 / 32 pi), sqrt(105 / 4 pi),
-    // sqrt(21 / 32 pi), sqrt(7 / 16 pi).
-    const L1: f32 = 0.488_602_5;
-    const L2: [f32; 2] = [1.092_548_4, 0.315_391_57];
-    const L3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_34];
+    const L1: f32 = HARMONIC_1;
+    const L2: [f32; 2] = HARMONICS_2;
+    const L3: [f32; 4] = HARMONICS_3;
     let (xx, yy, zz) = (x * x, y * y, z * z);
     [
         HARMONIC_0,

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::{Clock, FrameCounts, Renderer, Settings, StageTimes, frustum, view_uniform};
-use crate::blocks::{BlockedVolume, DepthRange, cull_outside, distance_interval};
+use crate::blocks::{BlockedVolume, cull_outside, distance_interval};
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::cpu::{self, AmplitudeSummary, Bins, ColumnInput, ColumnSums, SimdLevel};
 use crate::error::{Error, Result};
@@ -126,7 +126,7 @@ impl Renderer {
         }
         counts.blocks_culled = counts.blocks - self.views.iter().map(Vec::len).sum::<usize>();
         // Depths order nothing here.
-        let uniform = view_uniform(camera, &shared, &DepthRange::of(std::iter::empty()));
+        let uniform = view_uniform(camera, &shared, 0.0);
         times.cull = clock.lap();
 
         // Masses relative to the largest, such that footprints come out near one: f32 holds

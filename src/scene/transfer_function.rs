@@ -221,6 +221,18 @@ impl TransferFunction {
         &self.table
     }
 
+    /// Entries per unit of value.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Row p, entry i: the greatest extinction \[1/length\] of entries i .. i + 2^p.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn maxima(&self) -> &[Vec<f32>] {
+        &self.maxima
+    }
+
     /// The length \[world units\] over which its opacities were stated.
     pub fn unit_distance(&self) -> f64 {
         self.unit_distance

@@ -1,5 +1,7 @@
 //! What an approximation costs at most. Conservative bounds: evidence of thousands of random
 //! kernels, not proof; `tests/bounds.rs` draws them again.
+//!
+//! Twin: `shaders/shared/bounds.wgsl`.
 
 use glam::Vec2;
 

@@ -1,4 +1,6 @@
 //! Where a kernel ends.
+//!
+//! Twin: `shaders/shared/cutoff.wgsl`.
 
 use crate::constants::MAX_CUTOFF;
 

@@ -1,4 +1,6 @@
 //! Which approximation draws a kernel.
+//!
+//! Twin: `shaders/shared/filter.wgsl`.
 
 use super::bounds::{affine_error, opacity_amplification};
 use super::exact::exact_terms;

@@ -1,5 +1,7 @@
 //! The resampling filter of a kernel: eq. 20 and 25 of Zwicker et al. 2001, eq. 3 to 5 of
 //! Chen et al. 2004, in factored form.
+//!
+//! Twin: `shaders/shared/footprint.wgsl`.
 
 use std::f32::consts::TAU;
 

@@ -24,4 +24,6 @@ pub use exact::{exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 pub use near::{evaluate_near, half_line_terms, near_terms};
+#[cfg(feature = "gpu")]
+pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};

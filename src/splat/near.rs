@@ -1,5 +1,7 @@
 //! Kernels that cross the camera plane: the direct line integral along the half line in front of
 //! the eye. No affine footprint, no clamp of the Jacobian.
+//!
+//! Twin: `shaders/shared/near.wgsl`.
 
 use std::f32::consts::TAU;
 
@@ -85,7 +87,7 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     }
     let root = across.sqrt();
     // z*/sigma_z = (along / across) / (sigma / root); a flat kernel lies wholly on one side.
-    let behind = along / (root * terms.sigma.max(f32::MIN_POSITIVE));
+    let behind = along / (root * terms.sigma).max(f32::MIN_POSITIVE);
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 

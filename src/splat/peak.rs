@@ -1,5 +1,7 @@
 //! Splats of radiance fields, by the rule of their format (Kerbl et al. 2023, *3D Gaussian
 //! Splatting for Real-Time Radiance Field Rendering*): alpha = peak x exp(-Q/2).
+//!
+//! Twin: `shaders/shared/peak.wgsl`.
 
 use glam::Vec2;
 
@@ -18,7 +20,7 @@ pub const ANTI_ALIASED_LOW_PASS_PX2: f32 = 0.1;
 /// How far beyond the image the Jacobian follows a splat, as a share of half the image. Farther
 /// out it is that of this slope: the affine footprints of what lies beside the eye would reach
 /// across the picture, and the training knew no such footprints.
-const JACOBIAN_MARGIN: f32 = 0.3;
+pub(crate) const JACOBIAN_MARGIN: f32 = 0.3;
 
 /// The footprint of a splat, its `tau` the opacity at the centre; `None` where the rule draws
 /// nothing.
@@ -71,6 +73,7 @@ pub fn peak_footprint(
         let determinant = screen.row_x.cross(screen.row_y).length_squared();
         image.tau *= (determinant / image.determinant).sqrt();
     }
-    let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
+    // Lengths whose squares leave f32 have no form.
+    let is_shape = (image.a + image.c).is_finite();
     (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
 }

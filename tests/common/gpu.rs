@@ -1,12 +1,18 @@
 //! The device that the tests of the GPU back end share.
 
-use std::sync::OnceLock;
+use std::collections::BTreeMap;
+use std::panic::Location;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 
 use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
-use ewa_splat::cpu::Bins;
+use ewa_splat::cpu::{Bins, SimdLevel};
 use ewa_splat::image::Image;
 use ewa_splat::layout::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::scene::PointVolume;
 use ewa_splat::splat::evaluate_near;
+use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Settings};
 use glam::{DVec2, Vec3};
 
 use super::frame::Frame;
@@ -29,6 +35,88 @@ pub fn gpu() -> Option<&'static Gpu> {
         }
     })
     .as_ref()
+}
+
+/// The largest difference between the two back ends' pictures, in shares of full scale, where no
+/// threshold lies between them: roundings of f32 in different orders along a ray of many layers.
+pub const ALIKE: f32 = 2e-5;
+
+/// Draws a scene on both back ends and holds the pictures to each other; returns how many pixels
+/// differ at a threshold, or `None` where there is no adapter.
+pub fn assert_alike(
+    name: &str,
+    scene: &PointVolume,
+    camera: &Camera,
+    settings: &Settings,
+) -> Option<usize> {
+    let gpu = gpu()?;
+    let settings = Settings {
+        // No fused operations, as on the device.
+        simd: SimdLevel::Baseline,
+        ..settings.clone()
+    };
+    let mut on_cpu = Renderer::new(vec![scene.clone()]).unwrap();
+    on_cpu.render(camera, &settings).unwrap();
+    let on_gpu = Renderer::new(vec![scene.clone()]).unwrap();
+    let mut on_gpu = on_gpu.on(gpu.clone()).unwrap();
+    on_gpu.render(camera, &settings).unwrap();
+    let (a, b) = (on_cpu.image(), on_gpu.image());
+    let differs = |(p, q): (&[f32; 4], &[f32; 4])| {
+        p.iter()
+            .zip(q)
+            .any(|(x, y)| !((x - y).abs() <= ALIKE) && x.to_bits() != y.to_bits())
+    };
+    println!("{name}: {:?} {:?}", on_cpu.counts(), on_gpu.counts());
+    let (c, d) = (on_cpu.counts(), on_gpu.counts());
+    assert_eq!(c.blocks, d.blocks, "{name}");
+    assert_eq!(c.classified, d.classified, "{name}");
+    // A footprint at the image's border may reach it on one side only.
+    let near = |a: usize, b: usize| a.abs_diff(b) <= 2 + a / 1000;
+    assert!(near(c.footprints, d.footprints), "{name}: {c:?} {d:?}");
+    assert!(near(c.tile_entries, d.tile_entries), "{name}: {c:?} {d:?}");
+    let mut flips = 0;
+    if a.pixels.iter().zip(&b.pixels).any(differs) {
+        let frame = Frame::new(scene.clone(), camera, &settings);
+        flips = explained_flips(&frame, &frame.bins(), a, b, ALIKE);
+    }
+    println!(
+        "{name}: {flips} of {} pixels differ at a threshold",
+        a.pixels.len()
+    );
+    if let (Some(a), Some(b)) = (on_cpu.depth(), on_gpu.depth()) {
+        // Another footprint's where the opacity before it is within rounding of a half.
+        let differ = |(x, y): &(&f32, &f32)| !((*x - *y).abs() <= 1e-5 * x.abs() || x == y);
+        let count = a.depths.iter().zip(&b.depths).filter(differ).count();
+        println!("{name}: {count} depths differ");
+        assert!(count <= flips + 2 + a.depths.len() / 1000, "{name}");
+    }
+    assert_eq!(on_cpu.depth().is_some(), on_gpu.depth().is_some());
+    Some(flips)
+}
+
+/// The first pictures of a line of a test that [`hold_sampled`] holds to the GPU's.
+const FIRST: usize = 8;
+/// After those, one in so many: a software adapter takes 15 ms or more for each.
+const ONE_IN: usize = 40;
+
+/// [`assert_alike`], for a sample of the pictures that each line of the tests draws.
+#[track_caller]
+pub fn hold_sampled(scene: &PointVolume, camera: &Camera, settings: &Settings) {
+    static DRAWN: Mutex<BTreeMap<(&str, u32), usize>> = Mutex::new(BTreeMap::new());
+    let line = Location::caller();
+    let n = {
+        let mut drawn = DRAWN.lock().unwrap_or_else(PoisonError::into_inner);
+        let n = drawn.entry((line.file(), line.line())).or_default();
+        *n += 1;
+        *n - 1
+    };
+    if n < FIRST || n.is_multiple_of(ONE_IN) {
+        let name = format!("{}:{}, picture {n}", line.file(), line.line());
+        let start = Instant::now();
+        if let Some(flips) = assert_alike(&name, scene, camera, settings) {
+            println!("{name}: {flips} flips, {:.0?}", start.elapsed());
+        }
+    }
 }
 
 /// How many pixels of two pictures of one frame differ by more than `rounding`. Fails where such a
@@ -78,9 +166,9 @@ fn is_on_cutoff(frame: &Frame, n: usize, x: usize, y: usize) -> bool {
             1.0 + wide(terms.gradient).dot(d) + hxx * d.x * d.x + hxy * d.x * d.y + hyy * d.y * d.y;
     }
     let cutoff = f64::from(f.cutoff_squared);
-    // Offsets rounded at a coordinate of some hundred pixels, times the form's slope there.
+    // A centre of some roundings at its coordinate, times the form's slope there.
     let slope = 2.0 * q.sqrt() * (wide(f.form_p).length() + wide(f.form_r).length());
-    let pixel = f64::from(f32::EPSILON) * at.max_element().max(1.0);
+    let pixel = 4.0 * f64::from(f32::EPSILON) * at.max_element().max(1.0);
     (q - cutoff).abs() <= 1e-5 * cutoff + slope * pixel
 }
 

@@ -496,8 +496,14 @@ pub mod scene {
         }
     }
 
-    /// Renders once.
+    /// Renders once, on the CPU; every picture of one volume in a sample of them is held to the
+    /// GPU's.
+    #[track_caller]
     pub fn render(scene: Vec<PointVolume>, camera: &Camera, settings: &Settings) -> Image {
+        #[cfg(feature = "gpu")]
+        if let [volume] = scene.as_slice() {
+            super::gpu::hold_sampled(volume, camera, settings);
+        }
         let mut renderer = Renderer::new(scene).unwrap();
         renderer.render(camera, settings).unwrap();
         renderer.image().clone()

@@ -14,7 +14,7 @@ use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Lens};
-use ewa_splat::{ColumnSettings, Renderer, Result, Settings};
+use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     size: Option<[usize; 2]>,
     /// What renders
     #[arg(long, value_enum, default_value = "auto")]
-    backend: Backend,
+    backend: BackendName,
     #[command(flatten)]
     camera: CameraOptions,
     #[command(flatten)]
@@ -48,10 +48,13 @@ pub(crate) struct Arguments {
     output: Output,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Backend {
-    /// The fastest this build has: the CPU
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum BackendName {
+    /// A hardware GPU where there is one or EWA_ADAPTER names one, the CPU otherwise
     Auto,
+    /// A GPU, or a software adapter where there is no other; the environment variable EWA_ADAPTER
+    /// chooses one by a part of its name
+    Gpu,
     Cpu,
 }
 
@@ -140,6 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.stats.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
+    let backend = arguments.backend()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -159,7 +163,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let prepare_start = Instant::now();
     let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
     let integrator = integrator.transpose()?;
-    let mut renderer = Renderer::new(scene)?;
+    let mut renderer = Renderer::with_backend(scene, backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
     let prepared = Prepared {
@@ -258,6 +262,27 @@ impl Arguments {
         Ok(())
     }
 
+    /// The true image and column densities are sums in f64 and f32 of the CPU's own.
+    fn backend(&self) -> Result<Backend> {
+        if self.method.column_density && self.backend == BackendName::Gpu {
+            return Err(Error::format(
+                "--column-density",
+                "--backend",
+                "cpu or auto",
+                "gpu",
+                "leave --backend out: column densities are summed on the CPU",
+            ));
+        }
+        if self.method.column_density || self.method.reference {
+            return Ok(Backend::Cpu);
+        }
+        Ok(match self.backend {
+            BackendName::Auto => Backend::Auto,
+            BackendName::Gpu => Backend::Gpu,
+            BackendName::Cpu => Backend::Cpu,
+        })
+    }
+
     pub(crate) fn frames(&self) -> Option<u32> {
         self.output.frames
     }
@@ -317,6 +342,7 @@ pub(crate) fn stats(
 ) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
+    let adapter = renderer.adapter();
     json!({
         "particles": renderer.particle_count(),
         "surfels": 0,
@@ -332,9 +358,11 @@ pub(crate) fn stats(
         "splat_pixels": counts.splat_pixels,
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
-        "backend": "cpu",
-        "adapter": format!("{} threads, {:?}", rayon::current_num_threads(),
-                           ewa_splat::cpu::SimdLevel::best()),
+        "backend": if adapter.is_some() { "gpu" } else { "cpu" },
+        "adapter": adapter.unwrap_or_else(|| {
+            let level = ewa_splat::cpu::SimdLevel::best();
+            format!("{} threads, {level:?}", rayon::current_num_threads())
+        }),
         "times_ms": {
             "read": prepared.read_ms,
             "prepare": prepared.prepare_ms,

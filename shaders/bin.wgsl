@@ -1,0 +1,295 @@
+// Stage: which footprints of a chunk touch which tiles of a band, in depth order: entries (tile, footprint) in the
+// footprints' order, which radix.wgsl sorts by tile.
+// Twin: src/cpu/bin.rs.
+
+// Tiles in the box of a footprint that the whole workgroup walks: a thread alone would keep the others waiting.
+const LARGE_BOX: u32 = 64u;
+
+struct BinStep {
+    // 0 counts the entries of every footprint, 1 writes them. No `override`: a compiler could round the two kernels
+    // differently, and they have to agree.
+    emit: u32,
+}
+
+@group(0) @binding(0) var<uniform> chunk: ChunkUniform;
+@group(0) @binding(1) var<uniform> bin_step: BinStep;
+@group(0) @binding(2) var<storage, read> state: ChunkState;
+// In depth order.
+@group(0) @binding(3) var<storage, read> footprints: array<Footprint>;
+@group(0) @binding(4) var<storage, read> exact: array<ExactTerms>;
+// Entries of every footprint and a word more; then their prefix sums, the last of which is the sum of all.
+@group(0) @binding(5) var<storage, read_write> offsets: array<u32>;
+@group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
+@group(0) @binding(7) var<storage, read_write> entry_footprints: array<u32>;
+
+// Whether there are exact terms.
+override EXACT: bool = true;
+
+// Tiles that each thread's footprint touches, as far as they are found.
+var<workgroup> found: array<atomic<u32>, THREADS>;
+// Threads whose footprints are large.
+var<workgroup> large: array<u32, THREADS>;
+var<workgroup> large_count: atomic<u32>;
+
+// Once to count and once to write, the prefix sums between.
+@compute @workgroup_size(THREADS)
+fn bin_walk(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let first = group_index(group) * THREADS;
+    let k = first + thread;
+    atomicStore(&found[thread], 0u);
+    if thread == 0u {
+        atomicStore(&large_count, 0u);
+    }
+    workgroupBarrier();
+    if k < state.length {
+        let tiles = tile_box(footprints[k]);
+        if tiles.count <= LARGE_BOX || is_known(tiles) {
+            for_each_tile(k, thread, 0u, 1u);
+        } else {
+            large[atomicAdd(&large_count, 1u)] = thread;
+        }
+    }
+    workgroupBarrier();
+    let count = atomicLoad(&large_count);
+    for (var i = 0u; i < count; i = i + 1u) {
+        for_each_tile(first + large[i], large[i], thread, THREADS);
+    }
+    workgroupBarrier();
+    if bin_step.emit == 0u && k < state.length {
+        offsets[k] = atomicLoad(&found[thread]);
+    }
+}
+
+// The tiles of the band that a footprint's box meets.
+struct TileBox {
+    first: vec2<u32>,
+    columns: u32,
+    count: u32,
+    // Whether some of them may lie beyond the outline. A box of one row or column of tiles, in the band or not, is
+    // (nearly) all touched.
+    test: bool,
+}
+
+fn tile_box(footprint: Footprint) -> TileBox {
+    let first = vec2<u32>(footprint.columns & 0xffffu, footprint.rows & 0xffffu) / TILE_SIZE;
+    let last = (vec2<u32>(footprint.columns >> 16u, footprint.rows >> 16u) - 1u) / TILE_SIZE;
+    let test = last.x > first.x && last.y > first.y && (footprint.path & 3u) != PATH_NEAR;
+    let first_in_band = max(first, chunk.band_first);
+    let end = max(min(last + 1u, chunk.band_first + chunk.band_size), first_in_band);
+    let size = end - first_in_band;
+    return TileBox(first_in_band, size.x, size.x * size.y, test);
+}
+
+// Whether tiles are counted, and without a look at any.
+fn is_known(tiles: TileBox) -> bool {
+    return bin_step.emit == 0u && !tiles.test;
+}
+
+// Every tile of the band that holds a pixel centre within the cut-off of footprint k, by the exact test of ellipse
+// against rectangle: the tiles `begin`, `begin + stride`, ... of its box. In any order: a footprint meets a tile once,
+// and the sort by tile keeps the footprints' order.
+fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
+    let footprint = footprints[k];
+    let tiles = tile_box(footprint);
+    if is_known(tiles) {
+        atomicStore(&found[owner], tiles.count);
+        return;
+    }
+    var conic: Conic;
+    if tiles.test {
+        conic = conic_new(footprint, k);
+    }
+    let box_first = vec2<u32>(footprint.columns & 0xffffu, footprint.rows & 0xffffu);
+    let box_end = vec2<u32>(footprint.columns >> 16u, footprint.rows >> 16u);
+    var place = 0u;
+    var end = 0u;
+    if bin_step.emit != 0u {
+        place = offsets[k];
+        end = offsets[k + 1u];
+    }
+    for (var i = begin; i < tiles.count; i = i + stride) {
+        let tile = tiles.first + vec2<u32>(i % tiles.columns, i / tiles.columns);
+        var touched = true;
+        if tiles.test {
+            // The pixel centres of the tile that lie in the box.
+            let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
+            let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));
+            touched = conic_touches(conic, lower + 0.5, upper - 0.5);
+        }
+        if touched {
+            let n = atomicAdd(&found[owner], 1u);
+            // Within the footprint's own places, whatever a compiler makes of the two steps.
+            if bin_step.emit != 0u && place + n < end {
+                let in_band = tile - chunk.band_first;
+                entry_tiles[place + n] = in_band.y * chunk.band_size.x + in_band.x;
+                entry_footprints[place + n] = k;
+            }
+        }
+    }
+}
+
+// The cut-off's outline: Q(d) - r² w(d) = 0, a convex quadratic of the pixel offset.
+struct Conic {
+    centre_px: vec2<f32>,
+    p: vec2<f32>,
+    r: vec2<f32>,
+    // r² times the gradient and Hessian of w; zero on affine paths.
+    gradient: vec2<f32>,
+    hessian: vec3<f32>,
+    cutoff_squared: f32,
+    // Where the quadratic is least, relative to the centre.
+    middle: vec2<f32>,
+}
+
+fn conic_new(footprint: Footprint, k: u32) -> Conic {
+    let r2 = footprint.cutoff_squared;
+    var conic = Conic(
+        footprint.centre_px,
+        footprint.form_p,
+        footprint.form_r,
+        vec2<f32>(),
+        vec3<f32>(),
+        r2,
+        vec2<f32>(),
+    );
+    if EXACT && (footprint.path & 3u) == PATH_EXACT {
+        let terms = exact[k];
+        conic.gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]) * r2;
+        conic.hessian = vector(terms.hessian) * r2;
+        let abc = conic_second(conic);
+        let determinant = abc.x * abc.z - abc.y * abc.y;
+        if determinant > 0.0 && !is_nan(determinant) {
+            let g = conic.gradient * 0.5;
+            conic.middle =
+                vec2<f32>(abc.z * g.x - abc.y * g.y, abc.x * g.y - abc.y * g.x) / determinant;
+        }
+    }
+    return conic;
+}
+
+// Coefficients of dx², 2 dx dy and dy².
+fn conic_second(conic: Conic) -> vec3<f32> {
+    let p = conic.p;
+    let r = conic.r;
+    return vec3<f32>(
+        p.x * p.x + r.x * r.x - conic.hessian.x,
+        p.x * p.y + r.x * r.y - 0.5 * conic.hessian.y,
+        p.y * p.y + r.y * r.y - conic.hessian.z,
+    );
+}
+
+fn conic_value(conic: Conic, d: vec2<f32>) -> f32 {
+    let h = conic.hessian;
+    let pd = dot2(conic.p, d);
+    let rd = dot2(conic.r, d);
+    let q = pd * pd + rd * rd;
+    let w = dot2(conic.gradient, d) + h.x * d.x * d.x + h.y * d.x * d.y + h.z * d.y * d.y;
+    return q - w - conic.cutoff_squared;
+}
+
+// Whether a point is inside. Not a number counts as inside, as it does on the CPU.
+fn conic_inside(conic: Conic, d: vec2<f32>) -> bool {
+    let value = conic_value(conic, d);
+    // A hair of slack: the value of a needle's edge is a difference of large numbers.
+    return is_nan(value) || !(value > conic.cutoff_squared * 1e-4);
+}
+
+// Between two numbers; the lower one for what is not a number.
+fn clamped(x: f32, lower: f32, upper: f32) -> f32 {
+    return select(min(max(x, lower), upper), lower, is_nan(x));
+}
+
+// Whether the rectangle between two points (pixels) meets the inside. The least value in a rectangle that does not
+// hold the middle lies on an edge that faces it.
+fn conic_touches(conic: Conic, lower_px: vec2<f32>, upper_px: vec2<f32>) -> bool {
+    let lower = lower_px - conic.centre_px;
+    let upper = upper_px - conic.centre_px;
+    if is_nan(lower.x) || is_nan(lower.y) {
+        return true;
+    }
+    let middle = conic.middle;
+    let nearest = vec2<f32>(
+        clamped(middle.x, lower.x, upper.x),
+        clamped(middle.y, lower.y, upper.y),
+    );
+    let beside = nearest.x != middle.x || is_nan(middle.x);
+    let above = nearest.y != middle.y || is_nan(middle.y);
+    if !beside && !above {
+        return true;
+    }
+    let abc = conic_second(conic);
+    if beside {
+        let y = (0.5 * conic.gradient.y - abc.y * nearest.x) / abc.z;
+        if conic_inside(conic, vec2<f32>(nearest.x, clamped(y, lower.y, upper.y))) {
+            return true;
+        }
+    }
+    if above {
+        let x = (0.5 * conic.gradient.x - abc.y * nearest.y) / abc.x;
+        return conic_inside(conic, vec2<f32>(clamped(x, lower.x, upper.x), nearest.y));
+    }
+    return false;
+}
+
+struct BinCapacity {
+    entries: u32,
+}
+
+@group(0) @binding(0) var<uniform> band: ChunkUniform;
+@group(0) @binding(1) var<uniform> capacity: BinCapacity;
+@group(0) @binding(2) var<storage, read> summed: array<u32>;
+@group(0) @binding(3) var<storage, read_write> new_state: ChunkState;
+// Of `bin_walk` that writes, and of `bin_ranges`.
+@group(0) @binding(4) var<storage, read_write> new_arguments: array<array<u32, 3>, 2>;
+
+// Nothing is written of a chunk whose entries do not all find room.
+@compute @workgroup_size(1)
+fn bin_prepare() {
+    let length = new_state.length;
+    let needed = summed[length];
+    let fits = needed <= capacity.entries;
+    new_state.entries = select(0u, needed, fits);
+    new_state.needed = max(new_state.needed, needed);
+    let walks = folded(select(0u, (length + THREADS - 1u) / THREADS, fits));
+    new_arguments[0] = array<u32, 3>(walks.x, walks.y, walks.z);
+    let ranges = folded((band.band_size.x * band.band_size.y + THREADS - 1u) / THREADS);
+    new_arguments[1] = array<u32, 3>(ranges.x, ranges.y, ranges.z);
+}
+
+// Tiles in order, one per entry.
+@group(0) @binding(1) var<storage, read> sorted_tiles: array<u32>;
+@group(0) @binding(2) var<storage, read> sorted_state: ChunkState;
+// First and one-past-last entry of every tile of the band; zeros where there is none.
+@group(0) @binding(3) var<storage, read_write> tile_ranges: array<vec2<u32>>;
+
+@compute @workgroup_size(THREADS)
+fn bin_ranges(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let tile = group_index(group) * THREADS + thread;
+    if tile >= band.band_size.x * band.band_size.y {
+        return;
+    }
+    let first = first_entry(tile);
+    let end = first_entry(tile + 1u);
+    tile_ranges[tile] = select(vec2<u32>(), vec2<u32>(first, end), first < end);
+}
+
+// The first entry of a tile or of one behind it.
+fn first_entry(tile: u32) -> u32 {
+    var first = 0u;
+    var end = sorted_state.entries;
+    while first < end {
+        let middle = first + (end - first) / 2u;
+        if sorted_tiles[middle] < tile {
+            first = middle + 1u;
+        } else {
+            end = middle;
+        }
+    }
+    return first;
+}

@@ -1,0 +1,220 @@
+// Stage: from values to masses and colours, per particle, once. A workgroup is a view, a thread a
+// particle of its block. Counting and emitting share `visit`; should a compiler round the two
+// differently all the same, a view keeps to its places. Colours that depend on the view are left to
+// shade.wgsl.
+// Twin: src/cpu/classify.rs.
+//
+// Passes: classify_count, a prefix sum of `counts`, classify_place, classify_emit.
+
+// What kinds of data a part has; `Kinds` of src/gpu/scene.rs.
+override VALUES: u32 = VALUES_NONE;
+override STRENGTH: u32 = STRENGTH_GIVEN;
+override COLOUR: u32 = COLOUR_CLASSIFIED;
+override IS_LATTICE: bool = false;
+
+struct TransferTable {
+    low: f32,
+    scale: f32,
+    // Red, green, blue, extinction.
+    entries: array<vec4<f32>>,
+}
+
+@group(0) @binding(0) var<uniform> bricks: BrickUniform;
+@group(0) @binding(1) var<storage, read_write> state: PartState;
+@group(0) @binding(2) var<storage, read_write> views: array<BlockView>;
+// One for each view and one more, in which the prefix sum leaves the sum of all.
+@group(0) @binding(3) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(3) var<storage, read_write> classified: array<ClassifiedParticle>;
+@group(0) @binding(4) var<storage, read> blocks: array<DeviceBlock>;
+@group(0) @binding(4) var<storage, read_write> frame: FrameState;
+@group(0) @binding(5) var<storage, read> values: array<u32>;
+@group(0) @binding(5) var<storage, read_write> arguments: array<u32>;
+// One per particle; of a lattice's cells their one volume, or their widths along x, y and z.
+@group(0) @binding(6) var<storage, read> strengths: array<f32>;
+@group(0) @binding(7) var<storage, read> transfer: TransferTable;
+@group(0) @binding(8) var<storage, read> colours: array<f32>;
+
+// What the transfer function and the strengths make of a particle.
+struct Visit {
+    // Its index in arrays of one entry per particle.
+    index: u32,
+    // 0 where there is none.
+    mass: f32,
+    class_of_value: vec4<f32>,
+}
+
+// Linear red, green, blue and the extinction [1/length] of a value.
+//
+// Values outside the range, infinities included, take its ends; NaN is transparent.
+fn classify(value: f32) -> vec4<f32> {
+    if is_nan(value) {
+        return vec4<f32>(0.0);
+    }
+    let p = table_position(value, transfer.low, transfer.scale);
+    let a = transfer.entries[p.entry];
+    let b = transfer.entries[p.entry + 1u];
+    return a + (b - a) * p.fraction;
+}
+
+// Value i, widened.
+fn value_at(i: u32) -> f32 {
+    if VALUES == VALUES_U8 {
+        return f32((values[i / 4u] >> (8u * (i % 4u))) & 0xffu);
+    }
+    if VALUES == VALUES_U16 {
+        return f32((values[i / 2u] >> (16u * (i % 2u))) & 0xffffu);
+    }
+    if VALUES == VALUES_I16 {
+        return f32(bitcast<i32>(values[i / 2u] << (16u - 16u * (i % 2u))) >> 16u);
+    }
+    return bitcast<f32>(values[i]);
+}
+
+// Cell `local` of a brick whose first cell is `corner`.
+fn brick_cell(corner: vec3<u32>, local: u32) -> vec3<u32> {
+    return corner + vec3<u32>(local % BRICK_X, local / BRICK_X % BRICK_Y, local / (BRICK_X * BRICK_Y));
+}
+
+// The first cell of block `block` of the part.
+fn brick_corner(block: u32) -> vec3<u32> {
+    let brick = bricks.first + block;
+    let x = (bricks.dims.x + BRICK_X - 1u) / BRICK_X;
+    let y = (bricks.dims.y + BRICK_Y - 1u) / BRICK_Y;
+    return vec3<u32>(brick % x, brick / x % y, brick / (x * y)) * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
+}
+
+fn cell_volume(cell: vec3<u32>) -> f32 {
+    let y = bricks.dims.x + cell.y;
+    let z = bricks.dims.x + bricks.dims.y + cell.z;
+    return strengths[cell.x] * strengths[y] * strengths[z];
+}
+
+// Particle `local` of a block; of no mass where the block has no such particle.
+fn visit(block: u32, local: u32) -> Visit {
+    let b = blocks[block];
+    var particle = Visit(b.first + local, 0.0, vec4<f32>(0.0));
+    var cell = vec3<u32>(0u);
+    if IS_LATTICE {
+        cell = brick_cell(brick_corner(block), local);
+        if any(cell >= bricks.dims) {
+            return particle;
+        }
+    } else if local >= b.count {
+        return particle;
+    }
+    if VALUES != VALUES_NONE {
+        particle.class_of_value = classify(value_at(particle.index));
+    }
+    if STRENGTH == STRENGTH_GIVEN {
+        particle.mass = strengths[particle.index];
+        return particle;
+    }
+    // Most cells of most volumes end here.
+    if !is_positive(particle.class_of_value.w) {
+        return particle;
+    }
+    var volume = 0.0;
+    if STRENGTH == STRENGTH_CELL {
+        volume = strengths[0];
+    } else if STRENGTH == STRENGTH_WIDTHS {
+        volume = cell_volume(cell);
+    } else {
+        volume = strengths[particle.index];
+    }
+    particle.mass = particle.class_of_value.w * volume;
+    return particle;
+}
+
+fn colour_of(particle: Visit) -> array<f32, 3> {
+    if COLOUR == COLOUR_CLASSIFIED {
+        return triple(particle.class_of_value.xyz);
+    }
+    if COLOUR == COLOUR_PER_PARTICLE {
+        let i = 3u * particle.index;
+        return array<f32, 3>(colours[i], colours[i + 1u], colours[i + 2u]);
+    }
+    if COLOUR == COLOUR_UNIFORM {
+        return array<f32, 3>(colours[0], colours[1], colours[2]);
+    }
+    // shade.wgsl fills these in.
+    return array<f32, 3>(0.0, 0.0, 0.0);
+}
+
+var<workgroup> visible_count: atomic<u32>;
+
+@compute @workgroup_size(THREADS)
+fn classify_count(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let v = group_index(group);
+    let is_view = v < state.view_count;
+    var count = 0u;
+    if is_view {
+        count = u32(is_positive(visit(views[v].block, thread).mass));
+    }
+    if thread == 0u {
+        atomicStore(&visible_count, 0u);
+    }
+    workgroupBarrier();
+    atomicAdd(&visible_count, count);
+    workgroupBarrier();
+    if is_view && thread == 0u {
+        counts[v] = atomicLoad(&visible_count);
+    }
+}
+
+// A thread per view: where its particles begin and how many there are. The first lays out the
+// part's.
+@compute @workgroup_size(THREADS)
+fn classify_place(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let v = group_index(group) * THREADS + thread;
+    let view_count = state.view_count;
+    if v < view_count {
+        views[v].first = counts[v];
+        views[v].count = counts[v + 1u] - counts[v];
+    }
+    if v == 0u {
+        let needed = counts[view_count];
+        let fits = needed <= state.capacity;
+        let classified_count = select(0u, needed, fits);
+        state.needed = needed;
+        state.classified_count = classified_count;
+        state.first = frame.classified_count;
+        frame.classified_count = add_saturating(frame.classified_count, classified_count);
+        let folds = folded((classified_count + THREADS - 1u) / THREADS);
+        arguments[PARTICLE_ARGUMENTS] = folds.x;
+        arguments[PARTICLE_ARGUMENTS + 1u] = folds.y;
+        arguments[PARTICLE_ARGUMENTS + 2u] = folds.z;
+    }
+}
+
+@compute @workgroup_size(THREADS)
+fn classify_emit(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let v = group_index(group);
+    // None where there is no room for all.
+    let is_view = v < state.view_count && state.classified_count > 0u;
+    var particle = Visit(0u, 0.0, vec4<f32>(0.0));
+    if is_view {
+        particle = visit(views[v].block, thread);
+    }
+    let is_visible = is_positive(particle.mass);
+    let place = scan_threads(thread, u32(is_visible));
+    if !is_view {
+        return;
+    }
+    let view = views[v];
+    if is_visible && place < view.count {
+        let colour = colour_of(particle);
+        classified[view.first + place] = ClassifiedParticle(v, thread, particle.mass, colour);
+    }
+    if thread >= scan_total && thread < view.count {
+        classified[view.first + thread] = ClassifiedParticle(v, 0u, 0.0, array<f32, 3>());
+    }
+}

@@ -1,0 +1,253 @@
+// Stage: which blocks a frame sees, in their own order, and the keys of their depths. Positions are
+// subtracted in f64, and what follows from them is the twin's to the bit.
+// Twin: src/blocks/cull.rs, and Renderer::render for the keys.
+//
+// Passes: cull_begin; for each part cull_count and cull_scan; cull_range; for each part cull_emit.
+
+const NOT_KEPT: u32 = 0xffffffffu;
+
+// What a workgroup of `cull_count` has seen.
+struct CullGroup {
+    // Blocks that are kept; after `cull_scan`, those of the groups before.
+    count: u32,
+    unused: u32,
+    nearest: vec2<u32>,
+    farthest: vec2<u32>,
+}
+
+struct TransferMaxima {
+    low: f32,
+    scale: f32,
+    // Row p: the greatest extinction of entries i .. i + 2^p.
+    rows: array<f32>,
+}
+
+@group(0) @binding(0) var<storage, read_write> frame: FrameState;
+@group(0) @binding(1) var<storage, read_write> groups_seen: array<CullGroup>;
+@group(0) @binding(1) var<storage, read_write> view: ViewUniform;
+@group(0) @binding(2) var<storage, read> camera: CameraUniform;
+@group(0) @binding(2) var<storage, read_write> state: PartState;
+@group(0) @binding(3) var<storage, read> blocks: array<DeviceBlock>;
+@group(0) @binding(3) var<storage, read_write> arguments: array<u32>;
+// Each block's number among those of its workgroup that are kept.
+@group(0) @binding(4) var<storage, read_write> places: array<u32>;
+@group(0) @binding(5) var<storage, read> transfer: TransferMaxima;
+@group(0) @binding(5) var<storage, read_write> views: array<BlockView>;
+
+// Whether masses are classified, so that blocks may be transparent.
+override IS_CLASSIFIED: bool = false;
+
+// One thread.
+@compute @workgroup_size(1)
+fn cull_begin() {
+    frame.nearest = vec2<u32>(0u);
+    frame.farthest = vec2<u32>(0u);
+    frame.classified_count = 0u;
+}
+
+// World to camera space.
+fn camera_point(world: array<vec2<u32>, 3>) -> array<vec2<u32>, 3> {
+    var point = world;
+    var offset = world;
+    for (var i = 0u; i < 3u; i = i + 1u) {
+        offset[i] = f64_sub(point[i], camera.eye[i]);
+    }
+    for (var i = 0u; i < 3u; i = i + 1u) {
+        point[i] = f64_dot(camera.camera_from_world[i], offset);
+    }
+    return point;
+}
+
+fn widened(v: array<f32, 3>) -> array<vec2<u32>, 3> {
+    return array<vec2<u32>, 3>(f64_from_f32(v[0]), f64_from_f32(v[1]), f64_from_f32(v[2]));
+}
+
+// Whether a kernel of the block may reach inside. Conservative.
+fn frustum_sees(centre: array<vec2<u32>, 3>, half_extent: array<f32, 3>, max_sigma: f32) -> bool {
+    let reach = f64_mul(f64_from_f32(max_sigma), f64_from_f32(MAX_CUTOFF));
+    let half = widened(half_extent);
+    var sees = true;
+    for (var i = 0u; i < 5u; i = i + 1u) {
+        var distance = f64_dot(camera.plane_normals[i], centre);
+        distance = f64_add(distance, camera.plane_distances[i]);
+        distance = f64_add(distance, f64_dot(camera.plane_spreads[i], half));
+        distance = f64_add(distance, reach);
+        sees = sees && f64_is_at_least_zero(distance);
+    }
+    return sees;
+}
+
+// Where row p of the maxima begins: row q has CLASSIFICATION_TABLE_LEN + 1 - 2^q entries.
+fn maxima_row(p: u32) -> u32 {
+    return p * (CLASSIFICATION_TABLE_LEN + 1u) + 1u - (1u << p);
+}
+
+// Whether the transfer function leaves nothing of a block's value range.
+fn is_transparent(range: array<f32, 2>) -> bool {
+    let lo = range[0];
+    let hi = range[1];
+    // No value at all (lo > hi): nothing is classified, nothing is visible.
+    if !is_finite(lo) || !is_finite(hi) || lo > hi {
+        return true;
+    }
+    let first = table_position(lo, transfer.low, transfer.scale).entry;
+    let last = table_position(hi, transfer.low, transfer.scale).entry + 1u;
+    let level = firstLeadingBit(last - first + 1u);
+    let row = maxima_row(level);
+    return !is_positive(transfer.rows[row + first])
+        && !is_positive(transfer.rows[row + last + 1u - (1u << level)]);
+}
+
+// Distance of a block's origin, as depth keys measure it.
+fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
+    if camera.orthographic != 0u {
+        return centre[2];
+    }
+    return f64_sqrt(f64_dot(centre, centre));
+}
+
+var<workgroup> cull_greatest: array<vec2<u32>, THREADS>;
+
+// The greatest word of the workgroup's threads, for all of them.
+fn greatest_of_threads(thread: u32, word: vec2<u32>) -> vec2<u32> {
+    workgroupBarrier();
+    cull_greatest[thread] = word;
+    workgroupBarrier();
+    for (var half = THREADS / 2u; half > 0u; half = half / 2u) {
+        if thread < half {
+            cull_greatest[thread] = u64_max(cull_greatest[thread], cull_greatest[thread + half]);
+        }
+        workgroupBarrier();
+    }
+    return cull_greatest[0];
+}
+
+// A word for the greatest distance: 0 for none, which includes NaN.
+fn farthest_word(distance: vec2<u32>) -> vec2<u32> {
+    return select(f64_ordered(distance), vec2<u32>(0u), f64_is_nan(distance));
+}
+
+// A word that is the greater the nearer.
+fn nearest_word(distance: vec2<u32>) -> vec2<u32> {
+    return farthest_word(f64_negate(distance));
+}
+
+@compute @workgroup_size(THREADS)
+fn cull_count(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let index = group_index(group);
+    let i = index * THREADS + thread;
+    var is_kept = false;
+    var nearest = vec2<u32>(0u);
+    var farthest = vec2<u32>(0u);
+    if i < arrayLength(&blocks) {
+        let block = blocks[i];
+        var is_visible = true;
+        if IS_CLASSIFIED {
+            is_visible = !is_transparent(block.value_range);
+        }
+        if is_visible {
+            let centre = camera_point(block.origin);
+            let sees = frustum_sees(centre, block.half_extent, block.max_sigma);
+            is_kept = camera.has_frustum == 0u || sees;
+            if sees {
+                let half = widened(block.half_extent);
+                let radius = f64_sqrt(f64_dot(half, half));
+                let distance = camera_distance(centre);
+                nearest = nearest_word(f64_sub(distance, radius));
+                farthest = farthest_word(f64_add(distance, radius));
+            }
+        }
+    }
+    let place = scan_threads(thread, u32(is_kept));
+    nearest = greatest_of_threads(thread, nearest);
+    farthest = greatest_of_threads(thread, farthest);
+    if i < arrayLength(&blocks) {
+        places[i] = select(NOT_KEPT, place, is_kept);
+        if thread == 0u {
+            groups_seen[index] = CullGroup(scan_total, 0u, nearest, farthest);
+        }
+    }
+}
+
+// One workgroup: the groups' places, and what the part adds to the range of all.
+@compute @workgroup_size(THREADS)
+fn cull_scan(@builtin(local_invocation_index) thread: u32) {
+    let count = arrayLength(&groups_seen);
+    // Each thread owns a run.
+    let run = (count + THREADS - 1u) / THREADS;
+    let first = min(thread * run, count);
+    let end = min(first + run, count);
+    var sum = 0u;
+    var nearest = vec2<u32>(0u);
+    var farthest = vec2<u32>(0u);
+    for (var i = first; i < end; i = i + 1u) {
+        sum = sum + groups_seen[i].count;
+        nearest = u64_max(nearest, groups_seen[i].nearest);
+        farthest = u64_max(farthest, groups_seen[i].farthest);
+    }
+    var before = scan_threads(thread, sum);
+    for (var i = first; i < end; i = i + 1u) {
+        let own = groups_seen[i].count;
+        groups_seen[i].count = before;
+        before = before + own;
+    }
+    nearest = greatest_of_threads(thread, nearest);
+    farthest = greatest_of_threads(thread, farthest);
+    if thread == 0u {
+        state.view_count = scan_total;
+        state.count_length = scan_total + 1u;
+        let folds = folded(scan_total);
+        arguments[VIEW_ARGUMENTS] = folds.x;
+        arguments[VIEW_ARGUMENTS + 1u] = folds.y;
+        arguments[VIEW_ARGUMENTS + 2u] = folds.z;
+        frame.nearest = u64_max(frame.nearest, nearest);
+        frame.farthest = u64_max(frame.farthest, farthest);
+    }
+}
+
+// One thread: the range from the nearest to the farthest of all parts' blocks.
+@compute @workgroup_size(1)
+fn cull_range() {
+    let is_none = (frame.nearest.x | frame.nearest.y) == 0u;
+    let is_none_far = (frame.farthest.x | frame.farthest.y) == 0u;
+    let near = select(f64_negate(f64_of_ordered(frame.nearest)), F64_INFINITY, is_none);
+    let far = select(f64_of_ordered(frame.farthest), f64_negate(F64_INFINITY), is_none_far);
+    let span = f64_max(f64_sub(far, near), F64_LEAST_NORMAL);
+    let keys_per_unit = f64_min(f64_div(DEPTH_KEY_SPAN, span), GREATEST_F32);
+    frame.near = near;
+    frame.keys_per_unit = keys_per_unit;
+    view.key_scale = f64_to_f32(keys_per_unit);
+}
+
+// The key of a distance: smaller is nearer.
+fn depth_key(distance: vec2<u32>) -> u32 {
+    let key = f64_to_u32(f64_mul(f64_sub(distance, frame.near), frame.keys_per_unit));
+    return min(add_saturating(key, 4u), (1u << DEPTH_KEY_BITS) - 4u);
+}
+
+@compute @workgroup_size(THREADS)
+fn cull_emit(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let index = group_index(group);
+    let i = index * THREADS + thread;
+    if i >= arrayLength(&blocks) {
+        return;
+    }
+    let place = places[i];
+    if place == NOT_KEPT {
+        return;
+    }
+    let centre = camera_point(blocks[i].origin);
+    views[groups_seen[index].count + place] = BlockView(
+        array<f32, 3>(f64_to_f32(centre[0]), f64_to_f32(centre[1]), f64_to_f32(centre[2])),
+        i,
+        0u,
+        0u,
+        depth_key(camera_distance(centre)),
+    );
+}

@@ -1,0 +1,360 @@
+// Stage: from particles to footprints, one thread per classified particle.
+// Twin: src/cpu/project.rs.
+
+// Bindings 0 and 1 are the particles'.
+@group(0) @binding(2) var<uniform> view_uniform: ViewUniform;
+// The camera's rotation.
+@group(0) @binding(3) var<uniform> rotation: mat3x3<f32>;
+// How many particles are classified.
+@group(0) @binding(4) var<storage, read> counts: array<u32>;
+@group(0) @binding(5) var<storage, read> views: array<BlockView>;
+@group(0) @binding(6) var<storage, read> classified: array<ClassifiedParticle>;
+@group(0) @binding(7) var<storage, read_write> footprints: array<Footprint>;
+// Written where a footprint is on the exact path; as long as `footprints` where that may be.
+@group(0) @binding(8) var<storage, read_write> exact: array<ExactTerms>;
+@group(0) @binding(9) var<storage, read_write> near: NearList;
+
+// Terms of the kernels that cross the camera plane.
+struct NearList {
+    // How many there are: more than `terms` holds where that is too short, and then those that
+    // found no place draw nothing.
+    count: atomic<u32>,
+    terms: array<NearTerms>,
+}
+
+// Which word of `counts`.
+override COUNT_INDEX: u32 = 0u;
+// What a pipeline is for: what others need is not compiled.
+override FILTER: u32 = 0u;
+override IS_ORTHOGRAPHIC: bool = false;
+// Masses are peak opacities.
+override IS_OF_SPLATS: bool = false;
+override IS_ANTI_ALIASED: bool = false;
+
+@compute @workgroup_size(THREADS)
+fn project(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let i = group_index(group) * THREADS + thread;
+    if i >= counts[COUNT_INDEX] {
+        return;
+    }
+    var view = view_uniform;
+    view.filter_kind = FILTER;
+    view.orthographic = u32(IS_ORTHOGRAPHIC);
+
+    let particle = classified[i];
+    let block = views[particle.view];
+    let offset = times(rotation, world_offset(block.block, particle.local));
+    let factor = camera_factor(rotation, block.block, particle.local);
+    let origin = vector(block.origin_camera);
+    let kernel = Kernel(origin + offset, factor, particle.mass);
+    let key = depth_key(view, block.key, origin, offset);
+    if IS_OF_SPLATS {
+        footprints[i] = splat_footprint(view, kernel, particle.colour, key);
+    } else {
+        footprints[i] = footprint(view, kernel, particle.colour, key, i);
+    }
+}
+
+// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
+// plus a difference in f32.
+fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<f32>) -> u32 {
+    var delta = offset.z;
+    if view.orthographic == 0u {
+        let sum = length3(origin + offset) + length3(origin);
+        delta = 0.0;
+        if is_above(sum, 0.0) {
+            delta = dot3(offset, origin * 2.0 + offset) / sum;
+        }
+    }
+    // Ties to even.
+    let keys = round(delta * view.key_scale);
+    if is_nan(keys) {
+        return block_key;
+    }
+    if keys < 0.0 {
+        return block_key - min(block_key, u32(min(-keys, 2147483648.0)));
+    }
+    let sum = block_key + min(u32(min(keys, 2147483648.0)), 0x7fffffffu);
+    return select(sum, 0xffffffffu, sum < block_key);
+}
+
+// A footprint that reaches no pixel yet.
+fn invisible(kernel: Kernel, colour: array<f32, 3>, key: u32) -> Footprint {
+    var out: Footprint;
+    out.colour = colour;
+    out.depth = kernel.centre.z;
+    out.path = PATH_AFFINE;
+    out.key = key;
+    return out;
+}
+
+// The footprint of a splat whose opacity is stated.
+fn splat_footprint(
+    view: ViewUniform,
+    kernel: Kernel,
+    colour: array<f32, 3>,
+    key: u32,
+) -> Footprint {
+    var out = invisible(kernel, colour, key);
+    let peak = peak_footprint(view, kernel, IS_ANTI_ALIASED);
+    if !peak.exists {
+        return out;
+    }
+    let r = cutoff_radius(peak.image.tau, view.tolerance, view.cutoff);
+    affine_part(&out, peak.screen, peak.image, r);
+    out.tau = peak.image.tau;
+    out.path = PATH_PEAK;
+    let half_size = vec2<f32>(sqrt(peak.image.a), sqrt(peak.image.c)) * r;
+    set_bounds(view, &out, peak.screen.centre_px, half_size);
+    return out;
+}
+
+// The footprint of one kernel; invisible where it reaches no pixel. Its exact terms, if any, are
+// those of `index`.
+fn footprint(
+    view: ViewUniform,
+    kernel: Kernel,
+    colour: array<f32, 3>,
+    key: u32,
+    index: u32,
+) -> Footprint {
+    var out = invisible(kernel, colour, key);
+    let h2 = view.low_pass_variance_px2;
+    let z = kernel.factor.z;
+    var reach = length3(z);
+    if !is_finite(reach) {
+        // Lengths beyond 1e19, whose squares f32 does not hold.
+        reach = hypot(hypot(z.x, z.y), z.z);
+    }
+    if is_above(-MAX_CUTOFF * reach, kernel.centre.z) {
+        return out;
+    }
+    let orthographic = view.orthographic != 0u;
+    if kernel.centre.z <= 0.0 && !orthographic {
+        near_footprint(view, kernel, &out);
+        return out;
+    }
+    let screen = project_kernel(view, kernel);
+    let image = filtered(screen, view.filter_kind, h2);
+    let is_shape = is_finite3(screen.row_x) && is_finite3(screen.row_y);
+    if !(is_shape && is_above(image.tau, 0.0) && is_finite(image.tau)) {
+        // A singular footprint (no low-pass filter), or numbers beyond f32.
+        return out;
+    }
+    var r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let choice = choose_exact(view, screen, image);
+    if choice.exists {
+        // Away from the camera's axis one side of the edge stands out: the kernel ends where that
+        // side has met the tolerance. A tenth more, because the wider edge stands out more.
+        let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
+        let wider = cutoff_radius(max(image.tau, 1.0) * growth, view.tolerance, view.cutoff);
+        r = max(r, wider);
+    }
+    if kernel.centre.z <= NEAR_MARGIN * r * reach {
+        if orthographic {
+            half_line_footprint(view, kernel, &out, screen, image, r);
+        } else {
+            near_footprint(view, kernel, &out);
+        }
+        return out;
+    }
+    if choice.exists {
+        let extent = exact_extent(screen, h2, r);
+        if !extent.exists {
+            return out;
+        }
+        exact[index] = choice.terms;
+        affine_part(&out, screen, image, r);
+        out.path = PATH_EXACT;
+        // |D| is evaluated per pixel; |D0| goes here.
+        out.tau = out.tau / screen.ray_length;
+        set_bounds(view, &out, screen.centre_px + extent.middle, extent.half_size);
+    } else {
+        affine_part(&out, screen, image, r);
+        let half_size = vec2<f32>(sqrt(image.a), sqrt(image.c)) * r;
+        set_bounds(view, &out, screen.centre_px, half_size);
+    }
+    return out;
+}
+
+fn affine_part(out: ptr<function, Footprint>, screen: ScreenFactor, image: ImageKernel, r: f32) {
+    let form = triangular_form(image);
+    (*out).centre_px = screen.centre_px;
+    (*out).form_p = form[0];
+    (*out).form_r = form[1];
+    (*out).tau = image.tau / cutoff_share(r);
+    (*out).cutoff_squared = r * r;
+}
+
+// Pixels whose centres lie within `half_size` of `centre`.
+fn set_bounds(
+    view: ViewUniform,
+    out: ptr<function, Footprint>,
+    centre: vec2<f32>,
+    half_size: vec2<f32>,
+) {
+    let columns = pixel_range(centre.x, half_size.x, view.size.x);
+    let rows = pixel_range(centre.y, half_size.y, view.size.y);
+    if columns != 0u && rows != 0u {
+        (*out).columns = columns;
+        (*out).rows = rows;
+    }
+}
+
+// A packed range; 0 where it is empty.
+fn pixel_range(centre: f32, half_size: f32, size: u32) -> u32 {
+    let first = pixel_of(ceil(centre - half_size - 0.5), size);
+    let end = pixel_of(floor(centre + half_size - 0.5) + 1.0, size);
+    return select(0u, first | end << 16u, first < end);
+}
+
+// A whole number held to 0 ... size; 0 where it is none.
+fn pixel_of(x: f32, size: u32) -> u32 {
+    if is_nan(x) {
+        return 0u;
+    }
+    return u32(clamp(x, 0.0, f32(size)));
+}
+
+const NO_PLACE: u32 = 0xffffffffu;
+
+// The path of a footprint with these terms.
+fn push(terms: NearTerms, path: u32) -> u32 {
+    let place = atomicAdd(&near.count, 1u);
+    if place >= arrayLength(&near.terms) {
+        return NO_PLACE;
+    }
+    near.terms[place] = terms;
+    return place * 4u + path;
+}
+
+// An orthographic kernel that reaches behind the eye's plane.
+fn half_line_footprint(
+    view: ViewUniform,
+    kernel: Kernel,
+    out: ptr<function, Footprint>,
+    screen: ScreenFactor,
+    image: ImageKernel,
+    r: f32,
+) {
+    affine_part(out, screen, image, r);
+    let half_size = vec2<f32>(sqrt(image.a), sqrt(image.c)) * r;
+    set_bounds(view, out, screen.centre_px, half_size);
+    if (*out).rows != 0u {
+        let path = push(half_line_terms(view, kernel, image), PATH_HALF_LINE);
+        if path == NO_PLACE {
+            (*out).columns = 0u;
+            (*out).rows = 0u;
+            return;
+        }
+        (*out).path = path;
+    }
+}
+
+// A perspective kernel that reaches the camera plane.
+fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprint>) {
+    let found = near_terms(view, kernel);
+    if !found.exists {
+        return;
+    }
+    let weight = found.weight;
+    // A bound of the optical depth in any direction: |D|/sqrt(DᵀKD) <= sqrt(trace V / det V), V
+    // with the low-pass filter of `near_terms`.
+    let h = sqrt(view.low_pass_variance_px2);
+    let low_pass = h * max_number(abs(kernel.centre.z), length3(kernel.factor.z));
+    var c = columns(kernel.factor);
+    var trace = 0.0;
+    for (var i = 0; i < 3; i = i + 1) {
+        trace = trace + dot3(c[i], c[i]);
+    }
+    let added = low_pass / view.focal_px;
+    trace = trace + added.x * added.x + added.y * added.y;
+    let unit2 = kernel.mass / (TAU * weight);
+    var highest = weight * sqrt(trace / unit2) / found.terms.sigma;
+    if !is_finite(highest) || found.terms.sigma == 0.0 {
+        // A flat kernel's bound is infinite, and NaN must not shrink anything.
+        highest = LARGEST;
+    }
+    let r = cutoff_radius(highest, view.tolerance, view.cutoff);
+    let x_axis = vec3<f32>(1.0, 0.0, 0.0);
+    let y_axis = vec3<f32>(0.0, 1.0, 0.0);
+    let columns = near_range(kernel, x_axis, kernel.factor.x, view, 0u, r, h);
+    let rows = near_range(kernel, y_axis, kernel.factor.y, view, 1u, r, h);
+    if columns != 0u && rows != 0u {
+        let path = push(found.terms, PATH_NEAR);
+        if path == NO_PLACE {
+            return;
+        }
+        (*out).columns = columns;
+        (*out).rows = rows;
+        (*out).tau = weight / cutoff_share(r);
+        (*out).cutoff_squared = r * r;
+        (*out).path = path;
+    }
+}
+
+// The pixels along one axis that the cut-off ellipsoid may reach, in whole tiles: all between the
+// first and the last slab that neither bounding plane separates from it. 0 where there are none.
+fn near_range(
+    kernel: Kernel,
+    axis: vec3<f32>,
+    row: vec3<f32>,
+    view: ViewUniform,
+    i: u32,
+    r: f32,
+    h: f32,
+) -> u32 {
+    let size = view.size[i];
+    // The low-pass filter of `near_terms`, as a width in the plane of the image.
+    let reach_z = length3(kernel.factor.z);
+    let low_pass = h * max_number(abs(kernel.centre.z), reach_z) / view.focal_px[i];
+    let tiles = (size + TILE_SIZE - 1u) / TILE_SIZE;
+    var first = 0u;
+    while first < tiles && !near_reaches(kernel, axis, row, view, i, r, low_pass, first) {
+        first = first + 1u;
+    }
+    var end = tiles;
+    while end > first && !near_reaches(kernel, axis, row, view, i, r, low_pass, end - 1u) {
+        end = end - 1u;
+    }
+    if first == end {
+        return 0u;
+    }
+    return first * TILE_SIZE | min(end * TILE_SIZE, size) << 16u;
+}
+
+// Whether the ellipsoid may reach into the tiles of number `t` along an axis.
+fn near_reaches(
+    kernel: Kernel,
+    axis: vec3<f32>,
+    row: vec3<f32>,
+    view: ViewUniform,
+    i: u32,
+    r: f32,
+    low_pass: f32,
+    t: u32,
+) -> bool {
+    let highest = near_side(kernel, axis, row, view, i, r, low_pass, t * TILE_SIZE).y;
+    let lowest = near_side(kernel, axis, row, view, i, r, low_pass, (t + 1u) * TILE_SIZE).x;
+    return !is_nan(highest) && !is_nan(lowest) && highest >= 0.0 && lowest <= 0.0;
+}
+
+// Support of the ellipsoid beyond the plane x = X z through a pixel's edge, on either side of it.
+fn near_side(
+    kernel: Kernel,
+    axis: vec3<f32>,
+    row: vec3<f32>,
+    view: ViewUniform,
+    i: u32,
+    r: f32,
+    low_pass: f32,
+    px: u32,
+) -> vec2<f32> {
+    let slope = (f32(px) - view.centre_px[i]) / view.focal_px[i];
+    let centre = dot3(kernel.centre, axis) - slope * kernel.centre.z;
+    let reach = r * hypot(length3(row - kernel.factor.z * slope), low_pass);
+    return vec2<f32>(centre - reach, centre + reach);
+}

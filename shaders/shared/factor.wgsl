@@ -1,0 +1,43 @@
+// Factors of variance matrices: V = F Fᵀ, by rows. Twin: src/math/factor.rs.
+
+struct Factor {
+    x: vec3<f32>,
+    y: vec3<f32>,
+    z: vec3<f32>,
+}
+
+// From the columns of a matrix F.
+fn factor_of_columns(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Factor {
+    return Factor(
+        vec3<f32>(a.x, b.x, c.x),
+        vec3<f32>(a.y, b.y, c.y),
+        vec3<f32>(a.z, b.z, c.z),
+    );
+}
+
+// A sphere of standard deviation `sigma`.
+fn sphere(sigma: f32) -> Factor {
+    return Factor(
+        vec3<f32>(sigma, 0.0, 0.0),
+        vec3<f32>(0.0, sigma, 0.0),
+        vec3<f32>(0.0, 0.0, sigma),
+    );
+}
+
+// `rotation` times the lower-triangular factor (l00, l10, l11, l20, l21, l22).
+fn rotated(rotation: mat3x3<f32>, lower: array<f32, 6>) -> Factor {
+    return factor_of_columns(
+        times(rotation, vec3<f32>(lower[0], lower[1], lower[3])),
+        rotation[1] * lower[2] + rotation[2] * lower[4],
+        rotation[2] * lower[5],
+    );
+}
+
+// The three columns of F.
+fn columns(f: Factor) -> array<vec3<f32>, 3> {
+    return array<vec3<f32>, 3>(
+        vec3<f32>(f.x.x, f.y.x, f.z.x),
+        vec3<f32>(f.x.y, f.y.y, f.z.y),
+        vec3<f32>(f.x.z, f.y.z, f.z.z),
+    );
+}

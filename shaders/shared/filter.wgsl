@@ -1,0 +1,27 @@
+// Which approximation draws a kernel. Twin: src/splat/filter.rs.
+
+// An exact footprint's terms, where it is asked for.
+struct ExactChoice {
+    exists: bool,
+    terms: ExactTerms,
+}
+
+// The one place that chooses between affine and exact.
+fn choose_exact(view: ViewUniform, screen: ScreenFactor, kernel: ImageKernel) -> ExactChoice {
+    var choice: ExactChoice;
+    let is_exact = view.filter_kind == FILTER_EXACT;
+    let is_adaptive = view.filter_kind == FILTER_ADAPTIVE;
+    if view.orthographic != 0u || !(is_exact || is_adaptive) {
+        return choice;
+    }
+    choice.terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
+    if is_exact {
+        choice.exists = true;
+        return choice;
+    }
+    let amplification = max(opacity_amplification(kernel.tau), 1.0);
+    let error = affine_error(view, screen, kernel, choice.terms) * amplification;
+    // NaN takes the safe side.
+    choice.exists = is_nan(error) || error > view.tolerance;
+    return choice;
+}

@@ -1,0 +1,72 @@
+// What f32 does beyond the promises of WGSL, which may take every number for finite. Twins: the
+// standard library's.
+
+// Whether a > b; false where either is no number.
+fn is_above(a: f32, b: f32) -> bool {
+    return !is_nan(a) && !is_nan(b) && a > b;
+}
+
+// The greater of two; the other where one is no number.
+fn max_number(a: f32, b: f32) -> f32 {
+    if is_nan(a) || is_above(b, a) {
+        return b;
+    }
+    return a;
+}
+
+// The smaller of two; the other where one is no number.
+fn min_number(a: f32, b: f32) -> f32 {
+    if is_nan(a) || is_above(a, b) {
+        return b;
+    }
+    return a;
+}
+
+// sqrt(a² + b²) without squares that leave f32; infinite where either is, whatever the other.
+fn hypot(a: f32, b: f32) -> f32 {
+    let large = max_number(abs(a), abs(b));
+    if large == 0.0 || !is_finite(large) {
+        return large;
+    }
+    let small = min_number(abs(a), abs(b));
+    if is_nan(a) || is_nan(b) {
+        return a + b;
+    }
+    let ratio = small / large;
+    return large * sqrt(1.0 + ratio * ratio);
+}
+
+// exp(x) - 1 for x below 0, to a few roundings.
+fn exp_m1(x: f32) -> f32 {
+    if x < -0.5 {
+        return exp(x) - 1.0;
+    }
+    // Taylor's series: what is left out is 6e-10 of the sum.
+    var sum = 1.0;
+    for (var n = 9.0; n > 1.0; n = n - 1.0) {
+        sum = 1.0 + x / n * sum;
+    }
+    return x * sum;
+}
+
+// WGSL leaves the order of sums in `length`, `cross` and products of matrices open.
+
+fn length2(v: vec2<f32>) -> f32 {
+    return sqrt(dot2(v, v));
+}
+
+fn length3(v: vec3<f32>) -> f32 {
+    return sqrt(dot3(v, v));
+}
+
+fn cross3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return a.yzx * b.zxy - b.yzx * a.zxy;
+}
+
+fn times(m: mat3x3<f32>, v: vec3<f32>) -> vec3<f32> {
+    return m[0] * v.x + m[1] * v.y + m[2] * v.z;
+}
+
+fn is_finite3(v: vec3<f32>) -> bool {
+    return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}

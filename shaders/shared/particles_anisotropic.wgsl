@@ -1,0 +1,21 @@
+// Ellipsoids: offset from the block's origin and lower-triangular factor, nine words each.
+// Twin: `BlockShapes` in src/cpu/project.rs.
+
+@group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
+@group(0) @binding(1) var<storage, read> shapes: array<array<f32, 9>>;
+
+// Offset from the block's origin, world units.
+fn world_offset(block: u32, local: u32) -> vec3<f32> {
+    let i = blocks[block].first + local;
+    return vec3<f32>(shapes[i][0], shapes[i][1], shapes[i][2]);
+}
+
+// Factor of the variance, camera space.
+fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
+    let i = blocks[block].first + local;
+    var lower: array<f32, 6>;
+    for (var k = 0; k < 6; k = k + 1) {
+        lower[k] = shapes[i][3 + k];
+    }
+    return rotated(rotation, lower);
+}

@@ -1,0 +1,15 @@
+// Spheres: offset from the block's origin and standard deviation, four words each.
+// Twin: `BlockShapes` in src/cpu/project.rs.
+
+@group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
+@group(0) @binding(1) var<storage, read> shapes: array<vec4<f32>>;
+
+// Offset from the block's origin, world units.
+fn world_offset(block: u32, local: u32) -> vec3<f32> {
+    return shapes[blocks[block].first + local].xyz;
+}
+
+// Factor of the variance, camera space: a sphere's is the same however the camera turns.
+fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
+    return sphere(shapes[blocks[block].first + local].w);
+}

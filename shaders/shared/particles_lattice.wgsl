@@ -1,0 +1,61 @@
+// Cells of a lattice in bricks: nothing is stored per particle.
+// Twins: `BrickGrid` in src/blocks/brick.rs, `BlockShapes` in src/cpu/project.rs.
+
+// A sample of a rectilinear lattice's axis. Twin: `AxisSample`.
+struct AxisSample {
+    offset: f32,
+    width: f32,
+}
+
+@group(0) @binding(0) var<storage, read> lattice: LatticeUniform;
+// Those of x, then of y, then of z; nothing of a uniform lattice.
+@group(0) @binding(1) var<storage, read> axes: array<AxisSample>;
+
+// First cell of a brick.
+fn corner(block: u32) -> vec3<u32> {
+    let b = lattice.first_brick + block;
+    let bx = lattice.bricks[0];
+    let by = lattice.bricks[1];
+    return vec3<u32>(b % bx, b / bx % by, b / (bx * by)) * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
+}
+
+// Cell `local` of the brick whose first cell is `first`.
+fn cell_of(first: vec3<u32>, local: u32) -> vec3<u32> {
+    return first
+        + vec3<u32>(local % BRICK_X, local / BRICK_X % BRICK_Y, local / (BRICK_X * BRICK_Y));
+}
+
+// Places of a cell's samples in `axes`.
+fn samples_of(cell: vec3<u32>) -> vec3<u32> {
+    return cell + vec3<u32>(0u, lattice.dims[0], lattice.dims[0] + lattice.dims[1]);
+}
+
+// Offset from the block's origin, world units.
+fn world_offset(block: u32, local: u32) -> vec3<f32> {
+    let first = corner(block);
+    let cell = cell_of(first, local);
+    if lattice.is_rectilinear != 0u {
+        let i = samples_of(cell);
+        return vec3<f32>(axes[i.x].offset, axes[i.y].offset, axes[i.z].offset);
+    }
+    let dims = vec3<u32>(lattice.dims[0], lattice.dims[1], lattice.dims[2]);
+    let end = min(first + vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z), dims);
+    let from_middle = vec3<f32>(cell - first) - 0.5 * vec3<f32>(end - first - 1u);
+    return times(columns_of(lattice.step), from_middle);
+}
+
+// Factor of the variance, camera space.
+fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
+    var f = columns_of(lattice.factor);
+    if lattice.is_rectilinear != 0u {
+        let i = samples_of(cell_of(corner(block), local));
+        let w = vec3<f32>(axes[i.x].width, axes[i.y].width, axes[i.z].width)
+            * lattice.kernel_width;
+        f = mat3x3<f32>(w.x, 0.0, 0.0, 0.0, w.y, 0.0, 0.0, 0.0, w.z);
+    }
+    return factor_of_columns(times(rotation, f[0]), times(rotation, f[1]), times(rotation, f[2]));
+}
+
+fn columns_of(m: array<array<f32, 3>, 3>) -> mat3x3<f32> {
+    return mat3x3<f32>(vector(m[0]), vector(m[1]), vector(m[2]));
+}

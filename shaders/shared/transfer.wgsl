@@ -1,0 +1,20 @@
+// Where a value lies in a transfer function's table. Twin: src/scene/transfer_function.rs.
+
+const TABLE_LAST: u32 = CLASSIFICATION_TABLE_LEN - 1u;
+
+struct TablePosition {
+    // The entry below, at most the last but one.
+    entry: u32,
+    // The way to the next, 0 to 1.
+    fraction: f32,
+}
+
+// Of a value that is not NaN, in a table that begins at `low` with `scale` entries per unit.
+fn table_position(value: f32, low: f32, scale: f32) -> TablePosition {
+    // Infinities and what may overflow: the table's range ends at a quarter of the greatest number.
+    const GREATEST: f32 = 1.7014117e38;
+    let difference = clamp(value, -GREATEST, GREATEST) - low;
+    let x = clamp(difference * scale, 0.0, f32(TABLE_LAST));
+    let entry = min(u32(x), TABLE_LAST - 1u);
+    return TablePosition(entry, x - f32(entry));
+}

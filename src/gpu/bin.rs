@@ -1,0 +1,241 @@
+//! Stage: which footprints of a chunk touch which tiles of a band, in depth order.
+
+use std::mem::offset_of;
+
+use bytemuck::{Zeroable, bytes_of, cast_slice};
+
+use super::device::Gpu;
+use super::gather::{BoundGather, Gather};
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
+use super::radix::{BoundRadixSort, RadixSort};
+use super::scan::{BoundScan, Scan};
+use super::shaders;
+use super::sort::Sort;
+use crate::error::Result;
+use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint, PartRange, SortState};
+
+/// The pipelines of the stage.
+#[derive(Debug)]
+pub(super) struct Bin {
+    walk: Kernel,
+    scan: Scan,
+    prepare: Kernel,
+    radix: RadixSort,
+    ranges: Kernel,
+}
+
+/// The stage with its buffers.
+#[derive(Debug)]
+pub(super) struct BoundBin {
+    /// Its values are the footprints of the tiles' lists, as their places in the chunk.
+    pub(super) entries: BoundRadixSort,
+    /// First and one-past-last entry of every tile of the band, row by row.
+    pub(super) ranges: wgpu::Buffer,
+    count: BoundKernel,
+    scan: BoundScan,
+    prepare: BoundKernel,
+    emit: BoundKernel,
+    find_ranges: BoundKernel,
+    /// Those of the chunk, and of what depends on its entries.
+    chunk_arguments: wgpu::Buffer,
+    arguments: wgpu::Buffer,
+}
+
+/// Tiles of a band at most. Where all footprints of a workgroup's [`THREADS`] are large, each of its threads makes
+/// a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of a
+/// thread, without a word, after 65,535 rounds.
+pub const MAX_BAND_TILES: u32 = 254 * THREADS;
+
+/// Words of a [`ChunkState`].
+const OFFSET_COUNT: u32 = (offset_of!(ChunkState, offset_count) / 4) as u32;
+const ENTRIES: u32 = (offset_of!(ChunkState, entries) / 4) as u32;
+
+impl Bin {
+    /// `exact`: whether footprints have exact terms.
+    pub(super) fn new(gpu: &Gpu, exact: bool) -> Self {
+        use Access::{Read, Uniform, Write};
+        let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
+            gpu.kernel(&shaders::BIN, entry, bindings, constants)
+        };
+        let walk = [Uniform, Uniform, Read, Read, Read, Write, Write, Write];
+        let exact = [("EXACT", f64::from(u8::from(exact)))];
+        Self {
+            walk: kernel("bin_walk", &walk, &exact),
+            scan: Scan::new(gpu, OFFSET_COUNT),
+            prepare: kernel("bin_prepare", &[Uniform, Uniform, Read, Write, Write], &[]),
+            radix: RadixSort::new(gpu),
+            ranges: kernel("bin_ranges", &[Uniform, Read, Read, Write], &[]),
+        }
+    }
+
+    /// Makes buffers for lists with `capacity` entries.
+    ///
+    /// - `chunk`: the uniform [`ChunkUniform`] of `gather`.
+    /// - `chunk_capacity`: footprints that `gather` holds.
+    /// - `tiles`: how many a band has at most, [`MAX_BAND_TILES`] or fewer.
+    ///
+    /// # Errors
+    /// No memory for the entries, 16 bytes each.
+    pub(super) fn bind(
+        &self,
+        gpu: &Gpu,
+        chunk: &wgpu::Buffer,
+        gather: &BoundGather,
+        chunk_capacity: u64,
+        tiles: u32,
+        capacity: u64,
+    ) -> Result<BoundBin> {
+        let offset_count = chunk_capacity + 1;
+        let offsets = gpu.buffer("entry offsets", 4 * offset_count)?;
+        let ranges = gpu.buffer("tile ranges", 8 * u64::from(tiles.max(1)))?;
+        let arguments = gpu.buffer("bin arguments", 24)?;
+        // As many bits as the last tile's number has.
+        let bits = u32::BITS - tiles.saturating_sub(1).leading_zeros();
+        let state = &gather.state;
+        let entries = self.radix.bind(gpu, state, ENTRIES, capacity, bits)?;
+        let walk = |emit: u32| -> Result<BoundKernel> {
+            let step = gpu.uniform("bin step", &emit)?;
+            let buffers = [
+                chunk,
+                &step,
+                state,
+                &gather.footprints,
+                &gather.exact,
+                &offsets,
+                &entries.keys,
+                &entries.values,
+            ];
+            Ok(self.walk.bind(gpu, &buffers))
+        };
+        let entry_capacity = gpu.uniform("entry capacity", &(capacity as u32))?;
+        Ok(BoundBin {
+            count: walk(0)?,
+            scan: self.scan.bind(gpu, state, &offsets, offset_count)?,
+            prepare: self
+                .prepare
+                .bind(gpu, &[chunk, &entry_capacity, &offsets, state, &arguments]),
+            emit: walk(1)?,
+            find_ranges: self
+                .ranges
+                .bind(gpu, &[chunk, &entries.keys, state, &ranges]),
+            entries,
+            ranges,
+            chunk_arguments: gather.arguments.clone(),
+            arguments,
+        })
+    }
+}
+
+impl BoundBin {
+    /// Where in its arguments those of a thread per tile begin, bytes.
+    const TILES: u64 = 12;
+
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
+        self.count
+            .dispatch_indirect(pass, &self.chunk_arguments, BoundGather::WALK);
+        self.scan.encode(pass);
+        self.prepare.dispatch(pass, 1);
+        self.emit.dispatch_indirect(pass, &self.arguments, 0);
+        self.entries.encode(pass);
+        self.find_ranges
+            .dispatch_indirect(pass, &self.arguments, Self::TILES);
+    }
+}
+
+/// The lists of a chunk.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChunkBins {
+    /// How many entries they need; where that is more than there is room for, all are empty.
+    pub needed: u32,
+    /// Footprints of every tile of the band, row by row: indices among those of all parts, front
+    /// to back.
+    pub tiles: Vec<Vec<u32>>,
+}
+
+/// The lists of the tiles of bands, of chunks of the sorted footprints: those of
+/// [`crate::cpu::bin`], restricted to both. One chunk after the other in the same buffers, as in a
+/// frame.
+///
+/// - `parts`: footprints, one part after the other; exact terms for all parts or none.
+/// - `order`: as [`super::sort`] writes it.
+/// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
+/// - `capacity`: entries of one chunk that find room.
+///
+/// # Errors
+/// No memory, or a lost device.
+pub fn bin(
+    gpu: &Gpu,
+    parts: &[(&[Footprint], &[ExactTerms])],
+    order: &[u64],
+    chunks: &[ChunkUniform],
+    capacity: u64,
+) -> Result<Vec<ChunkBins>> {
+    let has_exact = parts.iter().any(|(_, exact)| !exact.is_empty());
+    let upload = |(footprints, exact): &(&[Footprint], &[ExactTerms])| {
+        let footprints = gpu.upload("footprints", footprints)?;
+        Ok((footprints, gpu.upload("exact terms", exact)?))
+    };
+    let uploaded = parts.iter().map(upload).collect::<Result<Vec<_>>>()?;
+    let footprints: Vec<_> = uploaded.iter().map(|(f, _)| f).collect();
+    let gathered: Vec<_> = uploaded
+        .iter()
+        .map(|(f, e)| (f, has_exact.then_some(e)))
+        .collect();
+    // What the sort leaves behind.
+    let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
+    let mut count = 0;
+    let ranges = counts.iter().map(|&of_part| {
+        let first = count;
+        count += of_part;
+        PartRange {
+            first,
+            count: of_part,
+        }
+    });
+    let ranges: Vec<_> = ranges.collect();
+    let visible = order.len() as u32;
+    let order: Vec<u32> = order.iter().map(|&word| word as u32).collect();
+    let counts = gpu.upload("part counts", &counts)?;
+    let sort = Sort::new(gpu).bind(gpu, &counts, &footprints, u64::from(count))?;
+    gpu.write(&sort.ranges, cast_slice(&ranges));
+    gpu.write(
+        &sort.state,
+        bytes_of(&SortState {
+            count,
+            visible,
+            exact: 0,
+        }),
+    );
+    gpu.write(&sort.pairs.values, cast_slice(&order));
+
+    let tile_count = |chunk: &ChunkUniform| chunk.band_size[0] * chunk.band_size[1];
+    let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
+    let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
+    let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
+    let gather =
+        Gather::new(gpu, has_exact).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
+    let bin =
+        Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
+
+    let binned = chunks.iter().map(|chunk| {
+        gpu.write(&uniform, bytes_of(chunk));
+        gpu.write(&gather.state, bytes_of(&<ChunkState as Zeroable>::zeroed()));
+        gpu.run(|pass| {
+            gather.encode(pass);
+            bin.encode(pass);
+        });
+        let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
+        let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tile_count(chunk) as usize)?;
+        let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
+        let list = |&[first, end]: &[u32; 2]| {
+            let places = &places[first as usize..end as usize];
+            let index = |&k: &u32| order[(chunk.start + k) as usize];
+            places.iter().map(index).collect()
+        };
+        Ok(ChunkBins {
+            needed: state[0].needed,
+            tiles: ranges.iter().map(list).collect(),
+        })
+    });
+    binned.collect()
+}

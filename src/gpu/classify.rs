@@ -1,0 +1,249 @@
+//! Stage: from values to masses and colours, per particle, once. Twin: [`crate::cpu::classify()`].
+
+use std::collections::HashMap;
+use std::mem::offset_of;
+
+use bytemuck::Zeroable;
+
+use super::device::Gpu;
+use super::kernel::{Access, BoundKernel, Kernel, MAX_GROUPS, THREADS};
+use super::scan::{BoundScan, Scan};
+use super::scene::{
+    FrameBuffers, Kinds, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene, VIEW_ARGUMENTS,
+};
+use super::shaders;
+use crate::blocks::BlockedVolume;
+use crate::error::Result;
+use crate::layout::{BlockView, ClassifiedParticle, PartState};
+
+/// The pipelines of the stage for parts of one kind.
+#[derive(Debug)]
+struct Classify {
+    count: Kernel,
+    place: Kernel,
+    emit: Kernel,
+}
+
+/// The stage over a part.
+#[derive(Debug)]
+pub(super) struct BoundClassify {
+    count: BoundKernel,
+    scan: BoundScan,
+    place: BoundKernel,
+    emit: BoundKernel,
+    arguments: wgpu::Buffer,
+    /// Of `place`, where all blocks are in view.
+    groups: u32,
+}
+
+impl Classify {
+    fn new(gpu: &Gpu, kinds: &Kinds) -> Self {
+        use Access::{Read, Uniform, Write};
+        let kernel = |entry, bindings: &[Access]| {
+            gpu.kernel(
+                &shaders::CLASSIFY,
+                entry,
+                bindings,
+                &[
+                    ("VALUES", f64::from(kinds.values as u32)),
+                    ("STRENGTH", f64::from(kinds.strength as u32)),
+                    ("COLOUR", f64::from(kinds.colour as u32)),
+                    ("IS_LATTICE", f64::from(u8::from(kinds.is_lattice()))),
+                ],
+            )
+        };
+        let count = [Uniform, Write, Write, Write, Read, Read, Read, Read];
+        let place = [Uniform, Write, Write, Write, Write, Write];
+        let emit = [Uniform, Write, Write, Write, Read, Read, Read, Read, Read];
+        Self {
+            count: kernel("classify_count", &count),
+            place: kernel("classify_place", &place),
+            emit: kernel("classify_emit", &emit),
+        }
+    }
+}
+
+/// Binds the stage to each part of a scene and what a frame makes of it.
+///
+/// # Errors
+/// No memory for the counts.
+pub(super) fn bind_classify(
+    gpu: &Gpu,
+    frame: &FrameBuffers,
+    parts: &[Part],
+    buffers: &[PartBuffers],
+) -> Result<Vec<BoundClassify>> {
+    let mut kernels: HashMap<Kinds, Classify> = HashMap::new();
+    let scan = Scan::new(gpu, (offset_of!(PartState, count_length) / 4) as u32);
+    let bind_part = |(part, buffers): (&Part, &PartBuffers)| {
+        let kernels = kernels
+            .entry(part.kinds)
+            .or_insert_with(|| Classify::new(gpu, &part.kinds));
+        let Part {
+            blocks,
+            bricks,
+            values,
+            strengths,
+            colours,
+            table,
+            ..
+        } = part;
+        let PartBuffers {
+            state,
+            arguments,
+            views,
+            classified,
+        } = buffers;
+        let count_length = part.run.len() as u64 + 1;
+        let counts = gpu.buffer("counts", 4 * count_length)?;
+        let words = [bricks, state, views, &counts];
+        let place = [&words[..], &[&frame.state, arguments]].concat();
+        let count = [&words[..], &[blocks, values, strengths, table]].concat();
+        let mut emit = [&count[..], &[colours]].concat();
+        emit[3] = classified;
+        Ok(BoundClassify {
+            count: kernels.count.bind(gpu, &count),
+            scan: scan.bind(gpu, state, &counts, count_length)?,
+            place: kernels.place.bind(gpu, &place),
+            emit: kernels.emit.bind(gpu, &emit),
+            arguments: arguments.clone(),
+            groups: (part.run.len() as u32).div_ceil(THREADS),
+        })
+    };
+    parts.iter().zip(buffers).map(bind_part).collect()
+}
+
+impl BoundClassify {
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
+        let views = u64::from(4 * VIEW_ARGUMENTS);
+        self.count.dispatch_indirect(pass, &self.arguments, views);
+        self.scan.encode(pass);
+        self.place.dispatch(pass, self.groups);
+        self.emit.dispatch_indirect(pass, &self.arguments, views);
+    }
+}
+
+/// Parts of a volume as [`classify`] and [`shade`](super::shade()) have them from the CPU's views.
+#[derive(Debug)]
+pub(super) struct Uploaded {
+    pub(super) scene: Scene,
+    pub(super) buffers: Vec<PartBuffers>,
+    /// Where each part's views begin among the volume's, and where they end.
+    pub(super) views: Vec<std::ops::Range<usize>>,
+}
+
+/// Uploads a volume and views of it.
+///
+/// # Errors
+/// No memory, or volumes that only the CPU draws.
+pub(super) fn upload_views(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    capacity: u32,
+    part_bytes: u64,
+) -> Result<Uploaded> {
+    let scene = Scene::new(gpu, std::slice::from_ref(volume), part_bytes)?;
+    let mut uploaded = Uploaded {
+        scene,
+        buffers: Vec::new(),
+        views: Vec::new(),
+    };
+    for part in &uploaded.scene.parts {
+        let [start, end] = [part.run.start, part.run.end]
+            .map(|block| views.partition_point(|v| (v.block as usize) < block));
+        let of_part: Vec<_> = views[start..end]
+            .iter()
+            .map(|v| BlockView {
+                block: v.block - part.run.start as u32,
+                ..*v
+            })
+            .collect();
+        let buffers = PartBuffers::new(gpu, part, capacity)?;
+        let count = of_part.len() as u32;
+        gpu.write(&buffers.views, bytemuck::cast_slice(&of_part));
+        let state = PartState {
+            capacity,
+            view_count: count,
+            count_length: count + 1,
+            ..PartState::zeroed()
+        };
+        gpu.write(&buffers.state, bytemuck::bytes_of(&state));
+        gpu.write(
+            &buffers.arguments,
+            bytemuck::cast_slice(&arguments(count, 0)),
+        );
+        uploaded.buffers.push(buffers);
+        uploaded.views.push(start..end);
+    }
+    Ok(uploaded)
+}
+
+/// The arguments of dispatches over so many workgroups: of views, and of particles.
+pub(super) fn arguments(views: u32, particles: u32) -> [[u32; 3]; 2] {
+    const { assert!(VIEW_ARGUMENTS == 0 && PARTICLE_ARGUMENTS == 3) };
+    [views, particles].map(|n| [n.min(MAX_GROUPS), n.div_ceil(MAX_GROUPS), 1])
+}
+
+/// What [`classify`] finds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Classified {
+    /// The visible particles of all views.
+    pub particles: Vec<ClassifiedParticle>,
+    /// What the device knows of each part of the volume.
+    pub states: Vec<PartState>,
+    /// The workgroups of a dispatch over each part's particles, [`THREADS`] in one.
+    pub groups: Vec<[u32; 3]>,
+}
+
+/// The visible particles of each view: sets `count` and `first` of the views.
+///
+/// - `views`: in the order of their blocks.
+/// - `capacity`: room for particles in each part; a part that needs more has none.
+/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
+///
+/// Twin: [`crate::cpu::count_classified`] and [`crate::cpu::classify()`].
+///
+/// # Errors
+/// No memory, a lost device, or volumes that only the CPU draws.
+pub fn classify(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    views: &mut [BlockView],
+    capacity: u32,
+    part_bytes: u64,
+) -> Result<Classified> {
+    let uploaded = upload_views(gpu, volume, views, capacity, part_bytes)?;
+    let frame = FrameBuffers::new(gpu)?;
+    let bound = bind_classify(gpu, &frame, &uploaded.scene.parts, &uploaded.buffers)?;
+    let mut encoder = gpu.encoder();
+    {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        bound.iter().for_each(|part| part.encode(&mut pass));
+    }
+    gpu.submit(encoder);
+    let mut out = Classified {
+        particles: Vec::new(),
+        states: Vec::new(),
+        groups: Vec::new(),
+    };
+    for (buffers, range) in uploaded.buffers.iter().zip(uploaded.views) {
+        let state: PartState = gpu.read(&buffers.state, 1)?[0];
+        let placed: Vec<BlockView> = gpu.read(&buffers.views, range.len())?;
+        for (view, placed) in views[range.clone()].iter_mut().zip(placed) {
+            view.first = state.first + placed.first;
+            view.count = placed.count;
+        }
+        let count = state.classified_count as usize;
+        let of_part: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count)?;
+        out.particles
+            .extend(of_part.iter().map(|p| ClassifiedParticle {
+                view: p.view + range.start as u32,
+                ..*p
+            }));
+        out.states.push(state);
+        let arguments: Vec<[u32; 3]> = gpu.read(&buffers.arguments, 2)?;
+        out.groups.push(arguments[1]);
+    }
+    Ok(out)
+}

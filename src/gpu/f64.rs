@@ -1,0 +1,63 @@
+//! Double precision in integers, for its test alone: stages use `shaders/shared/f64.wgsl`.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::device::Gpu;
+use super::kernel::{Access, THREADS};
+use super::shaders;
+use crate::error::Result;
+
+/// What the device makes of a pair (a, b), f64 as their bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct F64Results {
+    /// a + b.
+    pub sum: u64,
+    /// a - b.
+    pub difference: u64,
+    /// a b.
+    pub product: u64,
+    /// a / b.
+    pub quotient: u64,
+    /// The root of a.
+    pub root: u64,
+    /// The greater, b where a is NaN.
+    pub greater: u64,
+    /// The lesser, b where a is NaN.
+    pub lesser: u64,
+    /// The high word of a, taken for an f32.
+    pub widened: u64,
+    /// a as an f32's bits.
+    pub narrowed: u32,
+    /// a as u32.
+    pub truncated: u32,
+    /// 1 where a >= 0.
+    pub is_at_least_zero: u32,
+    unused: u32,
+}
+
+/// Every operation of `shaders/shared/f64.wgsl` on pairs of numbers.
+///
+/// # Errors
+/// No memory, or a lost device.
+pub fn f64_operations(gpu: &Gpu, pairs: &[[f64; 2]]) -> Result<Vec<F64Results>> {
+    let input = gpu.upload("pairs", pairs)?;
+    let output = gpu.buffer(
+        "results",
+        size_of::<F64Results>() as u64 * pairs.len() as u64,
+    )?;
+    let kernel = gpu.kernel(
+        &shaders::F64,
+        "f64_operations",
+        &[Access::Read, Access::Write],
+        &[],
+    );
+    let bound = kernel.bind(gpu, &[&input, &output]);
+    let mut encoder = gpu.encoder();
+    {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        bound.dispatch(&mut pass, (pairs.len() as u32).div_ceil(THREADS));
+    }
+    gpu.submit(encoder);
+    gpu.read(&output, pairs.len())
+}

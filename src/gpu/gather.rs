@@ -1,0 +1,112 @@
+//! A chunk of the sorted footprints, side by side in depth order: so many as the buffers of one
+//! chunk hold, whatever the scene has.
+
+use super::device::Gpu;
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::shaders;
+use super::sort::BoundSort;
+use crate::error::Result;
+use crate::layout::{ChunkState, ExactTerms, Footprint};
+
+/// The pipelines of the stage.
+#[derive(Debug)]
+pub(super) struct Gather {
+    prepare: Kernel,
+    gather: Kernel,
+}
+
+/// The stage with its buffers.
+#[derive(Debug)]
+pub(super) struct BoundGather {
+    /// A [`ChunkState`]; whoever asks for its `needed` clears it before.
+    pub(super) state: wgpu::Buffer,
+    /// The chunk's footprints in depth order.
+    pub(super) footprints: wgpu::Buffer,
+    /// Their exact terms, or room for one where there are none.
+    pub(super) exact: wgpu::Buffer,
+    /// Arguments of a dispatch of one thread per footprint, at [`Self::WALK`].
+    pub(super) arguments: wgpu::Buffer,
+    prepare: BoundKernel,
+    parts: Vec<BoundKernel>,
+}
+
+impl Gather {
+    /// `exact`: whether footprints have exact terms.
+    pub(super) fn new(gpu: &Gpu, exact: bool) -> Self {
+        use Access::{Read, Uniform, Write};
+        let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
+            gpu.kernel(&shaders::GATHER, entry, bindings, constants)
+        };
+        let bindings = [Uniform, Uniform, Read, Read, Read, Read, Read, Write, Write];
+        let exact = [("EXACT", f64::from(u8::from(exact)))];
+        Self {
+            prepare: kernel("gather_prepare", &[Uniform, Read, Write, Write], &[]),
+            gather: kernel("gather", &bindings, &exact),
+        }
+    }
+
+    /// Makes buffers for `capacity` footprints.
+    ///
+    /// - `chunk`: a uniform [`crate::layout::ChunkUniform`] of at most that capacity.
+    /// - `parts`: footprints of each part of the sort; exact terms where there are any.
+    ///
+    /// # Errors
+    /// No memory for the chunk.
+    pub(super) fn bind(
+        &self,
+        gpu: &Gpu,
+        chunk: &wgpu::Buffer,
+        sort: &BoundSort,
+        parts: &[(&wgpu::Buffer, Option<&wgpu::Buffer>)],
+        capacity: u64,
+    ) -> Result<BoundGather> {
+        let any_exact = parts.iter().any(|(_, exact)| exact.is_some());
+        let exact_capacity = if any_exact { capacity.max(1) } else { 1 };
+        let footprint_bytes = size_of::<Footprint>() as u64 * capacity.max(1);
+        let exact_bytes = size_of::<ExactTerms>() as u64 * exact_capacity;
+        let footprints = gpu.buffer("sorted footprints", footprint_bytes)?;
+        let exact = gpu.buffer("sorted exact terms", exact_bytes)?;
+        let none = gpu.buffer("no exact terms", size_of::<ExactTerms>() as u64)?;
+        let state = gpu.upload(
+            "chunk state",
+            &[<ChunkState as bytemuck::Zeroable>::zeroed()],
+        )?;
+        let arguments = gpu.buffer("chunk arguments", 24)?;
+        let parts = sort.parts.iter().zip(parts).map(|(part, of_part)| {
+            let buffers = [
+                part,
+                chunk,
+                &state,
+                &sort.ranges,
+                &sort.pairs.values,
+                of_part.0,
+                of_part.1.unwrap_or(&none),
+                &footprints,
+                &exact,
+            ];
+            self.gather.bind(gpu, &buffers)
+        });
+        Ok(BoundGather {
+            prepare: self
+                .prepare
+                .bind(gpu, &[chunk, &sort.state, &state, &arguments]),
+            parts: parts.collect(),
+            state,
+            footprints,
+            exact,
+            arguments,
+        })
+    }
+}
+
+impl BoundGather {
+    /// Where in its arguments those of a thread per footprint begin, bytes.
+    pub(super) const WALK: u64 = 12;
+
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
+        self.prepare.dispatch(pass, 1);
+        for gather in &self.parts {
+            gather.dispatch_indirect(pass, &self.arguments, 0);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Particles as the device keeps them: blocks, positions and shapes of a part, a run of whole
+//! blocks of a volume.
+
+use std::ops::Range;
+
+use glam::Mat3;
+
+use super::shaders::words;
+use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::constants::BLOCK_CAPACITY;
+use crate::layout::{DeviceBlock, LatticeUniform};
+
+/// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum ParticleKind {
+    /// [`LatticeUniform`] and the samples of the axes.
+    Lattice,
+    /// Blocks, and four words per particle: the offset and sigma.
+    Isotropic,
+    /// Blocks, and nine words per particle: the offset and the lower-triangular factor.
+    Anisotropic,
+}
+
+impl ParticleKind {
+    pub(super) fn of(particles: &BlockedParticles) -> Self {
+        match particles {
+            BlockedParticles::Lattice(_) => Self::Lattice,
+            BlockedParticles::Isotropic { .. } => Self::Isotropic,
+            BlockedParticles::Anisotropic { .. } => Self::Anisotropic,
+        }
+    }
+
+    /// Words that [`pack_shapes`] writes per particle.
+    pub(super) fn words_per_particle(self) -> usize {
+        match self {
+            Self::Lattice => 0,
+            Self::Isotropic => 4,
+            Self::Anisotropic => 9,
+        }
+    }
+}
+
+/// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
+/// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
+/// its edge.
+pub(super) fn pack_blocks(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<DeviceBlock> {
+    let is_lattice = matches!(volume.particles, BlockedParticles::Lattice(_));
+    let mut first = 0;
+    volume.blocks[blocks]
+        .iter()
+        .map(|block| {
+            let packed = DeviceBlock {
+                origin: block.origin.to_array().map(words),
+                half_extent: block.half_extent.into(),
+                max_sigma: block.max_sigma,
+                value_range: block.value_range,
+                first,
+                count: block.count,
+            };
+            first += if is_lattice {
+                BLOCK_CAPACITY as u32
+            } else {
+                block.count
+            };
+            packed
+        })
+        .collect()
+}
+
+/// Positions and shapes of a part as floats: per particle for points, the samples of all axes (the
+/// lattice's, whatever the part) for a rectilinear lattice, nothing for a uniform one.
+pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f32> {
+    let kind = ParticleKind::of(&volume.particles);
+    let blocks = &volume.blocks[blocks];
+    let count: usize = blocks.iter().map(|b| b.count as usize).sum();
+    let mut words = Vec::with_capacity(count * kind.words_per_particle());
+    let particles = blocks
+        .iter()
+        .flat_map(|b| b.first as usize..(b.first + b.count) as usize);
+    match &volume.particles {
+        BlockedParticles::Lattice(grid) => {
+            for axis in grid.axes().into_iter().flatten() {
+                words.extend_from_slice(bytemuck::cast_slice(axis));
+            }
+        }
+        BlockedParticles::Isotropic { offsets, sigmas } => {
+            for i in particles {
+                words.extend_from_slice(&offsets[i]);
+                words.push(sigmas[i]);
+            }
+        }
+        BlockedParticles::Anisotropic { offsets, factors } => {
+            for i in particles {
+                words.extend_from_slice(&offsets[i]);
+                words.extend_from_slice(&factors[i]);
+            }
+        }
+    }
+    words
+}
+
+/// A lattice whose part begins at brick `first_brick`.
+pub(super) fn lattice_uniform(grid: &BrickGrid, first_brick: usize) -> LatticeUniform {
+    let columns = |m: Option<Mat3>| m.unwrap_or(Mat3::ZERO).to_cols_array_2d();
+    LatticeUniform {
+        dims: grid.lattice().dims.map(|n| n as u32),
+        bricks: grid.bricks().map(|n| n as u32),
+        first_brick: first_brick as u32,
+        is_rectilinear: u32::from(grid.axes().is_some()),
+        kernel_width: grid.kernel_width() as f32,
+        step: columns(grid.step()),
+        factor: columns(grid.shared_factor()),
+    }
+}

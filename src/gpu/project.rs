@@ -1,0 +1,222 @@
+//! Stage: from particles to footprints.
+
+use glam::Mat3;
+
+use super::device::Gpu;
+use super::kernel::{Access, BoundKernel, Kernel, THREADS};
+use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
+use super::scene::Kinds;
+use super::shaders;
+use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::error::Result;
+use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::splat::Filter;
+
+/// What a projection's pipeline is compiled for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct ProjectSpec {
+    pub(super) particles: ParticleKind,
+    pub(super) filter: Filter,
+    pub(super) is_orthographic: bool,
+    /// For splats that state their opacity: whether they are made for anti-aliasing.
+    pub(super) splats: Option<bool>,
+    /// Which word of the counts says how many particles are classified.
+    pub(super) count_index: u32,
+}
+
+impl ProjectSpec {
+    /// For a part under a view.
+    ///
+    /// - `count_index`: which word of the counts is the part's.
+    pub(super) fn new(kinds: &Kinds, view: &ViewUniform, count_index: u32) -> Self {
+        Self {
+            particles: kinds.particles,
+            filter: Filter::ALL[view.filter_kind as usize],
+            is_orthographic: view.orthographic != 0,
+            splats: kinds.splats,
+            count_index,
+        }
+    }
+
+    /// Whether any of its footprints may be on the exact path.
+    pub(super) fn may_be_exact(&self) -> bool {
+        matches!(self.filter, Filter::Adaptive | Filter::Exact)
+            && !self.is_orthographic
+            && self.splats.is_none()
+    }
+}
+
+/// The pipeline that projects the particles of one kind.
+#[derive(Debug)]
+pub(super) struct Project {
+    kernel: Kernel,
+}
+
+/// The buffers of a part's projection.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ProjectBuffers<'a> {
+    /// [`DeviceBlock`](crate::layout::DeviceBlock)s; for a lattice its
+    /// [`LatticeUniform`](crate::layout::LatticeUniform).
+    pub(super) blocks: &'a wgpu::Buffer,
+    /// What [`pack_shapes`] gives; at least 8 bytes.
+    pub(super) shapes: &'a wgpu::Buffer,
+    /// A uniform [`ViewUniform`].
+    pub(super) view: &'a wgpu::Buffer,
+    /// A uniform of [`rotation_uniform`].
+    pub(super) rotation: &'a wgpu::Buffer,
+    /// Among other counts, that of the classified particles.
+    pub(super) counts: &'a wgpu::Buffer,
+    pub(super) views: &'a wgpu::Buffer,
+    pub(super) classified: &'a wgpu::Buffer,
+    pub(super) footprints: &'a wgpu::Buffer,
+    /// As many as footprints; one is enough where none may be exact.
+    pub(super) exact: &'a wgpu::Buffer,
+    /// A counter, zero at the beginning of a frame, and room for [`NearTerms`]: at least one.
+    pub(super) near: &'a wgpu::Buffer,
+}
+
+impl Project {
+    pub(super) fn new(gpu: &Gpu, spec: &ProjectSpec) -> Self {
+        let shader = match spec.particles {
+            ParticleKind::Lattice => &shaders::PROJECT_LATTICE,
+            ParticleKind::Isotropic => &shaders::PROJECT_ISOTROPIC,
+            ParticleKind::Anisotropic => &shaders::PROJECT_ANISOTROPIC,
+        };
+        let flag = |is: bool| f64::from(u8::from(is));
+        let kernel = gpu.kernel(
+            shader,
+            "project",
+            &[
+                Access::Read,
+                Access::Read,
+                Access::Uniform,
+                Access::Uniform,
+                Access::Read,
+                Access::Read,
+                Access::Read,
+                Access::Write,
+                Access::Write,
+                Access::Write,
+            ],
+            &[
+                ("COUNT_INDEX", f64::from(spec.count_index)),
+                ("FILTER", f64::from(spec.filter as u32)),
+                ("IS_ORTHOGRAPHIC", flag(spec.is_orthographic)),
+                ("IS_OF_SPLATS", flag(spec.splats.is_some())),
+                ("IS_ANTI_ALIASED", flag(spec.splats == Some(true))),
+            ],
+        );
+        Self { kernel }
+    }
+
+    /// To be dispatched with one workgroup per [`THREADS`] classified particles.
+    pub(super) fn bind(&self, gpu: &Gpu, buffers: &ProjectBuffers<'_>) -> BoundKernel {
+        self.kernel.bind(
+            gpu,
+            &[
+                buffers.blocks,
+                buffers.shapes,
+                buffers.view,
+                buffers.rotation,
+                buffers.counts,
+                buffers.views,
+                buffers.classified,
+                buffers.footprints,
+                buffers.exact,
+                buffers.near,
+            ],
+        )
+    }
+}
+
+/// The columns of a rotation as a uniform `mat3x3<f32>` holds them: four words each.
+pub(super) fn rotation_uniform(rotation: [[f32; 3]; 3]) -> [[f32; 4]; 3] {
+    rotation.map(|[x, y, z]| [x, y, z, 0.0])
+}
+
+/// Bytes of the list of near kernels with room for `capacity`: a counter and the terms.
+pub(super) fn near_bytes(capacity: usize) -> u64 {
+    (4 + capacity * size_of::<NearTerms>()) as u64
+}
+
+/// What the projection of one frame writes.
+#[derive(Debug, Clone, Default)]
+pub struct Projected {
+    /// One per classified particle.
+    pub footprints: Vec<Footprint>,
+    /// As many, where a filter may ask for them; meant where a footprint is on the exact path.
+    pub exact: Vec<ExactTerms>,
+    /// Terms of the kernels that cross the camera plane, in no particular order.
+    pub near: Vec<NearTerms>,
+    /// How many of those there are; more than `near` holds where its capacity was met.
+    pub near_count: u32,
+}
+
+/// Projects every particle of `classified`, as [`cpu::project`](crate::cpu::project) does, with room
+/// for `near_capacity` kernels (at least one) that cross the camera plane: those that find none draw nothing.
+///
+/// # Errors
+/// No memory, or a lost device.
+pub fn project(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    classified: &[ClassifiedParticle],
+    view: &ViewUniform,
+    rotation: Mat3,
+    near_capacity: usize,
+) -> Result<Projected> {
+    if classified.is_empty() {
+        return Ok(Projected::default());
+    }
+    let near_capacity = near_capacity.max(1);
+    let all = 0..volume.blocks.len();
+    let blocks = match &volume.particles {
+        BlockedParticles::Lattice(grid) => gpu.upload("lattice", &[lattice_uniform(grid, 0)])?,
+        _ => gpu.upload("blocks", &pack_blocks(volume, all.clone()))?,
+    };
+    let mut shapes = pack_shapes(volume, all);
+    let spec = ProjectSpec::new(&Kinds::of(volume), view, 0);
+    // A binding holds one element at least.
+    shapes.resize(
+        shapes.len().max(spec.particles.words_per_particle().max(2)),
+        0.0,
+    );
+    let shapes = gpu.upload("shapes", &shapes)?;
+    let count = classified.len();
+    let exact_count = if spec.may_be_exact() { count } else { 0 };
+    let bytes = |count: usize, each: usize| (count.max(1) * each) as u64;
+    let footprints = gpu.buffer("footprints", bytes(count, size_of::<Footprint>()))?;
+    let exact = gpu.buffer("exact terms", bytes(exact_count, size_of::<ExactTerms>()))?;
+    let near = gpu.buffer("near kernels", near_bytes(near_capacity))?;
+    let bound = Project::new(gpu, &spec).bind(
+        gpu,
+        &ProjectBuffers {
+            blocks: &blocks,
+            shapes: &shapes,
+            view: &gpu.uniform("view", view)?,
+            rotation: &gpu.uniform("rotation", &rotation_uniform(rotation.to_cols_array_2d()))?,
+            counts: &gpu.upload("counts", &[count as u32])?,
+            views: &gpu.upload("block views", views)?,
+            classified: &gpu.upload("classified particles", classified)?,
+            footprints: &footprints,
+            exact: &exact,
+            near: &near,
+        },
+    );
+    let mut encoder = gpu.encoder();
+    {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        bound.dispatch(&mut pass, (count as u32).div_ceil(THREADS));
+    }
+    gpu.submit(encoder);
+    let words: Vec<u32> = gpu.read(&near, near_bytes(near_capacity) as usize / 4)?;
+    let near_count = words[0];
+    let kept = (near_count as usize).min(near_capacity);
+    Ok(Projected {
+        footprints: gpu.read(&footprints, count)?,
+        exact: gpu.read(&exact, exact_count)?,
+        near: bytemuck::pod_collect_to_vec(&words[1..][..kept * size_of::<NearTerms>() / 4]),
+        near_count,
+    })
+}

@@ -1,0 +1,209 @@
+//! The shaders as text, no device needed: every one composes and is valid, and its structs lie as
+//! those of Rust.
+
+use std::mem::{offset_of, size_of};
+
+use super::cull::CullGroup;
+use super::radix::{RadixPlan, RadixState};
+use super::rasterise::{Band, TileProgress};
+use super::resolve::Background;
+use super::shaders::Shader;
+use crate::layout::{
+    BlockView, BrickUniform, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle,
+    DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform, NearTerms, PartIndex,
+    PartRange, PartState, SortState, ViewUniform,
+};
+use naga::TypeInner;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+#[test]
+fn every_shader_is_valid() {
+    for shader in Shader::ALL {
+        let source = shader.source();
+        let module = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+        Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+    }
+}
+
+/// Name, offset and size of a struct's members as WGSL lays them out, and the distance of two in
+/// an array.
+fn reflected(name: &str) -> (Vec<(String, usize, usize)>, usize) {
+    let find = |shader: &Shader| {
+        let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let is_named = |ty: &naga::Type| ty.name.as_deref() == Some(name);
+        let (handle, ty) = module.types.iter().find(|(_, ty)| is_named(ty))?;
+        let TypeInner::Struct { members, .. } = &ty.inner else {
+            panic!("{name} is no struct");
+        };
+        let member = |m: &naga::StructMember| {
+            let size = layouter[m.ty].size;
+            (m.name.clone().unwrap(), m.offset as usize, size as usize)
+        };
+        let members = members.iter().map(member).collect();
+        Some((members, layouter[handle].to_stride() as usize))
+    };
+    let found = Shader::ALL.iter().find_map(find);
+    found.unwrap_or_else(|| panic!("no struct {name}"))
+}
+
+macro_rules! check_layout {
+    ($type:ident { $($member:ident),* $(,)? }) => {{
+        // A member that is missing here does not compile.
+        let zero: $type = bytemuck::Zeroable::zeroed();
+        let $type { $($member),* } = zero;
+        let expected = vec![
+            $((stringify!($member).to_string(), offset_of!($type, $member), size_of_val(&$member))),*
+        ];
+        assert_eq!(
+            reflected(stringify!($type)),
+            (expected, size_of::<$type>()),
+            stringify!($type)
+        );
+    }};
+}
+
+#[test]
+fn structs_are_laid_out_alike() {
+    check_layout!(ViewUniform {
+        focal_px,
+        centre_px,
+        size,
+        orthographic,
+        filter_kind,
+        low_pass_variance_px2,
+        tolerance,
+        cutoff,
+        key_scale,
+    });
+    check_layout!(CameraUniform {
+        eye,
+        camera_from_world,
+        plane_normals,
+        plane_distances,
+        plane_spreads,
+        rotation,
+        has_frustum,
+        orthographic,
+        unused,
+    });
+    check_layout!(BrickUniform { dims, first });
+    check_layout!(FrameState {
+        nearest,
+        farthest,
+        near,
+        keys_per_unit,
+        classified_count,
+        unused,
+    });
+    check_layout!(PartState {
+        capacity,
+        view_count,
+        count_length,
+        needed,
+        classified_count,
+        first,
+    });
+    check_layout!(DeviceBlock {
+        origin,
+        half_extent,
+        max_sigma,
+        value_range,
+        first,
+        count,
+    });
+    check_layout!(LatticeUniform {
+        dims,
+        bricks,
+        first_brick,
+        is_rectilinear,
+        kernel_width,
+        step,
+        factor,
+    });
+    check_layout!(BlockView {
+        origin_camera,
+        block,
+        first,
+        count,
+        key,
+    });
+    check_layout!(ClassifiedParticle {
+        view,
+        local,
+        mass,
+        colour,
+    });
+    check_layout!(Footprint {
+        centre_px,
+        form_p,
+        form_r,
+        tau,
+        cutoff_squared,
+        colour,
+        depth,
+        path,
+        columns,
+        rows,
+        key,
+    });
+    check_layout!(ExactTerms { gradient, hessian });
+    check_layout!(NearTerms {
+        misses,
+        minors,
+        minor_depths,
+        sigma,
+        half_line,
+    });
+    check_layout!(PartIndex { index });
+    check_layout!(PartRange { first, count });
+    check_layout!(SortState {
+        count,
+        visible,
+        exact
+    });
+    check_layout!(ChunkUniform {
+        start,
+        capacity,
+        band_first,
+        band_size,
+    });
+    check_layout!(ChunkState {
+        length,
+        offset_count,
+        entries,
+        needed,
+    });
+    // Of single stages.
+    check_layout!(CullGroup {
+        count,
+        unused,
+        nearest,
+        farthest,
+    });
+    check_layout!(RadixPlan {
+        count_index,
+        capacity,
+    });
+    check_layout!(RadixState {
+        count,
+        groups,
+        table_length,
+    });
+    check_layout!(Band {
+        first_row,
+        columns,
+        rows,
+        unused,
+    });
+    check_layout!(TileProgress {
+        drawn,
+        is_done,
+        splat_pixels,
+    });
+    check_layout!(Background { colour, pixels });
+}

@@ -1,0 +1,453 @@
+//! A scene on the device: volumes as parts, runs of whole blocks whose every buffer fits a binding.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::device::Gpu;
+use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
+use super::project::rotation_uniform;
+use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::constants::BLOCK_CAPACITY;
+use crate::error::{Error, Result};
+use crate::layout::{
+    BlockView, BrickUniform, CameraUniform, ClassifiedParticle, DeviceBlock, Footprint, FrameState,
+    PartState, ViewUniform,
+};
+use crate::math::harmonics_count;
+use crate::scene::{Colour, LatticeSpacing, Strength, TransferFunction, Values, cell_width};
+
+/// The type of a part's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum ValueKind {
+    /// Nothing is classified.
+    None,
+    U8,
+    U16,
+    I16,
+    F32,
+}
+
+/// Where a part's masses come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum StrengthKind {
+    /// Extinction times a volume of each particle.
+    Volumes,
+    /// Extinction times the volume that all cells share.
+    Cell,
+    /// Extinction times the product of a cell's widths.
+    Widths,
+    /// Masses or opacities of their own.
+    Given,
+}
+
+/// Where a part's colours come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum ColourKind {
+    Classified,
+    PerParticle,
+    Uniform,
+    /// Left to `shade`.
+    Harmonics,
+}
+
+/// What kinds of data a part has: its shaders are made for them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Kinds {
+    pub(super) particles: ParticleKind,
+    /// For splats that state their opacity: whether they are made for anti-aliasing.
+    pub(super) splats: Option<bool>,
+    pub(super) values: ValueKind,
+    pub(super) strength: StrengthKind,
+    pub(super) colour: ColourKind,
+    /// Coefficients of a colour channel; 0 without harmonics.
+    pub(super) harmonics_count: u32,
+}
+
+impl Kinds {
+    pub(super) fn of(volume: &BlockedVolume) -> Self {
+        let is_classified = matches!(volume.strength, Strength::Classified { .. })
+            || volume.colour == Colour::Classified;
+        Self {
+            particles: ParticleKind::of(&volume.particles),
+            splats: match volume.strength {
+                Strength::PeakOpacity {
+                    is_anti_aliased, ..
+                } => Some(is_anti_aliased),
+                _ => None,
+            },
+            values: match &volume.values {
+                Some(Values::U8(_)) if is_classified => ValueKind::U8,
+                Some(Values::U16(_)) if is_classified => ValueKind::U16,
+                Some(Values::I16(_)) if is_classified => ValueKind::I16,
+                Some(Values::F32(_)) if is_classified => ValueKind::F32,
+                _ => ValueKind::None,
+            },
+            strength: match (&volume.strength, &volume.particles) {
+                (Strength::Classified { .. }, BlockedParticles::Lattice(grid)) => {
+                    if grid.uniform_volume().is_some() {
+                        StrengthKind::Cell
+                    } else {
+                        StrengthKind::Widths
+                    }
+                }
+                (Strength::Classified { .. }, _) => StrengthKind::Volumes,
+                (Strength::Mass(_) | Strength::PeakOpacity { .. }, _) => StrengthKind::Given,
+            },
+            colour: match volume.colour {
+                Colour::Classified => ColourKind::Classified,
+                Colour::PerParticle(_) => ColourKind::PerParticle,
+                Colour::Uniform(_) => ColourKind::Uniform,
+                Colour::Harmonics { .. } => ColourKind::Harmonics,
+            },
+            harmonics_count: match volume.colour {
+                Colour::Harmonics { degree, .. } => harmonics_count(degree) as u32,
+                _ => 0,
+            },
+        }
+    }
+
+    /// Whether particles are cells of a lattice.
+    pub(super) fn is_lattice(&self) -> bool {
+        self.particles == ParticleKind::Lattice
+    }
+
+    /// Whether blocks may be transparent.
+    pub(super) fn may_be_transparent(&self) -> bool {
+        self.strength != StrengthKind::Given
+    }
+
+    /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
+    /// frame in which all are visible makes of them.
+    fn bytes_per_particle(&self) -> u64 {
+        const { assert!(size_of::<Footprint>() >= 9 * 4) };
+        let frame = size_of::<Footprint>().max(size_of::<ClassifiedParticle>());
+        // A block has one particle at least.
+        let blocks = size_of::<DeviceBlock>().max(size_of::<BlockView>());
+        let colours = 12 * self.harmonics_count.max(1) as usize;
+        frame.max(blocks).max(colours) as u64
+    }
+}
+
+/// A run of a volume's blocks on the device.
+#[derive(Debug)]
+pub(super) struct Part {
+    /// Which volume of the scene.
+    pub(super) volume: usize,
+    /// Which of its blocks.
+    pub(super) run: Range<usize>,
+    pub(super) kinds: Kinds,
+    /// Entries of arrays of one per particle: with padding, where bricks pass a lattice's edge.
+    pub(super) slots: usize,
+    pub(super) blocks: wgpu::Buffer,
+    /// A lattice's [`LatticeUniform`](crate::layout::LatticeUniform).
+    pub(super) lattice: wgpu::Buffer,
+    /// Offset and shape of each particle, or the samples of a lattice's axes.
+    pub(super) shapes: wgpu::Buffer,
+    pub(super) bricks: wgpu::Buffer,
+    pub(super) values: wgpu::Buffer,
+    pub(super) strengths: wgpu::Buffer,
+    pub(super) colours: wgpu::Buffer,
+    /// The transfer function's table, all parts of a volume the same.
+    pub(super) table: wgpu::Buffer,
+    /// Its greatest extinctions, likewise.
+    pub(super) maxima: wgpu::Buffer,
+}
+
+/// All volumes on the device.
+#[derive(Debug)]
+pub(super) struct Scene {
+    /// In the order of the volumes, and of the blocks within each.
+    pub(super) parts: Vec<Part>,
+}
+
+impl Scene {
+    /// Uploads the volumes in parts whose buffers have at most `part_bytes`, and at most what a
+    /// binding may have.
+    ///
+    /// # Errors
+    /// No memory, or what only the CPU draws: harmonics on a lattice.
+    pub(super) fn new(gpu: &Gpu, volumes: &[BlockedVolume], part_bytes: u64) -> Result<Self> {
+        let part_bytes = part_bytes.min(gpu.max_binding_bytes());
+        let mut parts = Vec::new();
+        for (i, volume) in volumes.iter().enumerate() {
+            upload(gpu, i, volume, part_bytes, &mut parts)?;
+        }
+        Ok(Self { parts })
+    }
+
+    /// Gives a volume another transfer function: nothing but its tables is uploaded.
+    pub(super) fn set_transfer_function(
+        &self,
+        gpu: &Gpu,
+        volume: usize,
+        transfer: &TransferFunction,
+    ) {
+        // The parts of a volume share their tables.
+        let part = self.parts.iter().find(|p| p.volume == volume);
+        if let Some(part) = part.filter(|p| p.kinds.values != ValueKind::None) {
+            gpu.write(&part.table, bytemuck::cast_slice(&packed_table(transfer)));
+            gpu.write(&part.maxima, bytemuck::cast_slice(&packed_maxima(transfer)));
+        }
+    }
+}
+
+fn upload(
+    gpu: &Gpu,
+    index: usize,
+    volume: &BlockedVolume,
+    part_bytes: u64,
+    parts: &mut Vec<Part>,
+) -> Result<()> {
+    let kinds = Kinds::of(volume);
+    if kinds.is_lattice() && kinds.harmonics_count > 0 {
+        return Err(Error::format(
+            "GPU",
+            "harmonics on a lattice",
+            "harmonics on points",
+            "a lattice",
+            "use --backend cpu",
+        ));
+    }
+    // Bound where there is nothing to bind.
+    let nothing = gpu.buffer("nothing", 0)?;
+    let (table, maxima) = match &volume.transfer_function {
+        Some(transfer) if kinds.values != ValueKind::None => (
+            gpu.upload("transfer function", &packed_table(transfer))?,
+            gpu.upload("transfer function's maxima", &packed_maxima(transfer))?,
+        ),
+        _ => (nothing.clone(), nothing.clone()),
+    };
+    let capacity = part_bytes / kinds.bytes_per_particle();
+    for run in runs(volume, kinds.is_lattice(), capacity) {
+        let particles = particles(volume, &run);
+        let slots = if kinds.is_lattice() {
+            BLOCK_CAPACITY * run.len()
+        } else {
+            particles.len()
+        };
+        let per_particle = |label, source: &[f32], stride| {
+            gpu.upload(label, &in_block_order(volume, &run, source, stride))
+        };
+        let values = match &volume.values {
+            Some(values) if kinds.values != ValueKind::None => match values {
+                Values::U8(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
+                Values::I16(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
+                Values::U16(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
+                Values::F32(v) => per_particle("values", v, 1)?,
+            },
+            _ => nothing.clone(),
+        };
+        let strengths = match (&volume.strength, cells(volume)) {
+            (Strength::Classified { .. }, Some(cells)) => gpu.upload("cell widths", &cells)?,
+            (
+                Strength::Classified { volumes: given }
+                | Strength::Mass(given)
+                | Strength::PeakOpacity {
+                    opacities: given, ..
+                },
+                _,
+            ) => per_particle("strengths", given, 1)?,
+        };
+        let colours = match &volume.colour {
+            Colour::Classified => nothing.clone(),
+            Colour::PerParticle(colours) => {
+                per_particle("colours", bytemuck::cast_slice(colours), 3)?
+            }
+            Colour::Uniform(colour) => gpu.upload("colour", colour)?,
+            Colour::Harmonics { coefficients, .. } => {
+                let stride = 3 * kinds.harmonics_count as usize;
+                per_particle("harmonics", coefficients, stride)?
+            }
+        };
+        let bricks = BrickUniform {
+            dims: match &volume.particles {
+                BlockedParticles::Lattice(grid) => grid.lattice().dims.map(|n| n as u32),
+                _ => [0; 3],
+            },
+            first: run.start as u32,
+        };
+        parts.push(Part {
+            volume: index,
+            kinds,
+            slots,
+            blocks: gpu.upload("blocks", &pack_blocks(volume, run.clone()))?,
+            lattice: match &volume.particles {
+                BlockedParticles::Lattice(grid) => {
+                    gpu.upload("lattice", &[lattice_uniform(grid, run.start)])?
+                }
+                _ => nothing.clone(),
+            },
+            shapes: gpu.upload("shapes", &pack_shapes(volume, run.clone()))?,
+            bricks: gpu.uniform("bricks", &bricks)?,
+            values,
+            strengths,
+            colours,
+            table: table.clone(),
+            maxima: maxima.clone(),
+            run,
+        });
+    }
+    Ok(())
+}
+
+/// Runs of whole blocks of at most `capacity` particles, of one block at least.
+fn runs(volume: &BlockedVolume, is_lattice: bool, capacity: u64) -> Vec<Range<usize>> {
+    let mut runs = Vec::new();
+    let (mut start, mut slots) = (0, 0);
+    for (i, block) in volume.blocks.iter().enumerate() {
+        let own = if is_lattice {
+            BLOCK_CAPACITY as u64
+        } else {
+            block.count.into()
+        };
+        if slots + own > capacity && i > start {
+            runs.push(start..i);
+            (start, slots) = (i, 0);
+        }
+        slots += own;
+    }
+    if start < volume.blocks.len() {
+        runs.push(start..volume.blocks.len());
+    }
+    runs
+}
+
+/// The particles of a run of blocks of points.
+fn particles(volume: &BlockedVolume, run: &Range<usize>) -> Range<usize> {
+    let (first, last) = (&volume.blocks[run.start], &volume.blocks[run.end - 1]);
+    first.first as usize..(last.first + last.count) as usize
+}
+
+/// What `source` holds for the particles of some blocks, `stride` entries each; a lattice's brick
+/// by brick, with zeros for cells beyond its edge.
+fn in_block_order<'a, T: Pod + Send + Sync>(
+    volume: &BlockedVolume,
+    run: &Range<usize>,
+    source: &'a [T],
+    stride: usize,
+) -> Cow<'a, [T]> {
+    if !matches!(volume.particles, BlockedParticles::Lattice(_)) {
+        let particles = particles(volume, run);
+        return Cow::Borrowed(&source[particles.start * stride..particles.end * stride]);
+    }
+    let mut out = vec![T::zeroed(); BLOCK_CAPACITY * stride * run.len()];
+    out.par_chunks_exact_mut(BLOCK_CAPACITY * stride)
+        .zip(run.clone())
+        .for_each(|(brick, block)| {
+            volume.for_each_particle(block as u32, |local, i, _| {
+                brick[local as usize * stride..][..stride]
+                    .copy_from_slice(&source[i * stride..][..stride]);
+            });
+        });
+    Cow::Owned(out)
+}
+
+/// The one volume of a lattice's cells, or their widths along x, y and z, one after the other.
+fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
+    let BlockedParticles::Lattice(grid) = &volume.particles else {
+        return None;
+    };
+    Some(match &grid.lattice().spacing {
+        LatticeSpacing::Uniform { .. } => grid.uniform_volume().into_iter().collect(),
+        LatticeSpacing::Rectilinear { coordinates } => coordinates
+            .iter()
+            .flat_map(|axis| (0..axis.len()).map(|i| cell_width(axis, i) as f32))
+            .collect(),
+    })
+}
+
+/// Where the table begins, entries per unit, and the entries.
+fn packed_table(transfer: &TransferFunction) -> Vec<[f32; 4]> {
+    let mut packed = vec![[transfer.range()[0], transfer.scale(), 0.0, 0.0]];
+    packed.extend_from_slice(transfer.table());
+    packed
+}
+
+/// Where the table begins, entries per unit, and the rows of the maxima.
+fn packed_maxima(transfer: &TransferFunction) -> Vec<f32> {
+    let mut packed = vec![transfer.range()[0], transfer.scale()];
+    packed.extend(transfer.maxima().iter().flatten());
+    packed
+}
+
+/// The first word of the arguments of dispatches over a part's views in [`PartBuffers::arguments`].
+pub(super) const VIEW_ARGUMENTS: u32 = 0;
+/// The same over its classified particles, a thread each.
+pub(super) const PARTICLE_ARGUMENTS: u32 = 3;
+
+/// What all parts of a frame share.
+#[derive(Debug)]
+pub(super) struct FrameBuffers {
+    /// A [`ViewUniform`], whose `key_scale` cull writes.
+    pub(super) view: wgpu::Buffer,
+    /// A [`CameraUniform`].
+    pub(super) camera: wgpu::Buffer,
+    /// The camera's rotation, as a uniform.
+    pub(super) rotation: wgpu::Buffer,
+    /// A [`FrameState`].
+    pub(super) state: wgpu::Buffer,
+}
+
+impl FrameBuffers {
+    /// # Errors
+    /// No memory.
+    pub(super) fn new(gpu: &Gpu) -> Result<Self> {
+        Ok(Self {
+            view: gpu.uniform("view", &ViewUniform::zeroed())?,
+            rotation: gpu.uniform("rotation", &rotation_uniform([[0.0; 3]; 3]))?,
+            camera: gpu.buffer("camera", size_of::<CameraUniform>() as u64)?,
+            state: gpu.buffer("frame state", size_of::<FrameState>() as u64)?,
+        })
+    }
+
+    /// All that a frame uploads.
+    pub(super) fn write(&self, gpu: &Gpu, view: &ViewUniform, camera: &CameraUniform) {
+        gpu.write(&self.view, bytemuck::bytes_of(view));
+        gpu.write(&self.camera, bytemuck::bytes_of(camera));
+        let rotation = rotation_uniform(camera.rotation);
+        gpu.write(&self.rotation, bytemuck::bytes_of(&rotation));
+    }
+}
+
+/// What a frame works out of a part.
+#[derive(Debug)]
+pub(super) struct PartBuffers {
+    /// A [`PartState`].
+    pub(super) state: wgpu::Buffer,
+    /// Arguments of indirect dispatches, from [`VIEW_ARGUMENTS`] and [`PARTICLE_ARGUMENTS`].
+    pub(super) arguments: wgpu::Buffer,
+    /// [`BlockView`]s, room for all blocks.
+    pub(super) views: wgpu::Buffer,
+    /// [`ClassifiedParticle`]s.
+    pub(super) classified: wgpu::Buffer,
+}
+
+impl PartBuffers {
+    /// - `capacity`: room for classified particles; more than the part's slots is never needed.
+    ///
+    /// # Errors
+    /// No memory.
+    pub(super) fn new(gpu: &Gpu, part: &Part, capacity: u32) -> Result<Self> {
+        let state = PartState {
+            capacity,
+            ..PartState::zeroed()
+        };
+        let bytes = |size: usize, count: usize| size as u64 * count as u64;
+        Ok(Self {
+            state: gpu.upload("part state", &[state])?,
+            arguments: gpu.buffer("arguments", 24)?,
+            views: gpu.buffer("views", bytes(size_of::<BlockView>(), part.run.len()))?,
+            classified: gpu.buffer(
+                "classified particles",
+                // A binding holds one at least.
+                bytes(size_of::<ClassifiedParticle>(), capacity.max(1) as usize),
+            )?,
+        })
+    }
+}

@@ -1,0 +1,137 @@
+//! Stage: colours that depend on the view, per visible particle, once. Twin:
+//! [`crate::cpu::shade()`].
+
+use super::classify::{arguments, upload_views};
+use super::cull::camera_uniform;
+use super::device::Gpu;
+use super::kernel::{Access, BoundKernel, THREADS};
+use super::scene::{ColourKind, FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers};
+use super::shaders;
+use crate::blocks::{BlockedVolume, Frustum};
+use crate::error::Result;
+use crate::layout::{BlockView, ClassifiedParticle, PartState};
+use crate::view::Camera;
+
+/// The stage over a part.
+#[derive(Debug)]
+pub(super) struct BoundShade {
+    shade: BoundKernel,
+    arguments: wgpu::Buffer,
+}
+
+/// Binds the stage to a part, or nothing where its colours do not depend on the view.
+pub(super) fn bind_shade(
+    gpu: &Gpu,
+    frame: &FrameBuffers,
+    part: &Part,
+    buffers: &PartBuffers,
+) -> Option<BoundShade> {
+    use Access::{Read, Write};
+    if part.kinds.colour != ColourKind::Harmonics {
+        return None;
+    }
+    let kernel = gpu.kernel(
+        &shaders::SHADE,
+        "shade",
+        &[Read, Read, Read, Write, Read, Read, Read],
+        &[
+            (
+                "POINT_WORDS",
+                part.kinds.particles.words_per_particle() as f64,
+            ),
+            ("HARMONICS_COUNT", f64::from(part.kinds.harmonics_count)),
+        ],
+    );
+    let PartBuffers {
+        state,
+        arguments,
+        views,
+        classified,
+    } = buffers;
+    let Part {
+        blocks,
+        shapes,
+        colours,
+        ..
+    } = part;
+    Some(BoundShade {
+        shade: kernel.bind(
+            gpu,
+            &[
+                &frame.camera,
+                state,
+                views,
+                classified,
+                blocks,
+                shapes,
+                colours,
+            ],
+        ),
+        arguments: arguments.clone(),
+    })
+}
+
+impl BoundShade {
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
+        let particles = u64::from(4 * PARTICLE_ARGUMENTS);
+        self.shade
+            .dispatch_indirect(pass, &self.arguments, particles);
+    }
+}
+
+/// Fills the colours of `classified` where they are harmonics; does nothing elsewhere.
+///
+/// - `views`: in the order of their blocks, with `first` and `count`.
+/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
+///
+/// Codes differ from the twin's by roundings of the direction and the sum, some 2e-6 of the sum of
+/// the coefficients' magnitudes; decoding, a power by logarithms, adds 1e-5 of the result.
+///
+/// # Errors
+/// No memory, a lost device, or volumes that only the CPU draws.
+pub fn shade(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    camera: &Camera,
+    classified: &mut [ClassifiedParticle],
+    part_bytes: u64,
+) -> Result<()> {
+    let uploaded = upload_views(gpu, volume, views, classified.len() as u32, part_bytes)?;
+    let frame = FrameBuffers::new(gpu)?;
+    let uniform = camera_uniform(camera, &Frustum::new(camera, 0.0), true);
+    gpu.write(&frame.camera, bytemuck::bytes_of(&uniform));
+    let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);
+    for ((part, buffers), range) in parts.zip(uploaded.views) {
+        let Some(bound) = bind_shade(gpu, &frame, part, buffers) else {
+            return Ok(());
+        };
+        let begin = views[range.clone()].first().map_or(0, |v| v.first as usize);
+        let count: u32 = views[range.clone()].iter().map(|v| v.count).sum();
+        let particles = &mut classified[begin..][..count as usize];
+        let of_part: Vec<_> = particles
+            .iter()
+            .map(|p| ClassifiedParticle {
+                view: p.view - range.start as u32,
+                ..*p
+            })
+            .collect();
+        gpu.write(&buffers.classified, bytemuck::cast_slice(&of_part));
+        let mut state: PartState = gpu.read(&buffers.state, 1)?[0];
+        state.classified_count = count;
+        gpu.write(&buffers.state, bytemuck::bytes_of(&state));
+        let groups = arguments(0, count.div_ceil(THREADS));
+        gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
+        let mut encoder = gpu.encoder();
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            bound.encode(&mut pass);
+        }
+        gpu.submit(encoder);
+        let shaded: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count as usize)?;
+        for (particle, shaded) in particles.iter_mut().zip(shaded) {
+            particle.colour = shaded.colour;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,41 @@
+//! What a frame counted, and how long its stages took.
+
+use serde::Serialize;
+
+/// What a frame counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameCounts {
+    /// Blocks of all volumes.
+    pub blocks: usize,
+    /// Blocks outside the view or transparent.
+    pub blocks_culled: usize,
+    /// Particles that the transfer function leaves visible, in the blocks that are left.
+    pub classified: usize,
+    /// Footprints that reach the image.
+    pub footprints: usize,
+    /// Of these, on the exact path.
+    pub footprints_exact: usize,
+    /// Of these, kernels that cross the camera plane.
+    pub footprints_near: usize,
+    /// Entries of the tiles' lists.
+    pub tile_entries: usize,
+    /// Kernels evaluated at pixel centres within their cut-off.
+    pub splat_pixels: u64,
+}
+
+/// Milliseconds per stage of a frame.
+///
+/// On the GPU the stages' are the device's own timestamps, 0 where the adapter has none.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[allow(missing_docs, reason = "each is the stage of its name")]
+pub struct StageTimes {
+    pub cull: f64,
+    pub classify: f64,
+    pub project: f64,
+    pub sort: f64,
+    pub bin: f64,
+    pub rasterise: f64,
+    pub resolve: f64,
+    /// The whole frame, as whoever asked for it waits.
+    pub frame: f64,
+}

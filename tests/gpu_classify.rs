@@ -1,0 +1,591 @@
+//! Classification and shading against their twins on the CPU.
+#![cfg(feature = "gpu")]
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::unwrap_used,
+    reason = "inputs are narrowed on purpose; a test fails by panicking"
+)]
+
+mod common;
+
+use common::Random;
+use common::gpu::gpu;
+use ewa_splat::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use ewa_splat::cpu;
+use ewa_splat::gpu;
+use ewa_splat::image::linear_from_srgb;
+use ewa_splat::layout::{BlockView, ClassifiedParticle};
+use ewa_splat::math::{harmonics, harmonics_count, harmonics_sum};
+use ewa_splat::scene::{
+    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
+};
+use ewa_splat::view::Camera;
+use glam::{DMat3, DVec3, Vec3};
+
+const POISON: [f32; 14] = [
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    0.0,
+    -0.0,
+    1e-40,
+    -1e-40,
+    f32::MIN_POSITIVE,
+    f32::MAX,
+    f32::MIN,
+    1e30,
+    -1e30,
+    1e-30,
+    3.0,
+];
+
+/// One view of every block.
+fn views(volume: &BlockedVolume) -> Vec<BlockView> {
+    (0..volume.blocks.len())
+        .map(|block| BlockView {
+            block: block as u32,
+            // What was there before is forgotten.
+            first: 77,
+            count: 99,
+            ..bytemuck::Zeroable::zeroed()
+        })
+        .collect()
+}
+
+/// What the CPU classifies.
+fn expected(volume: &BlockedVolume, views: &mut [BlockView]) -> Vec<ClassifiedParticle> {
+    let total = cpu::count_classified(volume, views);
+    let mut out = vec![bytemuck::Zeroable::zeroed(); total];
+    cpu::classify(volume, views, &mut out);
+    out
+}
+
+/// The index of a particle in the volume's arrays.
+fn index(volume: &BlockedVolume, view: &BlockView, local: u32) -> usize {
+    match &volume.particles {
+        BlockedParticles::Lattice(grid) => {
+            let corner = grid.cells(view.block).map(|[first, _]| first);
+            grid.index(BrickGrid::cell(corner, local))
+        }
+        _ => (volume.blocks[view.block as usize].first + local) as usize,
+    }
+}
+
+/// The same bits, all NaNs alike.
+fn same(a: f32, b: f32) -> bool {
+    a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
+}
+
+#[derive(Debug, Default)]
+struct Tally {
+    particles: usize,
+    flips: usize,
+    /// Not the twin's to the bit.
+    rounded: usize,
+}
+
+/// Classifies some views on the device and compares.
+///
+/// Interpolation a + (b - a) s may be one rounding where it is two on the CPU, and denormals may be
+/// zeros: masses differ by 2^-22 of the greater of the two entries' extinctions, times the volume,
+/// and by the least normal number; colours likewise. Nothing else is worked out: what is given is
+/// equal to the bit.
+fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &mut Tally) {
+    const ROUNDING: f32 = 0.5 * f32::EPSILON * 4.0;
+    let (mut on_cpu, mut on_device) = (views.to_vec(), views.to_vec());
+    let particles = expected(volume, &mut on_cpu);
+    let gpu = gpu().unwrap();
+    let capacity = if part_bytes == u64::MAX {
+        particles.len() as u32 + 10
+    } else {
+        (part_bytes / 64).max(256) as u32
+    };
+    let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes).unwrap();
+    let mut first = 0;
+    for (state, groups) in out.states.iter().zip(&out.groups) {
+        let count = state.needed.div_ceil(256);
+        assert_eq!(*groups, [count, u32::from(count > 0), 1]);
+        assert_eq!((state.first, state.needed), (first, state.classified_count));
+        first += state.needed;
+    }
+    assert_eq!(first as usize, out.particles.len());
+    for (v, (view, twin)) in on_device.iter().zip(&on_cpu).enumerate() {
+        let of = |view: &BlockView, all: &[ClassifiedParticle]| {
+            all[view.first as usize..][..view.count as usize].to_vec()
+        };
+        let (ours, twins) = (of(view, &out.particles), of(twin, &particles));
+        assert!(ours.iter().all(|p| p.view == v as u32));
+        assert!(ours.windows(2).all(|w| w[0].local < w[1].local), "{ours:?}");
+        tally.particles += twins.len();
+        let (mut ours, mut twins) = (ours.iter().peekable(), twins.iter().peekable());
+        let mut flip = |particle: &ClassifiedParticle| {
+            // Denormal, or of an extinction that interpolation rounds away.
+            assert!(particle.mass <= 1e-7, "flipped: {particle:?}");
+            tally.flips += 1;
+        };
+        loop {
+            let (a, b) = match (ours.peek(), twins.peek()) {
+                (None, None) => break,
+                (Some(a), Some(b)) if a.local == b.local => (**a, **b),
+                (Some(a), b) if b.is_none_or(|b| a.local < b.local) => {
+                    flip(a);
+                    ours.next();
+                    continue;
+                }
+                (_, Some(b)) => {
+                    flip(b);
+                    twins.next();
+                    continue;
+                }
+                _ => unreachable!(),
+            };
+            ours.next();
+            twins.next();
+            let is_equal =
+                same(a.mass, b.mass) && a.colour.iter().zip(b.colour).all(|(&x, y)| same(x, y));
+            if is_equal {
+                continue;
+            }
+            tally.rounded += 1;
+            let i = index(volume, twin, a.local);
+            let value = volume.values.as_ref().map_or(0.0, |v| v.get(i));
+            let transfer = volume.transfer_function.as_ref().unwrap();
+            let class = transfer.classify(value);
+            let context = || format!("{i}: {value:e}, {class:?}: {a:?}, {b:?}");
+            if matches!(volume.strength, Strength::Classified { .. }) {
+                let cell = b.mass / class[3];
+                let bound = transfer.max_extinction(value, value) * cell * ROUNDING;
+                let difference = (a.mass - b.mass).abs();
+                assert!(difference <= bound + f32::MIN_POSITIVE, "{}", context());
+            } else {
+                assert!(same(a.mass, b.mass), "{}", context());
+            }
+            for (x, y) in a.colour.iter().zip(b.colour) {
+                let is_close = volume.colour == Colour::Classified && (x - y).abs() <= ROUNDING;
+                assert!(same(*x, y) || is_close, "{}", context());
+            }
+        }
+    }
+}
+
+/// Steps, ramps and gaps over -100 to 150.
+fn transfer() -> TransferFunction {
+    let opacity = |v: f32| match v {
+        v if v < -50.0 => 0.0,
+        v if v < 0.0 => (v + 50.0) / 100.0,
+        v if v < 60.0 => 0.0,
+        v if v < 70.0 => 0.9,
+        v if v < 140.0 => 0.0,
+        _ => 0.2,
+    };
+    let colour = |v: f32| [(v * 0.1).sin().abs(), (v * 0.03).cos().abs(), 0.25];
+    TransferFunction::from_curves(colour, opacity, [-100.0, 150.0], 2.0).unwrap()
+}
+
+/// Values of a type: random, of either side of the range, on entries and the range's ends, poison.
+fn values(kind: usize, count: usize, random: &mut Random) -> Option<Values> {
+    Some(match kind {
+        0 => return None,
+        1 => Values::U8((0..count).map(|_| random.bits() as u8).collect()),
+        2 => Values::U16((0..count).map(|_| random.index(200) as u16).collect()),
+        3 => Values::I16(
+            (0..count)
+                .map(|i| match i % 50 {
+                    0 => i16::MIN,
+                    1 => i16::MAX,
+                    _ => random.range(-120.0, 170.0) as i16,
+                })
+                .collect(),
+        ),
+        _ => Values::F32(
+            (0..count)
+                .map(|i| match i % 7 {
+                    0 => POISON[random.index(POISON.len())],
+                    1 | 2 => (-100.0 + 250.0 * random.index(4096) as f64 / 4095.0) as f32,
+                    3 => [-100.0, 150.0, -100.000_01, 150.000_02][random.index(4)],
+                    _ => random.range(-130.0, 180.0) as f32,
+                })
+                .collect(),
+        ),
+    })
+}
+
+/// Positive numbers, zeros, negative ones and poison.
+fn strengths(count: usize, random: &mut Random) -> Vec<f32> {
+    (0..count)
+        .map(|i| match i % 5 {
+            0 => POISON[random.index(POISON.len())],
+            1 => -1.0,
+            _ => random.log_range(1e-3, 10.0) as f32,
+        })
+        .collect()
+}
+
+fn axis(n: usize, random: &mut Random) -> Vec<f64> {
+    let mut at = 0.0;
+    (0..n)
+        .map(|_| {
+            at += random.range(0.01, 0.3);
+            at
+        })
+        .collect()
+}
+
+/// Particles of a kind: lattices whose sides are no multiples of a brick's, spheres, ellipsoids.
+fn particles(kind: usize, random: &mut Random) -> Particles {
+    let dims = [[11, 1, 9], [8, 8, 4], [17, 9, 5], [1, 30, 1]][random.index(4)];
+    match kind {
+        0 => Particles::Lattice {
+            lattice: Lattice {
+                dims,
+                spacing: LatticeSpacing::Uniform {
+                    origin: DVec3::ONE,
+                    step: DMat3::from_diagonal(DVec3::new(0.3, 0.4, 0.5)),
+                },
+            },
+            kernel_width: 0.7,
+        },
+        1 => Particles::Lattice {
+            lattice: Lattice {
+                dims,
+                spacing: LatticeSpacing::Rectilinear {
+                    coordinates: dims.map(|n| axis(n, random)),
+                },
+            },
+            kernel_width: 0.7,
+        },
+        _ => {
+            let count = [1, 255, 256, 257, 2_000][random.index(5)];
+            let positions = (0..count).map(|_| random.point(1.0)).collect();
+            if kind == 2 {
+                Particles::Isotropic {
+                    positions,
+                    sigmas: vec![0.1; count],
+                }
+            } else {
+                let factors = vec![[0.1, 0.0, 0.1, 0.0, 0.0, 0.1]; count];
+                Particles::Anisotropic { positions, factors }
+            }
+        }
+    }
+}
+
+fn colours(kind: usize, count: usize, random: &mut Random) -> Colour {
+    let mut rgb = || [0, 1, 2].map(|_| random.range(-0.1, 2.0) as f32);
+    match kind {
+        0 => Colour::Classified,
+        1 => Colour::PerParticle((0..count).map(|_| rgb()).collect()),
+        2 => Colour::Uniform(rgb()),
+        _ => Colour::Harmonics {
+            degree: 1,
+            coefficients: vec![0.3; count * 12],
+        },
+    }
+}
+
+#[test]
+fn every_kind_of_data_is_classified_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(5);
+    let mut tally = Tally::default();
+    let mut cases = 0;
+    for case in 0..48 {
+        let particles = particles(case % 4, &mut random);
+        let count = particles.len();
+        let is_lattice = case % 4 < 2;
+        let strength = match case / 4 % 3 {
+            0 if is_lattice => Strength::Classified {
+                volumes: Vec::new(),
+            },
+            0 => Strength::Classified {
+                volumes: strengths(count, &mut random),
+            },
+            1 => Strength::Mass(strengths(count, &mut random)),
+            _ => Strength::PeakOpacity {
+                opacities: strengths(count, &mut random),
+                is_anti_aliased: false,
+            },
+        };
+        let colour = colours(case / 12 % 4, count, &mut random);
+        if is_lattice && matches!(colour, Colour::Harmonics { .. }) {
+            continue;
+        }
+        let is_classified =
+            matches!(strength, Strength::Classified { .. }) || colour == Colour::Classified;
+        // Values that nothing looks at do no harm.
+        let kind = if is_classified {
+            1 + random.index(4)
+        } else {
+            random.index(5)
+        };
+        let volume = BlockedVolume::new(PointVolume {
+            particles,
+            strength,
+            colour,
+            values: values(kind, count, &mut random),
+            transfer_function: Some(transfer()),
+        });
+        let mut views = views(&volume);
+        // Some blocks are not in view.
+        views.retain(|v| v.block % 5 != 3);
+        check(&volume, &views, u64::MAX, &mut tally);
+        cases += 1;
+    }
+    println!("{cases} cases: {tally:?}");
+    assert!(tally.particles > 5_000);
+}
+
+#[test]
+fn every_value_is_classified_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(6);
+    let mut tally = Tally::default();
+    for kind in 1..5 {
+        let count = 60_000;
+        for strength in [
+            Strength::Classified {
+                volumes: (0..count)
+                    .map(|_| random.log_range(1e-30, 1e30) as f32)
+                    .collect(),
+            },
+            Strength::Mass(vec![0.5; count]),
+        ] {
+            let volume = BlockedVolume::new(PointVolume {
+                particles: Particles::Isotropic {
+                    positions: (0..count).map(|_| random.point(1.0)).collect(),
+                    sigmas: vec![0.1; count],
+                },
+                strength,
+                colour: Colour::Classified,
+                values: values(kind, count, &mut random),
+                transfer_function: Some(transfer()),
+            });
+            check(&volume, &views(&volume), u64::MAX, &mut tally);
+            // In parts of a few blocks.
+            check(&volume, &views(&volume), 64 * 20_000, &mut tally);
+        }
+    }
+    println!("{tally:?}");
+}
+
+#[test]
+fn lattices_tiny_and_huge_are_classified_alike_in_parts() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(7);
+    let mut tally = Tally::default();
+    for size in [1e-12, 1.0, 1e12] {
+        for is_rectilinear in [false, true] {
+            let dims = [35, 20, 11];
+            let spacing = if is_rectilinear {
+                LatticeSpacing::Rectilinear {
+                    coordinates: dims
+                        .map(|n| axis(n, &mut random).iter().map(|x| x * size).collect()),
+                }
+            } else {
+                LatticeSpacing::Uniform {
+                    origin: DVec3::splat(size * 1e7),
+                    step: DMat3::from_diagonal(DVec3::splat(size)),
+                }
+            };
+            let volume = BlockedVolume::new(PointVolume {
+                particles: Particles::Lattice {
+                    lattice: Lattice { dims, spacing },
+                    kernel_width: 0.7,
+                },
+                strength: Strength::Classified {
+                    volumes: Vec::new(),
+                },
+                colour: Colour::Classified,
+                values: values(1 + random.index(4), 35 * 20 * 11, &mut random),
+                transfer_function: Some(transfer().with_unit_distance(size).unwrap()),
+            });
+            check(&volume, &views(&volume), u64::MAX, &mut tally);
+            check(&volume, &views(&volume), 64 * 256 * 4, &mut tally);
+            check(&volume, &[], u64::MAX, &mut tally);
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.particles > 30_000);
+}
+
+#[test]
+fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    // 65,538 blocks of two particles: the dispatch is folded into two rows.
+    let count = 2 * 65_538;
+    let mut random = Random::new(10);
+    let block = |i: u32| Block {
+        origin: DVec3::ZERO,
+        half_extent: Vec3::ONE,
+        max_sigma: 1.0,
+        first: 2 * i,
+        count: 2,
+        value_range: [0.0, 255.0],
+    };
+    let volume = BlockedVolume {
+        blocks: (0..count / 2).map(block).collect(),
+        particles: BlockedParticles::Isotropic {
+            offsets: vec![[0.0; 3]; count as usize],
+            sigmas: vec![1.0; count as usize],
+        },
+        strength: Strength::Classified {
+            volumes: vec![0.5; count as usize],
+        },
+        colour: Colour::Classified,
+        values: values(1, count as usize, &mut random),
+        transfer_function: Some(transfer()),
+    };
+    let mut tally = Tally::default();
+    check(&volume, &views(&volume), u64::MAX, &mut tally);
+    println!("{tally:?}");
+}
+
+#[test]
+fn particles_without_room_are_counted_and_left_out() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(8);
+    let count = 1_000;
+    let volume = BlockedVolume::new(PointVolume {
+        particles: Particles::Isotropic {
+            positions: (0..count).map(|_| random.point(1.0)).collect(),
+            sigmas: vec![0.1; count],
+        },
+        strength: Strength::Mass(vec![1.0; count]),
+        colour: Colour::Uniform([0.5; 3]),
+        values: None,
+        transfer_function: None,
+    });
+    let mut seen = views(&volume);
+    let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX).unwrap();
+    assert!(out.particles.is_empty());
+    let state = out.states[0];
+    assert_eq!((state.needed, state.classified_count), (1_000, 0));
+    let out = gpu::classify(gpu, &volume, &mut seen, 1_000, u64::MAX).unwrap();
+    assert_eq!(out.particles.len(), 1_000);
+    // The parts that have room keep their particles, one after another.
+    let counts: Vec<u32> = volume.blocks.iter().map(|b| b.count).collect();
+    let [least, greatest] = [*counts.iter().min().unwrap(), *counts.iter().max().unwrap()];
+    assert!(least < greatest, "{counts:?}");
+    let out = gpu::classify(gpu, &volume, &mut seen, greatest - 1, 1).unwrap();
+    let mut first = 0;
+    for (state, &needed) in out.states.iter().zip(&counts) {
+        let classified = if needed < greatest { needed } else { 0 };
+        assert_eq!(
+            (state.needed, state.classified_count, state.first),
+            (needed, classified, first)
+        );
+        first += classified;
+    }
+}
+
+#[test]
+fn harmonics_are_shaded_alike() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(9);
+    let mut worst = 0.0_f32;
+    let mut shaded = 0;
+    for case in 0..8 {
+        let degree = [1, 2, 3, 0][case % 4];
+        let far = [0.0, 1e7, 0.0, 1e9][case / 2];
+        let middle = DVec3::new(far, -far, far * 0.5);
+        let count = 3_000;
+        let stride = 3 * harmonics_count(degree);
+        let positions: Vec<_> = (0..count).map(|_| random.point(1.0) + middle).collect();
+        let coefficients = (0..count * stride)
+            .map(|i| match i {
+                i if i % 997 == 0 => POISON[random.index(POISON.len())],
+                _ => random.range(-0.6, 0.6) as f32,
+            })
+            .collect();
+        let volume = BlockedVolume::new(PointVolume {
+            particles: if case < 4 {
+                Particles::Anisotropic {
+                    positions,
+                    factors: vec![[0.1, 0.0, 0.1, 0.0, 0.0, 0.1]; count],
+                }
+            } else {
+                Particles::Isotropic {
+                    positions,
+                    sigmas: vec![0.1; count],
+                }
+            },
+            strength: Strength::PeakOpacity {
+                opacities: (0..count).map(|i| (i % 3) as f32).collect(),
+                is_anti_aliased: false,
+            },
+            colour: Colour::Harmonics {
+                degree,
+                coefficients,
+            },
+            values: None,
+            transfer_function: None,
+        });
+        let mut views = views(&volume);
+        let particles = expected(&volume, &mut views);
+        // From the middle of a block: a direction of zero length.
+        let eye = if case == 6 {
+            volume.blocks[0].origin
+        } else {
+            middle + random.point(1.0)
+        };
+        let aim = eye + random.point(1.0);
+        let size = [64, 64];
+        let camera = if case % 3 == 2 {
+            Camera::orthographic(eye, aim, DVec3::Z, 1.0, size)
+        } else {
+            Camera::perspective(eye, aim, DVec3::Z, 60.0, size)
+        };
+        let mut on_cpu = particles.clone();
+        cpu::shade(&volume, &views, &camera, &mut on_cpu);
+        let mut on_device = particles.clone();
+        let part_bytes = [u64::MAX, 100_000][case % 2];
+        gpu::shade(gpu, &volume, &views, &camera, &mut on_device, part_bytes).unwrap();
+        let Colour::Harmonics { coefficients, .. } = &volume.colour else {
+            panic!("harmonics stay harmonics");
+        };
+        let (BlockedParticles::Isotropic { offsets, .. }
+        | BlockedParticles::Anisotropic { offsets, .. }) = &volume.particles
+        else {
+            panic!("points stay points");
+        };
+        for (device, twin) in on_device.iter().zip(&on_cpu) {
+            let view = views[twin.view as usize];
+            let i = index(&volume, &view, twin.local);
+            let block = &volume.blocks[view.block as usize];
+            let direction = if case % 3 == 2 {
+                camera.camera_from_world.row(2).as_vec3()
+            } else {
+                ((block.origin - camera.eye).as_vec3() + Vec3::from(offsets[i])).normalize_or_zero()
+            };
+            let own = &coefficients[i * stride..][..stride];
+            let codes = harmonics_sum(own, &harmonics(direction));
+            for (c, code) in codes.into_iter().enumerate() {
+                let (ours, theirs) = (device.colour[c], twin.colour[c]);
+                if same(ours, theirs) {
+                    continue;
+                }
+                // A direction good to some roundings (f32 division and root are good to 2.5 units
+                // in the last place in WGSL), sums of products of it, and a power.
+                let sum: f32 = own.iter().skip(c).step_by(3).map(|k| k.abs()).sum();
+                let slack = 2e-6 * (0.5 + sum);
+                let [low, high] =
+                    [code - slack, code + slack].map(|code| linear_from_srgb(code.max(0.0)));
+                assert!(
+                    ours >= low * (1.0 - 1e-5) && ours <= high * (1.0 + 1e-5),
+                    "case {case}, {i}: {ours} {theirs}, code {code}"
+                );
+                worst = worst.max((ours - theirs).abs() / theirs.max(1e-3));
+                shaded += 1;
+            }
+        }
+    }
+    println!("{shaded} colours differ, by a share of {worst} at most");
+}
