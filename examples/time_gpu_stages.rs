@@ -4,8 +4,8 @@
 //!
 //!     cargo run --release --example time_gpu_stages [WIDTH HEIGHT [PARTICLES ...]]
 //!
-//! A software adapter gets a twentieth of the particles where none are given, and the lattice at
-//! half the resolution. A stage's time is the device's own; the frame's is how long its caller
+//! A software adapter gets a twentieth of the particles where none are given, and the lattice a
+//! quarter of the resolution. A stage's time is the device's own; the frame's is how long its caller
 //! waits, with the picture's way back and everything else. Times are medians of [`FRAMES`].
 
 mod scenes;
@@ -74,8 +74,8 @@ fn main() -> Result<()> {
         let mut renderer = Renderer::new(vec![scene])?.on(gpu.clone())?;
         time_frames(&format!("{count} of 2 px"), &mut renderer, &camera(size))?;
     }
-    let cells = if is_software { 2 } else { 1 };
-    time_lattice(&gpu, size, cells)
+    let shrunk = if is_software { 4 } else { 1 };
+    time_lattice(&gpu, size, shrunk)
 }
 
 /// Milliseconds since `start`.
@@ -125,13 +125,13 @@ fn time_frames(name: &str, renderer: &mut Renderer, camera: &Camera) -> Result<(
 }
 
 /// The lattice's line, and what an edit of its transfer function costs.
-fn time_lattice(gpu: &Gpu, size: [usize; 2], share: usize) -> Result<()> {
+fn time_lattice(gpu: &Gpu, size: [usize; 2], shrunk: usize) -> Result<()> {
     let [sharp, soft] = [transfer_function(0.02)?, transfer_function(0.01)?];
-    let volume = hollow_ball([256 / share, 256 / share, 128 / share], &sharp);
+    let volume = hollow_ball([256 / shrunk, 256 / shrunk, 128 / shrunk], &sharp);
     let start = Instant::now();
     let mut renderer = Renderer::new(vec![volume.clone()])?.on(gpu.clone())?;
     let camera = Camera::perspective(
-        DVec3::new(300.0, -500.0, 250.0) / share as f64,
+        DVec3::new(300.0, -500.0, 250.0) / shrunk as f64,
         DVec3::ZERO,
         DVec3::Z,
         30.0,
