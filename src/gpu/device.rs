@@ -9,9 +9,9 @@ use wgpu::{Backends, DeviceType, Features, Limits};
 use super::kernel::KernelCache;
 use crate::error::{Error, Result};
 
-/// How long a submission may run before the device counts as hung: software adapters take minutes
-/// for what a graphics card does in milliseconds.
-const TIMEOUT: Duration = Duration::from_secs(600);
+/// How long a frame may run before the device counts as hung: software adapters take minutes for
+/// what a graphics card does in milliseconds (twenty million particles: six on two busy cores).
+const TIMEOUT: Duration = Duration::from_secs(3600);
 
 /// What is found where there is no adapter at all.
 const NONE: &str = "none";
