@@ -50,7 +50,8 @@ override SLICE: u32 = 0xffffffffu;
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
 
-// Footprints on their way to all pixels of the tile.
+// Footprints on their way to all pixels of the tile, four vectors each: `centre_px` and `form_p`;
+// `form_r`, `tau` and `cutoff_squared`; `colour` and `depth`; `path`, `columns`, `rows` and `key`.
 var<workgroup> batch: array<vec4<u32>, 4u * TERMINATION_INTERVAL>;
 var<workgroup> batch_exact: array<ExactTerms, TERMINATION_INTERVAL>;
 var<workgroup> begun: TileBegun;
@@ -64,37 +65,29 @@ struct TileBegun {
     range: vec2<u32>,
 }
 
-// Footprint n of the batch.
-fn batched(n: u32) -> Footprint {
-    let a = bitcast<vec4<f32>>(batch[4u * n]);
-    let b = bitcast<vec4<f32>>(batch[4u * n + 1u]);
-    let c = bitcast<vec4<f32>>(batch[4u * n + 2u]);
-    let d = batch[4u * n + 3u];
-    let colour = array<f32, 3>(c.x, c.y, c.z);
-    return Footprint(a.xy, a.zw, b.xy, b.z, b.w, colour, c.w, d.x, d.y, d.z, d.w);
-}
-
 // The ray D = (X, Y, 1) through a point of the image.
 fn ray(pixel: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((pixel - view.centre_px) / view.focal_px, 1.0);
 }
 
-// Optical depth of a footprint on the near or the half-line path at a point of the image.
-fn near_depth(footprint: Footprint, at: u32, pixel: vec2<f32>) -> f32 {
-    if (footprint.path & 3u) == PATH_NEAR {
-        return evaluate_near(at, footprint.tau, ray(pixel), footprint.cutoff_squared);
+// Optical depth of a footprint on the near or the half-line path at a point of the image, its numbers
+// as the batch has them.
+fn near_depth(path: u32, place: vec4<f32>, form: vec4<f32>, pixel: vec2<f32>) -> f32 {
+    let at = path >> 2u;
+    if (path & 3u) == PATH_NEAR {
+        return evaluate_near(at, form.z, ray(pixel), form.w);
     }
-    let d = pixel - footprint.centre_px;
-    let p = footprint.form_p.x * d.x + footprint.form_p.y * d.y;
-    let r = footprint.form_r.x * d.x + footprint.form_r.y * d.y;
+    let d = pixel - place.xy;
+    let p = place.z * d.x + place.w * d.y;
+    let r = form.x * d.x + form.y * d.y;
     let q = p * p + r * r;
-    if !is_finite(q) || q > footprint.cutoff_squared {
+    if !is_finite(q) || q > form.w {
         return 0.0;
     }
     let half_line = near.terms[at].half_line;
     let z = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
     let in_front = normal_cdf(z / max(near.terms[at].sigma, SMALLEST));
-    return footprint.tau * exp_minus_half(q) * in_front;
+    return form.z * exp_minus_half(q) * in_front;
 }
 
 // Optical depth of a kernel along the half line t D, t > 0. Twin: src/splat/near.rs.
@@ -122,7 +115,6 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
 
 @compute @workgroup_size(TILE_SIZE, TILE_SIZE)
 fn rasterise(
-    @builtin(local_invocation_id) local: vec3<u32>,
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
@@ -131,7 +123,11 @@ fn rasterise(
         return;
     }
     let origin = vec2<u32>(tile % band.columns, band.first_row + tile / band.columns) * TILE_SIZE;
-    let at = origin + local.xy;
+    // Each 32 threads, which many devices run as one, have 8 x 4 pixels: a small footprint misses
+    // more of such blocks than of rows.
+    let block = vec2<u32>(thread / 32u % 2u, thread / 64u) * vec2<u32>(8u, 4u);
+    let local = block + vec2<u32>(thread % 8u, thread / 8u % 4u);
+    let at = origin + local;
     let is_pixel = at.x < view.size.x && at.y < view.size.y;
     let width = view.size.x;
     let band_height = min(band.rows * TILE_SIZE, view.size.y - band.first_row * TILE_SIZE);
@@ -158,7 +154,7 @@ fn rasterise(
     }
 
     let corner = vec2<f32>(origin) + 0.5;
-    let pixel = corner + vec2<f32>(local.xy);
+    let pixel = corner + vec2<f32>(local);
     var ray_length = 1.0;
     if HAS_EXACT {
         let direction = ray(pixel);
@@ -208,20 +204,23 @@ fn rasterise(
                 || at.x < (columns & 0xffffu) || at.x >= (columns >> 16u) {
                 continue;
             }
-            let footprint = batched(n);
-            let path = footprint.path;
-            var tau = footprint.tau;
+            let path = batch[4u * n + 3u].x;
+            let place = bitcast<vec4<f32>>(batch[4u * n]);
+            let form = bitcast<vec4<f32>>(batch[4u * n + 1u]);
+            let peak = form.z;
+            let cutoff_squared = form.w;
+            var tau = peak;
             if HAS_NEAR && (path & 2u) != 0u {
-                tau = near_depth(footprint, path >> 2u, pixel);
+                tau = near_depth(path, place, form, pixel);
                 if !is_positive(tau) {
                     continue;
                 }
             } else {
                 // As the twin walks a row: from the tile's first pixel.
-                let dx = (corner.x - footprint.centre_px.x) + f32(local.x);
-                let dy = (corner.y - footprint.centre_px.y) + f32(local.y);
-                let p = footprint.form_p.x * dx + footprint.form_p.y * dy;
-                let r = footprint.form_r.x * dx + footprint.form_r.y * dy;
+                let dx = (corner.x - place.x) + f32(local.x);
+                let dy = (corner.y - place.y) + f32(local.y);
+                let p = place.z * dx + place.w * dy;
+                let r = form.x * dx + form.y * dy;
                 var q = p * p + r * r;
                 if HAS_EXACT && path == PATH_EXACT {
                     let gradient = batch_exact[n].gradient;
@@ -237,7 +236,7 @@ fn rasterise(
                     q = q * inverse;
                     tau = tau * (ray_length * sqrt(inverse));
                 }
-                if !is_finite(q) || q > footprint.cutoff_squared {
+                if !is_finite(q) || q > cutoff_squared {
                     continue;
                 }
                 // A compiler that assumes numbers may drop the guard: then the pixel stays finite.
@@ -247,7 +246,7 @@ fn rasterise(
             var opacity: f32;
             if IS_LINEAR || path == PATH_PEAK {
                 opacity = min(tau, 1.0);
-            } else if path == PATH_AFFINE && footprint.tau <= FAINT {
+            } else if path == PATH_AFFINE && peak <= FAINT {
                 opacity = tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0)));
             } else {
                 opacity = opacity_of(tau);
@@ -255,10 +254,11 @@ fn rasterise(
             let before = alpha;
             let weight = opacity * (1.0 - before);
             alpha = before + weight;
-            colour = colour + weight * vector(footprint.colour);
+            let light = bitcast<vec4<f32>>(batch[4u * n + 2u]);
+            colour = colour + weight * light.xyz;
             if HAS_DEPTH && before < 0.5 && alpha >= 0.5 {
                 // Within a kernel that holds the eye, the centre may lie behind.
-                depth = footprint.depth;
+                depth = light.w;
                 if (path & 2u) != 0u {
                     depth = max(depth, 0.0);
                 }

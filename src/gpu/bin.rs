@@ -41,9 +41,9 @@ pub(super) struct BoundBin {
     arguments: wgpu::Buffer,
 }
 
-/// Tiles of a band at most. Where all footprints of a workgroup's [`THREADS`] are large, each of its threads makes
-/// a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of a
-/// thread, without a word, after 65,535 rounds.
+/// Tiles of a band at most. Where all 256 footprints of a workgroup are large, each of its threads
+/// makes a round per footprint and 256 tiles and one more per footprint; llvmpipe ends all loops of
+/// a thread, without a word, after 65,535 rounds.
 pub const MAX_BAND_TILES: u32 = 254 * THREADS;
 
 /// Words of a [`ChunkState`].

@@ -192,7 +192,7 @@ pub struct Classified {
     pub particles: Vec<ClassifiedParticle>,
     /// What the device knows of each part of the volume.
     pub states: Vec<PartState>,
-    /// The workgroups of a dispatch over each part's particles, [`THREADS`] in one.
+    /// The workgroups of a dispatch over each part's particles, 256 in one.
     pub groups: Vec<[u32; 3]>,
 }
 
