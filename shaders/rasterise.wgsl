@@ -4,16 +4,6 @@
 // A frame whose footprints are drawn in several depth chunks comes here once per chunk; pixels and
 // the tile's progress are carried from one to the next.
 
-struct Band {
-    // First row of tiles.
-    first_row: u32,
-    // Columns of tiles in a row.
-    columns: u32,
-    // Rows of tiles.
-    rows: u32,
-    unused: u32,
-}
-
 struct TileProgress {
     // Footprints drawn so far; none before a frame's first chunk, whatever the pixels hold.
     drawn: u32,
@@ -36,7 +26,8 @@ override IS_LINEAR: bool = false;
 // Entries of a tile's list that one dispatch draws at most.
 override SLICE: u32 = 0xffffffffu;
 
-@group(0) @binding(0) var<uniform> band: Band;
+// Of it the band.
+@group(0) @binding(0) var<uniform> chunk: ChunkUniform;
 @group(0) @binding(1) var<storage, read> view: ViewUniform;
 // First and one past the last entry of each tile's list; what is drawn is taken off its beginning.
 @group(0) @binding(2) var<storage, read_write> tile_ranges: array<vec2<u32>>;
@@ -119,10 +110,12 @@ fn rasterise(
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
     let tile = group_index(group);
-    if tile >= band.columns * band.rows {
+    let band_size = chunk.band_size;
+    if tile >= band_size.x * band_size.y {
         return;
     }
-    let origin = vec2<u32>(tile % band.columns, band.first_row + tile / band.columns) * TILE_SIZE;
+    let in_band = vec2<u32>(tile % band_size.x, tile / band_size.x);
+    let origin = (chunk.band_first + in_band) * TILE_SIZE;
     // Each 32 threads, which many devices run as one, have 8 x 4 pixels: a small footprint misses
     // more of such blocks than of rows.
     let block = vec2<u32>(thread / 32u % 2u, thread / 64u) * vec2<u32>(8u, 4u);
@@ -130,8 +123,10 @@ fn rasterise(
     let at = origin + local;
     let is_pixel = at.x < view.size.x && at.y < view.size.y;
     let width = view.size.x;
-    let band_height = min(band.rows * TILE_SIZE, view.size.y - band.first_row * TILE_SIZE);
-    let index = (at.y - band.first_row * TILE_SIZE) * width + at.x;
+    // A band is as wide as the image.
+    let band_top = chunk.band_first.y * TILE_SIZE;
+    let band_height = min(band_size.y * TILE_SIZE, view.size.y - band_top);
+    let index = (at.y - band_top) * width + at.x;
     let depth_index = 4u * width * band_height + index;
 
     if thread == 0u {

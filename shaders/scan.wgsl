@@ -27,6 +27,15 @@ fn scan_prepare() {
     scan_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
 }
 
+// The sum of a thread's words, which begin at `first`.
+fn sum_of_run(first: u32, length: u32) -> u32 {
+    var sum = 0u;
+    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
+        sum = add_saturating(sum, scan_words[i]);
+    }
+    return sum;
+}
+
 @compute @workgroup_size(THREADS)
 fn scan_reduce(
     @builtin(local_invocation_index) thread: u32,
@@ -34,12 +43,7 @@ fn scan_reduce(
 ) {
     let length = scan_length[LENGTH_INDEX];
     let index = group_index(group);
-    let first = (index * THREADS + thread) * SCAN_RUN;
-    var sum = 0u;
-    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
-        sum = add_saturating(sum, scan_words[i]);
-    }
-    _ = scan_threads(thread, sum);
+    _ = scan_threads(thread, sum_of_run((index * THREADS + thread) * SCAN_RUN, length));
     if thread == 0u && index * SCAN_GROUP < length {
         scan_sums[index] = scan_total;
     }
@@ -76,11 +80,7 @@ fn scan_apply(
     let length = scan_length[LENGTH_INDEX];
     let index = group_index(group);
     let first = (index * THREADS + thread) * SCAN_RUN;
-    var sum = 0u;
-    for (var i = first; i < min(first + SCAN_RUN, length); i = i + 1u) {
-        sum = add_saturating(sum, scan_words[i]);
-    }
-    var before = scan_threads(thread, sum);
+    var before = scan_threads(thread, sum_of_run(first, length));
     if index * SCAN_GROUP < length {
         before = add_saturating(before, scan_sums[index]);
     }

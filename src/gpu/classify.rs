@@ -216,12 +216,7 @@ pub fn classify(
     let uploaded = upload_views(gpu, volume, views, capacity, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
     let bound = bind_classify(gpu, &frame, &uploaded.scene.parts, &uploaded.buffers)?;
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.iter().for_each(|part| part.encode(&mut pass));
-    }
-    gpu.submit(encoder);
+    gpu.run(|pass| bound.iter().for_each(|part| part.encode(pass)));
     let mut out = Classified {
         particles: Vec::new(),
         states: Vec::new(),

@@ -195,12 +195,7 @@ pub fn cull(
     let bound = Cull::new(gpu).bind(gpu, &frame, &scene.parts, &buffers)?;
     let run = |camera: &CameraUniform| {
         frame.write(gpu, &ViewUniform::zeroed(), camera);
-        let mut encoder = gpu.encoder();
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            bound.encode(&mut pass);
-        }
-        gpu.submit(encoder);
+        gpu.run(|pass| bound.encode(pass));
         let mut views = vec![Vec::new(); volumes.len()];
         let mut counts = Vec::new();
         for (part, buffers) in scene.parts.iter().zip(&buffers) {

@@ -53,11 +53,6 @@ pub fn f64_operations(gpu: &Gpu, pairs: &[[f64; 2]]) -> Result<Vec<F64Results>> 
         &[],
     );
     let bound = kernel.bind(gpu, &[&input, &output]);
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.dispatch(&mut pass, (pairs.len() as u32).div_ceil(THREADS));
-    }
-    gpu.submit(encoder);
+    gpu.run(|pass| bound.dispatch(pass, (pairs.len() as u32).div_ceil(THREADS)));
     gpu.read(&output, pairs.len())
 }

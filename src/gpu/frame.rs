@@ -20,8 +20,7 @@ use super::gather::{BoundGather, Gather};
 use super::kernel::BoundKernel;
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
 use super::rasterise::{
-    Band, BoundRasterise, RasterBuffers, RasterSpec, Rasterise, TileProgress, depth_of_word,
-    pixel_words,
+    BoundRasterise, RasterBuffers, RasterSpec, Rasterise, TileProgress, depth_of_word, pixel_words,
 };
 use super::resolve::{Background, Resolve};
 use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, PartBuffers, Scene};
@@ -349,7 +348,6 @@ struct Frame {
     chunk: wgpu::Buffer,
     gather: BoundGather,
     bin: BoundBin,
-    band: wgpu::Buffer,
     rasterise: BoundRasterise,
     pixels: wgpu::Buffer,
     progress: wgpu::Buffer,
@@ -521,7 +519,6 @@ impl Frame {
         let band_pixels = u64::from(kind.size[0]) * u64::from(plan.band_rows) * TILE_SIZE as u64;
         let pixel_bytes = 4 * plan.pixel_words * band_pixels;
         let progress_bytes = u64::from(tiles) * size_of::<TileProgress>() as u64;
-        let band = gpu.uniform("band", &Band::zeroed())?;
         let pixels = gpu.buffer("pixels", pixel_bytes)?;
         let progress = gpu.buffer("tiles", progress_bytes)?;
         let spec = RasterSpec {
@@ -533,7 +530,7 @@ impl Frame {
         let rasterise = Rasterise::new(gpu, spec).bind(
             gpu,
             &RasterBuffers {
-                band: &band,
+                chunk: &chunk,
                 view: &buffers.view,
                 tile_ranges: &bin.ranges,
                 tile_lists: &bin.entries.values,
@@ -562,7 +559,6 @@ impl Frame {
             chunk,
             gather,
             bin,
-            band,
             rasterise,
             pixels,
             progress,
@@ -589,12 +585,13 @@ impl Frame {
         let places = self.plan.report_places(self.parts.len());
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer, &places);
-        gpu.submit(std::mem::replace(&mut encoder, gpu.encoder()));
+        gpu.submit(encoder);
         let mut splat_pixels = 0;
         let mut state_place = places.chunks;
         for band in 0..self.plan.bands() {
             for chunk in 0..self.plan.chunks {
                 self.write_step(gpu, input, band, chunk);
+                let mut encoder = gpu.encoder();
                 if chunk == 0 {
                     encoder.clear_buffer(&self.progress, 0, None);
                 }
@@ -609,7 +606,7 @@ impl Frame {
                         timer.finish(&mut encoder);
                     }
                 }
-                gpu.submit(std::mem::replace(&mut encoder, gpu.encoder()));
+                gpu.submit(encoder);
             }
             splat_pixels += self.read_band(gpu, input, band, image, depth)?;
         }
@@ -676,14 +673,7 @@ impl Frame {
             band_first: [0, first_row],
             band_size: [columns, rows],
         };
-        let of_band = Band {
-            first_row,
-            columns,
-            rows,
-            unused: 0,
-        };
         gpu.write(&self.chunk, bytemuck::bytes_of(&of_chunk));
-        gpu.write(&self.band, bytemuck::bytes_of(&of_band));
         if let Some(colour) = input.background {
             let background = Background::new(colour, self.band_pixels(input, band));
             gpu.write(&self.background, bytemuck::bytes_of(&background));

@@ -204,12 +204,7 @@ pub fn project(
             near: &near,
         },
     );
-    let mut encoder = gpu.encoder();
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        bound.dispatch(&mut pass, (count as u32).div_ceil(THREADS));
-    }
-    gpu.submit(encoder);
+    gpu.run(|pass| bound.dispatch(pass, (count as u32).div_ceil(THREADS)));
     let words: Vec<u32> = gpu.read(&near, near_bytes(near_capacity) as usize / 4)?;
     let near_count = words[0];
     let kept = (near_count as usize).min(near_capacity);

@@ -9,7 +9,7 @@ use super::shaders;
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
-use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::layout::{ChunkUniform, ExactTerms, Footprint, NearTerms, ViewUniform};
 
 /// What specialises the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -22,26 +22,6 @@ pub struct RasterSpec {
     pub depth: bool,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats have it anyway.
     pub linear_opacity: bool,
-}
-
-/// The rows of tiles that a dispatch draws.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Band {
-    /// First row of tiles.
-    pub(super) first_row: u32,
-    /// Columns of tiles in a row.
-    pub(super) columns: u32,
-    /// Rows of tiles.
-    pub(super) rows: u32,
-    /// Fills up the uniform.
-    pub(super) unused: u32,
-}
-
-impl Band {
-    pub(super) fn tiles(&self) -> u32 {
-        self.columns * self.rows
-    }
 }
 
 /// What a tile carries from one chunk of footprints to the next.
@@ -68,7 +48,8 @@ pub(super) fn pixel_words(depth: bool) -> u64 {
 /// The buffers that the rasteriser reads and writes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RasterBuffers<'a> {
-    pub(super) band: &'a wgpu::Buffer,
+    /// A uniform [`ChunkUniform`], whose band is as wide as the image.
+    pub(super) chunk: &'a wgpu::Buffer,
     pub(super) view: &'a wgpu::Buffer,
     pub(super) tile_ranges: &'a wgpu::Buffer,
     pub(super) tile_lists: &'a wgpu::Buffer,
@@ -129,7 +110,7 @@ impl Rasterise {
         let kernel = self.kernel.bind(
             gpu,
             &[
-                b.band,
+                b.chunk,
                 b.view,
                 b.tile_ranges,
                 b.tile_lists,
@@ -218,16 +199,16 @@ pub fn rasterise(
             entries.extend_from_slice(&list[cut(chunk)..cut(chunk + 1)]);
             ranges.push([first, entries.len() as u32]);
         }
-        let band = Band {
-            first_row: 0,
-            columns,
-            rows,
-            unused: 0,
+        let band = ChunkUniform {
+            start: 0,
+            capacity: longest,
+            band_first: [0; 2],
+            band_size: [columns, rows],
         };
         let bound = kernel.bind(
             gpu,
             &RasterBuffers {
-                band: &gpu.uniform("band", &band)?,
+                chunk: &gpu.uniform("chunk", &band)?,
                 view: &view,
                 tile_ranges: &gpu.upload("tile ranges", &ranges)?,
                 tile_lists: &gpu.upload("tile lists", &entries)?,
@@ -238,7 +219,7 @@ pub fn rasterise(
                 progress: &progress,
             },
         );
-        gpu.run(|pass| bound.encode(pass, band.tiles(), longest));
+        gpu.run(|pass| bound.encode(pass, columns * rows, longest));
     }
     if let Some(colour) = background {
         let background = gpu.uniform("background", &Background::new(colour, count as u32))?;

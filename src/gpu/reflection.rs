@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 
 use super::cull::CullGroup;
 use super::radix::{RadixPlan, RadixState};
-use super::rasterise::{Band, TileProgress};
+use super::rasterise::TileProgress;
 use super::resolve::Background;
 use super::shaders::Shader;
 use crate::layout::{
@@ -193,12 +193,6 @@ fn structs_are_laid_out_alike() {
         count,
         groups,
         table_length,
-    });
-    check_layout!(Band {
-        first_row,
-        columns,
-        rows,
-        unused,
     });
     check_layout!(TileProgress {
         drawn,

@@ -122,12 +122,7 @@ pub fn shade(
         gpu.write(&buffers.state, bytemuck::bytes_of(&state));
         let groups = arguments(0, count.div_ceil(THREADS));
         gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
-        let mut encoder = gpu.encoder();
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            bound.encode(&mut pass);
-        }
-        gpu.submit(encoder);
+        gpu.run(|pass| bound.encode(pass));
         let shaded: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count as usize)?;
         for (particle, shaded) in particles.iter_mut().zip(shaded) {
             particle.colour = shaded.colour;
