@@ -119,4 +119,4 @@ pub mod view;
 
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image};
-pub use render::{Backend, ColumnSettings, Renderer, Settings};
+pub use render::{Backend, ColumnSettings, Renderer, Settings, Show};

@@ -31,6 +31,15 @@ pub struct Settings {
     /// Which footprint draws a kernel. Splats that state their opacity are always drawn by the
     /// rule of their format, [`peak_footprint`](crate::splat::peak_footprint).
     pub filter: Filter,
+    /// c_min and c_max of eq. 7 of Chen et al. 2004, by hand: under [`Filter::Adaptive`] blocks
+    /// nearer than c_min r_k/r_h are drawn by the reconstruction kernel alone, those beyond
+    /// c_max r_k/r_h by the low-pass filter alone, others by the resampling filter; none exactly,
+    /// none merged. `None` follows the tolerance.
+    pub thresholds: Option<[f32; 2]>,
+    /// Whether particles far below a pixel are drawn merged, under [`Filter::Adaptive`].
+    pub level_of_detail: bool,
+    /// What the picture shows.
+    pub show: Show,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau): off by at most tau²/2 for one kernel, by at
     /// most a share 1/e of the greatest tau for many behind one another.
     pub linear_opacity: bool,
@@ -51,6 +60,9 @@ impl Default for Settings {
         Self {
             tolerance: DEFAULT_TOLERANCE,
             filter: Filter::Adaptive,
+            thresholds: None,
+            level_of_detail: true,
+            show: Show::Scene,
             linear_opacity: false,
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,
@@ -59,6 +71,19 @@ impl Default for Settings {
             simd: SimdLevel::best(),
         }
     }
+}
+
+/// What a picture shows: the scene, or how it is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Show {
+    /// The scene.
+    #[default]
+    Scene = 0,
+    /// Each splat in the colour of its path or of its level of detail.
+    Choice = 1,
+    /// How many kernels each pixel evaluated, in colours.
+    Count = 2,
 }
 
 /// What draws frames.

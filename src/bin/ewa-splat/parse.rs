@@ -40,6 +40,15 @@ pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
     }
 }
 
+/// `c_min,c_max`
+pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
+    let parsed: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[f32; 2]>::try_from(v).ok()) {
+        Some([low, high]) if low >= 0.0 && low <= high && high.is_finite() => Ok([low, high]),
+        _ => Err("two numbers from 0 up, the second not less, such as 0.3,2.0".into()),
+    }
+}
+
 /// A finite number above zero.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

@@ -14,7 +14,7 @@ use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Lens};
-use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings};
+use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -67,6 +67,13 @@ struct Method {
     /// Which footprint draws a kernel; adaptive takes the affine one where it fits the tolerance
     #[arg(long, value_enum, default_value = "adaptive")]
     filter: FilterName,
+    /// For adaptive, instead of the tolerance: c_min,c_max of Chen et al. 2004. Kernels nearer than
+    /// c_min r_k/r_h are drawn without the low-pass filter, those beyond c_max r_k/r_h by it alone
+    #[arg(long, value_name = "CMIN,CMAX", value_parser = parse::thresholds)]
+    thresholds: Option<[f32; 2]>,
+    /// Whether adaptive merges particles far below a pixel
+    #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
+    level_of_detail: Detail,
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
     opacity: Opacity,
@@ -112,9 +119,29 @@ enum Opacity {
     Linear,
 }
 
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Detail {
+    Auto,
+    Off,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShowName {
+    /// The picture
+    Scene,
+    /// Each splat in the colour of what draws it: exact red, affine green, reconstruction kernel
+    /// alone blue, low-pass filter alone yellow, round cyan; merged in shades of magenta
+    Choice,
+    /// Kernels evaluated per pixel
+    Count,
+}
+
 #[derive(Args)]
 #[command(next_help_heading = "Output")]
 struct Output {
+    /// What the image shows
+    #[arg(long, value_enum, default_value = "scene")]
+    show: ShowName,
     /// Linear colour behind everything [default: none, the image stays transparent]
     #[arg(long, value_name = "r,g,b", value_parser = parse::colour)]
     background: Option<[f32; 3]>,
@@ -321,6 +348,13 @@ impl Arguments {
                 FilterName::LowPass => Filter::LowPass,
                 FilterName::Isotropic => Filter::Isotropic,
                 FilterName::UniformScaling => Filter::UniformScaling,
+            },
+            thresholds: self.method.thresholds,
+            level_of_detail: self.method.level_of_detail == Detail::Auto,
+            show: match self.output.show {
+                ShowName::Scene => Show::Scene,
+                ShowName::Choice => Show::Choice,
+                ShowName::Count => Show::Count,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
             low_pass_variance_px2: self
