@@ -4,6 +4,7 @@
 mod factor;
 mod harmonics;
 mod normal;
+mod variance;
 
 pub use factor::Factor;
 pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count, harmonics_sum};
@@ -12,3 +13,5 @@ pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 #[cfg(feature = "gpu")]
 pub(crate) use normal::ERFC_SERIES;
 pub use normal::{normal_cdf, normal_density_and_cdf};
+pub use variance::lower_factor;
+pub(crate) use variance::{eigen, factor_of_variance, from_eigen, principal_sigmas};

@@ -19,7 +19,6 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::blanking::Blanking;
-use super::factor::factor_of_variance;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::neighbours::square;
@@ -30,6 +29,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry, check_cells};
+use crate::math::factor_of_variance;
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
 /// millionth as thick as wide, and as narrow, passes.

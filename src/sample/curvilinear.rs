@@ -23,11 +23,12 @@ use super::blanking::Blanking;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, lower_factor,
-    nothing_left, take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
+    take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::math::lower_factor;
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];

@@ -26,7 +26,6 @@ use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
 
-pub use factor::lower_factor;
 use kernels::Kernels;
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};

@@ -3,9 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::factor::{principal_sigmas, sphere};
+use super::factor::sphere;
 use super::narrowed;
 use super::neighbours::PointIndex;
+use crate::math::principal_sigmas;
 use crate::scene::{Particles, PointVolume, Strength};
 
 /// At a boundary half of a kernel's neighbours are missing; what would more than double a volume

@@ -3,8 +3,7 @@
 use glam::DMat3;
 use rayon::prelude::*;
 
-use super::factor::principal_sigmas;
-use super::lower_factor;
+use crate::math::{lower_factor, principal_sigmas};
 use crate::scene::{LatticeSpacing, Particles};
 
 /// The percentiles that [`ShapeStatistics`] has.

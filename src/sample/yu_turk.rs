@@ -4,8 +4,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::factor::{eigen, from_eigen};
 use super::neighbours::{PointIndex, square};
+use crate::math::{eigen, from_eigen};
 
 /// Greatest ratio of the widths of one kernel.
 const MAX_RATIO: f64 = 4.0;

@@ -3,15 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::factor::{
-    eigen, factor_of_scales, factor_of_variance, from_eigen, principal_sigmas, sphere,
-};
+use super::super::factor::{factor_of_scales, sphere};
 use super::super::left_out::LeftOut;
 use super::super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::{Columns, SCALES, VARIANCE};
 use crate::error::{Error, Result};
 use crate::io::{LengthMeaning, SphKernel};
+use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::scene::Values;
 
 /// A set is truly anisotropic, lying on surfaces or along lines, if the neighbourhoods of this

@@ -1,0 +1,243 @@
+//! Lower-triangular factors of variances in f64, principal axes.
+
+use glam::{DMat3, DVec3};
+
+/// The lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22, its diagonal not
+/// negative.
+///
+/// F = L Q by Householder reflections from the right, so the error is that of rounding F, and
+/// short axes keep their digits (F Fᵀ would lose them beyond a ratio of 1e8 in f64). F may have
+/// any rank; a zero matrix gives zeros. Lengths from 1e-150 to 1e150.
+pub fn lower_factor(f: DMat3) -> [f64; 6] {
+    // Rows of F; a reflection acts on all rows alike.
+    let mut rows = [f.row(0), f.row(1), f.row(2)];
+    reflect_tail(&mut rows, 0);
+    reflect_tail(&mut rows, 1);
+    let [a, b, c] = rows;
+    // The sign of a column of L is free.
+    let sign = [a.x, b.y, c.z].map(|d| if d < 0.0 { -1.0 } else { 1.0 });
+    [
+        a.x * sign[0],
+        b.x * sign[0],
+        b.y * sign[1],
+        c.x * sign[0],
+        c.y * sign[1],
+        c.z * sign[2],
+    ]
+}
+
+/// Reflects so that row `k` has nothing beyond its element `k`; elements before `k` stay.
+fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
+    let mut v = rows[k];
+    if k > 0 {
+        v.x = 0.0;
+    }
+    let length = v.length();
+    if length <= 0.0 || !length.is_finite() {
+        return;
+    }
+    // Away from cancellation: v = tail + sign(head) |tail| e_k.
+    let head = v[k];
+    let image = if head < 0.0 { length } else { -length };
+    v[k] = head - image;
+    let v_squared = v.length_squared();
+    if v_squared <= 0.0 {
+        return;
+    }
+    for row in rows.iter_mut() {
+        *row -= v * (2.0 * v.dot(*row) / v_squared);
+    }
+    // Exactly, not just up to rounding.
+    let before = if k > 0 { rows[k].x } else { 0.0 };
+    rows[k] = DVec3::ZERO;
+    rows[k].x = before;
+    rows[k][k] = image;
+}
+
+/// The lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz, or `None`
+/// if it is indefinite, zero or not finite.
+///
+/// By Cholesky's recurrence where no pivot is small. Near a singular variance that would divide
+/// the rounding of the elements by a small pivot and find sound f32 data indefinite: there, by its
+/// eigenvectors. Eigenvalues that rounding of the elements may have made negative (1e-6 of the
+/// trace) count as zero.
+pub(crate) fn factor_of_variance(variance: [f64; 6]) -> Option<[f64; 6]> {
+    const ROUNDING: f64 = 1e-6;
+    let [xx, _, _, yy, _, zz] = variance;
+    let trace = xx + yy + zz;
+    if !(trace > 0.0 && variance.iter().all(|v| v.is_finite())) {
+        return None;
+    }
+    if let Some(factor) = cholesky(variance, ROUNDING * trace) {
+        return Some(factor);
+    }
+    let (eigenvalues, axes) = eigen(variance.map(|v| v / trace));
+    if eigenvalues.min_element() < -ROUNDING {
+        return None;
+    }
+    let sigmas = (eigenvalues.max(DVec3::ZERO) * trace).map(f64::sqrt);
+    Some(lower_factor(axes * DMat3::from_diagonal(sigmas)))
+}
+
+/// Cholesky's factor, if all squared pivots are greater than `least`.
+fn cholesky([xx, xy, xz, yy, yz, zz]: [f64; 6], least: f64) -> Option<[f64; 6]> {
+    let l00 = xx.sqrt();
+    let (l10, l20) = (xy / l00, xz / l00);
+    let pivot_y = yy - l10 * l10;
+    let l11 = pivot_y.sqrt();
+    let l21 = (yz - l20 * l10) / l11;
+    let pivot_z = zz - l20 * l20 - l21 * l21;
+    let is_sound = xx > least && pivot_y > least && pivot_z > least;
+    is_sound.then(|| [l00, l10, l11, l20, l21, pivot_z.sqrt()])
+}
+
+/// Eigenvalues of a symmetric matrix xx, xy, xz, yy, yz, zz, in no order, and the axes that belong
+/// to them, as columns.
+pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
+    let mut v = DMat3::from_cols(
+        DVec3::new(xx, xy, xz),
+        DVec3::new(xy, yy, yz),
+        DVec3::new(xz, yz, zz),
+    );
+    // Cyclic Jacobi (Golub and Van Loan, Matrix Computations, 8.5); quadratic, so that eight
+    // sweeps leave rounding only.
+    let mut axes = DMat3::IDENTITY;
+    for _ in 0..8 {
+        let beside = v.y_axis.x.abs() + v.z_axis.x.abs() + v.z_axis.y.abs();
+        if beside <= f64::MIN_POSITIVE {
+            break;
+        }
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let beside = v.col(q)[p];
+            if beside.abs() <= f64::MIN_POSITIVE {
+                continue;
+            }
+            let zeta = (v.col(q)[q] - v.col(p)[p]) / (2.0 * beside);
+            let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
+            let c = 1.0 / t.hypot(1.0);
+            let s = t * c;
+            let mut rotation = DMat3::IDENTITY;
+            rotation.col_mut(p)[p] = c;
+            rotation.col_mut(q)[q] = c;
+            rotation.col_mut(q)[p] = s;
+            rotation.col_mut(p)[q] = -s;
+            v = rotation.transpose() * v * rotation;
+            axes *= rotation;
+        }
+    }
+    (DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z), axes)
+}
+
+/// axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
+pub(crate) fn from_eigen(eigenvalues: DVec3, axes: DMat3) -> [f64; 6] {
+    let v = axes * DMat3::from_diagonal(eigenvalues) * axes.transpose();
+    [
+        v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
+    ]
+}
+
+/// The standard deviations along the principal axes of L Lᵀ, greatest first.
+pub(crate) fn principal_sigmas([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> [f64; 3] {
+    // One-sided Jacobi on the columns: rotates pairs until they are perpendicular, then their
+    // lengths are the singular values (Golub and Van Loan, Matrix Computations, 8.6).
+    let mut columns = [
+        DVec3::new(l00, l10, l20),
+        DVec3::new(0.0, l11, l21),
+        DVec3::new(0.0, 0.0, l22),
+    ];
+    // Converges quadratically; six sweeps leave rounding only.
+    for _ in 0..6 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let (a, b) = (columns[p], columns[q]);
+            let dot = a.dot(b);
+            if dot.abs() <= f64::EPSILON * a.length() * b.length() {
+                continue;
+            }
+            let zeta = (b.length_squared() - a.length_squared()) / (2.0 * dot);
+            let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
+            let c = 1.0 / t.hypot(1.0);
+            columns[p] = (a - b * t) * c;
+            columns[q] = (a * t + b) * c;
+        }
+    }
+    let mut sigmas = columns.map(DVec3::length);
+    sigmas.sort_unstable_by(|a, b| b.total_cmp(a));
+    sigmas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn matrix([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> DMat3 {
+        DMat3::from_cols(
+            DVec3::new(l00, l10, l20),
+            DVec3::new(0.0, l11, l21),
+            DVec3::new(0.0, 0.0, l22),
+        )
+    }
+
+    fn gap(a: DMat3, b: DMat3) -> f64 {
+        let d = a - b;
+        d.x_axis.length() + d.y_axis.length() + d.z_axis.length()
+    }
+
+    fn matrices() -> impl Strategy<Value = DMat3> {
+        let column = || prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from_array);
+        let scale = || prop_oneof![Just(0.0), (-9.0f64..9.0).prop_map(|e| 10f64.powf(e))];
+        (
+            column(),
+            column(),
+            column(),
+            prop::array::uniform3(scale()),
+            0u8..4,
+        )
+            .prop_map(|(a, b, c, s, copy)| {
+                let b = if copy == 1 { a } else { b };
+                let c = if copy == 2 { a - b } else { c };
+                DMat3::from_cols(a * s[0], b * s[1], c * s[2])
+            })
+    }
+
+    proptest! {
+        #[test]
+        fn factors_reproduce_the_variance(f in matrices()) {
+            let lower = lower_factor(f);
+            let l = matrix(lower);
+            let v = f * f.transpose();
+            let scale = v.x_axis.x + v.y_axis.y + v.z_axis.z;
+            // Some thirty f64 roundings.
+            prop_assert!(gap(l * l.transpose(), v) <= 1e-14 * scale);
+            prop_assert!(lower[0] >= 0.0 && lower[2] >= 0.0 && lower[5] >= 0.0);
+            let sigmas = principal_sigmas(lower);
+            let product = f.determinant().abs();
+            let bound = sigmas[0] * sigmas[0] * sigmas[0];
+            prop_assert!((sigmas[0] * sigmas[1] * sigmas[2] - product).abs() <= 1e-13 * bound);
+            let squares: f64 = sigmas.iter().map(|s| s * s).sum();
+            prop_assert!((squares - scale).abs() <= 1e-13 * scale);
+        }
+
+        #[test]
+        fn factors_are_found_for_every_variance_and_refuses_the_rest(f in matrices(), shift in 0.0f64..1.0) {
+            let v = f * f.transpose();
+            let trace = v.x_axis.x + v.y_axis.y + v.z_axis.z;
+            prop_assume!(trace > 1e-300);
+            // As a table holds them.
+            let shift = shift * trace;
+            let elements = |shift: f64| [
+                v.x_axis.x - shift, v.x_axis.y, v.x_axis.z,
+                v.y_axis.y - shift, v.y_axis.z, v.z_axis.z - shift,
+            ].map(|x| f64::from((x / trace) as f32));
+            let l = factor_of_variance(elements(0.0));
+            prop_assert!(l.is_some());
+            let l = matrix(l.unwrap());
+            // Nine f32 roundings, and what a negative eigenvalue is short of zero.
+            prop_assert!(gap(l * l.transpose(), v * (1.0 / trace)) <= 1e-6);
+            let least = principal_sigmas(lower_factor(f))[2].powi(2) / trace;
+            if shift / trace > least + 1e-5 && 3.0 * shift < trace {
+                prop_assert!(factor_of_variance(elements(shift)).is_none());
+            }
+        }
+    }
+}
