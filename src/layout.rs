@@ -10,7 +10,8 @@
 //! | [`BrickUniform`] | the upload (GPU) | classify |
 //! | [`FrameState`] | cull, classify (GPU) | cull, the frame |
 //! | [`PartState`] | cull, classify (GPU) | classify, shade, project, the frame |
-//! | [`BlockView`] | cull, classify (counts) | classify, project |
+//! | [`ChoiceUniform`] | the frame's set-up | cull |
+//! | [`BlockView`] | cull (places, filters), classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
@@ -72,6 +73,29 @@ pub struct CameraUniform {
     pub unused: u32,
 }
 
+/// What the choice of a block's filter and of merged particles follows.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ChoiceUniform {
+    /// The least and the greatest focal length, pixels per unit of slope or per world unit.
+    pub focal_px: [f32; 2],
+    /// c_min and c_max of eq. 7 of Chen et al. 2004, the latter with its factor of the field of
+    /// view; where `by_hand` says so.
+    pub thresholds: [f32; 2],
+    /// 1 where the thresholds rule, 0 where the tolerance does.
+    pub by_hand: u32,
+    /// 1 for an orthographic camera, 0 for a perspective one.
+    pub orthographic: u32,
+    /// The filter asked for, as [`crate::splat::Filter`] numbers them.
+    pub filter_kind: u32,
+    /// Variance of the low-pass filter, px².
+    pub low_pass_variance_px2: f32,
+    /// The tolerance.
+    pub tolerance: f32,
+    /// 1 where merged particles may stand for their members.
+    pub level_of_detail: u32,
+}
+
 /// A block of particles as the device keeps it.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -101,12 +125,11 @@ pub struct LatticeUniform {
     pub bricks: [u32; 3],
     /// Which of the lattice's bricks is the first of its part.
     pub first_brick: u32,
-    /// 1 where cells follow from the samples of the axes, 0 where from `step` and `factor`.
-    pub is_rectilinear: u32,
-    /// Standard deviation over the width of a cell.
-    pub kernel_width: f32,
-    /// Columns: the step from one cell to the next along each index, world units.
-    pub step: [[f32; 3]; 3],
+    /// 1 where cells follow from the samples of the axes, 0 where all are alike.
+    pub has_axes: u32,
+    /// Columns: the units of the axes in the world; of a uniform lattice the step from one cell to
+    /// the next along each index.
+    pub basis: [[f32; 3]; 3],
     /// Columns of the factor that all kernels share, world units.
     pub factor: [[f32; 3]; 3],
 }
@@ -172,6 +195,9 @@ pub struct BlockView {
     pub count: u32,
     /// Depth key of the block's origin.
     pub key: u32,
+    /// What draws its particles, as [`crate::splat::Filter`] numbers them: `Adaptive` where each
+    /// is asked for itself.
+    pub filter_kind: u32,
 }
 
 /// A particle that the transfer function leaves visible.

@@ -2,9 +2,13 @@
 
 mod column;
 
+use std::ops::Range;
 use std::time::Instant;
 
-use crate::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+use crate::blocks::{
+    BlockedVolume, DepthRange, Frustum, choose, cull, cull_detail, distance_interval,
+    set_transfer_function,
+};
 use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
@@ -12,11 +16,12 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, Gpu};
 use crate::image::{DepthImage, Image};
 use crate::layout::{
-    BlockView, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
+    BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
 use crate::scene::{PointVolume, Requirements, TransferFunction};
 use crate::splat::{Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, Projection};
+use glam::DVec2;
 
 pub use crate::stats::{FrameCounts, StageTimes};
 use column::ColumnMemory;
@@ -104,7 +109,11 @@ pub enum Backend {
 /// allocates nothing of note.
 #[derive(Debug)]
 pub struct Renderer {
+    /// Volumes and their levels of detail.
     volumes: Vec<BlockedVolume>,
+    /// Each volume of the scene among `volumes`: itself, and its levels after it.
+    families: Vec<Range<usize>>,
+    closed: Vec<bool>,
     requirements: Vec<Requirements>,
     views: Vec<Vec<BlockView>>,
     classified: Vec<ClassifiedParticle>,
@@ -149,9 +158,17 @@ impl Renderer {
             volume.validate()?;
         }
         let requirements = scene.iter().map(Requirements::of).collect();
-        let volumes: Vec<_> = scene.into_iter().map(BlockedVolume::new).collect();
+        let mut volumes = Vec::new();
+        let mut families = Vec::new();
+        for volume in scene {
+            let first = volumes.len();
+            volumes.extend(BlockedVolume::with_detail(volume));
+            families.push(first..volumes.len());
+        }
         Ok(Self {
             requirements,
+            families,
+            closed: Vec::new(),
             views: vec![Vec::new(); volumes.len()],
             volumes,
             classified: Vec::new(),
@@ -234,7 +251,7 @@ impl Renderer {
         volume: usize,
         transfer: TransferFunction,
     ) -> Result<()> {
-        let count = self.volumes.len();
+        let count = self.families.len();
         let classified = self.requirements.get(volume).map(|r| r.classification);
         if classified != Some(true) {
             return Err(Error::format(
@@ -253,7 +270,8 @@ impl Renderer {
         if let Some(device) = &mut self.device {
             device.set_transfer_function(volume, &transfer);
         }
-        self.volumes[volume].transfer_function = Some(transfer);
+        let family = self.families[volume].clone();
+        set_transfer_function(&mut self.volumes[family], &transfer);
         Ok(())
     }
 
@@ -321,8 +339,25 @@ impl Renderer {
 
         // Cull, and the range of depth keys over what is left and in view.
         let cull_by = is_culled(settings).then_some(frustum);
-        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
-            cull(volume, camera, cull_by, views);
+        let choice = choice_uniform(camera, settings);
+        for family in &self.families {
+            let volumes = &self.volumes[family.clone()];
+            let views = &mut self.views[family.clone()];
+            if choice.level_of_detail != 0 {
+                cull_detail(volumes, camera, cull_by, &choice, &mut self.closed, views);
+            } else {
+                views.iter_mut().for_each(Vec::clear);
+                cull(&volumes[0], camera, cull_by, &mut views[0]);
+            }
+            for (volume, views) in volumes.iter().zip(views) {
+                choose(volume, camera, &choice, views);
+                for view in &*views {
+                    counts.block_filters[view.filter_kind as usize] += 1;
+                }
+                if volume.merged.is_some() {
+                    counts.blocks_merged += views.len();
+                }
+            }
         }
         let in_view = self
             .volumes
@@ -499,35 +534,35 @@ impl Renderer {
     /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
     /// world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
-        self.volumes
-            .iter()
-            .flat_map(BlockedVolume::visible_boxes)
-            .collect()
+        self.data().flat_map(BlockedVolume::visible_boxes).collect()
     }
 
     /// Middles and half extents of the boxes that hold all particles, grown by one standard
     /// deviation; world units. For a camera that fits a column density, where nothing is
     /// transparent.
     pub fn boxes(&self) -> Vec<Bounds> {
-        self.volumes.iter().flat_map(BlockedVolume::boxes).collect()
+        self.data().flat_map(BlockedVolume::boxes).collect()
     }
 
     /// How many particles all volumes have.
     pub fn particle_count(&self) -> usize {
-        self.volumes.iter().map(|v| v.particle_count()).sum()
+        self.data().map(BlockedVolume::particle_count).sum()
     }
 
-    /// Bytes kept per particle, blocks included, over all volumes.
-    pub fn bytes_per_particle(&self) -> f64 {
-        let bytes: f64 = self
-            .volumes
+    /// The volumes themselves, without their levels of detail.
+    fn data(&self) -> impl Iterator<Item = &BlockedVolume> {
+        self.families
             .iter()
-            .map(|v| v.bytes_per_particle() * v.particle_count() as f64)
-            .sum();
-        bytes / self.particle_count().max(1) as f64
+            .map(|family| &self.volumes[family.start])
     }
 
-    /// The volumes in blocks.
+    /// Bytes kept per particle, blocks and levels of detail included, over all volumes.
+    pub fn bytes_per_particle(&self) -> f64 {
+        let bytes: usize = self.volumes.iter().map(BlockedVolume::bytes).sum();
+        bytes as f64 / self.particle_count().max(1) as f64
+    }
+
+    /// The volumes in blocks, each with its levels of detail after it.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes
     }
@@ -574,6 +609,30 @@ fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUni
         tolerance: settings.tolerance,
         cutoff: settings.cutoff.unwrap_or(0.0),
         key_scale,
+    }
+}
+
+fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
+    let focal = camera.focal_px.as_vec2();
+    // As far off the axis as the image reaches: 1 + 2 tan²(fov/2) for a square one.
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    let farthest = camera.centre_px.max(size - camera.centre_px) / camera.focal_px;
+    let stretch = match camera.projection {
+        Projection::Perspective => 1.0 + farthest.length_squared() as f32,
+        Projection::Orthographic => 1.0,
+    };
+    let [c_min, c_max] = settings.thresholds.unwrap_or([0.0; 2]);
+    let is_adaptive = settings.filter == Filter::Adaptive;
+    let by_hand = is_adaptive && settings.thresholds.is_some();
+    ChoiceUniform {
+        focal_px: [focal.min_element(), focal.max_element()],
+        thresholds: [c_min, c_max * stretch],
+        by_hand: u32::from(by_hand),
+        orthographic: u32::from(camera.projection == Projection::Orthographic),
+        filter_kind: settings.filter as u32,
+        low_pass_variance_px2: settings.low_pass_variance_px2,
+        tolerance: settings.tolerance,
+        level_of_detail: u32::from(is_adaptive && !by_hand && settings.level_of_detail),
     }
 }
 

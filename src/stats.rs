@@ -5,10 +5,16 @@ use serde::Serialize;
 /// What a frame counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameCounts {
-    /// Blocks of all volumes.
+    /// Blocks of all volumes and of their levels of detail.
     pub blocks: usize,
-    /// Blocks outside the view or transparent.
+    /// Blocks outside the view, transparent, or for whose particles others stand.
     pub blocks_culled: usize,
+    /// Blocks that are drawn, by their filter: the place is that of
+    /// [`Filter::ALL`](crate::splat::Filter::ALL), the first for blocks each of whose kernels was
+    /// asked for itself.
+    pub block_filters: [usize; 7],
+    /// Of these, blocks of merged particles.
+    pub blocks_merged: usize,
     /// Particles that the transfer function leaves visible, in the blocks that are left.
     pub classified: usize,
     /// Footprints that reach the image.

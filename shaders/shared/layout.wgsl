@@ -38,9 +38,8 @@ struct LatticeUniform {
     dims: array<u32, 3>,
     bricks: array<u32, 3>,
     first_brick: u32,
-    is_rectilinear: u32,
-    kernel_width: f32,
-    step: array<array<f32, 3>, 3>,
+    has_axes: u32,
+    basis: array<array<f32, 3>, 3>,
     factor: array<array<f32, 3>, 3>,
 }
 
@@ -73,6 +72,7 @@ struct BlockView {
     first: u32,
     count: u32,
     key: u32,
+    filter_kind: u32,
 }
 
 struct ClassifiedParticle {

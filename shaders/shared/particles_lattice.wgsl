@@ -4,7 +4,8 @@
 // A sample of a rectilinear lattice's axis. Twin: `AxisSample`.
 struct AxisSample {
     offset: f32,
-    width: f32,
+    sigma: f32,
+    extent: f32,
 }
 
 @group(0) @binding(0) var<storage, read> lattice: LatticeUniform;
@@ -34,25 +35,28 @@ fn samples_of(cell: vec3<u32>) -> vec3<u32> {
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
     let first = corner(block);
     let cell = cell_of(first, local);
-    if lattice.is_rectilinear != 0u {
-        let i = samples_of(cell);
-        return vec3<f32>(axes[i.x].offset, axes[i.y].offset, axes[i.z].offset);
-    }
     let dims = vec3<u32>(lattice.dims[0], lattice.dims[1], lattice.dims[2]);
     let end = min(first + vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z), dims);
-    let from_middle = vec3<f32>(cell - first) - 0.5 * vec3<f32>(end - first - 1u);
-    return times(columns_of(lattice.step), from_middle);
+    var units = vec3<f32>(cell - first) - 0.5 * vec3<f32>(end - first - 1u);
+    if lattice.has_axes != 0u {
+        let i = samples_of(cell);
+        units = vec3<f32>(axes[i.x].offset, axes[i.y].offset, axes[i.z].offset);
+    }
+    return times(columns_of(lattice.basis), units);
 }
 
 // Factor of the variance, camera space.
 fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
-    var f = columns_of(lattice.factor);
-    if lattice.is_rectilinear != 0u {
+    if lattice.has_axes != 0u {
         let i = samples_of(cell_of(corner(block), local));
-        let w = vec3<f32>(axes[i.x].width, axes[i.y].width, axes[i.z].width)
-            * lattice.kernel_width;
-        f = mat3x3<f32>(w.x, 0.0, 0.0, 0.0, w.y, 0.0, 0.0, 0.0, w.z);
+        let basis = columns_of(lattice.basis);
+        return factor_of_columns(
+            times(rotation, basis[0]) * axes[i.x].sigma,
+            times(rotation, basis[1]) * axes[i.y].sigma,
+            times(rotation, basis[2]) * axes[i.z].sigma,
+        );
     }
+    let f = columns_of(lattice.factor);
     return factor_of_columns(times(rotation, f[0]), times(rotation, f[1]), times(rotation, f[2]));
 }
 

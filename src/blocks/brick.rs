@@ -1,69 +1,108 @@
 //! Blocks of a lattice: bricks of neighbouring cells. Positions, shapes and volumes follow from
 //! indices, so that a voxel costs its value and a share of its brick.
+//!
+//! A grid is the lattice itself or, for level of detail, one whose cells are cubes of the lattice's
+//! cells: mean and variance of a cube's kernels follow from indices as well.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Mat3, Vec3};
+use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::{Block, EMPTY_RANGE, value_range};
+use super::merge::MergeBounds;
+use super::{Block, EMPTY_RANGE, NO_PARENT, value_range};
 use crate::constants::BRICK;
-use crate::math::Factor;
+use crate::math::{Factor, lower_factor, principal_sigmas};
 use crate::scene::{Lattice, LatticeSpacing, Values, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
 #[derive(Debug, Clone)]
 pub struct BrickGrid {
     lattice: Lattice,
+    /// Cells of the lattice along each edge of a cell of the grid.
+    merged: usize,
+    dims: [usize; 3],
     kernel_width: f64,
     bricks: [usize; 3],
+    /// Columns: what the axes' units are in the world; for a uniform lattice the step from one
+    /// cell to the next along each index.
+    basis: Mat3,
     cells: Cells,
 }
 
 /// What cells within a brick follow from.
 #[derive(Debug, Clone)]
 enum Cells {
-    /// Columns: the step between neighbours along each index, world units.
-    Uniform(Mat3),
+    /// All alike, a unit of each axis apart.
+    Uniform,
     /// The samples of each axis.
-    Rectilinear([Vec<AxisSample>; 3]),
+    Axes([Vec<AxisSample>; 3]),
 }
 
-/// A sample of a rectilinear lattice's axis as bricks see it, world units.
+/// A sample of a grid's axis as bricks see it, in units of the grid's basis.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct AxisSample {
     /// Its coordinate relative to the middle of its brick: subtracted in f64.
     pub offset: f32,
-    /// The width of its cell.
-    pub width: f32,
+    /// The standard deviation of its kernel along the axis.
+    pub sigma: f32,
+    /// Its factor of the cell's volume \[world units\]: the volume is the product over the axes.
+    pub extent: f32,
 }
 
 impl BrickGrid {
-    /// Cuts a lattice into bricks.
-    pub(super) fn new(lattice: Lattice, kernel_width: f64) -> Self {
-        let bricks = [0, 1, 2].map(|a| lattice.dims[a].div_ceil(BRICK[a]));
-        let cells = match &lattice.spacing {
-            LatticeSpacing::Uniform { step, .. } => Cells::Uniform(step.as_mat3()),
+    /// Cuts a lattice into bricks; its cells merged to cubes of `merged` along each edge, or as
+    /// they are (1).
+    pub(super) fn new(lattice: Lattice, kernel_width: f64, merged: usize) -> Self {
+        let dims = lattice.dims.map(|n| n.div_ceil(merged));
+        let bricks = [0, 1, 2].map(|a| dims[a].div_ceil(BRICK[a]));
+        let (basis, cells) = match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } if merged == 1 => (*step, Cells::Uniform),
+            LatticeSpacing::Uniform { step, .. } => {
+                let axis = |a: usize| {
+                    let indices: Vec<f64> = (0..lattice.dims[a]).map(|i| i as f64).collect();
+                    axis_samples(&indices, |_| 1.0, kernel_width, merged, BRICK[a])
+                };
+                let mut axes = [0, 1, 2].map(axis);
+                let volume = step.determinant().abs() as f32;
+                for sample in &mut axes[0] {
+                    sample.extent *= volume;
+                }
+                (*step, Cells::Axes(axes))
+            }
             LatticeSpacing::Rectilinear { coordinates } => {
-                Cells::Rectilinear([0, 1, 2].map(|a| axis_samples(&coordinates[a], BRICK[a])))
+                let axis = |a: usize| {
+                    let axis = &coordinates[a];
+                    let width = |i| cell_width(axis, i);
+                    axis_samples(axis, width, kernel_width, merged, BRICK[a])
+                };
+                (DMat3::IDENTITY, Cells::Axes([0, 1, 2].map(axis)))
             }
         };
         Self {
             lattice,
+            merged,
+            dims,
             kernel_width,
             bricks,
+            basis: basis.as_mat3(),
             cells,
         }
     }
 
-    /// The lattice.
-    pub fn lattice(&self) -> &Lattice {
-        &self.lattice
+    /// Cells of the grid along each axis.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
     }
 
-    /// Standard deviation over spacing.
-    pub fn kernel_width(&self) -> f64 {
-        self.kernel_width
+    /// How many cells there are.
+    pub fn len(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 
     /// Bricks along each axis.
@@ -71,21 +110,18 @@ impl BrickGrid {
         self.bricks
     }
 
-    /// The samples of each axis: none for a uniform lattice.
+    /// The samples of each axis: none where all cells are alike.
     pub fn axes(&self) -> Option<&[Vec<AxisSample>; 3]> {
         match &self.cells {
-            Cells::Uniform(_) => None,
-            Cells::Rectilinear(axes) => Some(axes),
+            Cells::Uniform => None,
+            Cells::Axes(axes) => Some(axes),
         }
     }
 
-    /// The step between neighbouring cells along each index, as columns, world units: none for a
-    /// rectilinear lattice.
-    pub fn step(&self) -> Option<Mat3> {
-        match self.cells {
-            Cells::Uniform(step) => Some(step),
-            Cells::Rectilinear(_) => None,
-        }
+    /// What the units of the axes are in the world, as columns: of a uniform lattice the step
+    /// between neighbouring cells along each index.
+    pub fn basis(&self) -> Mat3 {
+        self.basis
     }
 
     /// First cell and one past the last cell of a brick along each axis.
@@ -96,14 +132,14 @@ impl BrickGrid {
         let at = [b % bx, b / bx % by, b / (bx * by)];
         [0, 1, 2].map(|a| {
             let first = at[a] * BRICK[a];
-            [first, (first + BRICK[a]).min(self.lattice.dims[a])]
+            [first, (first + BRICK[a]).min(self.dims[a])]
         })
     }
 
-    /// Index of a cell in the lattice's order.
+    /// Index of a cell in the grid's order: x fastest.
     #[inline]
     pub fn index(&self, [i, j, k]: [usize; 3]) -> usize {
-        i + self.lattice.dims[0] * (j + self.lattice.dims[1] * k)
+        i + self.dims[0] * (j + self.dims[1] * k)
     }
 
     /// Cell `local` of the brick whose first cell is `corner`.
@@ -134,46 +170,51 @@ impl BrickGrid {
         let from_middle = |cell: usize, [first, end]: [usize; 2]| {
             (cell - first) as f32 - 0.5 * (end - first - 1) as f32
         };
-        match &self.cells {
-            Cells::Uniform(step) => {
-                *step
-                    * Vec3::new(
-                        from_middle(i, cells[0]),
-                        from_middle(j, cells[1]),
-                        from_middle(k, cells[2]),
-                    )
-            }
-            Cells::Rectilinear([x, y, z]) => Vec3::new(x[i].offset, y[j].offset, z[k].offset),
-        }
+        let units = match &self.cells {
+            Cells::Uniform => Vec3::new(
+                from_middle(i, cells[0]),
+                from_middle(j, cells[1]),
+                from_middle(k, cells[2]),
+            ),
+            Cells::Axes([x, y, z]) => Vec3::new(x[i].offset, y[j].offset, z[k].offset),
+        };
+        self.basis * units
     }
 
-    /// The factor that all kernels share: none for a rectilinear lattice.
+    /// The factor that all kernels share, world units: none where cells differ.
     pub fn shared_factor(&self) -> Option<Mat3> {
-        match &self.lattice.spacing {
-            LatticeSpacing::Uniform { step, .. } => Some((*step * self.kernel_width).as_mat3()),
-            LatticeSpacing::Rectilinear { .. } => None,
+        match (&self.cells, &self.lattice.spacing) {
+            (Cells::Uniform, LatticeSpacing::Uniform { step, .. }) => {
+                Some((*step * self.kernel_width).as_mat3())
+            }
+            _ => None,
         }
     }
 
-    /// Rotated factor of a rectilinear lattice's cell.
+    /// Rotated factor of a cell, where cells differ. `turned_basis`: the basis times the rotation
+    /// into camera space.
     #[inline]
-    pub fn cell_factor(&self, rotation: &Mat3, cell: [usize; 3]) -> Factor {
-        let w = self.cell_width(cell) * self.kernel_width as f32;
-        Factor::from_matrix(*rotation * Mat3::from_diagonal(w))
+    pub fn cell_factor(&self, turned_basis: &Mat3, [i, j, k]: [usize; 3]) -> Factor {
+        let sigmas = self.axes().map_or(Vec3::ONE, |[x, y, z]| {
+            Vec3::new(x[i].sigma, y[j].sigma, z[k].sigma)
+        });
+        Factor::from_matrix(*turned_basis * Mat3::from_diagonal(sigmas))
     }
 
-    /// The volume that all cells share, world units cubed: none for a rectilinear lattice.
+    /// The volume that all cells share, world units cubed: none where cells differ.
     pub fn uniform_volume(&self) -> Option<f32> {
-        match &self.lattice.spacing {
-            LatticeSpacing::Uniform { step, .. } => Some(step.determinant().abs() as f32),
-            LatticeSpacing::Rectilinear { .. } => None,
+        match (&self.cells, &self.lattice.spacing) {
+            (Cells::Uniform, LatticeSpacing::Uniform { step, .. }) => {
+                Some(step.determinant().abs() as f32)
+            }
+            _ => None,
         }
     }
 
-    /// Volume of a rectilinear lattice's cell, world units cubed.
+    /// Volume of a cell, where cells differ; world units cubed.
     #[inline]
     pub fn cell_volume(&self, cell: [usize; 3]) -> f32 {
-        self.cell_width(cell).element_product()
+        self.extents(cell).element_product()
     }
 
     /// Volume of a cell of any lattice, world units cubed, in f64: cubes of lengths beyond 1e13
@@ -182,38 +223,33 @@ impl BrickGrid {
     pub fn cell_volume_f64(&self, cell: [usize; 3]) -> f64 {
         match &self.lattice.spacing {
             LatticeSpacing::Uniform { step, .. } => step.determinant().abs(),
-            LatticeSpacing::Rectilinear { .. } => {
-                self.cell_width(cell).as_dvec3().element_product()
-            }
+            LatticeSpacing::Rectilinear { .. } => self.extents(cell).as_dvec3().element_product(),
         }
     }
 
     #[inline]
-    fn cell_width(&self, [i, j, k]: [usize; 3]) -> Vec3 {
+    fn extents(&self, [i, j, k]: [usize; 3]) -> Vec3 {
         self.axes().map_or(Vec3::ONE, |[x, y, z]| {
-            Vec3::new(x[i].width, y[j].width, z[k].width)
+            Vec3::new(x[i].extent, y[j].extent, z[k].extent)
         })
     }
 
-    /// One block per brick.
-    pub(super) fn blocks(&self, values: Option<&Values>) -> Vec<Block> {
+    /// One block per brick, of level of detail `level`.
+    pub(super) fn blocks(&self, values: Option<&Values>, level: u32) -> Vec<Block> {
         let count: usize = self.bricks.iter().product();
-        let uniform_sigma = self.shared_factor().map(|m| {
-            let columns = [m.x_axis, m.y_axis, m.z_axis];
-            columns
-                .iter()
-                .map(|c| c.length_squared())
-                .sum::<f32>()
-                .sqrt()
-        });
+        let shared = self.shared_factor().map(|m| sigma_range(&m.as_dmat3()));
         let block = |brick: u32| {
             let cells = self.cells(brick);
-            let [x, y, z] = cells;
+            // The lattice's own cells, which bound those merged of them.
+            let [x, y, z] = [0, 1, 2].map(|a| {
+                let [first, end] = cells[a].map(|cell| cell * self.merged);
+                [first, end.min(self.lattice.dims[a])]
+            });
             let lower = self.lattice.position([x[0], y[0], z[0]]);
             let upper = self.lattice.position([x[1] - 1, y[1] - 1, z[1] - 1]);
             // A sheared lattice's bricks are bounded by the sum of their edges.
             let half_extent = match &self.lattice.spacing {
-                LatticeSpacing::Uniform { step, .. } => cells
+                LatticeSpacing::Uniform { step, .. } => [x, y, z]
                     .iter()
                     .zip([step.x_axis, step.y_axis, step.z_axis])
                     .map(|([first, end], s)| s.abs() * ((end - 1 - first) as f64 / 2.0))
@@ -221,23 +257,20 @@ impl BrickGrid {
                     .as_vec3(),
                 LatticeSpacing::Rectilinear { .. } => ((upper - lower) / 2.0).as_vec3().abs(),
             };
-            let max_sigma = uniform_sigma.unwrap_or_else(|| {
-                let widest = self.axes().map_or(0.0, |axes| {
-                    (0..3)
-                        .flat_map(|a| &axes[a][cells[a][0]..cells[a][1]])
-                        .map(|sample| sample.width)
-                        .fold(0.0, f32::max)
-                });
-                widest * self.kernel_width as f32
-            });
-            let value_range = values.map_or(EMPTY_RANGE, |v| self.brick_range(v, cells));
+            let [min_sigma, max_sigma] = shared.unwrap_or_else(|| self.brick_sigmas(cells));
             Block {
                 origin: (lower + upper) / 2.0,
                 half_extent: half_extent * (1.0 + f32::EPSILON),
                 max_sigma,
+                min_sigma,
+                max_strength: self
+                    .uniform_volume()
+                    .unwrap_or_else(|| self.greatest_volume(cells)),
                 first: brick,
                 count: cells.iter().map(|[a, b]| (b - a) as u32).product(),
-                value_range,
+                value_range: values.map_or(EMPTY_RANGE, |v| self.brick_range(v, cells)),
+                parent: NO_PARENT,
+                level,
             }
         };
         (0..u32::try_from(count).unwrap_or(u32::MAX))
@@ -245,6 +278,75 @@ impl BrickGrid {
             .with_min_len(64)
             .map(block)
             .collect()
+    }
+
+    /// How far the cells of a brick differ from the lattice's own cells in them, but for values.
+    pub(super) fn merge_bounds(&self, cells: [[usize; 2]; 3]) -> MergeBounds {
+        let (mut third, mut fourth, mut second) = (0.0, 0.0, 0.0);
+        for (a, [first, end]) in cells.into_iter().enumerate() {
+            let (axis, length) = match &self.lattice.spacing {
+                LatticeSpacing::Uniform { step, .. } => (None, step.col(a).length()),
+                LatticeSpacing::Rectilinear { coordinates } => (Some(&coordinates[a]), 1.0),
+            };
+            let mut widest = [0.0_f64; 3];
+            for cell in first..end {
+                let moments = match axis {
+                    None => {
+                        let count = self.merged.min(self.lattice.dims[a] - cell * self.merged);
+                        let indices: Vec<f64> = (0..count).map(|i| i as f64).collect();
+                        AxisMoments::of(&indices, &|_| 1.0, self.kernel_width, 0, count)
+                    }
+                    Some(axis) => {
+                        let first = cell * self.merged;
+                        let width = |i| cell_width(axis, i);
+                        AxisMoments::of(axis, &width, self.kernel_width, first, self.merged)
+                    }
+                };
+                let own = [moments.variance, moments.third.abs(), moments.fourth.abs()];
+                widest = [0, 1, 2].map(|i| widest[i].max(own[i]));
+            }
+            second += widest[0] * length.powi(2);
+            // Moments of axes that know nothing of one another add up, as cumulants do.
+            third += widest[1] * length.powi(3);
+            fourth += widest[2] * length.powi(4);
+        }
+        MergeBounds {
+            third_mean: third.cbrt() as f32,
+            third: third.cbrt() as f32,
+            fourth: fourth.sqrt().sqrt() as f32,
+            second: second.sqrt() as f32,
+            ..MergeBounds::default()
+        }
+    }
+
+    /// The samples of a brick along each axis.
+    fn samples(&self, cells: [[usize; 2]; 3]) -> impl Iterator<Item = &[AxisSample]> {
+        let axes = self.axes().into_iter().flatten();
+        axes.zip(cells)
+            .map(|(axis, [first, end])| &axis[first..end])
+    }
+
+    /// Bounds of the standard deviations of a brick's kernels.
+    fn brick_sigmas(&self, cells: [[usize; 2]; 3]) -> [f32; 2] {
+        let mut bounds = [DVec3::INFINITY, DVec3::ZERO];
+        for (a, samples) in self.samples(cells).enumerate() {
+            for sample in samples {
+                bounds[0][a] = bounds[0][a].min(f64::from(sample.sigma));
+                bounds[1][a] = bounds[1][a].max(f64::from(sample.sigma));
+            }
+        }
+        // Singular values grow with the factor's columns.
+        let basis = self.basis.as_dmat3();
+        let [least, greatest] = bounds.map(|s| sigma_range(&(basis * DMat3::from_diagonal(s))));
+        [least[0], greatest[1]]
+    }
+
+    fn greatest_volume(&self, cells: [[usize; 2]; 3]) -> f32 {
+        let greatest = |samples: &[AxisSample]| {
+            let extents = samples.iter().map(|sample| sample.extent);
+            extents.fold(0.0, f32::max)
+        };
+        self.samples(cells).map(greatest).product()
     }
 
     fn brick_range(&self, values: &Values, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
@@ -265,18 +367,100 @@ impl BrickGrid {
     }
 }
 
-/// The samples of an axis that is cut into bricks of `brick` cells.
-fn axis_samples(axis: &[f64], brick: usize) -> Vec<AxisSample> {
-    (0..axis.len())
+/// The least and the greatest standard deviation of a kernel of factor F, rounded outwards.
+pub(super) fn sigma_range(factor: &DMat3) -> [f32; 2] {
+    let [greatest, _, least] = principal_sigmas(lower_factor(*factor));
+    outwards(least, greatest)
+}
+
+/// Bounds in f32.
+pub(super) fn outwards(least: f64, greatest: f64) -> [f32; 2] {
+    // The singular values' own rounding, and that of the narrowing.
+    const ROUNDING: f32 = 2.0 * f32::EPSILON;
+    [
+        least as f32 * (1.0 - ROUNDING),
+        greatest as f32 * (1.0 + ROUNDING),
+    ]
+}
+
+/// The samples of an axis whose cells are merged by `merged` and then cut into bricks of `brick`.
+///
+/// - `width`: of the cell around a sample, in the axis's units.
+fn axis_samples(
+    axis: &[f64],
+    width: impl Fn(usize) -> f64,
+    kernel_width: f64,
+    merged: usize,
+    brick: usize,
+) -> Vec<AxisSample> {
+    (0..axis.len().div_ceil(merged))
         .map(|i| {
-            let first = i / brick * brick;
-            let last = (first + brick).min(axis.len()) - 1;
+            let first = i / brick * brick * merged;
+            let last = (first + brick * merged).min(axis.len()) - 1;
             // The block's origin along this axis, as `BrickGrid::blocks` finds it.
             let middle = (axis[first] + axis[last]) / 2.0;
+            if merged == 1 {
+                let width = width(i) as f32;
+                return AxisSample {
+                    offset: (axis[i] - middle) as f32,
+                    sigma: width * kernel_width as f32,
+                    extent: width,
+                };
+            }
+            let moments = AxisMoments::of(axis, &width, kernel_width, i * merged, merged);
             AxisSample {
-                offset: (axis[i] - middle) as f32,
-                width: cell_width(axis, i) as f32,
+                offset: (moments.mean - middle) as f32,
+                sigma: moments.variance.sqrt() as f32,
+                extent: moments.extent as f32,
             }
         })
         .collect()
+}
+
+/// Moments of neighbouring kernels along an axis, weighted by the widths of their cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct AxisMoments {
+    /// The sum of the widths.
+    pub(super) extent: f64,
+    pub(super) mean: f64,
+    /// Of the kernels: their own and that of their places.
+    pub(super) variance: f64,
+    /// Third central moment.
+    pub(super) third: f64,
+    /// Fourth cumulant.
+    pub(super) fourth: f64,
+}
+
+impl AxisMoments {
+    /// Of the samples `first` to `first + count`, as far as there are any.
+    fn of(
+        axis: &[f64],
+        width: &impl Fn(usize) -> f64,
+        kernel_width: f64,
+        first: usize,
+        count: usize,
+    ) -> Self {
+        let members = first..(first + count).min(axis.len());
+        let extent: f64 = members.clone().map(width).sum();
+        let average = |of: &dyn Fn(usize) -> f64| {
+            let sum: f64 = members.clone().map(|i| width(i) * of(i)).sum();
+            sum / extent
+        };
+        let mean = average(&|i| axis[i]);
+        let own = |i: usize| (kernel_width * width(i)).powi(2);
+        let from_mean = |i: usize| axis[i] - mean;
+        let variance = average(&|i| from_mean(i).powi(2) + own(i));
+        let third = average(&|i| from_mean(i).powi(3) + 3.0 * from_mean(i) * own(i));
+        let fourth = average(&|i| {
+            let square = from_mean(i).powi(2);
+            square * square + 6.0 * square * own(i) + 3.0 * own(i) * own(i)
+        });
+        Self {
+            extent,
+            mean,
+            variance,
+            third,
+            fourth: fourth - 3.0 * variance * variance,
+        }
+    }
 }

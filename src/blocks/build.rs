@@ -7,12 +7,18 @@ use obvhs::aabb::Aabb;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
-use super::{Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, value_range};
+use super::brick::outwards;
+use super::merge::{Shapes, Source, Tree, merge_lattice, merge_points, widen_to_members};
+use super::{
+    Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, NO_PARENT,
+    set_transfer_function, value_range,
+};
 use crate::constants::BLOCK_CAPACITY;
-use crate::math::harmonics_count;
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::math::{harmonics_count, principal_sigmas};
+use crate::scene::{Colour, Particles, PointVolume, Strength};
 
-pub(super) fn build(volume: PointVolume) -> BlockedVolume {
+/// A volume in blocks and, where `detail` asks for it, its levels of detail, the finest first.
+pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
     let PointVolume {
         particles,
         strength,
@@ -25,47 +31,69 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
             lattice,
             kernel_width,
         } => {
-            let grid = BrickGrid::new(lattice, kernel_width);
-            let blocks = if grid.lattice().is_empty() {
+            let grid = BrickGrid::new(lattice.clone(), kernel_width, 1);
+            let blocks = if grid.is_empty() {
                 Vec::new()
             } else {
-                grid.blocks(values.as_ref())
+                grid.blocks(values.as_ref(), 0)
             };
-            return BlockedVolume {
+            let mut base = BlockedVolume {
                 blocks,
                 particles: BlockedParticles::Lattice(grid),
                 strength,
                 colour,
                 values,
                 transfer_function,
+                merged: None,
             };
+            let levels = if detail {
+                merge_lattice(&mut base, &lattice, kernel_width)
+            } else {
+                Vec::new()
+            };
+            return family(base, levels);
         }
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
     };
-    let (mut order, runs) = finite_block_order(&positions);
-    // The Frobenius norm of the factor bounds its largest singular value.
-    let sigma = |i: u32| match &sigmas {
-        Ok(sigmas) => sigmas[i as usize],
-        Err(factors) => factors[i as usize]
-            .iter()
-            .map(|l| l * l)
-            .sum::<f32>()
-            .sqrt(),
+    let Ordered {
+        mut order,
+        runs,
+        tree,
+    } = finite_block_order(&positions);
+    let sigma_ranges = sigma_ranges(&sigmas);
+    let source = Source {
+        positions: &positions,
+        shapes: match &sigmas {
+            Ok(sigmas) => Shapes::Spheres(sigmas),
+            Err(factors) => Shapes::Factors(factors),
+        },
+        sigmas: &sigma_ranges,
+        strength: &strength,
+        colour: &colour,
+        values: values.as_ref(),
     };
-    let runs = without_outliers(&mut order, runs, &positions, &sigma);
-    let blocks: Vec<Block> = runs
+    // Clusters are runs of the tree's order, which the blocks' own order is not.
+    let merged = if detail {
+        merge_points(&source, &tree, &order)
+    } else {
+        None
+    };
+    drop(tree);
+    let runs = without_outliers(&mut order, runs, &positions, &|i| {
+        sigma_ranges[i as usize][1]
+    });
+    let mut blocks: Vec<Block> = runs
         .par_iter()
-        .map(|run| {
-            block(
-                &order[run.clone()],
-                run.start,
-                &positions,
-                &sigma,
-                values.as_ref(),
-            )
-        })
+        .map(|run| block(&order[run.clone()], run.start, &source))
         .collect();
+    if let Some(merged) = &merged {
+        for block in &mut blocks {
+            block.parent = merged.parent_of(block.first as usize);
+        }
+    }
+    let coarse = merged.map(|merged| merged.into_volume(&source));
+    drop(sigma_ranges);
     let mut offsets = vec![[0.0_f32; 3]; order.len()];
     for (block, run) in blocks.iter().zip(&runs) {
         for (offset, &i) in offsets[run.clone()].iter_mut().zip(&order[run.clone()]) {
@@ -74,7 +102,7 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
     }
     drop(positions);
     let pick = |v: &[f32]| order.iter().map(|&i| v[i as usize]).collect::<Vec<_>>();
-    BlockedVolume {
+    let base = BlockedVolume {
         particles: match sigmas {
             Ok(sigmas) => BlockedParticles::Isotropic {
                 offsets,
@@ -118,6 +146,34 @@ pub(super) fn build(volume: PointVolume) -> BlockedVolume {
         values: values.map(|v| v.gather(&order)),
         transfer_function,
         blocks,
+        merged: None,
+    };
+    family(base, coarse.into_iter().collect())
+}
+
+/// A volume and its levels of detail, which share a transfer function.
+fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume> {
+    let transfer = base.transfer_function.clone();
+    let mut volumes = vec![base];
+    volumes.extend(levels);
+    widen_to_members(&mut volumes);
+    if let Some(transfer) = transfer {
+        set_transfer_function(&mut volumes, &transfer);
+    }
+    volumes
+}
+
+/// Least and greatest standard deviation of each kernel, rounded outwards.
+fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>) -> Vec<[f32; 2]> {
+    match sigmas {
+        Ok(sigmas) => sigmas.iter().map(|&sigma| [sigma; 2]).collect(),
+        Err(factors) => factors
+            .par_iter()
+            .map(|factor| {
+                let [greatest, _, least] = principal_sigmas(factor.map(f64::from));
+                outwards(least, greatest)
+            })
+            .collect(),
     }
 }
 
@@ -169,57 +225,79 @@ fn without_outliers(
     kept
 }
 
-fn block(
-    members: &[u32],
-    first: usize,
-    positions: &[DVec3],
-    sigma: &(impl Fn(u32) -> f32 + Sync),
-    values: Option<&Values>,
-) -> Block {
-    let start = positions[members[0] as usize];
+fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
+    let start = source.positions[members[0] as usize];
     let (lower, upper) = members.iter().fold((start, start), |(lower, upper), &i| {
-        let p = positions[i as usize];
+        let p = source.positions[i as usize];
         (lower.min(p), upper.max(p))
     });
+    let sigmas = members.iter().map(|&i| source.sigmas[i as usize]);
+    let [min_sigma, max_sigma] = sigmas.fold([f32::INFINITY, 0.0], |[least, greatest], [a, b]| {
+        [least.min(a), greatest.max(b)]
+    });
+    let strengths: &[f32] = match source.strength {
+        Strength::Classified { volumes } => volumes,
+        Strength::Mass(masses) => masses,
+        Strength::PeakOpacity { opacities, .. } => opacities,
+    };
     Block {
         origin: (lower + upper) / 2.0,
         half_extent: ((upper - lower) / 2.0).as_vec3() * (1.0 + f32::EPSILON),
-        max_sigma: members.iter().map(|&i| sigma(i)).fold(0.0, f32::max),
+        max_sigma,
+        min_sigma,
+        max_strength: members
+            .iter()
+            .map(|&i| strengths[i as usize])
+            .fold(0.0, f32::max),
         first: u32::try_from(first).unwrap_or(u32::MAX),
         count: u32::try_from(members.len()).unwrap_or(u32::MAX),
-        value_range: values.map_or(EMPTY_RANGE, |v| {
+        value_range: source.values.map_or(EMPTY_RANGE, |v| {
             value_range(members.iter().map(|&i| v.get(i as usize)))
         }),
+        parent: NO_PARENT,
+        level: 0,
     }
+}
+
+/// Particles in the order of a tree.
+#[derive(Debug, Default)]
+struct Ordered {
+    order: Vec<u32>,
+    /// The blocks: runs of the order.
+    runs: Vec<Range<usize>>,
+    /// Empty where all particles are in one block.
+    tree: Tree,
 }
 
 /// [`block_order`] of the particles whose positions are numbers; the others, which would take
 /// the bounds of their block with them, are in no block.
-fn finite_block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
+fn finite_block_order(positions: &[DVec3]) -> Ordered {
     if positions.par_iter().all(|p| p.is_finite()) {
         return block_order(positions);
     }
     let (kept, finite): (Vec<u32>, Vec<DVec3>) =
         (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
-    let (mut order, runs) = block_order(&finite);
-    for i in &mut order {
+    let mut ordered = block_order(&finite);
+    for i in &mut ordered.order {
         *i = kept[*i as usize];
     }
-    (order, runs)
+    ordered
 }
 
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a
 /// PLOC BVH with at most [`BLOCK_CAPACITY`] particles.
-fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
+fn block_order(positions: &[DVec3]) -> Ordered {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
+    if positions.is_empty() {
+        return Ordered::default();
+    }
     if positions.len() <= BLOCK_CAPACITY {
         let all = 0..positions.len();
-        let runs = if all.is_empty() {
-            Vec::new()
-        } else {
-            vec![all]
+        return Ordered {
+            order: (0..count).collect(),
+            runs: std::iter::once(all).collect(),
+            tree: Tree::default(),
         };
-        return ((0..count).collect(), runs);
     }
     // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
     let (lower, upper) = positions
@@ -255,60 +333,16 @@ fn block_order(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
         0,
     );
     drop(points);
-
-    // Particles below each node: children lie after their parents.
-    let mut below = vec![0_u32; bvh.nodes.len()];
-    for (i, node) in bvh.nodes.iter().enumerate().rev() {
-        below[i] = if node.is_leaf() {
-            node.prim_count
-        } else {
-            let child = node.first_index as usize;
-            below[child] + below[child + 1]
-        };
+    let (tree, order) = Tree::new(&bvh);
+    let subtrees = tree.subtrees(BLOCK_CAPACITY);
+    Ordered {
+        order,
+        runs: subtrees
+            .into_iter()
+            .map(|subtree| tree.run(subtree))
+            .collect(),
+        tree,
     }
-    let mut order = Vec::with_capacity(positions.len());
-    let mut runs = Vec::new();
-    let mut run_start = 0;
-    // A marker on the stack ends the run of the subtree below it.
-    enum Visit {
-        Node { index: usize, in_run: bool },
-        EndRun,
-    }
-    let mut stack = vec![Visit::Node {
-        index: 0,
-        in_run: false,
-    }];
-    while let Some(visit) = stack.pop() {
-        match visit {
-            Visit::EndRun => {
-                runs.push(run_start..order.len());
-                run_start = order.len();
-            }
-            Visit::Node { index, in_run } => {
-                let node = &bvh.nodes[index];
-                let starts_run = !in_run && below[index] as usize <= BLOCK_CAPACITY;
-                if starts_run {
-                    stack.push(Visit::EndRun);
-                }
-                let first = node.first_index as usize;
-                if node.is_leaf() {
-                    let members = first..first + node.prim_count as usize;
-                    order.extend_from_slice(&bvh.primitive_indices[members]);
-                } else {
-                    let in_run = in_run || starts_run;
-                    stack.push(Visit::Node {
-                        index: first + 1,
-                        in_run,
-                    });
-                    stack.push(Visit::Node {
-                        index: first,
-                        in_run,
-                    });
-                }
-            }
-        }
-    }
-    (order, runs)
 }
 
 #[cfg(test)]
@@ -333,7 +367,7 @@ mod tests {
             points(3_000, |t| DVec3::new(1e7 + t, 0.0, 0.0)),
             points(2_000, |t| DVec3::splat(t * 1e-14)),
         ] {
-            let (order, runs) = block_order(&positions);
+            let Ordered { order, runs, .. } = block_order(&positions);
             let mut seen = vec![0; positions.len()];
             order.iter().for_each(|&i| seen[i as usize] += 1);
             assert!(seen.iter().all(|&n| n == 1));

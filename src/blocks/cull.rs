@@ -3,9 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::choose::merge_fits;
 use super::{Block, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
-use crate::layout::BlockView;
+use crate::layout::{BlockView, ChoiceUniform};
 use crate::scene::Strength;
 use crate::view::{Camera, Projection};
 
@@ -68,6 +69,68 @@ pub fn cull(
     cull_where(volume, camera, frustum, is_visible, views);
 }
 
+/// Which blocks of a volume and its levels of detail stand for their particles in a frame: the
+/// coarsest that fit. Otherwise as [`cull`] without merged particles.
+///
+/// - `family`: the volume and its levels, the finest first; `views`: of each.
+/// - `closed`: of each merged block, whether it or one that stands for it decides about its members;
+///   overwritten.
+pub fn cull_detail(
+    family: &[BlockedVolume],
+    camera: &Camera,
+    frustum: Option<&Frustum>,
+    choice: &ChoiceUniform,
+    closed: &mut Vec<bool>,
+    views: &mut [Vec<BlockView>],
+) {
+    let ([base, levels @ ..], [base_views, level_views @ ..]) = (family, views) else {
+        return;
+    };
+    closed.clear();
+    closed.resize(levels.iter().map(|level| level.blocks.len()).sum(), false);
+    let rotation = camera.camera_from_world.as_mat3();
+    let mut end = closed.len();
+    for (level, views) in levels.iter().zip(level_views).rev() {
+        views.clear();
+        let first = end - level.blocks.len();
+        end = first;
+        let bounds = level.merged.iter().flat_map(|merged| &merged.bounds);
+        // Parents come before their children.
+        for ((i, block), bounds) in level.blocks.iter().enumerate().zip(bounds) {
+            let is_covered = closed.get(block.parent as usize) == Some(&true);
+            if is_covered {
+                closed[first + i] = true;
+                continue;
+            }
+            if is_transparent(level, block) || frustum.is_some_and(|f| !f.sees(camera, block)) {
+                closed[first + i] = true;
+                continue;
+            }
+            let view = view_of(camera, i, block);
+            let centre = view.origin_camera.into();
+            if merge_fits(level, choice, &rotation, block, bounds, centre) {
+                closed[first + i] = true;
+                views.push(view);
+            }
+        }
+    }
+    let is_open = |block: &Block| closed.get(block.parent as usize) != Some(&true);
+    let is_visible = |block: &Block| is_open(block) && !is_transparent(base, block);
+    cull_where(base, camera, frustum, is_visible, base_views);
+}
+
+/// A block as a frame sees it; keys, counts and filters are left to others.
+fn view_of(camera: &Camera, index: usize, block: &Block) -> BlockView {
+    BlockView {
+        origin_camera: camera.camera_point(block.origin).as_vec3().into(),
+        block: u32::try_from(index).unwrap_or(u32::MAX),
+        first: 0,
+        count: 0,
+        key: 0,
+        filter_kind: 0,
+    }
+}
+
 /// The blocks that may reach the image, whatever they hold; otherwise as [`cull`].
 pub fn cull_outside(
     volume: &BlockedVolume,
@@ -95,13 +158,7 @@ fn cull_where(
                 if !is_visible(block) || frustum.is_some_and(|f| !f.sees(camera, block)) {
                     return None;
                 }
-                Some(BlockView {
-                    origin_camera: camera.camera_point(block.origin).as_vec3().into(),
-                    block: u32::try_from(i).unwrap_or(u32::MAX),
-                    first: 0,
-                    count: 0,
-                    key: 0,
-                })
+                Some(view_of(camera, i, block))
             }),
     );
 }

@@ -4,6 +4,8 @@
 //! |---|---|
 //! | `build.rs` | blocks of a point set, from an obvhs BVH |
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
+//! | `merge/` | level of detail: clusters of particles as one particle each |
+//! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
 
 #![allow(
@@ -13,16 +15,22 @@
 
 mod brick;
 mod build;
+mod choose;
 mod cull;
+mod merge;
+
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
 
 pub use brick::{AxisSample, BrickGrid};
+pub use choose::choose;
 #[cfg(feature = "gpu")]
 pub(crate) use cull::DEPTH_KEY_SPAN;
-pub use cull::{DepthRange, Frustum, cull, cull_outside, distance_interval};
+pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
+pub use merge::{MergeBounds, Merged, MergedTransfer};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -40,6 +48,8 @@ pub struct BlockedVolume {
     pub values: Option<Values>,
     /// The transfer function, where something is classified.
     pub transfer_function: Option<TransferFunction>,
+    /// Of a level of detail: what its particles stand for.
+    pub merged: Option<Merged>,
 }
 
 /// Positions and shapes of a [`BlockedVolume`].
@@ -72,13 +82,25 @@ pub struct Block {
     pub half_extent: Vec3,
     /// No kernel's standard deviation exceeds this in any direction.
     pub max_sigma: f32,
+    /// None falls below this. Of merged particles, neither do their members'.
+    pub min_sigma: f32,
+    /// The greatest mass, cell volume or opacity of a particle.
+    pub max_strength: f32,
     /// The first particle (points) or the brick's index (lattice).
     pub first: u32,
     /// Number of particles.
     pub count: u32,
     /// Least and greatest finite value; reversed where there is none.
     pub value_range: [f32; 2],
+    /// The block of merged particles that stands for this one among others, counted over the merged
+    /// blocks of its volume or, in a renderer, of all volumes; [`NO_PARENT`] for none.
+    pub parent: u32,
+    /// 0 for the data's own particles, above for merged ones.
+    pub level: u32,
 }
+
+/// In place of a block's parent: none.
+pub const NO_PARENT: u32 = u32::MAX;
 
 /// The share of a transfer function's greatest extinction, and the opacity of a splat, below which a
 /// fitted camera takes a particle for haze.
@@ -89,13 +111,27 @@ pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 impl BlockedVolume {
     /// Sorts a volume's particles into blocks.
+    ///
+    /// # Panics
+    /// Never: the first of a family is the volume itself.
     pub fn new(volume: PointVolume) -> Self {
-        build::build(volume)
+        build::build(volume, false).swap_remove(0)
     }
 
-    /// Bytes kept per particle, blocks included.
-    pub fn bytes_per_particle(&self) -> f64 {
-        let count = self.particle_count().max(1) as f64;
+    /// The same, and its levels of detail after it, the finest first; those of a point set are one
+    /// volume.
+    pub fn with_detail(volume: PointVolume) -> Vec<Self> {
+        build::build(volume, true)
+    }
+
+    /// Bytes kept per particle of a volume, its levels of detail and all blocks included.
+    pub fn bytes_per_particle(family: &[Self]) -> f64 {
+        let bytes: usize = family.iter().map(Self::bytes).sum();
+        bytes as f64 / family.first().map_or(1, |v| v.particle_count().max(1)) as f64
+    }
+
+    /// Bytes kept, blocks included.
+    pub fn bytes(&self) -> usize {
         let per_particle = match &self.particles {
             BlockedParticles::Lattice(_) => 0,
             BlockedParticles::Isotropic { .. } => 16,
@@ -116,13 +152,16 @@ impl BlockedVolume {
             .as_ref()
             .map_or(0, |v| v.len() * v.bytes_per_value());
         let blocks = self.blocks.len() * size_of::<Block>();
-        (masses + colours + values + blocks) as f64 / count + f64::from(per_particle)
+        let merged = self.merged.as_ref().map_or(0, |m| {
+            size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.clumps)
+        });
+        masses + colours + values + blocks + merged + self.particle_count() * per_particle
     }
 
     /// How many particles there are.
     pub fn particle_count(&self) -> usize {
         match &self.particles {
-            BlockedParticles::Lattice(grid) => grid.lattice().len(),
+            BlockedParticles::Lattice(grid) => grid.len(),
             BlockedParticles::Isotropic { offsets, .. }
             | BlockedParticles::Anisotropic { offsets, .. } => offsets.len(),
         }
@@ -240,6 +279,20 @@ impl BlockedVolume {
             block.origin,
             (block.half_extent + block.max_sigma).as_dvec3(),
         )
+    }
+}
+
+/// Gives a volume and its levels of detail another transfer function; no particle is touched.
+pub(crate) fn set_transfer_function(family: &mut [BlockedVolume], transfer: &TransferFunction) {
+    let merged = family.get(1).map(|level| {
+        let merged = MergedTransfer::new(transfer, &level.strength);
+        Arc::new(merged)
+    });
+    for volume in family {
+        volume.transfer_function = Some(transfer.clone());
+        if let Some(own) = &mut volume.merged {
+            own.transfer.clone_from(&merged);
+        }
     }
 }
 

@@ -24,7 +24,7 @@ pub struct AmplitudeSummary {
 
 impl AmplitudeSummary {
     /// What all of a scene's volumes have.
-    pub fn of(volumes: &[BlockedVolume]) -> Self {
+    pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
         let of_block = |volume: &BlockedVolume, block: u32| {
             let mut summary = Self::default();
             visit(volume, block, |_, amplitude| {
@@ -43,7 +43,6 @@ impl AmplitudeSummary {
             not_finite: a.not_finite + b.not_finite,
         };
         volumes
-            .iter()
             .map(|volume| {
                 // Blocks first, then their sum: one order, whatever the threads.
                 let blocks: Vec<Self> = (0..volume.blocks.len() as u32)

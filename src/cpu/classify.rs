@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::layout::{BlockView, ClassifiedParticle};
+use crate::math::ein_share;
 use crate::scene::{Colour, Strength, Values};
 
 /// Views per leaf of the parallel recursion.
@@ -119,6 +120,11 @@ fn visit(
 ) {
     let transfer = volume.transfer_function.as_ref();
     let of = |value: f32| transfer.map_or([0.0; 4], |t| t.classify(value));
+    if let Some(merged) = &volume.merged {
+        let values = volume.values.as_ref();
+        visit_with(volume, block, |i| merged.classify(values, i), emit);
+        return;
+    }
     match &volume.values {
         None => visit_with(volume, block, |_| [0.0; 4], emit),
         Some(Values::U8(v)) if !table.is_empty() => {
@@ -165,6 +171,11 @@ fn visit_with(
             }
             Strength::Mass(masses) => masses[i],
             Strength::PeakOpacity { opacities, .. } => opacities[i],
+        };
+        // Of members that lie apart, each is less opaque than their mean depth says.
+        let mass = match &volume.merged {
+            Some(merged) if !merged.clumps.is_empty() => mass * ein_share(mass * merged.clumps[i]),
+            _ => mass,
         };
         if mass > 0.0 {
             emit(local, mass, colour_of(i, class));

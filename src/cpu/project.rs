@@ -98,6 +98,7 @@ pub fn project(
                 let mut terms = None;
                 out[i] = footprint(
                     view,
+                    Filter::ALL[block.filter_kind as usize],
                     &kernel,
                     particle.colour,
                     key,
@@ -131,20 +132,25 @@ pub fn project(
 struct Shapes<'a> {
     volume: &'a BlockedVolume,
     rotation: Mat3,
+    /// Of a lattice: the units of its axes in camera space.
+    turned_basis: Mat3,
     shared: Option<Factor>,
 }
 
 impl<'a> Shapes<'a> {
     fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
-        let shared = match &volume.particles {
-            BlockedParticles::Lattice(grid) => grid
-                .shared_factor()
-                .map(|f| Factor::from_matrix(rotation * f)),
-            _ => None,
+        let (turned_basis, shared) = match &volume.particles {
+            BlockedParticles::Lattice(grid) => (
+                rotation * grid.basis(),
+                grid.shared_factor()
+                    .map(|f| Factor::from_matrix(rotation * f)),
+            ),
+            _ => (rotation, None),
         };
         Self {
             volume,
             rotation,
+            turned_basis,
             shared,
         }
     }
@@ -177,13 +183,14 @@ impl BlockShapes<'_> {
         let Shapes {
             volume,
             rotation,
+            turned_basis,
             shared,
         } = self.shapes;
         let i = (self.block.first + local) as usize;
         match &volume.particles {
             BlockedParticles::Lattice(grid) => {
                 let cell = BrickGrid::cell(self.cells.map(|[first, _]| first), local);
-                let factor = shared.unwrap_or_else(|| grid.cell_factor(rotation, cell));
+                let factor = shared.unwrap_or_else(|| grid.cell_factor(turned_basis, cell));
                 (*rotation * grid.offset(self.cells, cell), factor)
             }
             BlockedParticles::Isotropic { offsets, sigmas } => (
@@ -262,6 +269,7 @@ fn splat_footprint(
 #[inline]
 pub(crate) fn footprint(
     view: &ViewUniform,
+    filter: Filter,
     kernel: &Kernel,
     colour: [f32; 3],
     key: u32,
@@ -285,7 +293,6 @@ pub(crate) fn footprint(
         return out;
     }
     let screen = project_kernel(view, kernel);
-    let filter = Filter::ALL[view.filter_kind as usize];
     let image = screen.filtered(filter, h2);
     let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
     if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {
@@ -293,7 +300,7 @@ pub(crate) fn footprint(
         return out;
     }
     let mut r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
-    let terms = choose_exact(view, &screen, &image);
+    let terms = choose_exact(view, filter, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.

@@ -320,6 +320,8 @@ impl Seen {
         FrameCounts {
             blocks,
             blocks_culled: blocks - views,
+            block_filters: [0; 7],
+            blocks_merged: 0,
             classified: sum(|p| p.classified_count),
             footprints: self.sort.visible as usize,
             footprints_exact: self.sort.exact as usize,

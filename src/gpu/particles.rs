@@ -101,14 +101,15 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
 
 /// A lattice whose part begins at brick `first_brick`.
 pub(super) fn lattice_uniform(grid: &BrickGrid, first_brick: usize) -> LatticeUniform {
-    let columns = |m: Option<Mat3>| m.unwrap_or(Mat3::ZERO).to_cols_array_2d();
     LatticeUniform {
-        dims: grid.lattice().dims.map(|n| n as u32),
+        dims: grid.dims().map(|n| n as u32),
         bricks: grid.bricks().map(|n| n as u32),
         first_brick: first_brick as u32,
-        is_rectilinear: u32::from(grid.axes().is_some()),
-        kernel_width: grid.kernel_width() as f32,
-        step: columns(grid.step()),
-        factor: columns(grid.shared_factor()),
+        has_axes: u32::from(grid.axes().is_some()),
+        basis: grid.basis().to_cols_array_2d(),
+        factor: grid
+            .shared_factor()
+            .unwrap_or(Mat3::ZERO)
+            .to_cols_array_2d(),
     }
 }

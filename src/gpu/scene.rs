@@ -17,7 +17,7 @@ use crate::layout::{
     PartState, ViewUniform,
 };
 use crate::math::harmonics_count;
-use crate::scene::{Colour, LatticeSpacing, Strength, TransferFunction, Values, cell_width};
+use crate::scene::{Colour, Strength, TransferFunction, Values};
 
 /// The type of a part's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -175,7 +175,11 @@ impl Scene {
     pub(super) fn new(gpu: &Gpu, volumes: &[BlockedVolume], part_bytes: u64) -> Result<Self> {
         let part_bytes = part_bytes.min(gpu.max_binding_bytes());
         let mut parts = Vec::new();
-        for (i, volume) in volumes.iter().enumerate() {
+        for (i, volume) in volumes
+            .iter()
+            .enumerate()
+            .filter(|(_, v)| v.merged.is_none())
+        {
             upload(gpu, i, volume, part_bytes, &mut parts)?;
         }
         Ok(Self { parts })
@@ -267,7 +271,7 @@ fn upload(
         };
         let bricks = BrickUniform {
             dims: match &volume.particles {
-                BlockedParticles::Lattice(grid) => grid.lattice().dims.map(|n| n as u32),
+                BlockedParticles::Lattice(grid) => grid.dims().map(|n| n as u32),
                 _ => [0; 3],
             },
             first: run.start as u32,
@@ -353,12 +357,9 @@ fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     let BlockedParticles::Lattice(grid) = &volume.particles else {
         return None;
     };
-    Some(match &grid.lattice().spacing {
-        LatticeSpacing::Uniform { .. } => grid.uniform_volume().into_iter().collect(),
-        LatticeSpacing::Rectilinear { coordinates } => coordinates
-            .iter()
-            .flat_map(|axis| (0..axis.len()).map(|i| cell_width(axis, i) as f32))
-            .collect(),
+    Some(match grid.axes() {
+        None => grid.uniform_volume().into_iter().collect(),
+        Some(axes) => axes.iter().flatten().map(|sample| sample.extent).collect(),
     })
 }
 

@@ -116,9 +116,12 @@ impl Renderer {
         let frustum = frustum(camera, shared.low_pass_variance_px2);
         let cull_by = (settings.filter != Filter::UniformScaling).then_some(&frustum);
         let mut farthest = 0.0_f64;
-        for (volume, views) in self.volumes.iter().zip(&mut self.views) {
+        self.views.iter_mut().for_each(Vec::clear);
+        for family in &self.families {
+            let (volume, views) = (&self.volumes[family.start], &mut self.views[family.start]);
             cull_outside(volume, camera, cull_by, views);
             for view in views {
+                view.filter_kind = settings.filter as u32;
                 let block = &volume.blocks[view.block as usize];
                 let (distance, radius) = distance_interval(camera, block);
                 farthest = farthest.max(distance + radius);
@@ -211,9 +214,12 @@ impl Renderer {
 
     /// The amplitudes of the scene, of which [`Renderer::column_density`] makes columns; found once.
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
-        *self
-            .column
-            .amplitudes
-            .get_or_insert_with(|| AmplitudeSummary::of(&self.volumes))
+        *self.column.amplitudes.get_or_insert_with(|| {
+            let data = self
+                .families
+                .iter()
+                .map(|family| &self.volumes[family.start]);
+            AmplitudeSummary::of(data)
+        })
     }
 }

@@ -93,6 +93,11 @@ impl Values {
         }
     }
 
+    /// Whether any value is infinite.
+    pub(crate) fn has_infinite(&self) -> bool {
+        matches!(self, Self::F32(v) if v.iter().any(|x| x.is_infinite()))
+    }
+
     /// How many values are NaN or infinite.
     pub fn non_finite_count(&self) -> usize {
         match self {

@@ -2,6 +2,7 @@
 //!
 //! Twin: `shaders/shared/cutoff.wgsl`.
 
+use super::budget::CUTOFF_SHARE;
 use crate::constants::MAX_CUTOFF;
 
 /// The cut-off radius r = sqrt(2 ln(max(tau, 1) / tolerance)), in standard deviations.
@@ -20,7 +21,7 @@ pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
         return by_hand.min(MAX_CUTOFF);
     }
     // `min` takes the other argument when one is NaN.
-    (2.0 * (tau.max(1.0) / tolerance).ln())
+    (2.0 * (tau.max(1.0) / (tolerance * CUTOFF_SHARE)).ln())
         .max(1.0)
         .sqrt()
         .min(MAX_CUTOFF)

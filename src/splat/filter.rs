@@ -3,6 +3,7 @@
 //! Twin: `shaders/shared/filter.wgsl`.
 
 use super::bounds::{affine_error, opacity_amplification};
+use super::budget::AFFINE_SHARE;
 use super::exact::exact_terms;
 use super::footprint::{ImageKernel, ScreenFactor};
 use crate::layout::{ExactTerms, ViewUniform};
@@ -73,12 +74,12 @@ impl Filter {
 #[inline]
 pub fn choose_exact(
     view: &ViewUniform,
+    filter: Filter,
     screen: &ScreenFactor,
     kernel: &ImageKernel,
 ) -> Option<ExactTerms> {
-    let is_exact = view.filter_kind == Filter::Exact as u32;
-    let is_adaptive = view.filter_kind == Filter::Adaptive as u32;
-    if view.orthographic != 0 || !(is_exact || is_adaptive) {
+    let is_exact = filter == Filter::Exact;
+    if view.orthographic != 0 || !(is_exact || filter == Filter::Adaptive) {
         return None;
     }
     let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
@@ -91,5 +92,5 @@ pub fn choose_exact(
     let amplification = opacity_amplification(kernel.tau).max(1.0);
     let error = affine_error(view, screen, kernel, &terms) * amplification;
     // Phrased so that NaN takes the safe side.
-    (!(error <= view.tolerance)).then_some(terms)
+    (!(error <= view.tolerance * AFFINE_SHARE)).then_some(terms)
 }

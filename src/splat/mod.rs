@@ -8,9 +8,11 @@
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `cutoff.rs` | where a kernel ends |
+//! | `budget.rs` | how the one tolerance is shared out |
 //! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
 
 mod bounds;
+pub mod budget;
 mod cutoff;
 mod exact;
 mod filter;

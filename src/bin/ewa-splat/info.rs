@@ -57,9 +57,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         });
     }
     description["requirements"] = json!(Requirements::of(&sampled.volume));
-    let blocked = BlockedVolume::new(sampled.volume);
-    description["particles"] = json!(blocked.particle_count());
-    description["bytes_per_particle"] = json!(blocked.bytes_per_particle());
+    description["particles"] = json!(sampled.volume.particles.len());
+    let family = BlockedVolume::with_detail(sampled.volume);
+    description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));
     print(&description, arguments.json);
     Ok(())
 }

@@ -377,10 +377,22 @@ pub(crate) fn stats(
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
     let adapter = renderer.adapter();
+    let of_filter = |filter: Filter| counts.block_filters[filter as usize];
     json!({
         "particles": renderer.particle_count(),
         "surfels": 0,
-        "blocks": { "total": counts.blocks, "culled": counts.blocks_culled },
+        "blocks": {
+            "total": counts.blocks,
+            "culled": counts.blocks_culled,
+            "by_particle": of_filter(Filter::Adaptive),
+            "exact": of_filter(Filter::Exact),
+            "ewa": of_filter(Filter::Ewa),
+            "reconstruction": of_filter(Filter::Reconstruction),
+            "low_pass": of_filter(Filter::LowPass),
+            "isotropic": of_filter(Filter::Isotropic),
+            "uniform_scaling": of_filter(Filter::UniformScaling),
+            "merged": counts.blocks_merged,
+        },
         "classified": counts.classified,
         "footprints": counts.footprints,
         "footprint_paths": {

@@ -1,0 +1,170 @@
+//! Clusters of a lattice: cubes of its cells, which are the cells of coarser grids.
+
+use rayon::prelude::*;
+
+use super::{LAST_LEVEL, MergeBounds, Merged};
+use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
+use crate::constants::BLOCK_CAPACITY;
+use crate::scene::{Colour, Lattice, Strength, Values};
+
+/// Cells along the edge of a cube of the first level: 64 cells share what it stores.
+const FIRST_CUBE: usize = 4;
+
+/// How much longer the edges of the next level's cubes are.
+const NEXT_CUBE: usize = 2;
+
+/// The coarser grids of a lattice, the finest first, and the parents of its own bricks are set;
+/// none where merging means nothing (masses or colours of its own, cells without a number) or does
+/// not pay.
+pub(in crate::blocks) fn merge_lattice(
+    base: &mut BlockedVolume,
+    lattice: &Lattice,
+    kernel_width: f64,
+) -> Vec<BlockedVolume> {
+    let mut levels = Vec::new();
+    let is_mergeable = matches!(&base.strength, Strength::Classified { volumes } if volumes.is_empty())
+        && matches!(base.colour, Colour::Classified | Colour::Uniform(_));
+    let Some(values) = &base.values else {
+        return levels;
+    };
+    if !is_mergeable || lattice.len() <= BLOCK_CAPACITY || values.non_finite_count() > 0 {
+        return levels;
+    }
+    let mut cube = FIRST_CUBE;
+    loop {
+        let grid = BrickGrid::new(lattice.clone(), kernel_width, cube);
+        levels.push(level(
+            base,
+            values,
+            grid,
+            lattice,
+            cube,
+            levels.len() as u32 + 1,
+        ));
+        let BlockedParticles::Lattice(grid) = &levels[levels.len() - 1].particles else {
+            break;
+        };
+        if grid.len() <= LAST_LEVEL {
+            break;
+        }
+        cube *= NEXT_CUBE;
+    }
+    // Parents are counted from the first merged block.
+    let mut first = 0;
+    let mut finer = base;
+    let mut ratio = FIRST_CUBE;
+    for coarser in &mut levels {
+        adopt(finer, coarser, ratio, first);
+        first += coarser.blocks.len() as u32;
+        ratio = NEXT_CUBE;
+        finer = coarser;
+    }
+    levels
+}
+
+/// Sets the parents of a grid's bricks: a brick of the coarser grid spans `ratio` of them along
+/// each axis.
+fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first: u32) {
+    let (BlockedParticles::Lattice(fine), BlockedParticles::Lattice(coarse)) =
+        (&finer.particles, &coarser.particles)
+    else {
+        return;
+    };
+    let ([x, y, _], [parent_x, parent_y, _]) = (fine.bricks(), coarse.bricks());
+    for block in &mut finer.blocks {
+        let b = block.first as usize;
+        let [i, j, k] = [b % x, b / x % y, b / (x * y)].map(|at| at / ratio);
+        let parent = i + parent_x * (j + parent_y * k);
+        block.parent = first + parent as u32;
+    }
+}
+
+/// One level: cubes of `cube` cells along each edge, means of their values and spreads.
+fn level(
+    base: &BlockedVolume,
+    values: &Values,
+    grid: BrickGrid,
+    lattice: &Lattice,
+    cube: usize,
+    level: u32,
+) -> BlockedVolume {
+    let [columns, rows, _] = grid.dims();
+    let mut means = vec![0.0_f32; grid.len()];
+    let mut spreads = vec![0.0_f32; grid.len()];
+    means
+        .par_chunks_mut(columns.max(1))
+        .zip(spreads.par_chunks_mut(columns.max(1)))
+        .enumerate()
+        .for_each(|(line, (means, spreads))| {
+            let (j, k) = (line % rows, line / rows);
+            for (i, (mean, spread)) in means.iter_mut().zip(spreads).enumerate() {
+                [*mean, *spread] = cube_values(base, values, lattice, [i, j, k], cube);
+            }
+        });
+    let mut blocks = grid.blocks(None, level);
+    let bounds: Vec<MergeBounds> = blocks
+        .par_iter()
+        .map(|block| {
+            let cells = grid.cells(block.first);
+            let mut bounds = grid.merge_bounds(cells);
+            let [x, y, z] = cells;
+            for k in z[0]..z[1] {
+                for j in y[0]..y[1] {
+                    let row = grid.index([x[0], j, k])..grid.index([x[1] - 1, j, k]) + 1;
+                    let widest = spreads[row].iter().copied().fold(0.0, f32::max);
+                    bounds.spread = bounds.spread.max(widest);
+                }
+            }
+            bounds
+        })
+        .collect();
+    for block in &mut blocks {
+        block.parent = NO_PARENT;
+    }
+    BlockedVolume {
+        blocks,
+        particles: BlockedParticles::Lattice(grid),
+        strength: base.strength.clone(),
+        colour: base.colour.clone(),
+        values: Some(Values::F32(means)),
+        transfer_function: None,
+        merged: Some(Merged {
+            bounds,
+            spreads,
+            transfer: None,
+            clumps: Vec::new(),
+        }),
+    }
+}
+
+/// Mean of the values of a cube's cells, weighted by their volumes, and the half width of the
+/// interval over which even values would have their variance.
+fn cube_values(
+    base: &BlockedVolume,
+    values: &Values,
+    lattice: &Lattice,
+    at: [usize; 3],
+    cube: usize,
+) -> [f32; 2] {
+    let BlockedParticles::Lattice(cells) = &base.particles else {
+        return [0.0; 2];
+    };
+    let [x, y, z] = [0, 1, 2].map(|a| at[a] * cube..((at[a] + 1) * cube).min(lattice.dims[a]));
+    let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);
+    // Relative to the first, so that nothing cancels.
+    let first = f64::from(values.get(cells.index([x.start, y.start, z.start])));
+    for k in z {
+        for j in y.clone() {
+            for i in x.clone() {
+                let own = cells.cell_volume_f64([i, j, k]);
+                let value = f64::from(values.get(cells.index([i, j, k]))) - first;
+                volume += own;
+                sum += own * value;
+                square += own * value * value;
+            }
+        }
+    }
+    let mean = sum / volume;
+    let variance = (square / volume - mean * mean).max(0.0);
+    [(first + mean) as f32, (3.0 * variance).sqrt() as f32]
+}

@@ -1,0 +1,174 @@
+//! Level of detail: clusters of particles that are drawn as one particle each where they lie far
+//! below a pixel.
+//!
+//! A cluster's particle has its members' mass (or volume), their centre, the sum of their variances
+//! and that of their places (the law of total variance), and their mean colour, all weighted by the
+//! strength: what is left out begins with the third moments, of which each block keeps bounds
+//! ([`MergeBounds`]). Values are kept as mean and spread, so that a transfer function is averaged
+//! over the interval they fill ([`TransferFunction::classify_spread`]); an edit of it touches no
+//! particle, merged or not.
+//!
+//! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
+
+mod lattice;
+mod points;
+
+use std::sync::Arc;
+
+use super::{Block, BlockedVolume};
+use crate::scene::{Averages, Slopes, Strength, TransferFunction, Values, Weighting};
+
+pub(super) use lattice::merge_lattice;
+pub(super) use points::{Shapes, Source, Tree, merge_points};
+
+/// Particles in a cluster of the first level, and clusters in one of the next.
+pub(super) const MERGE_RATIO: usize = 16;
+
+/// Levels end with a block of at most so many particles.
+const LAST_LEVEL: usize = 16;
+
+/// What is known of merged particles besides what particles are.
+#[derive(Debug, Clone, Default)]
+pub struct Merged {
+    /// Of each block.
+    pub bounds: Vec<MergeBounds>,
+    /// Half widths of the intervals that the members' values fill evenly, per particle; empty
+    /// without values.
+    pub spreads: Vec<f32>,
+    /// What the transfer function is to intervals of values; with values and a transfer function.
+    pub transfer: Option<Arc<MergedTransfer>>,
+    /// Peak optical depth of a member by itself, before any filter, over the optical depth of the
+    /// cluster's mass \[1/length²\], as far as its kernels lie apart; per particle, empty where
+    /// kernels overlap.
+    pub clumps: Vec<f32>,
+}
+
+/// A transfer function's averages over intervals of values and how fast it changes, as the strength
+/// of a volume wants them.
+#[derive(Debug)]
+pub struct MergedTransfer {
+    /// Averages.
+    pub averages: Averages,
+    /// Slopes.
+    pub slopes: Slopes,
+}
+
+impl MergedTransfer {
+    /// Of a volume's transfer function, for merged particles of this strength.
+    pub fn new(transfer: &TransferFunction, strength: &Strength) -> Self {
+        let weighting = weighting(strength);
+        Self {
+            averages: transfer.averages(weighting),
+            slopes: transfer.slopes(weighting),
+        }
+    }
+}
+
+/// How colours of merged particles are averaged.
+pub(crate) fn weighting(strength: &Strength) -> Weighting {
+    match strength {
+        Strength::Classified { .. } => Weighting::Extinction,
+        _ => Weighting::Even,
+    }
+}
+
+impl Merged {
+    /// Linear RGB and extinction of particle `i`; `values`: the means.
+    #[inline]
+    pub(crate) fn classify(&self, values: Option<&Values>, i: usize) -> [f32; 4] {
+        match (&self.transfer, values) {
+            (Some(transfer), Some(values)) => {
+                let averages = &transfer.averages;
+                averages.classify_spread(values.get(i), self.spreads[i])
+            }
+            _ => [0.0; 4],
+        }
+    }
+}
+
+/// How far merged particles may differ from their members, for a block: greatest over its clusters
+/// where nothing else is said. Lengths in world units.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MergeBounds {
+    /// Cube root of the norm of the third central moments, root mean square over clusters.
+    pub third_mean: f32,
+    /// The same, greatest.
+    pub third: f32,
+    /// Fourth root of the norm of the fourth cumulants.
+    pub fourth: f32,
+    /// Square root of what the variance has beyond that of the narrowest member.
+    pub second: f32,
+    /// Half width of the interval that the members' values fill.
+    pub spread: f32,
+    /// Standard deviation of the members' colours.
+    pub colour: f32,
+}
+
+impl MergeBounds {
+    /// The greater of each.
+    fn max(self, other: Self) -> Self {
+        Self {
+            third_mean: self.third_mean.max(other.third_mean),
+            third: self.third.max(other.third),
+            fourth: self.fourth.max(other.fourth),
+            second: self.second.max(other.second),
+            spread: self.spread.max(other.spread),
+            colour: self.colour.max(other.colour),
+        }
+    }
+}
+
+/// Gives the blocks of a family's volumes the ranges and bounds that hold for all they stand for:
+/// `volumes` from the finest to the coarsest, parents counted from the first merged block.
+pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
+    let Some((base, merged)) = volumes.split_first_mut() else {
+        return;
+    };
+    let mut first = 0;
+    let firsts: Vec<usize> = merged
+        .iter()
+        .map(|volume| {
+            let own = first;
+            first += volume.blocks.len();
+            own
+        })
+        .collect();
+    let mut bounds = vec![None; first];
+    for block in &base.blocks {
+        widen(&mut bounds, block);
+    }
+    for (volume, &first) in merged.iter_mut().zip(&firsts) {
+        // Children come before their parents: the finer volumes first, and of one volume's blocks
+        // the last.
+        for (i, block) in volume.blocks.iter_mut().enumerate().rev() {
+            if let Some(Members { values, sigmas }) = bounds[first + i] {
+                block.value_range = values;
+                block.min_sigma = block.min_sigma.min(sigmas[0]);
+                block.max_sigma = block.max_sigma.max(sigmas[1]);
+            }
+            widen(&mut bounds, block);
+        }
+    }
+}
+
+/// What holds for all that a merged block stands for.
+#[derive(Debug, Clone, Copy)]
+struct Members {
+    values: [f32; 2],
+    sigmas: [f32; 2],
+}
+
+/// Adds a block to the bounds of its parent.
+fn widen(bounds: &mut [Option<Members>], block: &Block) {
+    let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+    let own = Members {
+        values: block.value_range,
+        sigmas: [block.min_sigma, block.max_sigma],
+    };
+    if let Some(of_parent) = bounds.get_mut(block.parent as usize) {
+        *of_parent = Some(of_parent.map_or(own, |b| Members {
+            values: union(b.values, own.values),
+            sigmas: union(b.sigmas, own.sigmas),
+        }));
+    }
+}

@@ -1,0 +1,581 @@
+//! Clusters of a point set: subtrees of the BVH that its blocks are subtrees of.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use glam::{DMat3, DVec3};
+use obvhs::bvh2::Bvh2;
+use rayon::prelude::*;
+
+use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged};
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
+use crate::constants::BLOCK_CAPACITY;
+use crate::math::{eigen, lower_factor};
+use crate::scene::{Colour, Strength, Values};
+
+/// A BVH whose subtrees are runs of particles in block order.
+#[derive(Debug, Default)]
+pub(in crate::blocks) struct Tree {
+    /// The root first, children after their parents; empty where there are no particles.
+    nodes: Vec<Node>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    /// Its first particle in block order.
+    start: u32,
+    /// How many it has.
+    count: u32,
+    /// The first of its two children; 0 for a leaf.
+    child: u32,
+    /// Squared diagonal of its box, in units of its own.
+    size: f32,
+}
+
+impl Tree {
+    /// A tree, and the order of particles in which its subtrees are runs.
+    pub(in crate::blocks) fn new(bvh: &Bvh2) -> (Self, Vec<u32>) {
+        let mut nodes: Vec<Node> = bvh
+            .nodes
+            .iter()
+            .map(|node| Node {
+                start: 0,
+                count: node.prim_count,
+                child: if node.is_leaf() { 0 } else { node.first_index },
+                size: (node.aabb().max - node.aabb().min).length_squared(),
+            })
+            .collect();
+        for i in (0..nodes.len()).rev() {
+            let child = nodes[i].child as usize;
+            if child > 0 {
+                nodes[i].count = nodes[child].count + nodes[child + 1].count;
+            }
+        }
+        let total = nodes.first().map_or(0, |root| root.count as usize);
+        let mut order = vec![0; total];
+        for i in 0..nodes.len() {
+            let Node { start, child, .. } = nodes[i];
+            let child = child as usize;
+            if child > 0 {
+                nodes[child].start = start;
+                nodes[child + 1].start = start + nodes[child].count;
+            } else {
+                let leaf = &bvh.nodes[i];
+                let first = leaf.first_index as usize;
+                let members = &bvh.primitive_indices[first..first + leaf.prim_count as usize];
+                order[start as usize..start as usize + members.len()].copy_from_slice(members);
+            }
+        }
+        (Self { nodes }, order)
+    }
+
+    /// The largest subtrees with at most `capacity` particles, in block order.
+    pub(in crate::blocks) fn subtrees(&self, capacity: usize) -> Vec<usize> {
+        let mut found = Vec::new();
+        let mut stack = vec![0];
+        while let Some(i) = stack.pop() {
+            let Some(node) = self.nodes.get(i) else {
+                break;
+            };
+            if node.count as usize <= capacity || node.child == 0 {
+                found.push(i);
+            } else {
+                stack.extend([node.child as usize + 1, node.child as usize]);
+            }
+        }
+        found
+    }
+
+    /// The particles of a subtree: a run of block order.
+    pub(in crate::blocks) fn run(&self, subtree: usize) -> std::ops::Range<usize> {
+        let node = &self.nodes[subtree];
+        node.start as usize..(node.start + node.count) as usize
+    }
+
+    /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
+    /// what merging leaves out is even.
+    fn clusters(&self, subtree: usize, count: usize) -> Vec<usize> {
+        let mut widest = BinaryHeap::from([Widest {
+            size: self.nodes[subtree].size,
+            node: subtree,
+        }]);
+        let mut leaves = Vec::new();
+        while widest.len() + leaves.len() < count {
+            let Some(Widest { node, .. }) = widest.pop() else {
+                break;
+            };
+            let child = self.nodes[node].child as usize;
+            if child == 0 {
+                leaves.push(node);
+                continue;
+            }
+            widest.extend([child, child + 1].map(|node| Widest {
+                size: self.nodes[node].size,
+                node,
+            }));
+        }
+        leaves.extend(widest.into_iter().map(|w| w.node));
+        leaves.sort_unstable_by_key(|&node| self.nodes[node].start);
+        leaves
+    }
+}
+
+/// A subtree in the order of sizes.
+#[derive(Debug, Clone, Copy)]
+struct Widest {
+    size: f32,
+    node: usize,
+}
+
+impl PartialEq for Widest {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Widest {}
+
+impl PartialOrd for Widest {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Widest {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let by_size = self.size.total_cmp(&other.size);
+        by_size.then(other.node.cmp(&self.node))
+    }
+}
+
+/// The particles that are merged, in their own order.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::blocks) struct Source<'a> {
+    pub(in crate::blocks) positions: &'a [DVec3],
+    pub(in crate::blocks) shapes: Shapes<'a>,
+    /// Least and greatest standard deviation of each.
+    pub(in crate::blocks) sigmas: &'a [[f32; 2]],
+    pub(in crate::blocks) strength: &'a Strength,
+    pub(in crate::blocks) colour: &'a Colour,
+    pub(in crate::blocks) values: Option<&'a Values>,
+}
+
+/// Shapes of particles.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::blocks) enum Shapes<'a> {
+    Spheres(&'a [f32]),
+    Factors(&'a [[f32; 6]]),
+}
+
+/// A cluster as a particle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Particle {
+    centre: DVec3,
+    factor: [f32; 6],
+    strength: f32,
+    colour: [f32; 3],
+    value: f32,
+    spread: f32,
+    clump: f32,
+}
+
+/// Merges particles level by level: the blocks of all levels, the coarsest first, and for each run
+/// of `runs` (the particles' own blocks, in block order) the block that stands for it first.
+///
+/// `None` where merging means nothing (splats, which state opacities; colours that depend on the
+/// view) or does not pay (all particles are in one block).
+pub(in crate::blocks) fn merge_points(
+    source: &Source<'_>,
+    tree: &Tree,
+    order: &[u32],
+) -> Option<MergedPoints> {
+    let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
+        && !matches!(source.colour, Colour::Harmonics { .. })
+        && source.values.is_none_or(|v| !v.has_infinite());
+    if !is_mergeable || order.len() <= BLOCK_CAPACITY {
+        return None;
+    }
+    let mut levels: Vec<Vec<MergedBlock>> = Vec::new();
+    let mut members = 1;
+    loop {
+        members *= MERGE_RATIO;
+        let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
+        let level: Vec<MergedBlock> = subtrees
+            .par_iter()
+            .map(|&subtree| {
+                let run = tree.run(subtree);
+                let count = run.len().div_ceil(members);
+                let clusters = tree.clusters(subtree, count);
+                let clusters = clusters.iter().map(|&node| &order[tree.run(node)]);
+                MergedBlock::new(source, &order[run.clone()], run.start, clusters)
+            })
+            .collect();
+        let is_last = level.len() == 1 && level[0].particles.len() <= LAST_LEVEL;
+        levels.push(level);
+        if is_last {
+            break;
+        }
+    }
+    Some(MergedPoints { levels })
+}
+
+/// The levels of a point set, the finest first.
+#[derive(Debug)]
+pub(in crate::blocks) struct MergedPoints {
+    levels: Vec<Vec<MergedBlock>>,
+}
+
+/// A block of merged particles.
+#[derive(Debug)]
+struct MergedBlock {
+    /// Where its members begin in block order.
+    start: usize,
+    origin: DVec3,
+    half_extent: DVec3,
+    bounds: MergeBounds,
+    sigmas: [f32; 2],
+    particles: Vec<Particle>,
+}
+
+impl MergedBlock {
+    fn new<'a>(
+        source: &Source<'_>,
+        members: &[u32],
+        start: usize,
+        clusters: impl Iterator<Item = &'a [u32]>,
+    ) -> Self {
+        let (lower, upper) = members.iter().fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(lower, upper), &i| {
+                let p = source.positions[i as usize];
+                (lower.min(p), upper.max(p))
+            },
+        );
+        let origin = (lower + upper) / 2.0;
+        let narrowest = members
+            .iter()
+            .map(|&i| source.sigmas[i as usize][0])
+            .fold(f32::INFINITY, f32::min);
+        let mut block = Self {
+            start,
+            origin,
+            half_extent: (upper - lower) / 2.0,
+            bounds: MergeBounds::default(),
+            sigmas: [narrowest, 0.0],
+            particles: Vec::new(),
+        };
+        let mut third_squares = 0.0;
+        for cluster in clusters {
+            let Some((particle, bounds, sigma)) = merge(source, origin, narrowest, cluster) else {
+                continue;
+            };
+            third_squares += f64::from(bounds.third).powi(6);
+            block.bounds = block.bounds.max(bounds);
+            block.sigmas[1] = block.sigmas[1].max(sigma);
+            block.particles.push(particle);
+        }
+        let count = block.particles.len().max(1) as f64;
+        block.bounds.third_mean = (third_squares / count).powf(1.0 / 6.0) as f32;
+        block
+    }
+}
+
+/// One cluster as a particle, what that leaves out, and its greatest standard deviation; `None`
+/// where no member has any strength.
+fn merge(
+    source: &Source<'_>,
+    origin: DVec3,
+    narrowest: f32,
+    members: &[u32],
+) -> Option<(Particle, MergeBounds, f32)> {
+    let strength = |i: usize| {
+        let strength = match source.strength {
+            Strength::Classified { volumes } => volumes[i],
+            Strength::Mass(masses) => masses[i],
+            Strength::PeakOpacity { opacities, .. } => opacities[i],
+        };
+        // What draws nothing does not count; nor does what has no value.
+        let has_value = source.values.is_none_or(|v| !v.get(i).is_nan());
+        if strength > 0.0 && strength.is_finite() && has_value {
+            f64::from(strength)
+        } else {
+            0.0
+        }
+    };
+    let visible = || {
+        let members = members.iter().map(|&i| i as usize);
+        members.map(|i| (i, strength(i))).filter(|(_, g)| *g > 0.0)
+    };
+    let total: f64 = visible().map(|(_, g)| g).sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    let share = |g: f64| g / total;
+    let offset = |i: usize| source.positions[i] - origin;
+    let centre: DVec3 = visible().map(|(i, g)| offset(i) * share(g)).sum();
+    let common = f64::from(narrowest).powi(2);
+    let mut moments = Moments::default();
+    let (mut value, mut square, mut colour, mut colour_square) = (0.0, 0.0, DVec3::ZERO, 0.0);
+    let mut clump = 0.0;
+    let mut overlap = 0.0;
+    for (i, g) in visible() {
+        let w = share(g);
+        let own = match source.shapes {
+            Shapes::Spheres(sigmas) => {
+                DMat3::from_diagonal(DVec3::splat(f64::from(sigmas[i]).powi(2)))
+            }
+            Shapes::Factors(factors) => {
+                let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
+                let f = DMat3::from_cols(
+                    DVec3::new(l00, l10, l20),
+                    DVec3::new(0.0, l11, l21),
+                    DVec3::new(0.0, 0.0, l22),
+                );
+                f * f.transpose()
+            }
+        };
+        moments.add(w, offset(i) - centre, &own);
+        if let Some(values) = source.values {
+            let v = f64::from(values.get(i));
+            value += w * v;
+            square += w * v * v;
+        }
+        if let Colour::PerParticle(colours) = source.colour {
+            let c = DVec3::from(colours[i].map(f64::from));
+            colour += c * w;
+            colour_square += w * c.length_squared();
+        }
+        let [least, greatest] = source.sigmas[i].map(f64::from);
+        clump += w * w / (std::f64::consts::TAU * least * greatest);
+        overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
+    }
+    let variance = moments.second;
+    let elements = [
+        variance.x_axis.x,
+        variance.x_axis.y,
+        variance.x_axis.z,
+        variance.y_axis.y,
+        variance.y_axis.z,
+        variance.z_axis.z,
+    ];
+    let (eigenvalues, axes) = eigen(elements);
+    let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
+    let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
+    let trace = variance.x_axis.x + variance.y_axis.y + variance.z_axis.z;
+    let particle = Particle {
+        centre,
+        factor: factor.map(|l| l as f32),
+        strength: total as f32,
+        colour: colour.as_vec3().into(),
+        value: value as f32,
+        // Even over an interval of this half width, the values have this variance.
+        spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
+        clump: (clump * lone_share(overlap, sigmas)) as f32,
+    };
+    let bounds = MergeBounds {
+        third_mean: 0.0,
+        third: moments.third_norm().cbrt() as f32,
+        fourth: moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
+        second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
+        spread: particle.spread,
+        colour: (colour_square - colour.length_squared()).max(0.0).sqrt() as f32,
+    };
+    let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
+    Some((particle, bounds, greatest))
+}
+
+/// How much of their opacity the kernels of a cluster have each by itself: 1 where they lie far
+/// apart, 0 where they overlap as those of a lattice do.
+///
+/// - `overlap`: the sum of the kernels' own volumes (4 pi)^(3/2) sigma³, the inverse of the integral
+///   of the kernel's square.
+/// - `sigmas`: of the cluster, whose volume is measured alike.
+fn lone_share(overlap: f64, sigmas: DVec3) -> f64 {
+    let room = (4.0 * std::f64::consts::PI).powf(1.5) * sigmas.element_product();
+    if room > 0.0 {
+        (-overlap / room).exp()
+    } else {
+        0.0
+    }
+}
+
+/// Central moments of a mixture of Gaussians.
+#[derive(Debug, Clone, Copy)]
+struct Moments {
+    second: DMat3,
+    /// Third moments of (x, y, z) to the powers of [`THIRD`].
+    third: [f64; 10],
+    /// Fourth moments to the powers of [`FOURTH`].
+    fourth: [f64; 15],
+}
+
+/// Which axes the distinct elements of a symmetric tensor of third order belong to, and how many
+/// elements are equal to each.
+const THIRD: [([usize; 3], f64); 10] = [
+    ([0, 0, 0], 1.0),
+    ([1, 1, 1], 1.0),
+    ([2, 2, 2], 1.0),
+    ([0, 0, 1], 3.0),
+    ([0, 0, 2], 3.0),
+    ([1, 1, 0], 3.0),
+    ([1, 1, 2], 3.0),
+    ([2, 2, 0], 3.0),
+    ([2, 2, 1], 3.0),
+    ([0, 1, 2], 6.0),
+];
+
+/// The same of fourth order.
+const FOURTH: [([usize; 4], f64); 15] = [
+    ([0, 0, 0, 0], 1.0),
+    ([1, 1, 1, 1], 1.0),
+    ([2, 2, 2, 2], 1.0),
+    ([0, 0, 0, 1], 4.0),
+    ([0, 0, 0, 2], 4.0),
+    ([1, 1, 1, 0], 4.0),
+    ([1, 1, 1, 2], 4.0),
+    ([2, 2, 2, 0], 4.0),
+    ([2, 2, 2, 1], 4.0),
+    ([0, 0, 1, 1], 6.0),
+    ([0, 0, 2, 2], 6.0),
+    ([1, 1, 2, 2], 6.0),
+    ([0, 0, 1, 2], 12.0),
+    ([1, 1, 0, 2], 12.0),
+    ([2, 2, 0, 1], 12.0),
+];
+
+impl Default for Moments {
+    fn default() -> Self {
+        Self {
+            second: DMat3::ZERO,
+            third: [0.0; 10],
+            fourth: [0.0; 15],
+        }
+    }
+}
+
+impl Moments {
+    /// Adds a kernel of variance `own` at `d` from the centre, with weight `w`.
+    fn add(&mut self, w: f64, d: DVec3, own: &DMat3) {
+        let outer = DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+        self.second += (outer + *own) * w;
+        let v = |a: usize, b: usize| own.col(a)[b];
+        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
+            let moment = d[a] * d[b] * d[c] + d[a] * v(b, c) + d[b] * v(a, c) + d[c] * v(a, b);
+            *sum += w * moment;
+        }
+        for (sum, ([a, b, c, e], _)) in self.fourth.iter_mut().zip(FOURTH) {
+            let places = d[a] * d[b] * d[c] * d[e];
+            let mixed = d[a] * d[b] * v(c, e)
+                + d[a] * d[c] * v(b, e)
+                + d[a] * d[e] * v(b, c)
+                + d[b] * d[c] * v(a, e)
+                + d[b] * d[e] * v(a, c)
+                + d[c] * d[e] * v(a, b);
+            *sum += w * (places + mixed + pairs(v, [a, b, c, e]));
+        }
+    }
+
+    /// Frobenius norm of the third moments.
+    fn third_norm(&self) -> f64 {
+        let squares = self.third.iter().zip(THIRD);
+        squares.map(|(t, (_, n))| n * t * t).sum::<f64>().sqrt()
+    }
+
+    /// Frobenius norm of the fourth cumulants: of what the fourth moments differ from a Gaussian's.
+    fn fourth_cumulant_norm(&self) -> f64 {
+        let v = |a: usize, b: usize| self.second.col(a)[b];
+        let squares = self.fourth.iter().zip(FOURTH);
+        squares
+            .map(|(t, (axes, n))| n * (t - pairs(v, axes)).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+}
+
+/// A Gaussian's fourth moment.
+fn pairs(v: impl Fn(usize, usize) -> f64, [a, b, c, e]: [usize; 4]) -> f64 {
+    v(a, b) * v(c, e) + v(a, c) * v(b, e) + v(a, e) * v(b, c)
+}
+
+impl MergedPoints {
+    /// The first-level block that stands for the particle at `place` of block order, counted as in
+    /// [`MergedPoints::into_volume`].
+    pub(in crate::blocks) fn parent_of(&self, place: usize) -> u32 {
+        self.number(0, place)
+    }
+
+    /// The number of the block of a level that holds the particle at `place` of block order: blocks
+    /// of the coarsest level come first.
+    fn number(&self, level: usize, place: usize) -> u32 {
+        let coarser: usize = self.levels[level + 1..].iter().map(Vec::len).sum();
+        let within = self.levels[level].partition_point(|block| block.start <= place) - 1;
+        (coarser + within) as u32
+    }
+
+    /// All levels as one volume, the coarsest first.
+    pub(in crate::blocks) fn into_volume(self, source: &Source<'_>) -> BlockedVolume {
+        let count: usize = self
+            .levels
+            .iter()
+            .flatten()
+            .map(|b| b.particles.len())
+            .sum();
+        let mut blocks = Vec::new();
+        let mut merged = Merged::default();
+        let mut offsets = Vec::with_capacity(count);
+        let mut factors = Vec::with_capacity(count);
+        let mut strengths = Vec::with_capacity(count);
+        let mut colours = Vec::new();
+        let mut values = Vec::new();
+        for (level, of_level) in self.levels.iter().enumerate().rev() {
+            for block in of_level {
+                let strongest = block.particles.iter().map(|p| p.strength);
+                blocks.push(Block {
+                    origin: block.origin,
+                    half_extent: block.half_extent.as_vec3() * (1.0 + f32::EPSILON),
+                    max_sigma: block.sigmas[1],
+                    min_sigma: block.sigmas[0],
+                    max_strength: strongest.fold(0.0, f32::max),
+                    first: offsets.len() as u32,
+                    count: block.particles.len() as u32,
+                    value_range: EMPTY_RANGE,
+                    parent: if level + 1 < self.levels.len() {
+                        self.number(level + 1, block.start)
+                    } else {
+                        NO_PARENT
+                    },
+                    level: level as u32 + 1,
+                });
+                merged.bounds.push(block.bounds);
+                for particle in &block.particles {
+                    offsets.push(particle.centre.as_vec3().to_array());
+                    factors.push(particle.factor);
+                    strengths.push(particle.strength);
+                    merged.clumps.push(particle.clump);
+                    if matches!(source.colour, Colour::PerParticle(_)) {
+                        colours.push(particle.colour);
+                    }
+                    if source.values.is_some() {
+                        values.push(particle.value);
+                        merged.spreads.push(particle.spread);
+                    }
+                }
+            }
+        }
+        BlockedVolume {
+            blocks,
+            particles: BlockedParticles::Anisotropic { offsets, factors },
+            strength: match source.strength {
+                Strength::Classified { .. } => Strength::Classified { volumes: strengths },
+                _ => Strength::Mass(strengths),
+            },
+            colour: match source.colour {
+                Colour::PerParticle(_) => Colour::PerParticle(colours),
+                other => other.clone(),
+            },
+            values: source.values.map(|_| Values::F32(values)),
+            transfer_function: None,
+            merged: Some(merged),
+        }
+    }
+}

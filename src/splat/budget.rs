@@ -1,0 +1,50 @@
+//! How the one tolerance is shared out among the approximations: the one place.
+//!
+//! The promise is of pictures: 99.9 of 100 pixels differ from the same scene with everything exact by
+//! less than the tolerance, and the others by a small multiple ([`WORST_PIXEL`]); `tests/promise.rs`
+//! holds it on every fixture and data set. Bounds are of kernels, so each share says what many
+//! kernels make of one kernel's error:
+//!
+//! - Cut-off ([`CUTOFF_SHARE`]): what the edges of overlapping kernels leave out adds up, since it has one
+//!   sign where a pixel sees tails alone; two to five times one kernel's share was measured.
+//! - Affine footprints ([`AFFINE_SHARE`]): neighbours err alike, relative to their own depth, so that the error
+//!   of the sum is that of one; half of the bound was measured.
+//! - Filters that leave something out ([`FILTER_SHARE`]): as affine footprints, of which they are a kind; a
+//!   block may have both.
+//! - Merging ([`MERGE_SHARE`]): moves mass about within a cluster, to either side alike, so that the
+//!   errors of many add up as their root; of a cluster by itself all of it is seen.
+//! - Giving a tile up ([`TERMINATION_SHARE`](crate::constants::TERMINATION_SHARE)): once per pixel.
+//!
+//! Worst cases rarely meet in a pixel, so the shares need not add up to 1.
+
+/// Of the cut-off at the edge of a kernel.
+pub const CUTOFF_SHARE: f32 = 0.25;
+
+/// Of the affine footprint.
+pub const AFFINE_SHARE: f32 = 0.5;
+
+/// Of a footprint without low-pass filter, of the low-pass filter alone, of a round one.
+pub const FILTER_SHARE: f32 = 0.25;
+
+/// Of drawing a cluster as one particle.
+pub const MERGE_SHARE: f32 = 0.5;
+
+/// No pixel errs by more than so many tolerances.
+pub const WORST_PIXEL: f32 = 4.0;
+
+/// A cluster errs by this times the norm of its third central moments at most, as a share of its
+/// peak, in units of the standard deviation that its members share: the third derivative of a
+/// Gaussian over 3! has norm .284 at most.
+pub const MERGE_THIRD: f32 = 0.284;
+
+/// By this times the norm of its fourth cumulants: 3/4! = .125 along an axis; .2 covers all
+/// directions and what higher orders add (3,000 random clusters: .84 of the sum of both at most).
+pub const MERGE_FOURTH: f32 = 0.2;
+
+/// By this times contrast and width where colours vary within a cluster: .607 is the greatest slope
+/// of a Gaussian, and what a cluster shifts to one side its neighbour shifts back.
+pub const CONTRAST_SHARE: f32 = 0.15;
+
+/// By this times contrast and the depth of a layer of clusters, because front and back of it become
+/// one colour: sqrt(3)/6 for colours that change linearly through the layer.
+pub const MIXED_SHARE: f32 = 0.289;
