@@ -12,13 +12,6 @@ override STRENGTH: u32 = STRENGTH_GIVEN;
 override COLOUR: u32 = COLOUR_CLASSIFIED;
 override IS_LATTICE: bool = false;
 
-struct TransferTable {
-    low: f32,
-    scale: f32,
-    // Red, green, blue, extinction.
-    entries: array<vec4<f32>>,
-}
-
 @group(0) @binding(0) var<uniform> bricks: BrickUniform;
 @group(0) @binding(1) var<storage, read_write> state: PartState;
 @group(0) @binding(2) var<storage, read_write> views: array<BlockView>;
@@ -41,19 +34,6 @@ struct Visit {
     // 0 where there is none.
     mass: f32,
     class_of_value: vec4<f32>,
-}
-
-// Linear red, green, blue and the extinction [1/length] of a value.
-//
-// Values outside the range, infinities included, take its ends; NaN is transparent.
-fn classify(value: f32) -> vec4<f32> {
-    if is_nan(value) {
-        return vec4<f32>(0.0);
-    }
-    let p = table_position(value, transfer.low, transfer.scale);
-    let a = transfer.entries[p.entry];
-    let b = transfer.entries[p.entry + 1u];
-    return a + (b - a) * p.fraction;
 }
 
 // Value i, widened.

@@ -15,13 +15,6 @@ struct CullGroup {
     farthest: vec2<u32>,
 }
 
-struct TransferMaxima {
-    low: f32,
-    scale: f32,
-    // Row p: the greatest extinction of entries i .. i + 2^p.
-    rows: array<f32>,
-}
-
 @group(0) @binding(0) var<storage, read_write> frame: FrameState;
 @group(0) @binding(1) var<storage, read_write> groups_seen: array<CullGroup>;
 @group(0) @binding(1) var<storage, read_write> view: ViewUniform;
@@ -31,7 +24,7 @@ struct TransferMaxima {
 @group(0) @binding(3) var<storage, read_write> arguments: array<u32>;
 // Each block's number among those of its workgroup that are kept.
 @group(0) @binding(4) var<storage, read_write> places: array<u32>;
-@group(0) @binding(5) var<storage, read> transfer: TransferMaxima;
+@group(0) @binding(5) var<storage, read> maxima: TransferMaxima;
 @group(0) @binding(5) var<storage, read_write> views: array<BlockView>;
 
 // Whether masses are classified, so that blocks may be transparent.
@@ -77,11 +70,6 @@ fn frustum_sees(centre: array<vec2<u32>, 3>, half_extent: array<f32, 3>, max_sig
     return sees;
 }
 
-// Where row p of the maxima begins: row q has CLASSIFICATION_TABLE_LEN + 1 - 2^q entries.
-fn maxima_row(p: u32) -> u32 {
-    return p * (CLASSIFICATION_TABLE_LEN + 1u) + 1u - (1u << p);
-}
-
 // Whether the transfer function leaves nothing of a block's value range.
 fn is_transparent(range: array<f32, 2>) -> bool {
     let lo = range[0];
@@ -90,12 +78,8 @@ fn is_transparent(range: array<f32, 2>) -> bool {
     if !is_finite(lo) || !is_finite(hi) || lo > hi {
         return true;
     }
-    let first = table_position(lo, transfer.low, transfer.scale).entry;
-    let last = table_position(hi, transfer.low, transfer.scale).entry + 1u;
-    let level = firstLeadingBit(last - first + 1u);
-    let row = maxima_row(level);
-    return !is_positive(transfer.rows[row + first])
-        && !is_positive(transfer.rows[row + last + 1u - (1u << level)]);
+    let entries = maxima_entries(lo, hi);
+    return !is_positive(greatest_entry(0u, entries.x, entries.y));
 }
 
 // Distance of a block's origin, as depth keys measure it.

@@ -9,12 +9,22 @@ struct TablePosition {
     fraction: f32,
 }
 
-// Of a value that is not NaN, in a table that begins at `low` with `scale` entries per unit.
-fn table_position(value: f32, low: f32, scale: f32) -> TablePosition {
+// The place of a value that is not NaN, in entries, in a table that begins at `low` with `scale`
+// entries per unit; it may lie beyond the table, and be infinite.
+fn table_place(value: f32, low: f32, scale: f32) -> f32 {
     // Infinities and what may overflow: the table's range ends at a quarter of the greatest number.
     const GREATEST: f32 = 1.7014117e38;
-    let difference = clamp(value, -GREATEST, GREATEST) - low;
-    let x = clamp(difference * scale, 0.0, f32(TABLE_LAST));
+    return (clamp(value, -GREATEST, GREATEST) - low) * scale;
+}
+
+// Of a place in the table.
+fn table_segment(place: f32) -> TablePosition {
+    let x = clamp(place, 0.0, f32(TABLE_LAST));
     let entry = min(u32(x), TABLE_LAST - 1u);
     return TablePosition(entry, x - f32(entry));
+}
+
+// Of a value that is not NaN.
+fn table_position(value: f32, low: f32, scale: f32) -> TablePosition {
+    return table_segment(table_place(value, low, scale));
 }

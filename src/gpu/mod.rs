@@ -22,6 +22,7 @@
 //! | `frame.rs` | the stages one after the other; how much room they have |
 //! | `radix.rs`, `scan.rs` | a stable sort of pairs and prefix sums, which several stages need |
 //! | `f64.rs` | double precision in integers, for its test |
+//! | `merged.rs` | numbers that merged particles need, for their test |
 //! | `device.rs` | adapters, limits, errors of the device |
 //! | `kernel.rs` | a compute pipeline and the buffers bound to it |
 //! | `memory.rs` | buffers: up, down, and how much fits |
@@ -44,6 +45,7 @@ mod frame;
 mod gather;
 mod kernel;
 mod memory;
+mod merged;
 mod particles;
 mod project;
 mod radix;
@@ -64,6 +66,7 @@ pub use cull::{CullOutput, camera_uniform, cull};
 pub use device::{AdapterChoice, Gpu};
 pub use f64::{F64Results, f64_operations};
 pub use frame::{DeviceScene, FrameInput};
+pub use merged::{MergedNumbers, merged_numbers};
 pub use project::{Projected, project};
 pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;

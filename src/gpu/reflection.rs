@@ -120,9 +120,8 @@ fn structs_are_laid_out_alike() {
         dims,
         bricks,
         first_brick,
-        is_rectilinear,
-        kernel_width,
-        step,
+        has_axes,
+        basis,
         factor,
     });
     check_layout!(BlockView {
@@ -131,6 +130,7 @@ fn structs_are_laid_out_alike() {
         first,
         count,
         key,
+        filter_kind,
     });
     check_layout!(ClassifiedParticle {
         view,

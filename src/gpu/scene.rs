@@ -17,7 +17,7 @@ use crate::layout::{
     PartState, ViewUniform,
 };
 use crate::math::harmonics_count;
-use crate::scene::{Colour, Strength, TransferFunction, Values};
+use crate::scene::{Colour, Strength, TransferFunction, Values, Weighting};
 
 /// The type of a part's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -122,6 +122,15 @@ impl Kinds {
         self.strength != StrengthKind::Given
     }
 
+    /// How colours of merged particles are averaged.
+    fn weighting(&self) -> Weighting {
+        if self.strength == StrengthKind::Given {
+            Weighting::Even
+        } else {
+            Weighting::Extinction
+        }
+    }
+
     /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
     /// frame in which all are visible makes of them.
     fn bytes_per_particle(&self) -> u64 {
@@ -153,9 +162,9 @@ pub(super) struct Part {
     pub(super) values: wgpu::Buffer,
     pub(super) strengths: wgpu::Buffer,
     pub(super) colours: wgpu::Buffer,
-    /// The transfer function's table, all parts of a volume the same.
+    /// The transfer function's table and its averages, all parts of a volume the same.
     pub(super) table: wgpu::Buffer,
-    /// Its greatest extinctions, likewise.
+    /// Its greatest extinctions and slopes, likewise.
     pub(super) maxima: wgpu::Buffer,
 }
 
@@ -195,8 +204,11 @@ impl Scene {
         // The parts of a volume share their tables.
         let part = self.parts.iter().find(|p| p.volume == volume);
         if let Some(part) = part.filter(|p| p.kinds.values != ValueKind::None) {
-            gpu.write(&part.table, bytemuck::cast_slice(&packed_table(transfer)));
-            gpu.write(&part.maxima, bytemuck::cast_slice(&packed_maxima(transfer)));
+            let weighting = part.kinds.weighting();
+            let table = packed_table(transfer, weighting);
+            let maxima = packed_maxima(transfer, weighting);
+            gpu.write(&part.table, bytemuck::cast_slice(&table));
+            gpu.write(&part.maxima, bytemuck::cast_slice(&maxima));
         }
     }
 }
@@ -222,8 +234,14 @@ fn upload(
     let nothing = gpu.buffer("nothing", 0)?;
     let (table, maxima) = match &volume.transfer_function {
         Some(transfer) if kinds.values != ValueKind::None => (
-            gpu.upload("transfer function", &packed_table(transfer))?,
-            gpu.upload("transfer function's maxima", &packed_maxima(transfer))?,
+            gpu.upload(
+                "transfer function",
+                &packed_table(transfer, kinds.weighting()),
+            )?,
+            gpu.upload(
+                "transfer function's maxima",
+                &packed_maxima(transfer, kinds.weighting()),
+            )?,
         ),
         _ => (nothing.clone(), nothing.clone()),
     };
@@ -363,17 +381,27 @@ fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     })
 }
 
-/// Where the table begins, entries per unit, and the entries.
-fn packed_table(transfer: &TransferFunction) -> Vec<[f32; 4]> {
-    let mut packed = vec![[transfer.range()[0], transfer.scale(), 0.0, 0.0]];
-    packed.extend_from_slice(transfer.table());
+/// Where the table begins, entries per unit, units of the integrals; the entries; the integrals.
+pub(super) fn packed_table(transfer: &TransferFunction, weighting: Weighting) -> Vec<[u32; 4]> {
+    let averages = transfer.averages(weighting);
+    let (integrals, [colour_unit, extinction_unit]) = averages.integrals();
+    let header = [
+        transfer.range()[0],
+        transfer.scale(),
+        colour_unit,
+        extinction_unit,
+    ];
+    let mut packed = vec![header.map(f32::to_bits)];
+    packed.extend(transfer.table().iter().map(|entry| entry.map(f32::to_bits)));
+    packed.extend(integrals.iter().map(|sum| sum.map(i32::cast_unsigned)));
     packed
 }
 
-/// Where the table begins, entries per unit, and the rows of the maxima.
-fn packed_maxima(transfer: &TransferFunction) -> Vec<f32> {
+/// Where the table begins, entries per unit, the rows of the maxima and those of the slopes.
+pub(super) fn packed_maxima(transfer: &TransferFunction, weighting: Weighting) -> Vec<f32> {
     let mut packed = vec![transfer.range()[0], transfer.scale()];
     packed.extend(transfer.maxima().iter().flatten());
+    packed.extend(transfer.slopes(weighting).maxima().iter().flatten());
     packed
 }
 

@@ -13,8 +13,11 @@ use crate::constants::{
     TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
-use crate::math::{ERFC_SERIES, HARMONIC_0, HARMONIC_1, HARMONICS_2, HARMONICS_3};
-use crate::scene::CLASSIFICATION_TABLE_LEN;
+use crate::math::{
+    E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
+    HARMONIC_1, HARMONICS_2, HARMONICS_3,
+};
+use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES};
 use crate::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2};
 
 /// A shader's name and the files it is composed of.
@@ -40,6 +43,7 @@ impl Shader {
     pub const ALL: &'static [Self] = &[
         LAYOUT,
         F64,
+        MERGED,
         SCAN,
         CULL,
         CLASSIFY,
@@ -87,6 +91,8 @@ pub(super) const RESOLVE: Shader = Shader {
 const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.wgsl");
 
 const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
+const AVERAGES: &str = include_str!("../../shaders/shared/averages.wgsl");
+const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl");
 
 const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
 
@@ -186,6 +192,21 @@ pub(super) const F64: Shader = Shader {
     ],
 };
 
+/// Functions of numbers that merged particles need, for their test.
+pub(super) const MERGED: Shader = Shader {
+    name: "merged",
+    parts: &[
+        DISPATCH,
+        STRUCTS,
+        EXPONENTIAL,
+        TRANSFER,
+        AVERAGES,
+        MAXIMA,
+        include_str!("../../shaders/shared/ein.wgsl"),
+        include_str!("../../shaders/merged.wgsl"),
+    ],
+};
+
 /// Which blocks a frame sees.
 pub(super) const CULL: Shader = Shader {
     name: "cull",
@@ -195,6 +216,7 @@ pub(super) const CULL: Shader = Shader {
         STRUCTS,
         F64_ARITHMETIC,
         TRANSFER,
+        MAXIMA,
         include_str!("../../shaders/cull.wgsl"),
     ],
 };
@@ -207,6 +229,7 @@ pub(super) const CLASSIFY: Shader = Shader {
         SCAN_THREADS,
         STRUCTS,
         TRANSFER,
+        AVERAGES,
         include_str!("../../shaders/classify.wgsl"),
     ],
 };
@@ -238,6 +261,7 @@ pub fn prelude() -> String {
         ("RADIX_BITS", radix::BITS),
         ("RADIX_GROUP", radix::GROUP as u32),
         ("CLASSIFICATION_TABLE_LEN", CLASSIFICATION_TABLE_LEN as u32),
+        ("TABLE_LEVELS", CLASSIFICATION_TABLE_LEN.ilog2() + 1),
         ("VALUES_NONE", ValueKind::None as u32),
         ("VALUES_U8", ValueKind::U8 as u32),
         ("VALUES_U16", ValueKind::U16 as u32),
@@ -276,6 +300,9 @@ pub fn prelude() -> String {
         ("SPLAT_LOW_PASS_PX2", SPLAT_LOW_PASS_PX2),
         ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
         ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),
+        ("FAR_ENTRIES", FAR_ENTRIES),
+        ("EIN_SPLIT", EIN_SPLIT),
+        ("EULER", EULER),
         ("TAU", std::f32::consts::TAU),
         ("HARMONIC_0", HARMONIC_0),
         ("HARMONIC_1", HARMONIC_1),
@@ -286,6 +313,9 @@ pub fn prelude() -> String {
     let lists = [
         ("EXP2_SERIES", EXP2_SERIES.as_slice()),
         ("ERFC_SERIES", ERFC_SERIES.as_slice()),
+        ("EIN_SERIES", EIN_SERIES.as_slice()),
+        ("E1_NUMERATOR", E1_NUMERATOR.as_slice()),
+        ("E1_DENOMINATOR", E1_DENOMINATOR.as_slice()),
         ("HARMONICS_2", HARMONICS_2.as_slice()),
         ("HARMONICS_3", HARMONICS_3.as_slice()),
     ];

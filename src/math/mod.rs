@@ -1,11 +1,15 @@
 //! Small mathematics that the rest stands on: factors of variances,
 //! spherical harmonics and special functions.
 
+mod ein;
 mod factor;
 mod harmonics;
 mod normal;
 mod variance;
 
+#[cfg(feature = "gpu")]
+pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, EULER};
+pub use ein::{ein, ein_share};
 pub use factor::Factor;
 pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count, harmonics_sum};
 #[cfg(feature = "gpu")]

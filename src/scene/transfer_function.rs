@@ -1,11 +1,17 @@
 //! From a value to a colour and an extinction.
 
 mod automatic;
+mod averages;
 mod colour_maps;
 mod file;
+mod maxima;
 
+#[cfg(feature = "gpu")]
+pub(crate) use averages::FAR_ENTRIES;
+pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
 
+use self::maxima::Maxima;
 use crate::error::{Error, Result};
 
 /// Entries of a transfer function's table. At 4096 a byte or a 12-bit value has an entry (or
@@ -34,8 +40,8 @@ pub struct TransferFunction {
     scale: f32,
     unit_distance: f64,
     table: Vec<[f32; 4]>,
-    /// `maxima[p][i]`: the greatest extinction of entries i .. i + 2^p (a sparse table).
-    maxima: Vec<Vec<f32>>,
+    /// Of the extinctions.
+    maxima: Maxima,
 }
 
 /// What a transfer function takes from the data where its source does not say.
@@ -140,16 +146,7 @@ impl TransferFunction {
             reason = "rounding to f32; the widened range keeps it finite"
         )]
         let scale = ((CLASSIFICATION_TABLE_LEN - 1) as f64 / span) as f32;
-        let mut maxima = vec![table.iter().map(|e| e[3]).collect::<Vec<f32>>()];
-        let mut run = 1;
-        while 2 * run <= table.len() {
-            let shorter = &maxima[maxima.len() - 1];
-            let longer = (0..=table.len() - 2 * run)
-                .map(|i| shorter[i].max(shorter[i + run]))
-                .collect();
-            maxima.push(longer);
-            run *= 2;
-        }
+        let maxima = Maxima::new(table.iter().map(|e| e[3]).collect());
         Self {
             range,
             scale,
@@ -179,16 +176,8 @@ impl TransferFunction {
 
     /// The entry below a value, at most the last but one, and the fraction to the next.
     #[inline]
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped to the table's indices"
-    )]
     fn position(&self, value: f32) -> (usize, f32) {
-        const LAST: f32 = (CLASSIFICATION_TABLE_LEN - 1) as f32;
-        let x = ((value - self.range[0]) * self.scale).clamp(0.0, LAST);
-        let i = (x as usize).min(CLASSIFICATION_TABLE_LEN - 2);
-        (i, x - i as f32)
+        table_segment((value - self.range[0]) * self.scale)
     }
 
     /// A bound on the extinction \[1/length\] of every value in `lo..=hi`, in constant time.
@@ -199,15 +188,8 @@ impl TransferFunction {
     pub fn max_extinction(&self, lo: f32, hi: f32) -> f32 {
         // Interpolation rounds: a + (b - a) s may pass the greater of a and b by an ulp or two.
         const ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
-        let (first, last) = if lo.is_nan() || hi.is_nan() {
-            (0, CLASSIFICATION_TABLE_LEN - 1)
-        } else {
-            let (lo, hi) = if lo <= hi { (lo, hi) } else { (hi, lo) };
-            (self.position(lo).0, self.position(hi).0 + 1)
-        };
-        let level = (last - first + 1).ilog2() as usize;
-        let row = &self.maxima[level];
-        row[first].max(row[last + 1 - (1 << level)]) * ROUNDING
+        let (first, last) = entries(self.range[0], self.scale, lo, hi);
+        self.maxima.greatest(first, last) * ROUNDING
     }
 
     /// The least and the greatest value of the table.
@@ -230,7 +212,7 @@ impl TransferFunction {
     /// Row p, entry i: the greatest extinction \[1/length\] of entries i .. i + 2^p.
     #[cfg(feature = "gpu")]
     pub(crate) fn maxima(&self) -> &[Vec<f32>] {
-        &self.maxima
+        self.maxima.rows()
     }
 
     /// The length \[world units\] over which its opacities were stated.
@@ -251,6 +233,33 @@ impl TransferFunction {
         }
         Ok(Self::from_table(table, self.range, unit_distance))
     }
+}
+
+/// The last entry's place in the table.
+const LAST: f32 = (CLASSIFICATION_TABLE_LEN - 1) as f32;
+
+/// The entry below a place in the table, at most the last but one, and the fraction to the next.
+#[inline]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to the table's indices"
+)]
+fn table_segment(x: f32) -> (usize, f32) {
+    let x = x.clamp(0.0, LAST);
+    let i = (x as usize).min(CLASSIFICATION_TABLE_LEN - 2);
+    (i, x - i as f32)
+}
+
+/// The first and the last entry that values in `lo..=hi` are interpolated from, two at least, in a
+/// table that begins at `low` with `scale` entries per unit; of all values where an end is NaN.
+fn entries(low: f32, scale: f32, lo: f32, hi: f32) -> (usize, usize) {
+    if lo.is_nan() || hi.is_nan() {
+        return (0, CLASSIFICATION_TABLE_LEN - 1);
+    }
+    let (lo, hi) = if lo <= hi { (lo, hi) } else { (hi, lo) };
+    let entry = |value: f32| table_segment((value - low) * scale).0;
+    (entry(lo), entry(hi) + 1)
 }
 
 /// -ln(1 - opacity) / unit_distance \[1/length\]; NaN opacity gives 0.

@@ -1,0 +1,40 @@
+// The greatest extinctions and slopes of a transfer function's runs. The stage declares `maxima`.
+// Twins: src/scene/transfer_function/maxima.rs, src/scene/transfer_function/averages.rs.
+
+struct TransferMaxima {
+    low: f32,
+    scale: f32,
+    // Row p: the greatest extinction of entries i .. i + 2^p. After the last row the same of the
+    // slopes, entry i that from entry i to the next.
+    rows: array<f32>,
+}
+
+// Where row p begins: row q has CLASSIFICATION_TABLE_LEN + 1 - 2^q entries.
+fn maxima_row(p: u32) -> u32 {
+    return p * (CLASSIFICATION_TABLE_LEN + 1u) + 1u - (1u << p);
+}
+
+// The first and the last entry that values from `lo` to `hi`, finite, are interpolated from.
+fn maxima_entries(lo: f32, hi: f32) -> vec2<u32> {
+    let first = table_position(lo, maxima.low, maxima.scale).entry;
+    let last = table_position(hi, maxima.low, maxima.scale).entry + 1u;
+    return vec2<u32>(first, last);
+}
+
+// The greatest of entries `first` to `last`, none of them negative, in the rows from `start` on.
+fn greatest_entry(start: u32, first: u32, last: u32) -> f32 {
+    let level = firstLeadingBit(last - first + 1u);
+    let row = start + maxima_row(level);
+    let a = bitcast<u32>(maxima.rows[row + first]);
+    let b = bitcast<u32>(maxima.rows[row + last + 1u - (1u << level)]);
+    return bitcast<f32>(max(a, b));
+}
+
+// A bound on how fast, per unit of value, what is averaged changes between the values lo <= hi.
+fn max_slope(lo: f32, hi: f32) -> f32 {
+    var entries = vec2<u32>(0u, TABLE_LAST);
+    if !is_nan(lo) && !is_nan(hi) {
+        entries = maxima_entries(lo, hi);
+    }
+    return greatest_entry(maxima_row(TABLE_LEVELS), entries.x, entries.y - 1u);
+}

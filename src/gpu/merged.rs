@@ -1,0 +1,52 @@
+//! What merged particles need of numbers, for its test alone: stages use
+//! `shaders/shared/averages.wgsl`, `maxima.wgsl` and `ein.wgsl`.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::device::Gpu;
+use super::kernel::{Access, THREADS};
+use super::scene::{packed_maxima, packed_table};
+use super::shaders;
+use crate::error::Result;
+use crate::scene::{TransferFunction, Weighting};
+
+/// What the device makes of a pair (a, b).
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct MergedNumbers {
+    /// [`Averages::classify_spread`](crate::scene::Averages::classify_spread) of a and b.
+    pub average: [f32; 4],
+    /// [`Slopes::max_slope`](crate::scene::Slopes::max_slope) from a to a + |b|.
+    pub slope: f32,
+    /// [`ein`](crate::math::ein) of |b|.
+    pub ein: f32,
+    /// [`ein_share`](crate::math::ein_share) of |b|.
+    pub ein_share: f32,
+}
+
+/// The functions of numbers that merged particles need, at many pairs.
+///
+/// # Errors
+/// No memory, or a lost device.
+pub fn merged_numbers(
+    gpu: &Gpu,
+    transfer: &TransferFunction,
+    weighting: Weighting,
+    pairs: &[[f32; 2]],
+) -> Result<Vec<MergedNumbers>> {
+    let table = gpu.upload("transfer function", &packed_table(transfer, weighting))?;
+    let maxima = gpu.upload("maxima", &packed_maxima(transfer, weighting))?;
+    let input = gpu.upload("pairs", pairs)?;
+    let bytes = size_of::<MergedNumbers>() as u64 * pairs.len() as u64;
+    let output = gpu.buffer("results", bytes)?;
+    let is_even = f64::from(u8::from(weighting == Weighting::Even));
+    let kernel = gpu.kernel(
+        &shaders::MERGED,
+        "merged_numbers",
+        &[Access::Read, Access::Read, Access::Read, Access::Write],
+        &[("IS_EVEN", is_even)],
+    );
+    let bound = kernel.bind(gpu, &[&table, &maxima, &input, &output]);
+    gpu.run(|pass| bound.dispatch(pass, (pairs.len() as u32).div_ceil(THREADS)));
+    gpu.read(&output, pairs.len())
+}
