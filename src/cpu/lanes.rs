@@ -280,7 +280,18 @@ fn rows<
     let (tau_peak, cutoff, depth) = (footprint.tau, footprint.cutoff_squared, footprint.depth);
     let dx_first = patch.first_px[0] - footprint.centre_px[0];
     let dy_first = patch.first_px[1] - footprint.centre_px[1];
-    let chunks = patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1;
+    // A row of one vector is no loop.
+    let chunks = if LANES == TILE_SIZE {
+        0..1
+    } else {
+        patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1
+    };
+    let (alphas, _) = tile.alpha.as_chunks_mut::<LANES>();
+    let (reds, _) = tile.red.as_chunks_mut::<LANES>();
+    let (greens, _) = tile.green.as_chunks_mut::<LANES>();
+    let (blues, _) = tile.blue.as_chunks_mut::<LANES>();
+    let (depths, _) = tile.depth.as_chunks_mut::<LANES>();
+    let (rays, _) = tile.ray_length.as_chunks::<LANES>();
     // Vectors reach beyond the image's right border; there nothing is within the cut-off.
     let mut limits = [cutoff; TILE_SIZE];
     for limit in limits.iter_mut().skip(patch.width) {
@@ -294,26 +305,18 @@ fn rows<
         let w_row = madd::<FMA>(dy, madd::<FMA>(dy, hyy, gy), 1.0);
         let w_slope = madd::<FMA>(dy, hxy, gx);
         for chunk in chunks.clone() {
-            let start = y * TILE_SIZE + chunk * LANES;
-            let Some(a_row) = tile.alpha[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(r_out) = tile.red[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(g_out) = tile.green[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(b_out) = tile.blue[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(z_out) = tile.depth[start..].first_chunk_mut::<LANES>() else {
+            let at = y * (TILE_SIZE / LANES) + chunk;
+            let (Some(a_row), Some(r_out), Some(g_out), Some(b_out), Some(z_out), Some(ray)) = (
+                alphas.get_mut(at),
+                reds.get_mut(at),
+                greens.get_mut(at),
+                blues.get_mut(at),
+                depths.get_mut(at),
+                rays.get(at),
+            ) else {
                 continue;
             };
             let Some(limit) = limits[chunk * LANES..].first_chunk::<LANES>() else {
-                continue;
-            };
-            let Some(ray) = tile.ray_length[start..].first_chunk::<LANES>() else {
                 continue;
             };
             let dx_chunk = dx_first + (chunk * LANES) as f32;
