@@ -5,7 +5,7 @@
 //! with AVX-512, eight with AVX2, four at the baseline. `tests/simd_levels.rs` holds the
 //! same mathematics in its plainest form.
 
-use crate::constants::{EXP2_SERIES, FAINT, TILE_PIXELS, TILE_SIZE};
+use crate::constants::{EXP2_SERIES, FAINT, MAX_CUTOFF, TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint};
 
 /// Instruction sets that the inner loop is compiled for.
@@ -250,15 +250,44 @@ fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPT
     patch: Patch,
 ) -> u32 {
     if mode.linear {
-        rows::<FMA, LANES, EXACT, DEPTH, LINEAR>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, DEPTH, LINEAR>(tile, footprint, terms, patch)
     } else if !EXACT && footprint.tau <= FAINT {
-        rows::<FMA, LANES, EXACT, DEPTH, SERIES>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, DEPTH, SERIES>(tile, footprint, terms, patch)
     } else {
-        rows::<FMA, LANES, EXACT, DEPTH, EXPONENTIAL>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, DEPTH, EXPONENTIAL>(tile, footprint, terms, patch)
     }
 }
 
+#[inline(always)]
+fn by_shape<
+    const FMA: bool,
+    const LANES: usize,
+    const EXACT: bool,
+    const DEPTH: bool,
+    const OPACITY: u8,
+>(
+    tile: &mut Tile,
+    footprint: &Footprint,
+    terms: &ExactTerms,
+    patch: Patch,
+) -> u32 {
+    if !EXACT && is_aligned(footprint) {
+        rows::<FMA, LANES, EXACT, DEPTH, OPACITY, true>(tile, footprint, terms, patch)
+    } else {
+        rows::<FMA, LANES, EXACT, DEPTH, OPACITY, false>(tile, footprint, terms, patch)
+    }
+}
+
+/// Whether the axes of an affine footprint are the image's: each row of its form has one number.
+fn is_aligned(footprint: &Footprint) -> bool {
+    let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+    (py == 0.0 && rx == 0.0) || (px == 0.0 && ry == 0.0)
+}
+
 /// The loop: rows of the patch, chunks of `LANES` pixels of each row.
+///
+/// `ALIGNED`: exp(-Q/2) is a factor of the column times one of the row, an exponential less for
+/// each pixel. Q itself is the same, and so are the pixels within the cut-off.
 #[inline(always)]
 fn rows<
     const FMA: bool,
@@ -266,6 +295,7 @@ fn rows<
     const EXACT: bool,
     const DEPTH: bool,
     const OPACITY: u8,
+    const ALIGNED: bool,
 >(
     tile: &mut Tile,
     footprint: &Footprint,
@@ -297,6 +327,15 @@ fn rows<
     for limit in limits.iter_mut().skip(patch.width) {
         *limit = -1.0;
     }
+    let (mut of_columns, mut of_rows) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);
+    if ALIGNED {
+        // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+        let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
+        for (i, (column, row)) in of_columns.iter_mut().zip(&mut of_rows).enumerate() {
+            *column = factor((px + rx) * (dx_first + i as f32));
+            *row = tau_peak * factor((py + ry) * (dy_first + i as f32));
+        }
+    }
     let mut inside = [0_u32; LANES];
     for y in patch.rows[0]..patch.rows[1] {
         let dy = dy_first + y as f32;
@@ -314,6 +353,9 @@ fn rows<
                 depths.get_mut(at),
                 rays.get(at),
             ) else {
+                continue;
+            };
+            let Some(of_column) = of_columns[chunk * LANES..].first_chunk::<LANES>() else {
                 continue;
             };
             let Some(limit) = limits[chunk * LANES..].first_chunk::<LANES>() else {
@@ -336,7 +378,11 @@ fn rows<
                 }
                 // NaN compares false, here and above: outside.
                 is_inside &= q <= limit[lane];
-                let tau = tau * exp_minus_half::<FMA>(q);
+                let tau = if ALIGNED {
+                    of_rows[y] * of_column[lane]
+                } else {
+                    tau * exp_minus_half::<FMA>(q)
+                };
                 let tau = if is_inside { tau } else { 0.0 };
                 let opacity = match OPACITY {
                     LINEAR => tau.min(1.0),
