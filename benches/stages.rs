@@ -141,6 +141,7 @@ fn stages(c: &mut Criterion) {
         let raster = RasteriseSettings {
             linear_opacity: false,
             depth: false,
+            count: false,
             exact: frame.any_exact,
             level: frame.settings.simd,
         };

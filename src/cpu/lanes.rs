@@ -101,6 +101,8 @@ pub(super) struct Mode {
     pub(super) linear: bool,
     /// Whether depths are wanted.
     pub(super) depth: bool,
+    /// Whether pixels count kernels instead of showing them.
+    pub(super) count: bool,
 }
 
 /// Where a footprint meets a tile.
@@ -181,13 +183,34 @@ fn dispatch<const FMA: bool, const LANES: usize>(
 ) -> u32 {
     let none = ExactTerms::default();
     let terms = exact.unwrap_or(&none);
-    match (exact.is_some(), mode.depth) {
-        (false, false) => {
-            by_opacity::<FMA, LANES, false, false>(mode, tile, footprint, terms, patch)
-        }
-        (false, true) => by_opacity::<FMA, LANES, false, true>(mode, tile, footprint, terms, patch),
-        (true, false) => by_opacity::<FMA, LANES, true, false>(mode, tile, footprint, terms, patch),
-        (true, true) => by_opacity::<FMA, LANES, true, true>(mode, tile, footprint, terms, patch),
+    if exact.is_some() {
+        by_output::<FMA, LANES, true>(mode, tile, footprint, terms, patch)
+    } else {
+        by_output::<FMA, LANES, false>(mode, tile, footprint, terms, patch)
+    }
+}
+
+/// What the loop writes besides opacities.
+const COLOUR: u8 = 0;
+/// Colours and depths.
+const DEPTH: u8 = 1;
+/// The number of kernels in place of the colour, and depths, wanted or not.
+const COUNT: u8 = 2;
+
+#[inline(always)]
+fn by_output<const FMA: bool, const LANES: usize, const EXACT: bool>(
+    mode: Mode,
+    tile: &mut Tile,
+    footprint: &Footprint,
+    terms: &ExactTerms,
+    patch: Patch,
+) -> u32 {
+    if mode.count {
+        by_opacity::<FMA, LANES, EXACT, COUNT>(mode, tile, footprint, terms, patch)
+    } else if mode.depth {
+        by_opacity::<FMA, LANES, EXACT, DEPTH>(mode, tile, footprint, terms, patch)
+    } else {
+        by_opacity::<FMA, LANES, EXACT, COLOUR>(mode, tile, footprint, terms, patch)
     }
 }
 
@@ -242,7 +265,7 @@ const SERIES: u8 = 1;
 const LINEAR: u8 = 2;
 
 #[inline(always)]
-fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPTH: bool>(
+fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const OUTPUT: u8>(
     mode: Mode,
     tile: &mut Tile,
     footprint: &Footprint,
@@ -250,11 +273,11 @@ fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPT
     patch: Patch,
 ) -> u32 {
     if mode.linear {
-        by_shape::<FMA, LANES, EXACT, DEPTH, LINEAR>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, LINEAR>(tile, footprint, terms, patch)
     } else if !EXACT && footprint.tau <= FAINT {
-        by_shape::<FMA, LANES, EXACT, DEPTH, SERIES>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, SERIES>(tile, footprint, terms, patch)
     } else {
-        by_shape::<FMA, LANES, EXACT, DEPTH, EXPONENTIAL>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, EXPONENTIAL>(tile, footprint, terms, patch)
     }
 }
 
@@ -263,7 +286,7 @@ fn by_shape<
     const FMA: bool,
     const LANES: usize,
     const EXACT: bool,
-    const DEPTH: bool,
+    const OUTPUT: u8,
     const OPACITY: u8,
 >(
     tile: &mut Tile,
@@ -272,9 +295,9 @@ fn by_shape<
     patch: Patch,
 ) -> u32 {
     if !EXACT && is_aligned(footprint) {
-        rows::<FMA, LANES, EXACT, DEPTH, OPACITY, true>(tile, footprint, terms, patch)
+        rows::<FMA, LANES, EXACT, OUTPUT, OPACITY, true>(tile, footprint, terms, patch)
     } else {
-        rows::<FMA, LANES, EXACT, DEPTH, OPACITY, false>(tile, footprint, terms, patch)
+        rows::<FMA, LANES, EXACT, OUTPUT, OPACITY, false>(tile, footprint, terms, patch)
     }
 }
 
@@ -293,7 +316,7 @@ fn rows<
     const FMA: bool,
     const LANES: usize,
     const EXACT: bool,
-    const DEPTH: bool,
+    const OUTPUT: u8,
     const OPACITY: u8,
     const ALIGNED: bool,
 >(
@@ -304,7 +327,11 @@ fn rows<
 ) -> u32 {
     let [px, py] = footprint.form_p;
     let [rx, ry] = footprint.form_r;
-    let [red, green, blue] = footprint.colour;
+    let [red, green, blue] = if OUTPUT == COUNT {
+        [1.0; 3]
+    } else {
+        footprint.colour
+    };
     let [gx, gy] = terms.gradient;
     let [hxx, hxy, hyy] = terms.hessian;
     let (tau_peak, cutoff, depth) = (footprint.tau, footprint.cutoff_squared, footprint.depth);
@@ -393,10 +420,14 @@ fn rows<
                 let weight = opacity * (1.0 - before);
                 let after = before + weight;
                 a_row[lane] = after;
-                r_out[lane] = madd::<FMA>(weight, red, r_out[lane]);
-                g_out[lane] = madd::<FMA>(weight, green, g_out[lane]);
-                b_out[lane] = madd::<FMA>(weight, blue, b_out[lane]);
-                if DEPTH {
+                let share = match OUTPUT {
+                    COUNT => f32::from(u8::from(is_inside)),
+                    _ => weight,
+                };
+                r_out[lane] = madd::<FMA>(share, red, r_out[lane]);
+                g_out[lane] = madd::<FMA>(share, green, g_out[lane]);
+                b_out[lane] = madd::<FMA>(share, blue, b_out[lane]);
+                if OUTPUT != COLOUR {
                     let passes = before < 0.5 && after >= 0.5;
                     z_out[lane] = if passes { depth } else { z_out[lane] };
                 }
