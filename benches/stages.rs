@@ -105,12 +105,13 @@ fn stages(c: &mut Criterion) {
     });
 
     group.bench_function("project, affine", |b| b.iter(|| frame.project()));
-    let mut exact = Frame::new(scene, &camera, &settings(Filter::Exact));
+    let mut exact = Frame::new(scene.clone(), &camera, &settings(Filter::Exact));
     group.bench_function("project, exact", |b| b.iter(|| exact.project()));
     exact.uniform.filter_kind = Filter::Adaptive as u32;
     group.bench_function("project, adaptive", |b| b.iter(|| exact.project()));
     exact.uniform.filter_kind = Filter::Exact as u32;
     exact.project();
+    let round = Frame::new(scene, &camera, &settings(Filter::Isotropic));
 
     let mut order = Vec::new();
     group.throughput(Throughput::Elements(frame.order.len() as u64));
@@ -135,11 +136,12 @@ fn stages(c: &mut Criterion) {
     }
 
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
-    for (name, frame) in [("affine", &frame), ("exact", &exact)] {
+    for (name, frame) in [("affine", &frame), ("exact", &exact), ("round", &round)] {
         let bins = frame.bins();
         let raster = RasteriseSettings {
             linear_opacity: false,
             depth: false,
+            count: false,
             exact: frame.any_exact,
             level: frame.settings.simd,
         };

@@ -47,7 +47,12 @@ fn time_pictures(count: usize, width: usize, height: usize) -> ewa_splat::Result
         "splat-pixels",
         "M/core-second"
     );
-    for filter in [Filter::Ewa, Filter::Exact, Filter::Adaptive] {
+    for filter in [
+        Filter::Ewa,
+        Filter::Isotropic,
+        Filter::Exact,
+        Filter::Adaptive,
+    ] {
         for simd in SimdLevel::available() {
             let settings = Settings {
                 filter,

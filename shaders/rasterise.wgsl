@@ -22,6 +22,7 @@ struct NearList {
 override HAS_EXACT: bool = true;
 override HAS_NEAR: bool = true;
 override HAS_DEPTH: bool = false;
+override IS_COUNT: bool = false;
 override IS_LINEAR: bool = false;
 // Entries of a tile's list that one dispatch draws at most.
 override SLICE: u32 = 0xffffffffu;
@@ -250,7 +251,11 @@ fn rasterise(
             let weight = opacity * (1.0 - before);
             alpha = before + weight;
             let light = bitcast<vec4<f32>>(batch[4u * n + 2u]);
-            colour = colour + weight * light.xyz;
+            if IS_COUNT {
+                colour = colour + 1.0;
+            } else {
+                colour = colour + weight * light.xyz;
+            }
             if HAS_DEPTH && before < 0.5 && alpha >= 0.5 {
                 // Within a kernel that holds the eye, the centre may lie behind.
                 depth = light.w;

@@ -78,6 +78,17 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// What lies behind what is shown. Numbers of kernels have black there: it adds nothing to them
+    /// and makes them opaque.
+    fn shown_background(&self) -> Option<[f32; 3]> {
+        match self.show {
+            Show::Count => Some([0.0; 3]),
+            Show::Scene | Show::Choice => self.background,
+        }
+    }
+}
+
 /// What a picture shows: the scene, or how it is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
@@ -87,7 +98,9 @@ pub enum Show {
     Scene = 0,
     /// Each splat in the colour of its path or of its level of detail.
     Choice = 1,
-    /// How many kernels each pixel evaluated, in colours.
+    /// \[n, n, n, 1\] with the number n of kernels that a pixel evaluated within their cut-off; no
+    /// background. The sum over the picture is [`FrameCounts::splat_pixels`], as long as no pixel
+    /// has more than 2²⁴.
     Count = 2,
 }
 
@@ -316,7 +329,8 @@ impl Renderer {
             view: view_uniform(camera, settings, 0.0),
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
-            background: settings.background,
+            count: settings.show == Show::Count,
+            background: settings.shown_background(),
         };
         let (counts, times) = device.render(&input, &mut self.image, &mut self.depth)?;
         self.counts = counts;
@@ -409,6 +423,7 @@ impl Renderer {
         let raster = RasteriseSettings {
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
+            count: settings.show == Show::Count,
             exact: any_exact,
             level: settings.simd,
         };
@@ -428,7 +443,7 @@ impl Renderer {
         if (self.image.width, self.image.height) != (camera.width, camera.height) {
             self.image = Image::new(camera.width, camera.height);
         }
-        cpu::resolve(&self.tiles, settings.background, &mut self.image);
+        cpu::resolve(&self.tiles, settings.shown_background(), &mut self.image);
         self.depth = settings
             .depth
             .then(|| cpu::resolve_depth(&self.tiles, camera.width, camera.height));

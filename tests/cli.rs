@@ -236,6 +236,15 @@ fn bad_usage_is_status_2() {
         &["render", &wake, "--out", "a.png", "--eye", "1,2"],
         &["render", &wake, "--out", "a.png", "--tolerance", "nan"],
         &["render", &wake, "--out", "a.png", "--filter", "best"],
+        &[
+            "render",
+            &wake,
+            "--out",
+            "a.png",
+            "--show",
+            "count",
+            "--reference",
+        ],
         &["paint"],
     ] {
         assert_eq!(
@@ -243,6 +252,48 @@ fn bad_usage_is_status_2() {
             Some(2),
             "{arguments:?}"
         );
+    }
+}
+
+#[test]
+fn counts_are_written_as_numbers_and_in_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let show = |out: &str, options: &[&str]| {
+        let mut arguments = vec!["render", &wake, "--transfer-function", &transfer];
+        arguments.extend(["--size", "80x60", "--show", "count", "--out", out]);
+        arguments.extend(["--backend", "cpu", "--stats", "s.json"]);
+        arguments.extend(options);
+        let output = run(folder.path(), &arguments);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{text}");
+        text.lines().last().unwrap().to_string()
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let text = show("n.npy", &[]);
+    let numbers = read("n.npy");
+    let of = |p: &[f32; 4]| f64::from(p[0]);
+    let sum: f64 = numbers.pixels.iter().map(of).sum();
+    let greatest = numbers.pixels.iter().map(of).fold(0.0, f64::max);
+    let stats = json(folder.path().join("s.json"));
+    assert_eq!(stats["splat_pixels"].as_f64().unwrap(), sum);
+    let said = format!("{greatest} at most, {:.1} on average", sum / 4800.0);
+    assert!(text.contains(&said) && !text.contains("viridis"), "{text}");
+    show("n.exr", &["--background", "1,1,1"]);
+    assert_eq!(read("n.exr"), numbers);
+
+    let text = show("n.png", &[]);
+    assert!(text.contains(&said), "{text}");
+    assert!(
+        text.contains(&format!("viridis from 0 to {greatest}")),
+        "{text}"
+    );
+    let colours = read("n.png");
+    for (n, colour) in numbers.pixels.iter().zip(&colours.pixels) {
+        // Viridis ends in a yellow that has no other's red, and begins in a purple of little green.
+        assert_eq!(of(n) == greatest, colour[0] > 0.95, "{n:?}: {colour:?}");
+        assert!(n[0] > 0.0 || colour[1] < 0.01, "{n:?}: {colour:?}");
+        assert_eq!(colour[3], 1.0);
     }
 }
 

@@ -12,7 +12,6 @@ use common::Random;
 use common::frame::Frame;
 use common::gpu::{explained_flips, gpu};
 use common::scene::{Particle, volume};
-use ewa_splat::Settings;
 use ewa_splat::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::cpu::{self, Bins, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::gpu::{Gpu, RasterSpec, rasterise};
@@ -20,6 +19,7 @@ use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::layout::{ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_PEAK, pack_range};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Settings, Show};
 use glam::DVec3;
 
 /// The stages' last results on the CPU.
@@ -35,6 +35,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32;
     let settings = RasteriseSettings {
         linear_opacity: spec.linear_opacity,
         depth: spec.depth,
+        count: spec.count,
         exact: spec.exact,
         // No fused operations: the order of roundings of the plainest code.
         level: SimdLevel::Baseline,
@@ -92,8 +93,13 @@ fn on_gpu(
 
 /// Ellipsoids before and around the eye.
 fn frame(seed: u64, count: usize, spread: f64, camera: &Camera, settings: &Settings) -> Frame {
+    let scene = volume(&particles(seed, count, spread));
+    Frame::new(scene, camera, settings)
+}
+
+fn particles(seed: u64, count: usize, spread: f64) -> Vec<Particle> {
     let mut random = Random::new(seed);
-    let particles: Vec<Particle> = (0..count)
+    (0..count)
         .map(|_| {
             let size = random.log_range(3e-3, 0.3);
             Particle {
@@ -103,8 +109,7 @@ fn frame(seed: u64, count: usize, spread: f64, camera: &Camera, settings: &Setti
                 colour: [0; 3].map(|_| random.range(0.0, 1.0) as f32),
             }
         })
-        .collect();
-    Frame::new(volume(&particles), camera, settings)
+        .collect()
 }
 
 /// The largest difference that roundings make: some fifty layers of 2^-24 on either side, twice
@@ -149,6 +154,7 @@ fn spec_of(frame: &Frame) -> RasterSpec {
         exact: frame.any_exact,
         near: !frame.near.is_empty(),
         depth: false,
+        count: false,
         linear_opacity: false,
     }
 }
@@ -359,4 +365,104 @@ fn thousands_of_kernels_round_the_eye_add_up() {
     let frame = Frame::new(volume(&particles), &camera, &Settings::default());
     assert!(frame.near.len() > 7_000, "{}", frame.near.len());
     check(gpu, "round the eye", &frame, spec_of(&frame));
+}
+
+/// The kernels of a picture of counts, all of whose pixels are numbers.
+fn sum_of_counts(image: &Image) -> u64 {
+    let count = |p: &[f32; 4]| {
+        assert_eq!(*p, [p[0].trunc(), p[0], p[0], 1.0]);
+        p[0] as u64
+    };
+    image.pixels.iter().map(count).sum()
+}
+
+#[test]
+fn counts_are_equal_and_add_up() {
+    let Some(gpu) = gpu() else { return };
+    let perspective = Camera::perspective(DVec3::ZERO, DVec3::Z, -DVec3::Y, 60.0, [203, 117]);
+    let orthographic =
+        Camera::orthographic(DVec3::Z * 1.5, DVec3::Z * 2.0, -DVec3::Y, 3.0, [130, 95]);
+    // Black: it leaves the numbers as they are.
+    let background = Some([0.0; 3]);
+    for (camera, spread) in [
+        (&perspective, 1.5),
+        (&perspective, 0.9),
+        (&orthographic, 0.4),
+    ] {
+        for filter in [Filter::Ewa, Filter::Adaptive] {
+            let settings = Settings {
+                filter,
+                ..Settings::default()
+            };
+            let frame = frame(6, 2000, spread, camera, &settings);
+            let bins = frame.bins();
+            for depth in [false, true] {
+                let shown = RasterSpec {
+                    depth,
+                    ..spec_of(&frame)
+                };
+                let spec = RasterSpec {
+                    count: true,
+                    ..shown
+                };
+                let on_cpu = on_cpu(&frame, &bins, spec, background);
+                assert_eq!(sum_of_counts(&on_cpu.image), on_cpu.splat_pixels);
+                for chunks in [1, 3] {
+                    let scene = on_gpu(gpu, &frame, &bins, shown, chunks, None);
+                    let on_gpu = on_gpu(gpu, &frame, &bins, spec, chunks, background);
+                    assert_eq!(sum_of_counts(&on_gpu.image), on_gpu.splat_pixels);
+                    assert_eq!(on_gpu.splat_pixels, scene.splat_pixels);
+                    let depths = |drawn: &Drawn| drawn.depth.as_ref().map(|d| d.depths.clone());
+                    assert_eq!(depths(&on_gpu), depths(&scene));
+                    let pairs = on_cpu.image.pixels.iter().zip(&on_gpu.image.pixels);
+                    if frame.near.is_empty() {
+                        let differ = pairs.filter(|(a, b)| a != b).count();
+                        println!("{spread}, {filter:?}: {differ} pixels differ");
+                        let (a, b) = (&on_cpu.image, &on_gpu.image);
+                        assert_eq!(explained_flips(&frame, &bins, a, b, 0.0), differ);
+                        assert!(differ <= a.pixels.len() / 1000);
+                    } else {
+                        // Behind the eye a kernel counts until its depth underflows, on the
+                        // device sooner.
+                        let differ: f32 = pairs.map(|(a, b)| (a[0] - b[0]).abs()).sum();
+                        println!("{spread}, {filter:?}: {differ} counts differ");
+                        assert!(differ <= on_cpu.splat_pixels as f32 / 100.0);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_renderer_counts_on_either_back_end() {
+    let Some(gpu) = gpu() else { return };
+    let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, -DVec3::Y, 60.0, [70, 50]);
+    let scene = volume(&particles(7, 500, 0.9));
+    let mut on_cpu = Renderer::new(vec![scene.clone()]).unwrap();
+    let on_gpu = Renderer::new(vec![scene]).unwrap();
+    let mut on_gpu = on_gpu.on(gpu.clone()).unwrap();
+    let shown = Settings {
+        background: Some([0.2, 0.4, 0.8]),
+        simd: SimdLevel::Baseline,
+        ..Settings::default()
+    };
+    let counted = Settings {
+        show: Show::Count,
+        ..shown.clone()
+    };
+    // The scene before and after.
+    let before = on_gpu.render(&camera, &shown).unwrap().clone();
+    let counts = on_gpu.render(&camera, &counted).unwrap().clone();
+    assert_eq!(sum_of_counts(&counts), on_gpu.counts().splat_pixels);
+    assert_eq!(*on_gpu.render(&camera, &shown).unwrap(), before);
+    on_cpu.render(&camera, &counted).unwrap();
+    let sum = sum_of_counts(on_cpu.image());
+    assert_eq!(sum, on_cpu.counts().splat_pixels);
+    assert!(sum > 20_000, "{sum}");
+    let pairs = on_cpu.image().pixels.iter().zip(&counts.pixels);
+    let differ = pairs.filter(|(a, b)| a != b).count();
+    println!("{differ} of {} pixels differ", counts.pixels.len());
+    // Each of them at a cut-off that rounding moves: one in a thousand.
+    assert!(differ <= counts.pixels.len() / 1000, "{differ}");
 }

@@ -12,14 +12,14 @@ use common::Random;
 use common::frame::Frame;
 use common::scene::{self, Particle, difference, volume};
 use ewa_splat::constants::TERMINATION_SHARE;
-use ewa_splat::cpu::SimdLevel;
+use ewa_splat::cpu::{self, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::layout::{
     ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
 };
 use ewa_splat::scene::{Colour, PointVolume, Strength};
 use ewa_splat::splat::{Filter, evaluate_near};
 use ewa_splat::view::Projection;
-use ewa_splat::{Renderer, Settings};
+use ewa_splat::{Image, Renderer, Settings, Show};
 use glam::{DVec2, DVec3, Vec3};
 
 const EPS: f64 = 5.960_464_477_539_063e-8;
@@ -98,6 +98,31 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
     }
 }
 
+/// A footprint on any path at a pixel.
+fn depth_at(frame: &Frame, i: usize, [x, y]: [usize; 2]) -> Depth {
+    let f = &frame.footprints[i];
+    if f.path & 3 != PATH_NEAR {
+        let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+        return evaluate(frame, f, frame.exact.get(i), pixel);
+    }
+    let slope = |i: usize, at: usize| {
+        (at as f32 + 0.5 - frame.uniform.centre_px[i]) / frame.uniform.focal_px[i]
+    };
+    // The same function: `footprint_laws.rs` holds it against quadrature.
+    let terms = &frame.near[(f.path >> 2) as usize];
+    let ray = Vec3::new(slope(0, x), slope(1, y), 1.0);
+    let tau = f64::from(evaluate_near(terms, f.tau, ray, f.cutoff_squared));
+    // Cut off where the half line leaves the ellipsoid, in whole tiles; `stages.rs` holds that
+    // range against brute force. Beyond it Q, of the whole line, may still be small.
+    let within = |(first, end): (u32, u32), at: usize| (first..end).contains(&(at as u32));
+    let drawn = within(f.column_range(), x) && within(f.row_range(), y);
+    Depth {
+        tau: if drawn { tau } else { 0.0 },
+        error: 1e-6 * tau,
+        edge: 0.0,
+    }
+}
+
 /// A judged pixel: colour, alpha, depth, and what may differ.
 struct Pixel {
     rgba: [f64; 4],
@@ -108,35 +133,15 @@ struct Pixel {
 }
 
 fn judge(frame: &Frame, order: &[usize], x: usize, y: usize) -> Pixel {
-    let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
     let mut out = Pixel {
         rgba: [0.0; 4],
         allowed: 0.0,
         depth: f32::INFINITY,
         depth_open: false,
     };
-    let slope = |i: usize, at: usize| {
-        (at as f32 + 0.5 - frame.uniform.centre_px[i]) / frame.uniform.focal_px[i]
-    };
     for &i in order {
         let f = &frame.footprints[i];
-        let depth = if f.path & 3 == PATH_NEAR {
-            // The same function: `footprint_laws.rs` holds it against quadrature.
-            let terms = &frame.near[(f.path >> 2) as usize];
-            let ray = Vec3::new(slope(0, x), slope(1, y), 1.0);
-            let tau = f64::from(evaluate_near(terms, f.tau, ray, f.cutoff_squared));
-            // Cut off where the half line leaves the ellipsoid, in whole tiles; `stages.rs` holds
-            // that range against brute force. Beyond it Q, of the whole line, may still be small.
-            let within = |(first, end): (u32, u32), at: usize| (first..end).contains(&(at as u32));
-            let drawn = within(f.column_range(), x) && within(f.row_range(), y);
-            Depth {
-                tau: if drawn { tau } else { 0.0 },
-                error: 1e-6 * tau,
-                edge: 0.0,
-            }
-        } else {
-            evaluate(frame, f, frame.exact.get(i), pixel)
-        };
+        let depth = depth_at(frame, i, [x, y]);
         let opacity = |tau: f64| {
             if frame.settings.linear_opacity {
                 tau.min(1.0)
@@ -439,4 +444,153 @@ fn every_level_counts_the_same_splat_pixels() {
         let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
         assert!(most - least <= most / 1000, "{counts:?}");
     }
+}
+
+/// The frame's pixels, depths and splat-pixels by the vector loops alone.
+fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
+    let (width, height) = (frame.camera.width, frame.camera.height);
+    let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
+    let settings = RasteriseSettings {
+        linear_opacity: frame.settings.linear_opacity,
+        depth: true,
+        count: false,
+        exact: frame.any_exact,
+        level,
+    };
+    let count = cpu::rasterise(
+        &frame.uniform,
+        settings,
+        &frame.footprints,
+        &frame.exact,
+        &frame.near,
+        &frame.bins(),
+        frame.tiles[0],
+        &mut tiles,
+    );
+    let mut image = Image::new(width, height);
+    cpu::resolve(&tiles, None, &mut image);
+    let depths = cpu::resolve_depth(&tiles, width, height).depths;
+    (image, depths, count)
+}
+
+#[test]
+fn the_loop_of_aligned_footprints_is_the_general_one() {
+    let camera = scene::camera(Projection::Perspective, [31.0, 27.0], [53, 37]);
+    let mut random = Random::new(4);
+    let mut worst = 0.0_f32;
+    for linear_opacity in [false, true] {
+        let settings = Settings {
+            filter: Filter::Isotropic,
+            linear_opacity,
+            // No tile stops early, which would leave a choice to rounding.
+            tolerance: 1e-6,
+            ..Settings::default()
+        };
+        let mut aligned = Frame::new(volume(&particles(4)), &camera, &settings);
+        // Round ones, and ones that are narrower along an axis.
+        for (i, f) in aligned.footprints.iter_mut().enumerate() {
+            let narrower = random.range(1.0, 4.0) as f32;
+            match i % 3 {
+                0 => {}
+                1 => f.form_r[1] *= narrower,
+                _ => {
+                    let form = f.form_p[0];
+                    (f.form_p, f.form_r) = ([0.0, form], [form * narrower, 0.0]);
+                }
+            }
+        }
+        // A slant of 1e-30 of a pixel, far below any rounding: the general loop draws the same.
+        let mut general = Frame::new(volume(&particles(4)), &camera, &settings);
+        general.footprints.clone_from(&aligned.footprints);
+        for f in &mut general.footprints {
+            for number in f.form_p.iter_mut().chain(&mut f.form_r) {
+                *number = number.max(1e-30);
+            }
+        }
+        let paths = |f: &Footprint| f.is_visible() && f.path == PATH_AFFINE;
+        assert!(aligned.footprints.iter().filter(|f| paths(f)).count() > 150);
+        for level in SimdLevel::available() {
+            let (image, depths, count) = rasterise(&aligned, level);
+            let (expected, expected_depths, expected_count) = rasterise(&general, level);
+            assert_eq!(count, expected_count, "{level:?}");
+            let flips = depths.iter().zip(&expected_depths).filter(|(a, b)| a != b);
+            // An opacity within rounding of one half passes it one kernel later.
+            assert!(flips.count() <= 1, "{level:?}");
+            worst = worst.max(difference(&image, &expected));
+        }
+    }
+    println!("largest difference {worst:.1e}");
+    // Three exponentials of 3e-6 of themselves each change a pixel by at most a share of
+    // x exp(-x) <= .37 of that; and some hundred layers' roundings of 2^-25.
+    assert!(worst < 7e-6, "{worst:e}");
+}
+
+#[test]
+fn pixels_count_the_kernels_within_their_cut_off() {
+    let particles = particles(5);
+    let mut open = 0;
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        for filter in [Filter::Adaptive, Filter::Ewa, Filter::Isotropic] {
+            let camera = scene::camera(projection, [31.0, 27.0], [53, 37]);
+            let drawn = Settings {
+                filter,
+                depth: true,
+                // No tile stops early.
+                tolerance: 1e-6,
+                ..Settings::default()
+            };
+            let frame = Frame::new(volume(&particles), &camera, &drawn);
+            let mut renderer = Renderer::new(vec![volume(&particles)]).unwrap();
+            for simd in SimdLevel::available() {
+                let drawn = Settings {
+                    simd,
+                    ..drawn.clone()
+                };
+                renderer.render(&camera, &drawn).unwrap();
+                let (depth, counts) = (renderer.depth().cloned(), renderer.counts());
+                let counted = Settings {
+                    show: Show::Count,
+                    background: Some([0.2, 0.4, 0.8]),
+                    ..drawn
+                };
+                renderer.render(&camera, &counted).unwrap();
+                assert_eq!(renderer.counts(), counts);
+                assert_eq!(renderer.depth().cloned(), depth);
+                assert_eq!(sum_of_counts(renderer.image()), counts.splat_pixels);
+                for (i, pixel) in renderer.image().pixels.iter().enumerate() {
+                    let (inside, edges) = count(&frame, i % 53, i / 53);
+                    open += usize::from(edges > 0);
+                    let n = pixel[0] as usize;
+                    assert!(
+                        (inside..=inside + edges).contains(&n),
+                        "{simd:?}, {projection:?}, {filter:?}, pixel {i}: {n} for {inside}"
+                    );
+                }
+            }
+        }
+    }
+    println!("left open at {open} pixels");
+    assert!(open < 53 * 37 / 4, "{open}");
+}
+
+/// The kernels of a picture of counts, all of whose pixels are numbers.
+fn sum_of_counts(image: &Image) -> u64 {
+    let count = |p: &[f32; 4]| {
+        assert_eq!(*p, [p[0].trunc(), p[0], p[0], 1.0]);
+        p[0] as u64
+    };
+    image.pixels.iter().map(count).sum()
+}
+
+/// How many kernels a pixel has for certain, and of how many more rounding decides.
+fn count(frame: &Frame, x: usize, y: usize) -> (usize, usize) {
+    let (mut inside, mut edges) = (0, 0);
+    for i in (0..frame.footprints.len()).filter(|&i| frame.footprints[i].is_visible()) {
+        let depth = depth_at(frame, i, [x, y]);
+        // Behind the eye a kernel counts until its depth underflows.
+        let is_edge = depth.edge > 0.0 || (depth.tau > 0.0 && depth.tau < 1e-30);
+        edges += usize::from(is_edge);
+        inside += usize::from(!is_edge && depth.tau > 0.0);
+    }
+    (inside, edges)
 }

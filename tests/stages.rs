@@ -383,6 +383,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
     let raster = RasteriseSettings {
         linear_opacity: settings.linear_opacity,
         depth: false,
+        count: false,
         exact: frame.any_exact,
         level: settings.simd,
     };

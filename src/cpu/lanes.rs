@@ -5,7 +5,7 @@
 //! with AVX-512, eight with AVX2, four at the baseline. `tests/simd_levels.rs` holds the
 //! same mathematics in its plainest form.
 
-use crate::constants::{EXP2_SERIES, FAINT, TILE_PIXELS, TILE_SIZE};
+use crate::constants::{EXP2_SERIES, FAINT, MAX_CUTOFF, TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint};
 
 /// Instruction sets that the inner loop is compiled for.
@@ -101,6 +101,8 @@ pub(super) struct Mode {
     pub(super) linear: bool,
     /// Whether depths are wanted.
     pub(super) depth: bool,
+    /// Whether pixels count kernels instead of showing them.
+    pub(super) count: bool,
 }
 
 /// Where a footprint meets a tile.
@@ -181,13 +183,34 @@ fn dispatch<const FMA: bool, const LANES: usize>(
 ) -> u32 {
     let none = ExactTerms::default();
     let terms = exact.unwrap_or(&none);
-    match (exact.is_some(), mode.depth) {
-        (false, false) => {
-            by_opacity::<FMA, LANES, false, false>(mode, tile, footprint, terms, patch)
-        }
-        (false, true) => by_opacity::<FMA, LANES, false, true>(mode, tile, footprint, terms, patch),
-        (true, false) => by_opacity::<FMA, LANES, true, false>(mode, tile, footprint, terms, patch),
-        (true, true) => by_opacity::<FMA, LANES, true, true>(mode, tile, footprint, terms, patch),
+    if exact.is_some() {
+        by_output::<FMA, LANES, true>(mode, tile, footprint, terms, patch)
+    } else {
+        by_output::<FMA, LANES, false>(mode, tile, footprint, terms, patch)
+    }
+}
+
+/// What the loop writes besides opacities.
+const COLOUR: u8 = 0;
+/// Colours and depths.
+const DEPTH: u8 = 1;
+/// The number of kernels in place of the colour, and depths, wanted or not.
+const COUNT: u8 = 2;
+
+#[inline(always)]
+fn by_output<const FMA: bool, const LANES: usize, const EXACT: bool>(
+    mode: Mode,
+    tile: &mut Tile,
+    footprint: &Footprint,
+    terms: &ExactTerms,
+    patch: Patch,
+) -> u32 {
+    if mode.count {
+        by_opacity::<FMA, LANES, EXACT, COUNT>(mode, tile, footprint, terms, patch)
+    } else if mode.depth {
+        by_opacity::<FMA, LANES, EXACT, DEPTH>(mode, tile, footprint, terms, patch)
+    } else {
+        by_opacity::<FMA, LANES, EXACT, COLOUR>(mode, tile, footprint, terms, patch)
     }
 }
 
@@ -242,7 +265,7 @@ const SERIES: u8 = 1;
 const LINEAR: u8 = 2;
 
 #[inline(always)]
-fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPTH: bool>(
+fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const OUTPUT: u8>(
     mode: Mode,
     tile: &mut Tile,
     footprint: &Footprint,
@@ -250,22 +273,52 @@ fn by_opacity<const FMA: bool, const LANES: usize, const EXACT: bool, const DEPT
     patch: Patch,
 ) -> u32 {
     if mode.linear {
-        rows::<FMA, LANES, EXACT, DEPTH, LINEAR>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, LINEAR>(tile, footprint, terms, patch)
     } else if !EXACT && footprint.tau <= FAINT {
-        rows::<FMA, LANES, EXACT, DEPTH, SERIES>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, SERIES>(tile, footprint, terms, patch)
     } else {
-        rows::<FMA, LANES, EXACT, DEPTH, EXPONENTIAL>(tile, footprint, terms, patch)
+        by_shape::<FMA, LANES, EXACT, OUTPUT, EXPONENTIAL>(tile, footprint, terms, patch)
     }
 }
 
+#[inline(always)]
+fn by_shape<
+    const FMA: bool,
+    const LANES: usize,
+    const EXACT: bool,
+    const OUTPUT: u8,
+    const OPACITY: u8,
+>(
+    tile: &mut Tile,
+    footprint: &Footprint,
+    terms: &ExactTerms,
+    patch: Patch,
+) -> u32 {
+    if !EXACT && is_aligned(footprint) {
+        rows::<FMA, LANES, EXACT, OUTPUT, OPACITY, true>(tile, footprint, terms, patch)
+    } else {
+        rows::<FMA, LANES, EXACT, OUTPUT, OPACITY, false>(tile, footprint, terms, patch)
+    }
+}
+
+/// Whether the axes of an affine footprint are the image's: each row of its form has one number.
+fn is_aligned(footprint: &Footprint) -> bool {
+    let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+    (py == 0.0 && rx == 0.0) || (px == 0.0 && ry == 0.0)
+}
+
 /// The loop: rows of the patch, chunks of `LANES` pixels of each row.
+///
+/// `ALIGNED`: exp(-Q/2) is a factor of the column times one of the row, an exponential less for
+/// each pixel. Q itself is the same, and so are the pixels within the cut-off.
 #[inline(always)]
 fn rows<
     const FMA: bool,
     const LANES: usize,
     const EXACT: bool,
-    const DEPTH: bool,
+    const OUTPUT: u8,
     const OPACITY: u8,
+    const ALIGNED: bool,
 >(
     tile: &mut Tile,
     footprint: &Footprint,
@@ -274,17 +327,41 @@ fn rows<
 ) -> u32 {
     let [px, py] = footprint.form_p;
     let [rx, ry] = footprint.form_r;
-    let [red, green, blue] = footprint.colour;
+    let [red, green, blue] = if OUTPUT == COUNT {
+        [1.0; 3]
+    } else {
+        footprint.colour
+    };
     let [gx, gy] = terms.gradient;
     let [hxx, hxy, hyy] = terms.hessian;
     let (tau_peak, cutoff, depth) = (footprint.tau, footprint.cutoff_squared, footprint.depth);
     let dx_first = patch.first_px[0] - footprint.centre_px[0];
     let dy_first = patch.first_px[1] - footprint.centre_px[1];
-    let chunks = patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1;
+    // A row of one vector is no loop.
+    let chunks = if LANES == TILE_SIZE {
+        0..1
+    } else {
+        patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1
+    };
+    let (alphas, _) = tile.alpha.as_chunks_mut::<LANES>();
+    let (reds, _) = tile.red.as_chunks_mut::<LANES>();
+    let (greens, _) = tile.green.as_chunks_mut::<LANES>();
+    let (blues, _) = tile.blue.as_chunks_mut::<LANES>();
+    let (depths, _) = tile.depth.as_chunks_mut::<LANES>();
+    let (rays, _) = tile.ray_length.as_chunks::<LANES>();
     // Vectors reach beyond the image's right border; there nothing is within the cut-off.
     let mut limits = [cutoff; TILE_SIZE];
     for limit in limits.iter_mut().skip(patch.width) {
         *limit = -1.0;
+    }
+    let (mut of_columns, mut of_rows) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);
+    if ALIGNED {
+        // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+        let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
+        for (i, (column, row)) in of_columns.iter_mut().zip(&mut of_rows).enumerate() {
+            *column = factor((px + rx) * (dx_first + i as f32));
+            *row = tau_peak * factor((py + ry) * (dy_first + i as f32));
+        }
     }
     let mut inside = [0_u32; LANES];
     for y in patch.rows[0]..patch.rows[1] {
@@ -294,26 +371,21 @@ fn rows<
         let w_row = madd::<FMA>(dy, madd::<FMA>(dy, hyy, gy), 1.0);
         let w_slope = madd::<FMA>(dy, hxy, gx);
         for chunk in chunks.clone() {
-            let start = y * TILE_SIZE + chunk * LANES;
-            let Some(a_row) = tile.alpha[start..].first_chunk_mut::<LANES>() else {
+            let at = y * (TILE_SIZE / LANES) + chunk;
+            let (Some(a_row), Some(r_out), Some(g_out), Some(b_out), Some(z_out), Some(ray)) = (
+                alphas.get_mut(at),
+                reds.get_mut(at),
+                greens.get_mut(at),
+                blues.get_mut(at),
+                depths.get_mut(at),
+                rays.get(at),
+            ) else {
                 continue;
             };
-            let Some(r_out) = tile.red[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(g_out) = tile.green[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(b_out) = tile.blue[start..].first_chunk_mut::<LANES>() else {
-                continue;
-            };
-            let Some(z_out) = tile.depth[start..].first_chunk_mut::<LANES>() else {
+            let Some(of_column) = of_columns[chunk * LANES..].first_chunk::<LANES>() else {
                 continue;
             };
             let Some(limit) = limits[chunk * LANES..].first_chunk::<LANES>() else {
-                continue;
-            };
-            let Some(ray) = tile.ray_length[start..].first_chunk::<LANES>() else {
                 continue;
             };
             let dx_chunk = dx_first + (chunk * LANES) as f32;
@@ -333,7 +405,11 @@ fn rows<
                 }
                 // NaN compares false, here and above: outside.
                 is_inside &= q <= limit[lane];
-                let tau = tau * exp_minus_half::<FMA>(q);
+                let tau = if ALIGNED {
+                    of_rows[y] * of_column[lane]
+                } else {
+                    tau * exp_minus_half::<FMA>(q)
+                };
                 let tau = if is_inside { tau } else { 0.0 };
                 let opacity = match OPACITY {
                     LINEAR => tau.min(1.0),
@@ -344,10 +420,14 @@ fn rows<
                 let weight = opacity * (1.0 - before);
                 let after = before + weight;
                 a_row[lane] = after;
-                r_out[lane] = madd::<FMA>(weight, red, r_out[lane]);
-                g_out[lane] = madd::<FMA>(weight, green, g_out[lane]);
-                b_out[lane] = madd::<FMA>(weight, blue, b_out[lane]);
-                if DEPTH {
+                let share = match OUTPUT {
+                    COUNT => f32::from(u8::from(is_inside)),
+                    _ => weight,
+                };
+                r_out[lane] = madd::<FMA>(share, red, r_out[lane]);
+                g_out[lane] = madd::<FMA>(share, green, g_out[lane]);
+                b_out[lane] = madd::<FMA>(share, blue, b_out[lane]);
+                if OUTPUT != COLOUR {
                     let passes = before < 0.5 && after >= 0.5;
                     z_out[lane] = if passes { depth } else { z_out[lane] };
                 }

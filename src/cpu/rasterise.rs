@@ -19,6 +19,9 @@ pub struct RasteriseSettings {
     pub linear_opacity: bool,
     /// Whether depths are wanted.
     pub depth: bool,
+    /// Whether pixels count the kernels that they evaluate within their cut-off, in all three
+    /// colours, instead of showing them.
+    pub count: bool,
     /// Whether any footprint is on the exact path and needs the rays' lengths.
     pub exact: bool,
     /// The instruction set of the inner loop.
@@ -177,6 +180,7 @@ impl TileRaster<'_> {
         let mode = Mode {
             linear: self.settings.linear_opacity || footprint.path == PATH_PEAK,
             depth: self.settings.depth,
+            count: self.settings.count,
         };
         let terms = near.get((footprint.path >> 2) as usize);
         match (footprint.path & 3, terms) {
@@ -218,9 +222,14 @@ impl TileRaster<'_> {
                 let before = tile.alpha[i];
                 let weight = opacity * (1.0 - before);
                 tile.alpha[i] = before + weight;
-                tile.red[i] += weight * footprint.colour[0];
-                tile.green[i] += weight * footprint.colour[1];
-                tile.blue[i] += weight * footprint.colour[2];
+                let (share, [red, green, blue]) = if self.settings.count {
+                    (1.0, [1.0; 3])
+                } else {
+                    (weight, footprint.colour)
+                };
+                tile.red[i] += share * red;
+                tile.green[i] += share * green;
+                tile.blue[i] += share * blue;
                 if self.settings.depth && before < 0.5 && tile.alpha[i] >= 0.5 {
                     // Within a kernel that holds the eye, the centre may lie behind.
                     tile.depth[i] = footprint.depth.max(0.0);

@@ -54,6 +54,8 @@ pub struct FrameInput<'a> {
     pub linear_opacity: bool,
     /// Whether depths are wanted.
     pub depth: bool,
+    /// Whether pixels count kernels instead of showing them.
+    pub count: bool,
     /// Linear RGB behind everything.
     pub background: Option<[f32; 3]>,
 }
@@ -66,6 +68,7 @@ struct FrameKind {
     orthographic: u32,
     linear_opacity: bool,
     depth: bool,
+    count: bool,
 }
 
 impl FrameKind {
@@ -76,6 +79,7 @@ impl FrameKind {
             orthographic: input.view.orthographic,
             linear_opacity: input.linear_opacity,
             depth: input.depth,
+            count: input.count,
         }
     }
 
@@ -527,6 +531,7 @@ impl Frame {
             exact,
             near: room.near > 0,
             depth: kind.depth,
+            count: kind.count,
             linear_opacity: kind.linear_opacity,
         };
         let rasterise = Rasterise::new(gpu, spec).bind(

@@ -20,6 +20,9 @@ pub struct RasterSpec {
     pub near: bool,
     /// Whether depths are wanted.
     pub depth: bool,
+    /// Whether pixels count the kernels that they evaluate within their cut-off, in all three
+    /// colours, instead of showing them.
+    pub count: bool,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats have it anyway.
     pub linear_opacity: bool,
 }
@@ -99,6 +102,7 @@ impl Rasterise {
                 ("HAS_EXACT", flag(u8::from(spec.exact))),
                 ("HAS_NEAR", flag(u8::from(spec.near))),
                 ("HAS_DEPTH", flag(u8::from(spec.depth))),
+                ("IS_COUNT", flag(u8::from(spec.count))),
                 ("IS_LINEAR", flag(u8::from(spec.linear_opacity))),
                 ("SLICE", f64::from(slice)),
             ],

@@ -37,9 +37,19 @@ pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     write_bytes_atomically(path, &bytes)
 }
 
-fn picture(column: &ColumnImage) -> Image {
+/// Viridis over 0 to 1: linear RGB, opaque.
+pub(super) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     use colorgrad::Gradient;
     let map = colorgrad::preset::viridis();
+    move |fraction| {
+        let [r, g, b, _] = map.at(fraction.clamp(0.0, 1.0)).to_array();
+        let [r, g, b] = [r, g, b].map(linear_from_srgb);
+        [r, g, b, 1.0]
+    }
+}
+
+fn picture(column: &ColumnImage) -> Image {
+    let colour_of = viridis();
     let mut picture = Image::new(column.width, column.height);
     let Some([least, greatest]) = column.shown_range() else {
         return picture;
@@ -53,9 +63,7 @@ fn picture(column: &ColumnImage) -> Image {
             } else {
                 1.0
             };
-            let [r, g, b, _] = map.at(fraction.clamp(0.0, 1.0)).to_array();
-            let [r, g, b] = [r, g, b].map(linear_from_srgb);
-            *pixel = [r, g, b, 1.0];
+            *pixel = colour_of(fraction);
         }
     }
     picture

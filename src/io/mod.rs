@@ -8,6 +8,7 @@
 mod atomic;
 mod cells;
 mod column_file;
+mod count_file;
 mod csv;
 mod dataset;
 mod file;
@@ -44,6 +45,7 @@ use std::path::{Path, PathBuf};
 pub use atomic::write_bytes_atomically;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::write_column;
+pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;

@@ -14,6 +14,7 @@ pub(crate) use say;
 
 mod column;
 mod compare;
+mod count;
 mod info;
 mod input;
 mod measure;

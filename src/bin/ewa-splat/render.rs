@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::io::{
-    check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_depth,
-    write_image,
+    check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
+    write_depth, write_image,
 };
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
@@ -18,6 +18,7 @@ use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::count::describe;
 use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
@@ -85,13 +86,14 @@ struct Method {
     cutoff: Option<f32>,
     /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
     /// states [default: 1e-4]
-    #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames"])]
+    #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
+                                      "show"])]
     reference: bool,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth",
-                                      "transfer_function"])]
+                                      "transfer_function", "show"])]
     column_density: bool,
 }
 
@@ -132,7 +134,8 @@ enum ShowName {
     /// Each splat in the colour of what draws it: exact red, affine green, reconstruction kernel
     /// alone blue, low-pass filter alone yellow, round cyan; merged in shades of magenta
     Choice,
-    /// Kernels evaluated per pixel
+    /// How many kernels each pixel evaluates until it is opaque, whatever the background: exr, pfm
+    /// and npy hold the numbers, png has viridis from 0 to the largest
     Count,
 }
 
@@ -228,7 +231,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     progress.set_message("writing");
-    write_image(&arguments.out, renderer.image())?;
+    let shows_count = settings.show == Show::Count;
+    if shows_count {
+        write_count(&arguments.out, renderer.image())?;
+    } else {
+        write_image(&arguments.out, renderer.image())?;
+    }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
     }
@@ -239,6 +247,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     progress.finish_and_clear();
     if renderer.counts().footprints == 0 {
         eprintln!("nothing visible: no particle reaches the image with an opacity above zero");
+    } else if shows_count {
+        eprintln!("{}", describe(renderer.image(), arguments.is_png()));
     }
     Ok(())
 }
