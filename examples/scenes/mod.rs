@@ -1,4 +1,5 @@
 //! Particles that several examples draw.
+#![allow(dead_code, reason = "each example uses a part")]
 
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::view::Camera;

@@ -29,4 +29,6 @@ pub use report::{
 };
 pub use ssim::ssim;
 pub use sweep::{Resampling, Subject, SweepOptions, SweepProgress, sweep};
-pub use variants::{ACCURATE, DEFAULT, FAST, Variant, accurate, budget_variants, variants};
+pub use variants::{
+    ACCURATE, DEFAULT, FAST, Variant, accurate, budget_variants, paper_thresholds, variants,
+};

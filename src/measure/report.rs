@@ -161,6 +161,8 @@ pub struct Row {
 pub struct SettingsSummary {
     pub tolerance: f32,
     pub filter: &'static str,
+    pub thresholds: Option<[f32; 2]>,
+    pub level_of_detail: bool,
     pub cutoff: Option<f32>,
     pub opacity: &'static str,
     pub low_pass_variance_px2: f32,
@@ -172,6 +174,8 @@ impl From<&Settings> for SettingsSummary {
         Self {
             tolerance: settings.tolerance,
             filter: settings.filter.name(),
+            thresholds: settings.thresholds,
+            level_of_detail: settings.level_of_detail,
             cutoff: settings.cutoff,
             opacity: if settings.linear_opacity {
                 "linear"
@@ -326,6 +330,9 @@ impl Row {
             ("label", self.label.clone()),
             ("tolerance", s.tolerance.to_string()),
             ("filter", s.filter.into()),
+            ("c_min", or_empty(s.thresholds.map(|c| c[0]))),
+            ("c_max", or_empty(s.thresholds.map(|c| c[1]))),
+            ("level_of_detail", s.level_of_detail.to_string()),
             ("cutoff", or_empty(s.cutoff)),
             ("opacity", s.opacity.into()),
             ("low_pass_variance_px2", s.low_pass_variance_px2.to_string()),

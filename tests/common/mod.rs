@@ -486,6 +486,41 @@ pub mod scene {
         }
     }
 
+    /// Kernels that overlap, some hundred of them and total depth 1 to 100, before cameras from wide
+    /// to narrow that look past them by up to 45 degrees.
+    pub fn overlapping(random: &mut super::Random) -> (Vec<Particle>, Camera) {
+        let focal = DVec2::new(1.2, 1.0) * random.log_range(50.0, 5000.0);
+        let mut camera = camera(Projection::Perspective, focal.into(), [64, 64]);
+        let past = random.point(0.7).truncate();
+        camera.centre_px -= focal * past;
+        let window = 36.0 / focal.y;
+        let count = 100 + random.index(900);
+        let depth = random.log_range(1.0, 100.0);
+        let eps = random.log_range(0.2, 6.0) / focal.y;
+        let particles = (0..count)
+            .map(|_| {
+                let slope = past + random.point(window).truncate();
+                let z = random.range(3.0, 6.0);
+                let largest = z * eps * random.log_range(0.5, 2.0);
+                let ratio = random.log_range(1.0, 10.0);
+                let factor = random.factor(largest, ratio);
+                let position = (slope * z).extend(z);
+                let v = factor * factor.transpose();
+                let area = std::f64::consts::TAU * v.determinant().cbrt();
+                // All kernels together fill their window `depth` deep.
+                let mass = depth * (2.0 * window * z).powi(2) / count as f64;
+                let mass = mass * random.log_range(0.3, 3.0);
+                Particle {
+                    position,
+                    factor,
+                    mass: mass.min(area * 100.0) as f32,
+                    colour: [0, 1, 2].map(|_| random.range(0.0, 1.0) as f32),
+                }
+            })
+            .collect();
+        (particles, camera)
+    }
+
     /// The optical depths tau themselves in the alpha channel (for tau below 1), the kernels in
     /// full.
     pub fn linear() -> Settings {

@@ -20,7 +20,7 @@ const FAINT: RGBColor = RGBColor(0x9a, 0xa1, 0xab);
 const GRID: RGBColor = RGBColor(0xe6, 0xe8, 0xec);
 
 /// Colours that are told apart by most eyes (after Okabe and Ito), darkened for white paper.
-const PALETTE: [RGBColor; 9] = [
+const PALETTE: [RGBColor; 10] = [
     RGBColor(0x2b, 0x2f, 0x36),
     RGBColor(0xb3, 0x3c, 0x2e),
     RGBColor(0x1f, 0x6f, 0xb2),
@@ -30,6 +30,7 @@ const PALETTE: [RGBColor; 9] = [
     RGBColor(0x3f, 0x9f, 0xc4),
     RGBColor(0x7a, 0x6a, 0x4f),
     RGBColor(0x6b, 0x72, 0x7d),
+    RGBColor(0x7d, 0x92, 0x1f),
 ];
 
 /// The colour of the n-th group.
