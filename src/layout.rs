@@ -46,6 +46,10 @@ pub struct ViewUniform {
     pub cutoff: f32,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
+    /// 1 where colours show what draws each kernel.
+    pub show_choice: u32,
+    /// Fills up a pair of words.
+    pub unused: u32,
 }
 
 /// What the stages on the device need of a camera besides a [`ViewUniform`]. Numbers of f64 go as
@@ -198,6 +202,8 @@ pub struct BlockView {
     /// What draws its particles, as [`crate::splat::Filter`] numbers them: `Adaptive` where each
     /// is asked for itself.
     pub filter_kind: u32,
+    /// Its level of detail: 0 for the data's own particles.
+    pub level: u32,
 }
 
 /// A particle that the transfer function leaves visible.

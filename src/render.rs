@@ -624,6 +624,8 @@ fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUni
         tolerance: settings.tolerance,
         cutoff: settings.cutoff.unwrap_or(0.0),
         key_scale,
+        show_choice: u32::from(settings.show == Show::Choice),
+        unused: 0,
     }
 }
 

@@ -11,6 +11,8 @@ struct ViewUniform {
     tolerance: f32,
     cutoff: f32,
     key_scale: f32,
+    show_choice: u32,
+    unused: u32,
 }
 
 struct CameraUniform {
@@ -73,6 +75,7 @@ struct BlockView {
     count: u32,
     key: u32,
     filter_kind: u32,
+    level: u32,
 }
 
 struct ClassifiedParticle {

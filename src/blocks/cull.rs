@@ -128,6 +128,7 @@ fn view_of(camera: &Camera, index: usize, block: &Block) -> BlockView {
         count: 0,
         key: 0,
         filter_kind: 0,
+        level: block.level,
     }
 }
 

@@ -15,8 +15,9 @@ use crate::layout::{
 use crate::math::Factor;
 use crate::scene::Strength;
 use crate::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, choose_exact, cutoff_radius, cutoff_share,
-    edge_growth, exact_extent, half_line_terms, near_terms, peak_footprint, project_kernel,
+    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, choice_index, choose_exact,
+    cutoff_radius, cutoff_share, edge_growth, exact_extent, half_line_terms, near_terms,
+    peak_footprint, project_kernel,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -91,20 +92,22 @@ pub fn project(
                     mass: particle.mass,
                 };
                 let key = depth_key(view, block, origin, offset);
-                if let Some(is_anti_aliased) = splats {
-                    out[i] = splat_footprint(view, &kernel, is_anti_aliased, particle.colour, key);
-                    continue;
-                }
+                let filter = Filter::ALL[block.filter_kind as usize];
+                let colour = particle.colour;
                 let mut terms = None;
-                out[i] = footprint(
-                    view,
-                    Filter::ALL[block.filter_kind as usize],
-                    &kernel,
-                    particle.colour,
-                    key,
-                    &mut terms,
-                    &output.near,
-                );
+                out[i] = match splats {
+                    Some(is_anti_aliased) => {
+                        splat_footprint(view, &kernel, is_anti_aliased, colour, key)
+                    }
+                    None => {
+                        let near = &output.near;
+                        footprint(view, filter, &kernel, colour, key, &mut terms, near)
+                    }
+                };
+                if view.show_choice != 0 {
+                    let shown = choice_index(block.level, out[i].path, filter);
+                    out[i].colour = CHOICE_COLOURS[shown];
+                }
                 if let Some(terms) = terms {
                     exact[i] = terms;
                     any_exact = true;

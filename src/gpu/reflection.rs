@@ -79,6 +79,8 @@ fn structs_are_laid_out_alike() {
         tolerance,
         cutoff,
         key_scale,
+        show_choice,
+        unused,
     });
     check_layout!(CameraUniform {
         eye,
@@ -131,6 +133,7 @@ fn structs_are_laid_out_alike() {
         count,
         key,
         filter_kind,
+        level,
     });
     check_layout!(ClassifiedParticle {
         view,

@@ -7,6 +7,7 @@
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
+//! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `budget.rs` | how the one tolerance is shared out |
 //! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
@@ -19,6 +20,7 @@ mod filter;
 mod footprint;
 mod near;
 mod peak;
+mod show;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
@@ -29,3 +31,4 @@ pub use near::{evaluate_near, half_line_terms, near_terms};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
+pub use show::{CHOICE_COLOURS, choice_index};
