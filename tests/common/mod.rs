@@ -98,6 +98,8 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
         tolerance: 1.0 / 255.0,
         cutoff: 0.0,
         key_scale: 1.0,
+        show_choice: 0,
+        unused: 0,
     }
 }
 
@@ -625,6 +627,7 @@ pub mod frame {
             let range = DepthRange::of(views.iter().map(interval));
             for v in &mut views {
                 v.key = range.key(distance_interval(camera, &volume.blocks[v.block as usize]).0);
+                v.filter_kind = settings.filter as u32;
             }
             let uniform = ViewUniform {
                 focal_px: camera.focal_px.as_vec2().into(),
@@ -636,6 +639,8 @@ pub mod frame {
                 tolerance: settings.tolerance,
                 cutoff: settings.cutoff.unwrap_or(0.0),
                 key_scale: range.keys_per_unit(),
+                show_choice: 0,
+                unused: 0,
             };
             let total = cpu::count_classified(&volume, &mut views);
             let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];
