@@ -760,14 +760,14 @@ fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
 /// Cameras before the cube of half side 1 at many zooms, from within to where it is a pixel.
 fn zooms(random: &mut Random) -> Vec<Camera> {
     let mut cameras = Vec::new();
-    for power in -2..11 {
+    for power in (-2..26).step_by(2) {
         let distance = 2.0 * 2_f64.powi(power);
         let direction = random.rotation().x_axis;
         let (eye, size) = (direction * distance, [320, 240]);
         let aim = random.point(0.1);
         let mut camera = Camera::perspective(eye, aim, DVec3::Z, 40.0, size);
         // The wider, the larger what must be told apart.
-        camera.focal_px.y *= 1.0 + 0.3 * f64::from(power % 2);
+        camera.focal_px.y *= 1.0 + 0.3 * f64::from(power % 4);
         cameras.push(camera);
         let height = distance;
         cameras.push(Camera::orthographic(

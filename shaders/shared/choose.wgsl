@@ -208,7 +208,11 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
         alone = tau;
     }
     let many = sqrt(min_number(tau, 1.0));
-    let contrast = min_number(bounds.colour + kernels.slope * bounds.spread, 1.0);
+    var varied = 0.0;
+    if kernels.slope != 0.0 {
+        varied = kernels.slope * bounds.spread;
+    }
+    let contrast = min_number(bounds.colour + varied, 1.0);
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.

@@ -253,7 +253,13 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
     // A cluster by itself; and many behind one another, whose errors have either sign.
     let alone = if tau < 1.0 { tau } else { tau.sqrt().sqrt() };
     let many = tau.min(1.0).sqrt();
-    let contrast = (bounds.colour + kernels.slope * bounds.spread).min(1.0);
+    let varied = if kernels.slope == 0.0 {
+        // However far the values of a cluster spread: infinitely in places.
+        0.0
+    } else {
+        kernels.slope * bounds.spread
+    };
+    let contrast = (bounds.colour + varied).min(1.0);
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.
