@@ -145,12 +145,13 @@ fn spheres(count: usize) -> PointVolume {
 fn plot(rows: &[Row]) -> std::result::Result<String, Box<dyn std::error::Error>> {
     let counts = || rows.iter().map(|row| row.count as f64);
     let all_ms = || rows.iter().flat_map(|row| row.ms);
-    // A quarter of room on both sides.
+    // Whole decades, whose ends have labels.
     let range = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), v| {
-            (a.min(v), b.max(v))
+        let logs = values.map(f64::log10);
+        let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v.floor()), b.max(v.ceil()))
         });
-        (low / 1.25..high * 1.25).log_scale()
+        (10_f64.powf(low)..10_f64.powf(high.max(low + 1.0))).log_scale()
     };
     let mut svg = String::new();
     let root = SVGBackend::with_string(&mut svg, (720, 480)).into_drawing_area();
