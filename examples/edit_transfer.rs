@@ -28,8 +28,6 @@ use scenes::{camera, particles, uniform};
 /// Edits that are timed, after one that fills buffers.
 const EDITS: usize = 5;
 
-const SIZE: [usize; 2] = [512; 2];
-
 /// Parts of the range of values that are visible.
 const WIDTHS: [(&str, [f32; 2]); 3] = [
     ("narrow", [0.50, 0.52]),
@@ -79,14 +77,16 @@ fn time_scenes(
         "{:>26} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8} {:>6} {:>6}",
         "scene", "function", "visible", "frame", "edit", "rebuilt", "list", "ratio", "ratio"
     );
-    let time = |name: &str, volume| time_edits(name, volume, &on);
-    time(&format!("{count} particles"), with_values(count))?;
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "the side of a small cube"
     )]
     let side = ((count as f64).cbrt() * 2.56).round().max(2.0) as usize;
+    // A cell is two pixels wide.
+    let size = 2 * side;
+    let time = |name: &str, volume| time_edits(name, volume, size, &on);
+    time(&format!("{count} particles"), with_values(count, size))?;
     time(&format!("{side}³ bytes"), lattice([side; 3], blobs(side)))?;
     if let Some((path, dims)) = raw {
         let options = OpenOptions {
@@ -102,11 +102,13 @@ fn time_scenes(
 
 fn time_edits(
     name: &str,
-    volume: PointVolume,
+    mut volume: PointVolume,
+    size: usize,
     on: &impl Fn(Renderer) -> Result<Renderer>,
 ) -> Result<()> {
-    let camera = camera(SIZE);
+    let camera = camera([size; 2]);
     let settings = Settings::default();
+    volume.transfer_function = Some(transfer(WIDTHS[0].1, 0.02)?);
     let mut renderer = on(Renderer::new(vec![volume.clone()])?)?;
     for (width, interval) in WIDTHS {
         // Edited to and fro.
@@ -205,8 +207,8 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
 }
 
 /// [`particles`] of 2 px with values that rise along x and waver, evenly spread over 0 to 255.
-fn with_values(count: usize) -> PointVolume {
-    let mut volume = particles(count, SIZE[1], 2.0);
+fn with_values(count: usize, size: usize) -> PointVolume {
+    let mut volume = particles(count, size, 2.0);
     if let (Particles::Anisotropic { positions, .. }, Strength::Mass(masses)) =
         (&volume.particles, &volume.strength)
     {
