@@ -75,7 +75,7 @@ fn time_scenes(
 ) -> Result<()> {
     println!(
         "{:>26} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8} {:>6} {:>6}",
-        "scene", "function", "visible", "frame", "edit", "rebuilt", "list", "ratio", "ratio"
+        "scene", "function", "visible", "frame", "edit", "anew", "list", "anew:1", "list:1"
     );
     #[expect(
         clippy::cast_possible_truncation,
