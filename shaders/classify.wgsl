@@ -11,6 +11,8 @@ override VALUES: u32 = VALUES_NONE;
 override STRENGTH: u32 = STRENGTH_GIVEN;
 override COLOUR: u32 = COLOUR_CLASSIFIED;
 override IS_LATTICE: bool = false;
+// Of merged points: each strength is followed by the particle's clump.
+override HAS_CLUMPS: bool = false;
 
 @group(0) @binding(0) var<uniform> bricks: BrickUniform;
 @group(0) @binding(1) var<storage, read_write> state: PartState;
@@ -83,10 +85,10 @@ fn visit(block: u32, local: u32) -> Visit {
         return particle;
     }
     if VALUES != VALUES_NONE {
-        particle.class_of_value = classify(value_at(particle.index));
+        particle.class_of_value = class_at(particle.index);
     }
     if STRENGTH == STRENGTH_GIVEN {
-        particle.mass = strengths[particle.index];
+        particle.mass = as_clump(strength_at(particle.index), particle.index);
         return particle;
     }
     // Most cells of most volumes end here.
@@ -99,10 +101,32 @@ fn visit(block: u32, local: u32) -> Visit {
     } else if STRENGTH == STRENGTH_WIDTHS {
         volume = cell_volume(cell);
     } else {
-        volume = strengths[particle.index];
+        volume = strength_at(particle.index);
     }
-    particle.mass = particle.class_of_value.w * volume;
+    particle.mass = as_clump(particle.class_of_value.w * volume, particle.index);
     return particle;
+}
+
+// What the transfer function makes of value i; of merged particles, of the interval it stands for.
+fn class_at(i: u32) -> vec4<f32> {
+    if VALUES == VALUES_SPREAD {
+        let mean = bitcast<f32>(values[2u * i]);
+        let spread = bitcast<f32>(values[2u * i + 1u]);
+        return classify_spread(mean, spread, STRENGTH == STRENGTH_GIVEN);
+    }
+    return classify(value_at(i));
+}
+
+fn strength_at(i: u32) -> f32 {
+    return strengths[select(i, 2u * i, HAS_CLUMPS)];
+}
+
+// Of members that lie apart, each is less opaque than their mean depth says.
+fn as_clump(mass: f32, i: u32) -> f32 {
+    if HAS_CLUMPS {
+        return mass * ein_share(mass * strengths[2u * i + 1u]);
+    }
+    return mass;
 }
 
 fn colour_of(particle: Visit) -> array<f32, 3> {

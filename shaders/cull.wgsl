@@ -2,7 +2,8 @@
 // subtracted in f64, and what follows from them is the twin's to the bit.
 // Twin: src/blocks/cull.rs, and Renderer::render for the keys.
 //
-// Passes: cull_begin; for each part cull_count and cull_scan; cull_range; for each part cull_emit.
+// Passes: cull_begin; for each part of merged particles cull_close; for each part cull_count and
+// cull_scan; cull_range; for each part cull_emit.
 
 const NOT_KEPT: u32 = 0xffffffffu;
 
@@ -25,14 +26,24 @@ struct CullGroup {
 // Each block's number among those of its workgroup that are kept.
 @group(0) @binding(4) var<storage, read_write> places: array<u32>;
 @group(0) @binding(5) var<storage, read> maxima: TransferMaxima;
-@group(0) @binding(5) var<storage, read_write> views: array<BlockView>;
+// Of all parts.
+@group(0) @binding(6) var<storage, read_write> merged_blocks: array<MergedBlock>;
+@group(0) @binding(6) var<storage, read_write> views: array<BlockView>;
+@group(0) @binding(7) var<storage, read> merged_part: MergedPart;
 
-// Whether masses are classified, so that blocks may be transparent.
-override IS_CLASSIFIED: bool = false;
+// Of a part of merged particles.
+struct MergedPart {
+    // Its first block's number among `merged_blocks`.
+    first: u32,
+    bounds: array<MergeBounds>,
+}
 
 // One thread.
 @compute @workgroup_size(1)
 fn cull_begin() {
+    for (var i = 0u; i < FILTER_COUNT; i = i + 1u) {
+        atomicStore(&frame.filters[i], 0u);
+    }
     frame.nearest = vec2<u32>(0u);
     frame.farthest = vec2<u32>(0u);
     frame.classified_count = 0u;
@@ -78,8 +89,7 @@ fn is_transparent(range: array<f32, 2>) -> bool {
     if !is_finite(lo) || !is_finite(hi) || lo > hi {
         return true;
     }
-    let entries = maxima_entries(lo, hi);
-    return !is_positive(greatest_entry(0u, entries.x, entries.y));
+    return !is_positive(max_extinction(lo, hi));
 }
 
 // Distance of a block's origin, as depth keys measure it.
@@ -88,6 +98,61 @@ fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
         return centre[2];
     }
     return f64_sqrt(f64_dot(centre, centre));
+}
+
+fn narrowed(v: array<vec2<u32>, 3>) -> vec3<f32> {
+    return vec3<f32>(f64_to_f32(v[0]), f64_to_f32(v[1]), f64_to_f32(v[2]));
+}
+
+// A thread per block of merged particles: whether it decides about its members.
+@compute @workgroup_size(THREADS)
+fn cull_close(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let i = group_index(group) * THREADS + thread;
+    if i >= arrayLength(&blocks) {
+        return;
+    }
+    let block = blocks[i];
+    var state = MERGED_OPEN;
+    if IS_CLASSIFIED {
+        state = select(MERGED_OPEN, MERGED_UNSEEN, is_transparent(block.value_range));
+    }
+    if state == MERGED_OPEN {
+        let centre = camera_point(block.origin);
+        let sees = frustum_sees(centre, block.half_extent, block.max_sigma);
+        if camera.has_frustum != 0u && !sees {
+            state = MERGED_UNSEEN;
+        } else if merge_fits(camera.choice, block, merged_part.bounds[i], narrowed(centre)) {
+            state = MERGED_FITS;
+        }
+    }
+    merged_blocks[merged_part.first + i] = MergedBlock(block.parent, state);
+}
+
+// Whether merged particles, or nothing, stand for a block of this parent.
+fn is_covered(parent: u32) -> bool {
+    var i = parent;
+    while i < arrayLength(&merged_blocks) {
+        let block = merged_blocks[i];
+        if block.state != MERGED_OPEN {
+            return true;
+        }
+        i = block.parent;
+    }
+    return false;
+}
+
+// Whether the block's particles stand for what they are or were merged of.
+fn is_drawn(i: u32, parent: u32) -> bool {
+    if camera.choice.level_of_detail == 0u {
+        return !IS_MERGED;
+    }
+    if IS_MERGED && merged_blocks[merged_part.first + i].state != MERGED_FITS {
+        return false;
+    }
+    return !is_covered(parent);
 }
 
 var<workgroup> cull_greatest: array<vec2<u32>, THREADS>;
@@ -128,8 +193,8 @@ fn cull_count(
     var farthest = vec2<u32>(0u);
     if i < arrayLength(&blocks) {
         let block = blocks[i];
-        var is_visible = true;
-        if IS_CLASSIFIED {
+        var is_visible = is_drawn(i, block.parent);
+        if IS_CLASSIFIED && is_visible {
             is_visible = !is_transparent(block.value_range);
         }
         if is_visible {
@@ -212,6 +277,9 @@ fn depth_key(distance: vec2<u32>) -> u32 {
     return min(add_saturating(key, 4u), (1u << DEPTH_KEY_BITS) - 4u);
 }
 
+// Views of the workgroup by their filter.
+var<workgroup> filters_seen: array<atomic<u32>, FILTER_COUNT>;
+
 @compute @workgroup_size(THREADS)
 fn cull_emit(
     @builtin(local_invocation_index) thread: u32,
@@ -219,19 +287,32 @@ fn cull_emit(
 ) {
     let index = group_index(group);
     let i = index * THREADS + thread;
-    if i >= arrayLength(&blocks) {
-        return;
+    if thread < FILTER_COUNT {
+        atomicStore(&filters_seen[thread], 0u);
     }
-    let place = places[i];
-    if place == NOT_KEPT {
-        return;
+    workgroupBarrier();
+    var place = NOT_KEPT;
+    if i < arrayLength(&blocks) {
+        place = places[i];
     }
-    let centre = camera_point(blocks[i].origin);
-    views[groups_seen[index].count + place] = BlockView(
-        array<f32, 3>(f64_to_f32(centre[0]), f64_to_f32(centre[1]), f64_to_f32(centre[2])),
-        i,
-        0u,
-        0u,
-        depth_key(camera_distance(centre)),
-    );
+    if place != NOT_KEPT {
+        let block = blocks[i];
+        let centre = camera_point(block.origin);
+        let origin = narrowed(centre);
+        let filter_kind = filter_of(camera.choice, block, origin);
+        views[groups_seen[index].count + place] = BlockView(
+            triple(origin),
+            i,
+            0u,
+            0u,
+            depth_key(camera_distance(centre)),
+            filter_kind,
+            block.level,
+        );
+        atomicAdd(&filters_seen[filter_kind], 1u);
+    }
+    workgroupBarrier();
+    if thread < FILTER_COUNT {
+        atomicAdd(&frame.filters[thread], atomicLoad(&filters_seen[thread]));
+    }
 }

@@ -24,7 +24,8 @@ struct NearList {
 
 // Which word of `counts`.
 override COUNT_INDEX: u32 = 0u;
-// What a pipeline is for: what others need is not compiled.
+// What a pipeline is for: what others need is not compiled. Under FILTER_ADAPTIVE the block says
+// what draws its particles.
 override FILTER: u32 = 0u;
 override IS_ORTHOGRAPHIC: bool = false;
 // Masses are peak opacities.
@@ -41,7 +42,6 @@ fn project(
         return;
     }
     var view = view_uniform;
-    view.filter_kind = FILTER;
     view.orthographic = u32(IS_ORTHOGRAPHIC);
 
     let particle = classified[i];
@@ -51,10 +51,44 @@ fn project(
     let origin = vector(block.origin_camera);
     let kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
+    let filter_kind = select(FILTER, block.filter_kind, FILTER == FILTER_ADAPTIVE);
+    var out: Footprint;
     if IS_OF_SPLATS {
-        footprints[i] = splat_footprint(view, kernel, particle.colour, key);
+        out = splat_footprint(view, kernel, particle.colour, key);
     } else {
-        footprints[i] = footprint(view, kernel, particle.colour, key, i);
+        out = footprint(view, filter_kind, kernel, particle.colour, key, i);
+    }
+    if view.show_choice != 0u {
+        out.colour = CHOICE_COLOURS[choice_index(block.level, out.path, filter_kind)];
+    }
+    footprints[i] = out;
+}
+
+// Which of CHOICE_COLOURS shows a footprint: by its block's level of detail, its own path and its
+// block's filter. Twin: src/splat/show.rs.
+fn choice_index(level: u32, path: u32, filter_kind: u32) -> u32 {
+    if level > 0u {
+        return 5u + min(level, 4u);
+    }
+    if path == PATH_EXACT {
+        return 0u;
+    }
+    if path != PATH_AFFINE {
+        return 5u;
+    }
+    switch filter_kind {
+        case FILTER_RECONSTRUCTION: {
+            return 2u;
+        }
+        case FILTER_LOW_PASS: {
+            return 3u;
+        }
+        case FILTER_ISOTROPIC: {
+            return 4u;
+        }
+        default: {
+            return 1u;
+        }
     }
 }
 
@@ -116,6 +150,7 @@ fn splat_footprint(
 // those of `index`.
 fn footprint(
     view: ViewUniform,
+    filter_kind: u32,
     kernel: Kernel,
     colour: array<f32, 3>,
     key: u32,
@@ -138,14 +173,14 @@ fn footprint(
         return out;
     }
     let screen = project_kernel(view, kernel);
-    let image = filtered(screen, view.filter_kind, h2);
+    let image = filtered(screen, filter_kind, h2);
     let is_shape = is_finite3(screen.row_x) && is_finite3(screen.row_y);
     if !(is_shape && is_above(image.tau, 0.0) && is_finite(image.tau)) {
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
     var r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
-    let choice = choose_exact(view, screen, image);
+    let choice = choose_exact(view, filter_kind, screen, image);
     if choice.exists {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.

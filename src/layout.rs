@@ -11,6 +11,7 @@
 //! | [`FrameState`] | cull, classify (GPU) | cull, the frame |
 //! | [`PartState`] | cull, classify (GPU) | classify, shade, project, the frame |
 //! | [`ChoiceUniform`] | the frame's set-up | cull |
+//! | [`MergedBlock`] | cull (GPU) | cull |
 //! | [`BlockView`] | cull (places, filters), classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
@@ -75,6 +76,8 @@ pub struct CameraUniform {
     pub orthographic: u32,
     /// Fills up a pair of words.
     pub unused: u32,
+    /// What blocks are drawn by.
+    pub choice: ChoiceUniform,
 }
 
 /// What the choice of a block's filter and of merged particles follows.
@@ -110,13 +113,39 @@ pub struct DeviceBlock {
     pub half_extent: [f32; 3],
     /// No kernel's standard deviation exceeds this in any direction.
     pub max_sigma: f32,
+    /// None falls below this.
+    pub min_sigma: f32,
+    /// The greatest mass, cell volume or opacity of a particle.
+    pub max_strength: f32,
     /// Least and greatest finite value; reversed where there is none.
     pub value_range: [f32; 2],
     /// Index of its first particle in the arrays of its part.
     pub first: u32,
     /// Number of particles; for a brick of a lattice, of its cells within the lattice.
     pub count: u32,
+    /// The block of merged particles that stands for this one among others, counted over the merged
+    /// blocks of the scene; [`NO_PARENT`](crate::blocks::NO_PARENT) for none.
+    pub parent: u32,
+    /// 0 for the data's own particles, above for merged ones.
+    pub level: u32,
 }
+
+/// A block of merged particles in a frame on the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct MergedBlock {
+    /// The merged block that stands for this one among others, as [`DeviceBlock::parent`].
+    pub parent: u32,
+    /// Whether it decides about its members by itself: one of the `MERGED_` constants.
+    pub state: u32,
+}
+
+/// Its members are asked.
+pub const MERGED_OPEN: u32 = 0;
+/// Nothing is seen of it or of its members.
+pub const MERGED_UNSEEN: u32 = 1;
+/// Its particles may be drawn instead of their members.
+pub const MERGED_FITS: u32 = 2;
 
 /// A lattice as the device keeps it: particles are cells, in bricks of
 /// [`BRICK`](crate::constants::BRICK).
@@ -163,8 +192,8 @@ pub struct FrameState {
     pub keys_per_unit: [u32; 2],
     /// Particles classified; `u32::MAX` stands for more.
     pub classified_count: u32,
-    /// Fills up a pair of words.
-    pub unused: u32,
+    /// Blocks in view, by their filter.
+    pub filters: [u32; 7],
 }
 
 /// What the stages of a frame on the device know of a part.

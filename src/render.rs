@@ -327,6 +327,7 @@ impl Renderer {
             is_culled: is_culled(settings),
             // The device finds the range of depth keys.
             view: view_uniform(camera, settings, 0.0),
+            choice: choice_uniform(camera, settings),
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
             count: settings.show == Show::Count,

@@ -8,17 +8,21 @@
 
 mod common;
 
-use common::Random;
+use std::collections::BTreeSet;
+
 use common::gpu::gpu;
+use common::{Random, lower_factor};
 use ewa_splat::blocks::{
-    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, cull, distance_interval,
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged, NO_PARENT,
+    choose, cull, cull_detail, distance_interval,
 };
 use ewa_splat::gpu::{self, f64_operations};
-use ewa_splat::layout::BlockView;
+use ewa_splat::layout::{BlockView, ChoiceUniform};
 use ewa_splat::scene::{
     Colour, ColourSpace, ControlPoint, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
     TransferFunction, Values,
 };
+use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
@@ -134,17 +138,70 @@ fn double_precision_in_integers_is_that_of_the_processor() {
     println!("{} pairs equal to the bit", pairs.len());
 }
 
-/// The views of some volumes with their keys and the keys per unit, as `Renderer::render` has
-/// them.
+/// What a frame is drawn by, its frustum aside.
+#[derive(Debug, Clone)]
+struct Shot {
+    camera: Camera,
+    rejects: bool,
+    choice: ChoiceUniform,
+}
+
+impl Shot {
+    /// By the tolerance of the defaults, and without levels of detail.
+    fn new(camera: &Camera, rejects: bool) -> Self {
+        let focal = camera.focal_px.as_vec2();
+        Self {
+            camera: camera.clone(),
+            rejects,
+            choice: ChoiceUniform {
+                focal_px: [focal.min_element(), focal.max_element()],
+                thresholds: [0.0; 2],
+                by_hand: 0,
+                orthographic: u32::from(camera.projection == Projection::Orthographic),
+                filter_kind: Filter::Adaptive as u32,
+                low_pass_variance_px2: 1.0,
+                tolerance: 1.0 / 255.0,
+                level_of_detail: 0,
+            },
+        }
+    }
+
+    fn with(&self, change: impl FnOnce(&mut ChoiceUniform)) -> Self {
+        let mut other = self.clone();
+        change(&mut other.choice);
+        other
+    }
+}
+
+/// The views of some volumes with their keys and filters, and the keys per unit, as
+/// `Renderer::render` has them.
 fn expected(
     volumes: &[BlockedVolume],
-    camera: &Camera,
+    shot: &Shot,
     frustum: &Frustum,
-    rejects: bool,
 ) -> (Vec<Vec<BlockView>>, f32) {
-    let mut views = vec![Vec::new(); volumes.len()];
-    for (volume, views) in volumes.iter().zip(&mut views) {
-        cull(volume, camera, rejects.then_some(frustum), views);
+    let camera = &shot.camera;
+    let cull_by = shot.rejects.then_some(frustum);
+    let mut views = Vec::new();
+    let mut closed = Vec::new();
+    for family in volumes.chunk_by(|_, next| next.merged.is_some()) {
+        let mut of_family = vec![Vec::new(); family.len()];
+        if shot.choice.level_of_detail != 0 {
+            cull_detail(
+                family,
+                camera,
+                cull_by,
+                &shot.choice,
+                &mut closed,
+                &mut of_family,
+            );
+        } else {
+            cull(&family[0], camera, cull_by, &mut of_family[0]);
+        }
+        for (volume, views) in family.iter().zip(&mut of_family) {
+            choose(volume, camera, &shot.choice, views);
+        }
+        views.append(&mut of_family);
     }
     let in_view = volumes
         .iter()
@@ -161,14 +218,32 @@ fn expected(
     (views, range.keys_per_unit())
 }
 
-/// Compares every view of frames, each with or without a frustum, to the bit; returns how many
-/// there are in each.
+/// What frames saw.
+#[derive(Debug, Default)]
+struct Tally {
+    /// Views of each frame.
+    views: Vec<usize>,
+    /// Views of all frames by filter.
+    filters: [usize; 7],
+    /// By level of detail.
+    levels: [usize; 8],
+}
+
+/// [`check_shots`] of frames by the defaults' tolerance, each with or without a frustum; returns how
+/// many views there are in each.
 fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) -> Vec<usize> {
+    let shots: Vec<_> = frames.iter().map(|(c, r)| Shot::new(c, *r)).collect();
+    check_shots(volumes, &shots, part_bytes).views
+}
+
+/// Compares every view of frames to the bit. On hardware whose quotients and roots are not the
+/// processor's a hundredth of the choices may fall on the other side of a threshold.
+fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Tally {
     let gpu = gpu().unwrap();
     let frustum = |camera| Frustum::new(camera, 7.0);
-    let uniforms: Vec<_> = frames
+    let uniforms: Vec<_> = shots
         .iter()
-        .map(|(camera, rejects)| gpu::camera_uniform(camera, &frustum(camera), *rejects))
+        .map(|s| gpu::camera_uniform(&s.camera, &frustum(&s.camera), s.rejects, s.choice))
         .collect();
     let outputs = gpu::cull(gpu, volumes, &uniforms, part_bytes).unwrap();
     // Zeros of either sign and NaNs are alike.
@@ -177,11 +252,41 @@ fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) 
             let x = if x.is_nan() { f32::NAN } else { x + 0.0 };
             x.to_bits()
         });
-        (v.block, point, v.first, v.count, v.key)
+        (
+            v.block,
+            point,
+            v.first,
+            v.count,
+            v.key,
+            v.filter_kind,
+            v.level,
+        )
     };
-    let mut totals = Vec::new();
-    for ((camera, rejects), out) in frames.iter().zip(outputs) {
-        let (views, key_scale) = expected(volumes, camera, &frustum(camera), *rejects);
+    let mut tally = Tally::default();
+    for (shot, out) in shots.iter().zip(outputs) {
+        let (views, key_scale) = expected(volumes, shot, &frustum(&shot.camera));
+        let mut filters = [0; 7];
+        for view in views.iter().flatten() {
+            filters[view.filter_kind as usize] += 1;
+            tally.levels[view.level as usize] += 1;
+        }
+        for (sum, n) in tally.filters.iter_mut().zip(filters) {
+            *sum += n as usize;
+        }
+        tally.views.push(views.iter().map(Vec::len).sum());
+        if !gpu.is_software() {
+            let key = |v: &BlockView| (v.level, v.block, v.filter_kind);
+            let keys = |views: &[Vec<BlockView>]| {
+                let keys = views.iter().enumerate();
+                let keys = keys.flat_map(|(i, views)| views.iter().map(move |v| (i, key(v))));
+                keys.collect::<BTreeSet<_>>()
+            };
+            let (a, b) = (keys(&out.views), keys(&views));
+            let flips = a.symmetric_difference(&b).count();
+            assert!(flips <= 2 + b.len() / 100, "{flips} of {}", b.len());
+            continue;
+        }
+        assert_eq!(out.filters, filters, "{:?}", shot.choice);
         for (device, expected) in out.views.iter().zip(&views) {
             let device: Vec<_> = device.iter().map(bits).collect();
             let expected: Vec<_> = expected.iter().map(bits).collect();
@@ -194,9 +299,8 @@ fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) 
             assert_eq!(groups, [count.min(65_535), count.div_ceil(65_535), 1]);
         }
         assert_eq!(out.key_scale.to_bits(), key_scale.to_bits(), "key scale");
-        totals.push(views.iter().map(Vec::len).sum());
     }
-    totals
+    tally
 }
 
 fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume {
@@ -456,9 +560,13 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
         origin: DVec3::new(0.0, 0.0, 1.0 + f64::from(i) * 4e-3),
         half_extent: Vec3::splat(1e-3),
         max_sigma: 1e-3,
+        min_sigma: 1e-3,
+        max_strength: 1.0,
         first: i,
         count: 1,
         value_range: [0.0, 1.0],
+        parent: NO_PARENT,
+        level: 0,
     };
     let volume = BlockedVolume {
         blocks: (0..count).map(block).collect(),
@@ -470,6 +578,7 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        merged: None,
     };
     let (eye, size) = (DVec3::new(40.0, 0.0, 100.0), [200, 100]);
     let camera = Camera::perspective(eye, DVec3::Z * 120.0, DVec3::X, 120.0, size);
@@ -523,4 +632,361 @@ fn poison_is_seen_alike() {
             check(std::slice::from_ref(volume), &frames, u64::MAX)
         );
     }
+}
+
+/// Opacity in steps and ramps, colours that change with them, over 0 to 255.
+fn transfer() -> TransferFunction {
+    let opacity = |v: f32| match v {
+        v if v < 40.0 => 0.0,
+        v if v < 90.0 => (v - 40.0) / 500.0,
+        v if v < 100.0 => 0.8,
+        v if v < 200.0 => 1e-3,
+        _ => 0.1,
+    };
+    let colour = |v: f32| [(v * 0.05).sin().abs(), v / 255.0, 0.5];
+    TransferFunction::from_curves(colour, opacity, [0.0, 255.0], 0.1).unwrap()
+}
+
+/// A smooth field with values from 0 to 255.
+fn field(p: DVec3) -> f32 {
+    let waves = (p.x * 3.0).sin() + (p.y * 5.0 + p.z).sin() + (p.z * 2.0).cos();
+    (waves * 42.0 + 127.0) as f32
+}
+
+/// Points in clumps and in between, with volumes that they fill.
+///
+/// - `kind`: bit 0 for ellipsoids, bit 1 for classified ones, bit 2 for colours of their own.
+fn cloud(random: &mut Random, count: usize, kind: usize) -> PointVolume {
+    let centres: Vec<DVec3> = (0..8).map(|_| random.point(0.8)).collect();
+    let positions: Vec<DVec3> = (0..count)
+        .map(|i| match i % 4 {
+            0 => random.point(1.0),
+            _ => centres[i % 8] + random.point(1.0) * random.log_range(1e-3, 0.2),
+        })
+        .collect();
+    let size = 0.5 * (count as f64).powf(-1.0 / 3.0);
+    let sigmas: Vec<f64> = (0..count)
+        .map(|_| size * random.log_range(0.8, 1.5))
+        .collect();
+    let strengths: Vec<f32> = sigmas
+        .iter()
+        .map(|s| (s.powi(2) * random.log_range(1e-2, 3.0)) as f32)
+        .collect();
+    let values = positions.iter().map(|p| field(*p)).collect();
+    let is_classified = kind & 2 != 0;
+    PointVolume {
+        particles: if kind & 1 == 0 {
+            Particles::Isotropic {
+                sigmas: sigmas.iter().map(|&s| s as f32).collect(),
+                positions,
+            }
+        } else {
+            let mut factor = |s: &f64| {
+                let ratio = random.log_range(1.0, 3.0);
+                lower_factor(&random.factor(*s, ratio))
+            };
+            Particles::Anisotropic {
+                factors: sigmas.iter().map(&mut factor).collect(),
+                positions,
+            }
+        },
+        strength: if is_classified {
+            Strength::Classified { volumes: strengths }
+        } else {
+            Strength::Mass(strengths)
+        },
+        colour: match kind & 6 {
+            2 => Colour::Classified,
+            4 => Colour::PerParticle(
+                (0..count)
+                    .map(|i| [0.5, (i % 3) as f32 / 2.0, 0.1])
+                    .collect(),
+            ),
+            0 => Colour::Classified,
+            _ => Colour::Uniform([0.3, 0.6, 0.9]),
+        },
+        values: Some(Values::F32(values)),
+        transfer_function: Some(transfer()),
+    }
+}
+
+/// A field on a lattice that fills the cube of half side 1: 0 uniform, 1 sheared, 2 rectilinear.
+fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
+    let step = dims.map(|n| 2.0 / n as f64);
+    let spacing = if kind == 2 {
+        let axis = |n: usize, random: &mut Random| {
+            let mut at = -1.0;
+            let mut next = || {
+                at += 2.0 / n as f64 * random.log_range(0.5, 2.0);
+                at
+            };
+            (0..n).map(|_| next()).collect::<Vec<f64>>()
+        };
+        LatticeSpacing::Rectilinear {
+            coordinates: dims.map(|n| axis(n, random)),
+        }
+    } else {
+        let shear = if kind == 1 { 0.4 } else { 0.0 };
+        LatticeSpacing::Uniform {
+            origin: DVec3::splat(-1.0),
+            step: DMat3::from_cols(
+                DVec3::new(step[0], shear * step[0], 0.0),
+                DVec3::new(0.0, step[1], shear * step[1]),
+                DVec3::new(-shear * step[2], 0.0, step[2]),
+            ),
+        }
+    };
+    let lattice = Lattice { dims, spacing };
+    let values = (0..lattice.len())
+        .map(|n| {
+            let cell = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+            field(lattice.position(cell)) as u8
+        })
+        .collect();
+    PointVolume {
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width: 0.7,
+        },
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: Some(Values::U8(values)),
+        transfer_function: Some(transfer()),
+    }
+}
+
+/// Cameras before the cube of half side 1 at many zooms, from within to where it is a pixel.
+fn zooms(random: &mut Random) -> Vec<Camera> {
+    let mut cameras = Vec::new();
+    for power in -2..11 {
+        let distance = 2.0 * 2_f64.powi(power);
+        let direction = random.rotation().x_axis;
+        let (eye, size) = (direction * distance, [320, 240]);
+        let aim = random.point(0.1);
+        let mut camera = Camera::perspective(eye, aim, DVec3::Z, 40.0, size);
+        // The wider, the larger what must be told apart.
+        camera.focal_px.y *= 1.0 + 0.3 * f64::from(power % 2);
+        cameras.push(camera);
+        let height = distance;
+        cameras.push(Camera::orthographic(
+            direction * 9.0,
+            aim,
+            DVec3::Z,
+            height,
+            size,
+        ));
+    }
+    cameras
+}
+
+#[test]
+fn filters_of_blocks_are_chosen_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(21);
+    let mut volumes: Vec<_> = (0..6)
+        .map(|kind| BlockedVolume::new(cloud(&mut random, 20_000, kind)))
+        .collect();
+    volumes.extend((0..3).map(|kind| BlockedVolume::new(grid(&mut random, [50, 41, 30], kind))));
+    let (mut by_tolerance, mut by_hand) = ([0; 7], [0; 7]);
+    for camera in zooms(&mut random) {
+        let shot = Shot::new(&camera, true);
+        let mut shots = vec![shot.clone()];
+        for tolerance in [1e-4, 1e-2, 0.3] {
+            for low_pass in [0.0, 0.25, 4.0] {
+                shots.push(shot.with(|c| {
+                    c.tolerance = tolerance;
+                    c.low_pass_variance_px2 = low_pass;
+                }));
+            }
+        }
+        let first_by_hand = shots.len();
+        for thresholds in [[0.3, 1.0], [2.0, 0.1], [0.0, 1e9]] {
+            shots.push(shot.with(|c| {
+                c.by_hand = 1;
+                c.thresholds = thresholds;
+            }));
+        }
+        let asked = shot.with(|c| c.filter_kind = Filter::Isotropic as u32);
+        let add = |sums: &mut [usize; 7], tally: Tally| {
+            for (sum, n) in sums.iter_mut().zip(tally.filters) {
+                *sum += n;
+            }
+        };
+        add(
+            &mut by_tolerance,
+            check_shots(&volumes, &shots[..first_by_hand], u64::MAX),
+        );
+        add(
+            &mut by_hand,
+            check_shots(&volumes, &shots[first_by_hand..], u64::MAX),
+        );
+        let asked = check_shots(&volumes, &[asked], u64::MAX);
+        assert_eq!(asked.filters[Filter::Isotropic as usize], asked.views[0]);
+    }
+    println!("by tolerance {by_tolerance:?}, by hand {by_hand:?}");
+    let count = |sums: [usize; 7], filter: Filter| sums[filter as usize];
+    use Filter::{Adaptive, Ewa, Isotropic, LowPass, Reconstruction};
+    for filter in [Adaptive, Ewa, Reconstruction, LowPass, Isotropic] {
+        assert!(count(by_tolerance, filter) > 20, "{filter:?}");
+    }
+    for filter in [Ewa, Reconstruction, LowPass] {
+        assert!(count(by_hand, filter) > 100, "{filter:?}");
+    }
+}
+
+#[test]
+fn levels_of_detail_are_cut_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(22);
+    let mut families = Vec::new();
+    for kind in 0..8 {
+        families.push(BlockedVolume::with_detail(cloud(&mut random, 30_000, kind)));
+    }
+    for kind in 0..3 {
+        families.push(BlockedVolume::with_detail(grid(
+            &mut random,
+            [90, 70, 61],
+            kind,
+        )));
+    }
+    // All in one scene as well, where parents are counted over all families.
+    let scene: Vec<_> = families.iter().flatten().cloned().collect();
+    assert!(scene.iter().filter(|v| v.merged.is_some()).count() > 12);
+    families.push(scene);
+    let cameras = zooms(&mut random);
+    let mut levels = [0; 8];
+    for (f, family) in families.iter().enumerate() {
+        let mut shots = Vec::new();
+        for (i, camera) in cameras.iter().enumerate() {
+            let shot = Shot::new(camera, i % 7 != 3).with(|c| c.level_of_detail = 1);
+            shots.push(shot.with(|c| c.tolerance = 0.05));
+            shots.push(shot);
+        }
+        // One that asks for none leaves nothing behind, and takes nothing over.
+        shots.push(Shot::new(&cameras[12], true));
+        let tally = check_shots(family, &shots, u64::MAX);
+        println!("{f}: {:?} by level", tally.levels);
+        for (sum, n) in levels.iter_mut().zip(tally.levels) {
+            *sum += n;
+        }
+        assert!(tally.levels[0] > 0 && tally.levels[1..].iter().sum::<usize>() > 0);
+        let cut = check_shots(family, &shots[20..28], 60 * 256 * 64);
+        assert_eq!(cut.views, tally.views[20..28]);
+    }
+    assert!(levels[..4].iter().all(|&n| n > 50), "{levels:?}");
+}
+
+#[test]
+fn degenerate_blocks_are_chosen_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(23);
+    // Denormals are zeros on the device.
+    const NUMBERS: [f32; 12] = [
+        0.0,
+        -0.0,
+        1.0,
+        1e-3,
+        0.5,
+        30.0,
+        -1.0,
+        1e30,
+        1e-30,
+        f32::MAX,
+        f32::INFINITY,
+        f32::NAN,
+    ];
+    let count = 40_000_u32;
+    let mut pick = |rarely: usize, usual: f64| {
+        if random.index(rarely) == 0 {
+            NUMBERS[random.index(NUMBERS.len())]
+        } else {
+            (usual * random.log_range(0.1, 10.0)) as f32
+        }
+    };
+    let block = |i: u32, parent, pick: &mut dyn FnMut(usize, f64) -> f32| Block {
+        origin: DVec3::new(f64::from(i % 7) - 3.0, 0.2, 1.0 + f64::from(i % 100) * 0.3),
+        half_extent: Vec3::new(pick(9, 0.1), pick(9, 0.1), pick(9, 0.1)),
+        max_sigma: pick(6, 1e-2),
+        min_sigma: pick(6, 8e-3),
+        max_strength: pick(6, 1e-3),
+        first: i,
+        count: 1,
+        value_range: [0.0, 1.0],
+        parent,
+        level: u32::from(parent == NO_PARENT),
+    };
+    let volume = |blocks, merged| BlockedVolume {
+        blocks,
+        particles: BlockedParticles::Anisotropic {
+            offsets: vec![[0.0; 3]; count as usize],
+            factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize],
+        },
+        strength: Strength::Mass(vec![1e-3; count as usize]),
+        colour: Colour::Uniform([1.0; 3]),
+        values: None,
+        transfer_function: None,
+        merged,
+    };
+    let base = (0..count).map(|i| block(i, i, &mut pick)).collect();
+    let coarse = (0..count).map(|i| block(i, NO_PARENT, &mut pick)).collect();
+    let bounds = (0..count)
+        .map(|_| MergeBounds {
+            third_mean: pick(7, 3e-3),
+            third: pick(7, 5e-3),
+            fourth: pick(7, 5e-3),
+            second: pick(7, 1e-2),
+            spread: pick(7, 1.0),
+            colour: pick(7, 0.1),
+        })
+        .collect();
+    let merged = Merged {
+        bounds,
+        ..Merged::default()
+    };
+    let family = [volume(base, None), volume(coarse, Some(merged))];
+    let mut tally = Tally::default();
+    for distance in [0.0, 3.0, 40.0, 1e4, 1e20] {
+        for is_orthographic in [false, true] {
+            let (eye, aim, size) = (DVec3::Z * -distance, DVec3::Z * 9.0, [200, 150]);
+            let camera = if is_orthographic {
+                Camera::orthographic(eye, aim, DVec3::Y, 4.0 + distance, size)
+            } else {
+                Camera::perspective(eye, aim, DVec3::Y, 60.0, size)
+            };
+            let shot = Shot::new(&camera, false);
+            let mut shots = vec![shot.with(|c| c.level_of_detail = 1)];
+            for h2 in [0.0, 1.0, f32::MAX] {
+                shots.push(shot.with(|c| c.low_pass_variance_px2 = h2));
+                shots.push(shot.with(|c| {
+                    c.low_pass_variance_px2 = h2;
+                    c.level_of_detail = 1;
+                    c.tolerance = 0.999;
+                }));
+                for thresholds in [[0.5, 2.0], [0.0, f32::INFINITY], [f32::NAN, f32::MAX]] {
+                    shots.push(shot.with(|c| {
+                        c.low_pass_variance_px2 = h2;
+                        c.by_hand = 1;
+                        c.thresholds = thresholds;
+                    }));
+                }
+            }
+            let found = check_shots(&family, &shots, u64::MAX);
+            for (sum, n) in tally.filters.iter_mut().zip(found.filters) {
+                *sum += n;
+            }
+            for (sum, n) in tally.levels.iter_mut().zip(found.levels) {
+                *sum += n;
+            }
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.levels[0] > 1_000 && tally.levels[1] > 1_000);
 }

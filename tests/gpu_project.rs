@@ -13,7 +13,7 @@ mod common;
 
 use common::gpu::gpu;
 use common::{Random, lower_factor};
-use ewa_splat::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use ewa_splat::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use ewa_splat::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use ewa_splat::cpu::{self, ProjectOutput};
 use ewa_splat::gpu::{Projected, project};
@@ -22,11 +22,12 @@ use ewa_splat::layout::{
     PATH_NEAR, PATH_PEAK, ViewUniform,
 };
 use ewa_splat::math::Factor;
-use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
+use ewa_splat::splat::budget::AFFINE_SHARE;
 use ewa_splat::splat::{
-    Filter, ImageKernel, Kernel, ScreenFactor, affine_error, choose_exact, cutoff_radius,
-    edge_growth, evaluate_near, exact_extent, exact_terms, opacity_amplification, peak_footprint,
-    project_kernel,
+    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, affine_error, choose_exact,
+    cutoff_radius, edge_growth, evaluate_near, exact_extent, exact_terms, opacity_amplification,
+    peak_footprint, project_kernel,
 };
 use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
 
@@ -77,7 +78,7 @@ impl Input {
                 let cells = grid.cells(view.block);
                 let cell = BrickGrid::cell(cells.map(|c| c[0]), particle.local);
                 let factor = grid.shared_factor().map_or_else(
-                    || grid.cell_factor(&self.rotation, cell),
+                    || grid.cell_factor(&(self.rotation * grid.basis()), cell),
                     |f| Factor::from_matrix(self.rotation * f),
                 );
                 (grid.offset(cells, cell), factor)
@@ -97,6 +98,11 @@ impl Input {
             mass: particle.mass,
         };
         (offset, kernel)
+    }
+
+    /// What draws a classified particle.
+    fn filter(&self, i: usize) -> Filter {
+        Filter::ALL[self.views[self.classified[i].view as usize].filter_kind as usize]
     }
 
     fn splats(&self) -> Option<bool> {
@@ -182,7 +188,7 @@ fn roundings(
     let row = focal * norm * per_depth * (1.0 + slope) * (8.0 * EPS + 2.0 * depth);
     // The filters that take the footprint's own smaller axis for something.
     let bare = screen.filtered(Filter::Reconstruction, 0.0);
-    let is_bare = view.filter_kind == Filter::UniformScaling as u32 || input.splats() == Some(true);
+    let is_bare = input.filter(i) == Filter::UniformScaling || input.splats() == Some(true);
     let of = if is_bare { &bare } else { image };
     let smallest = of.determinant / (of.a + of.c);
     Roundings {
@@ -195,12 +201,18 @@ fn roundings(
 }
 
 /// The cut-off radius as the stage finds it.
-fn radius(view: &ViewUniform, screen: &ScreenFactor, image: &ImageKernel, is_splat: bool) -> f32 {
+fn radius(
+    view: &ViewUniform,
+    filter: Filter,
+    screen: &ScreenFactor,
+    image: &ImageKernel,
+    is_splat: bool,
+) -> f32 {
     let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
     if is_splat {
         return r;
     }
-    choose_exact(view, screen, image).map_or(r, |terms| {
+    choose_exact(view, filter, screen, image).map_or(r, |terms| {
         let growth = edge_growth(view, screen, image, &terms, 1.1 * r);
         r.max(cutoff_radius(
             image.tau.max(1.0) * growth,
@@ -292,10 +304,7 @@ fn compare_one(
         }
     } else {
         screen = project_kernel(view, &kernel);
-        image = screen.filtered(
-            Filter::ALL[view.filter_kind as usize],
-            view.low_pass_variance_px2,
-        );
+        image = screen.filtered(input.filter(i), view.low_pass_variance_px2);
     }
     let round = roundings(input, i, offset, &kernel, &screen, &image);
 
@@ -313,14 +322,15 @@ fn compare_one(
 
     // z over the depth at which the kernel is integrated directly.
     let reach = kernel.factor.z.length();
-    let r = radius(view, &screen, &image, input.splats().is_some());
+    let is_splat = input.splats().is_some();
+    let r = radius(view, input.filter(i), &screen, &image, is_splat);
     if path(e) != path(f) || e.is_visible() != f.is_visible() {
         let at_near = (kernel.centre.z / (NEAR_MARGIN * r * reach) - 1.0).abs();
         let behind = (kernel.centre.z / (MAX_CUTOFF * reach) + 1.0).abs();
         let terms = exact_terms(&screen, view.low_pass_variance_px2, image.determinant);
         let error = affine_error(view, &screen, &image, &terms)
             * opacity_amplification(image.tau).max(1.0)
-            / view.tolerance;
+            / (view.tolerance * AFFINE_SHARE);
         let is_marginal = at_near < 4.0 * round.axis + 1e-5
             || behind < 1e-6
             || (error - 1.0).abs() < 16.0 * round.axis + 1e-5
@@ -558,6 +568,8 @@ impl Scene {
             tolerance: 1.0 / 255.0,
             cutoff: self.cutoff,
             key_scale: (1e7 / self.scale) as f32,
+            show_choice: 0,
+            unused: 0,
         }
     }
 
@@ -621,6 +633,8 @@ impl Scene {
                 first: 0,
                 count: 0,
                 key: (random.bits() >> 33) as u32,
+                filter_kind: self.filter as u32,
+                level: 0,
             });
             blocks.push(block(first, size));
         }
@@ -650,9 +664,13 @@ fn block(first: u32, size: usize) -> Block {
         origin: DVec3::ZERO,
         half_extent: Vec3::ONE,
         max_sigma: 1.0,
+        min_sigma: 1.0,
+        max_strength: 1.0,
         first,
         count: size as u32,
         value_range: [0.0; 2],
+        parent: NO_PARENT,
+        level: 0,
     }
 }
 
@@ -664,6 +682,7 @@ fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -
         colour: Colour::PerParticle(Vec::new()),
         values: None,
         transfer_function: None,
+        merged: None,
     }
 }
 
@@ -745,18 +764,25 @@ fn needles_and_scales() {
     }
 }
 
-/// Every cell of a lattice, its first brick's middle at `origin` of the camera.
-fn lattice_input(random: &mut Random, lattice: Lattice, filter: Filter) -> Input {
-    let grid = BlockedVolume::new(PointVolume {
+/// A lattice's own cells and those of its levels of detail, if it has any.
+fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
+    let count = lattice.len();
+    BlockedVolume::with_detail(PointVolume {
         particles: Particles::Lattice {
             lattice,
             kernel_width: 0.7,
         },
-        strength: Strength::Mass(Vec::new()),
-        colour: Colour::PerParticle(Vec::new()),
-        values: None,
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: Some(Values::U8(vec![0; count])),
         transfer_function: None,
-    });
+    })
+}
+
+/// Every cell of a lattice, its first brick's middle before the camera.
+fn lattice_input(random: &mut Random, grid: BlockedVolume, filter: Filter) -> Input {
     let rotation = random.rotation();
     let eye = grid.blocks[0].origin - rotation.transpose() * DVec3::new(-2.0, 1.0, 30.0);
     let (mut views, mut classified) = (Vec::new(), Vec::new());
@@ -783,6 +809,8 @@ fn lattice_input(random: &mut Random, lattice: Lattice, filter: Filter) -> Input
             first: 0,
             count: 0,
             key: 1 << 30,
+            filter_kind: filter as u32,
+            level: block.level,
         });
     }
     let view = Scene::new(Kind::Spheres, filter, false).view();
@@ -821,12 +849,53 @@ fn lattices() {
         },
     };
     for lattice in [sheared, rectilinear] {
-        for filter in [Filter::Adaptive, Filter::Ewa, Filter::Exact] {
-            let mut seen = Seen::default();
-            let input = lattice_input(&mut random, lattice.clone(), filter);
-            compare(&input, "lattice", &mut seen);
-            seen.report(&format!("lattice {:?} {filter:?}", lattice.dims));
-            assert!(seen.visible > 100);
+        let grids = grids(lattice);
+        assert!(grids.len() > 2, "cubes of cells");
+        for grid in grids {
+            for filter in [Filter::Adaptive, Filter::Ewa, Filter::Exact] {
+                let mut seen = Seen::default();
+                let count = grid.particle_count();
+                let input = lattice_input(&mut random, grid.clone(), filter);
+                compare(&input, "lattice", &mut seen);
+                seen.report(&format!("lattice of {count} {filter:?}"));
+                assert!(seen.visible > count.min(200) / 2);
+            }
+        }
+    }
+}
+
+/// In an adaptive frame the block says what draws its particles, and the debug layer shows it.
+#[test]
+fn blocks_of_every_filter_and_level() {
+    let mut random = Random::new(19);
+    for kind in [Kind::Ellipsoids, Kind::Splats] {
+        for is_orthographic in [false, true] {
+            for show_choice in [0, 1] {
+                let scene = Scene::new(kind, Filter::Adaptive, is_orthographic);
+                let mut input = scene.input(&mut random, &[256; 14]);
+                input.view.show_choice = show_choice;
+                for (i, view) in input.views.iter_mut().enumerate() {
+                    view.filter_kind = (i % 7) as u32;
+                    view.level = (i / 7 * (i % 6)) as u32;
+                }
+                let mut seen = Seen::default();
+                compare(&input, "blocks", &mut seen);
+                seen.report(&format!(
+                    "blocks of {kind:?} orthographic {is_orthographic}"
+                ));
+                assert!(seen.visible > 1_000);
+                let expected = input.on_cpu();
+                let shown = CHOICE_COLOURS.map(|colour| {
+                    let is_shown = |f: &&Footprint| f.is_visible() && f.colour == colour;
+                    expected.footprints.iter().filter(is_shown).count()
+                });
+                if show_choice == 1 && matches!(kind, Kind::Ellipsoids) {
+                    println!("{shown:?}");
+                    let is_whole = |&n: &usize| n > 0;
+                    // No kernel is exact without perspective.
+                    assert!(shown[usize::from(is_orthographic)..].iter().all(is_whole));
+                }
+            }
         }
     }
 }
@@ -885,6 +954,8 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                         first: 0,
                         count: 0,
                         key: 7,
+                        filter_kind: filter as u32,
+                        level: 0,
                     })
                     .collect(),
                 classified: (0..count)
@@ -905,6 +976,8 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                     tolerance: 1.0 / 256.0,
                     cutoff: 2.0,
                     key_scale: 1.0,
+                    show_choice: 0,
+                    unused: 0,
                 },
                 rotation: Mat3::IDENTITY,
             };

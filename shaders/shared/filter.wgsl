@@ -7,11 +7,15 @@ struct ExactChoice {
 }
 
 // The one place that chooses between affine and exact.
-fn choose_exact(view: ViewUniform, screen: ScreenFactor, kernel: ImageKernel) -> ExactChoice {
+fn choose_exact(
+    view: ViewUniform,
+    filter_kind: u32,
+    screen: ScreenFactor,
+    kernel: ImageKernel,
+) -> ExactChoice {
     var choice: ExactChoice;
-    let is_exact = view.filter_kind == FILTER_EXACT;
-    let is_adaptive = view.filter_kind == FILTER_ADAPTIVE;
-    if view.orthographic != 0u || !(is_exact || is_adaptive) {
+    let is_exact = filter_kind == FILTER_EXACT;
+    if view.orthographic != 0u || !(is_exact || filter_kind == FILTER_ADAPTIVE) {
         return choice;
     }
     choice.terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
@@ -22,6 +26,6 @@ fn choose_exact(view: ViewUniform, screen: ScreenFactor, kernel: ImageKernel) ->
     let amplification = max(opacity_amplification(kernel.tau), 1.0);
     let error = affine_error(view, screen, kernel, choice.terms) * amplification;
     // NaN takes the safe side.
-    choice.exists = is_nan(error) || error > view.tolerance;
+    choice.exists = is_nan(error) || error > view.tolerance * AFFINE_SHARE;
     return choice;
 }

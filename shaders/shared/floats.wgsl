@@ -6,6 +6,11 @@ fn is_above(a: f32, b: f32) -> bool {
     return !is_nan(a) && !is_nan(b) && a > b;
 }
 
+// Whether a <= b; false where either is no number.
+fn is_at_most(a: f32, b: f32) -> bool {
+    return !is_nan(a) && !is_nan(b) && a <= b;
+}
+
 // The greater of two; the other where one is no number.
 fn max_number(a: f32, b: f32) -> f32 {
     if is_nan(a) || is_above(b, a) {

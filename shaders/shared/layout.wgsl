@@ -25,15 +25,45 @@ struct CameraUniform {
     has_frustum: u32,
     orthographic: u32,
     unused: u32,
+    choice: ChoiceUniform,
+}
+
+struct ChoiceUniform {
+    focal_px: vec2<f32>,
+    thresholds: vec2<f32>,
+    by_hand: u32,
+    orthographic: u32,
+    filter_kind: u32,
+    low_pass_variance_px2: f32,
+    tolerance: f32,
+    level_of_detail: u32,
 }
 
 struct DeviceBlock {
     origin: array<vec2<u32>, 3>,
     half_extent: array<f32, 3>,
     max_sigma: f32,
+    min_sigma: f32,
+    max_strength: f32,
     value_range: array<f32, 2>,
     first: u32,
     count: u32,
+    parent: u32,
+    level: u32,
+}
+
+struct MergeBounds {
+    third_mean: f32,
+    third: f32,
+    fourth: f32,
+    second: f32,
+    spread: f32,
+    colour: f32,
+}
+
+struct MergedBlock {
+    parent: u32,
+    state: u32,
 }
 
 struct LatticeUniform {
@@ -56,7 +86,7 @@ struct FrameState {
     near: vec2<u32>,
     keys_per_unit: vec2<u32>,
     classified_count: u32,
-    unused: u32,
+    filters: array<atomic<u32>, FILTER_COUNT>,
 }
 
 struct PartState {

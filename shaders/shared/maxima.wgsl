@@ -14,10 +14,15 @@ fn maxima_row(p: u32) -> u32 {
     return p * (CLASSIFICATION_TABLE_LEN + 1u) + 1u - (1u << p);
 }
 
-// The first and the last entry that values from `lo` to `hi`, finite, are interpolated from.
+// The first and the last entry that values from `lo` to `hi` are interpolated from; of all values
+// where an end is NaN. Twin: `entries`.
 fn maxima_entries(lo: f32, hi: f32) -> vec2<u32> {
-    let first = table_position(lo, maxima.low, maxima.scale).entry;
-    let last = table_position(hi, maxima.low, maxima.scale).entry + 1u;
+    if is_nan(lo) || is_nan(hi) {
+        return vec2<u32>(0u, TABLE_LAST);
+    }
+    let is_swapped = lo > hi;
+    let first = table_position(select(lo, hi, is_swapped), maxima.low, maxima.scale).entry;
+    let last = table_position(select(hi, lo, is_swapped), maxima.low, maxima.scale).entry + 1u;
     return vec2<u32>(first, last);
 }
 
@@ -30,11 +35,14 @@ fn greatest_entry(start: u32, first: u32, last: u32) -> f32 {
     return bitcast<f32>(max(a, b));
 }
 
-// A bound on how fast, per unit of value, what is averaged changes between the values lo <= hi.
+// A bound on the extinction between the values lo and hi.
+fn max_extinction(lo: f32, hi: f32) -> f32 {
+    let entries = maxima_entries(lo, hi);
+    return greatest_entry(0u, entries.x, entries.y) * MAXIMUM_ROUNDING;
+}
+
+// A bound on how fast, per unit of value, what is averaged changes between the values lo and hi.
 fn max_slope(lo: f32, hi: f32) -> f32 {
-    var entries = vec2<u32>(0u, TABLE_LAST);
-    if !is_nan(lo) && !is_nan(hi) {
-        entries = maxima_entries(lo, hi);
-    }
+    let entries = maxima_entries(lo, hi);
     return greatest_entry(maxima_row(TABLE_LEVELS), entries.x, entries.y - 1u);
 }

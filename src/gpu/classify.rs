@@ -49,6 +49,7 @@ impl Classify {
                     ("STRENGTH", f64::from(kinds.strength as u32)),
                     ("COLOUR", f64::from(kinds.colour as u32)),
                     ("IS_LATTICE", f64::from(u8::from(kinds.is_lattice()))),
+                    ("HAS_CLUMPS", f64::from(u8::from(kinds.has_clumps))),
                 ],
             )
         };
@@ -63,19 +64,19 @@ impl Classify {
     }
 }
 
-/// Binds the stage to each part of a scene and what a frame makes of it.
+/// Binds the stage to each of some parts of a scene and what a frame makes of it.
 ///
 /// # Errors
 /// No memory for the counts.
 pub(super) fn bind_classify(
     gpu: &Gpu,
     frame: &FrameBuffers,
-    parts: &[Part],
+    parts: &[&Part],
     buffers: &[PartBuffers],
 ) -> Result<Vec<BoundClassify>> {
     let mut kernels: HashMap<Kinds, Classify> = HashMap::new();
     let scan = Scan::new(gpu, (offset_of!(PartState, count_length) / 4) as u32);
-    let bind_part = |(part, buffers): (&Part, &PartBuffers)| {
+    let bind_part = |(part, buffers): (&&Part, &PartBuffers)| {
         let kernels = kernels
             .entry(part.kinds)
             .or_insert_with(|| Classify::new(gpu, &part.kinds));
@@ -215,7 +216,8 @@ pub fn classify(
 ) -> Result<Classified> {
     let uploaded = upload_views(gpu, volume, views, capacity, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
-    let bound = bind_classify(gpu, &frame, &uploaded.scene.parts, &uploaded.buffers)?;
+    let parts: Vec<_> = uploaded.scene.parts.iter().collect();
+    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers)?;
     gpu.run(|pass| bound.iter().for_each(|part| part.encode(pass)));
     let mut out = Classified {
         particles: Vec::new(),

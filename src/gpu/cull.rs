@@ -4,11 +4,15 @@ use bytemuck::{Pod, Zeroable};
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel, THREADS};
-use super::scene::{FrameBuffers, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
+use super::particles::ParticleKind;
+use super::scene::{ColourKind, FrameBuffers, Kinds, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
 use super::shaders::{self, words};
-use crate::blocks::{BlockedVolume, Frustum};
+use crate::blocks::{BlockedVolume, Frustum, NO_PARENT};
 use crate::error::Result;
-use crate::layout::{BlockView, CameraUniform, PartState, ViewUniform};
+use crate::layout::{
+    BlockView, CameraUniform, ChoiceUniform, FrameState, MERGED_OPEN, MergedBlock, PartState,
+    ViewUniform,
+};
 use crate::view::{Camera, Projection};
 
 /// What a workgroup has seen, as `cull.wgsl` has it.
@@ -22,8 +26,14 @@ pub(super) struct CullGroup {
 }
 
 /// What the device needs of a camera; `rejects`: whether blocks that the frustum does not see are
-/// left out (the range of depth keys is theirs who are seen in any case).
-pub fn camera_uniform(camera: &Camera, frustum: &Frustum, rejects: bool) -> CameraUniform {
+/// left out (the range of depth keys is theirs who are seen in any case); `choice`: what blocks are
+/// drawn by.
+pub fn camera_uniform(
+    camera: &Camera,
+    frustum: &Frustum,
+    rejects: bool,
+    choice: ChoiceUniform,
+) -> CameraUniform {
     let planes = frustum.planes();
     let world_normal = |i: usize| camera.camera_from_world.transpose() * planes[i].0;
     let triple = |v: glam::DVec3| v.to_array().map(words);
@@ -37,6 +47,7 @@ pub fn camera_uniform(camera: &Camera, frustum: &Frustum, rejects: bool) -> Came
         has_frustum: u32::from(rejects),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         unused: 0,
+        choice,
     }
 }
 
@@ -44,11 +55,43 @@ pub fn camera_uniform(camera: &Camera, frustum: &Frustum, rejects: bool) -> Came
 #[derive(Debug)]
 pub(super) struct Cull {
     begin: Kernel,
-    /// Without and with a transfer function.
-    count: [Kernel; 2],
     scan: Kernel,
     range: Kernel,
+}
+
+/// The pipelines for parts of one kind.
+#[derive(Debug)]
+struct CullPart {
+    close: Kernel,
+    count: Kernel,
     emit: Kernel,
+}
+
+impl CullPart {
+    fn new(gpu: &Gpu, kinds: &Kinds) -> Self {
+        use Access::{Read, Write};
+        let flag = |is: bool| f64::from(u8::from(is));
+        let constants = [
+            ("IS_CLASSIFIED", flag(kinds.may_be_transparent())),
+            (
+                "IS_COLOUR_CLASSIFIED",
+                flag(kinds.colour == ColourKind::Classified),
+            ),
+            ("IS_MERGED", flag(kinds.is_merged)),
+            (
+                "ARE_ROUND",
+                flag(kinds.particles == ParticleKind::Isotropic),
+            ),
+        ];
+        let kernel =
+            |entry, bindings: &[Access]| gpu.kernel(&shaders::CULL, entry, bindings, &constants);
+        let blocks = [Write, Write, Read, Read, Write, Read, Write, Read];
+        Self {
+            close: kernel("cull_close", &blocks),
+            count: kernel("cull_count", &blocks),
+            emit: kernel("cull_emit", &blocks[..7]),
+        }
+    }
 }
 
 /// The stage over certain parts.
@@ -61,6 +104,8 @@ pub(super) struct BoundCull {
 
 #[derive(Debug)]
 struct BoundPart {
+    /// Of merged particles.
+    close: Option<BoundKernel>,
     count: BoundKernel,
     scan: BoundKernel,
     emit: BoundKernel,
@@ -69,32 +114,16 @@ struct BoundPart {
 
 impl Cull {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        use Access::{Read, Write};
-        let kernel = |entry, bindings: &[Access], is_classified: bool| {
-            gpu.kernel(
-                &shaders::CULL,
-                entry,
-                bindings,
-                &[("IS_CLASSIFIED", f64::from(u8::from(is_classified)))],
-            )
-        };
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&shaders::CULL, entry, bindings, &[]);
         Self {
-            begin: kernel("cull_begin", &[Write], false),
-            count: [false, true].map(|is_classified| {
-                let bindings = [Write, Write, Read, Read, Write, Read];
-                kernel("cull_count", &bindings, is_classified)
-            }),
-            scan: kernel("cull_scan", &[Write; 4], false),
-            range: kernel("cull_range", &[Write; 2], false),
-            emit: kernel(
-                "cull_emit",
-                &[Write, Write, Read, Read, Write, Write],
-                false,
-            ),
+            begin: kernel("cull_begin", &[Access::Write]),
+            scan: kernel("cull_scan", &[Access::Write; 4]),
+            range: kernel("cull_range", &[Access::Write; 2]),
         }
     }
 
-    /// Binds all parts of a scene and what a frame makes of each.
+    /// Binds parts of a scene, all where any is of merged particles, and what a frame makes of
+    /// each.
     ///
     /// # Errors
     /// No memory for the counts.
@@ -102,7 +131,7 @@ impl Cull {
         &self,
         gpu: &Gpu,
         frame: &FrameBuffers,
-        parts: &[Part],
+        parts: &[&Part],
         buffers: &[PartBuffers],
     ) -> Result<BoundCull> {
         let FrameBuffers {
@@ -111,25 +140,41 @@ impl Cull {
             state: frame,
             ..
         } = frame;
-        let bind_part = |(part, buffers): (&Part, &PartBuffers)| {
+        let merged = parts.iter().filter(|part| part.kinds.is_merged);
+        let merged_count: usize = merged.map(|part| part.run.len()).sum();
+        // A binding holds one at least.
+        let none = MergedBlock {
+            parent: NO_PARENT,
+            state: MERGED_OPEN,
+        };
+        let merged_blocks = gpu.upload("merged blocks", &vec![none; merged_count.max(1)])?;
+        let bind_part = |(part, buffers): (&&Part, &PartBuffers)| {
             let block_count = part.run.len();
             let groups = block_count.div_ceil(THREADS as usize);
             let places = gpu.buffer("places of blocks", 4 * block_count as u64)?;
             let seen = gpu.buffer("seen blocks", (size_of::<CullGroup>() * groups) as u64)?;
-            let blocks = &part.blocks;
+            let Part {
+                blocks,
+                maxima,
+                merged,
+                ..
+            } = part;
             let PartBuffers {
                 state,
                 arguments,
                 views,
                 ..
             } = buffers;
-            let count = &self.count[usize::from(part.kinds.may_be_transparent())];
+            let kernels = CullPart::new(gpu, &part.kinds);
+            let shared = [frame, &seen, camera, blocks, &places, maxima];
+            let of_blocks = [&shared[..], &[&merged_blocks, merged]].concat();
+            let emit = [&shared[..], &[views]].concat();
+            let close = part.kinds.is_merged;
             Ok(BoundPart {
-                count: count.bind(gpu, &[frame, &seen, camera, blocks, &places, &part.maxima]),
+                close: close.then(|| kernels.close.bind(gpu, &of_blocks)),
+                count: kernels.count.bind(gpu, &of_blocks),
                 scan: self.scan.bind(gpu, &[frame, &seen, state, arguments]),
-                emit: self
-                    .emit
-                    .bind(gpu, &[frame, &seen, camera, blocks, &places, views]),
+                emit: kernels.emit.bind(gpu, &emit),
                 groups: groups as u32,
             })
         };
@@ -148,6 +193,11 @@ impl Cull {
 impl BoundCull {
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
         self.begin.dispatch(pass, 1);
+        for part in &self.parts {
+            if let Some(close) = &part.close {
+                close.dispatch(pass, part.groups);
+            }
+        }
         for part in &self.parts {
             part.count.dispatch(pass, part.groups);
             part.scan.dispatch(pass, 1);
@@ -168,14 +218,18 @@ pub struct CullOutput {
     pub parts: Vec<(u32, [u32; 3])>,
     /// Depth keys per unit of distance.
     pub key_scale: f32,
+    /// How many views have each filter.
+    pub filters: [u32; 7],
 }
 
-/// The blocks of some volumes that frames see, with their keys.
+/// The blocks of some volumes, each with its levels of detail after it, that frames see, with their
+/// keys and filters.
 ///
 /// - `cameras`: one for each frame.
 /// - `part_bytes`: parts of volumes have buffers of at most so many bytes.
 ///
-/// Twin: [`crate::blocks::cull`] and the keys of [`crate::Renderer::render`].
+/// Twin: [`crate::blocks::cull`], [`crate::blocks::cull_detail`], [`crate::blocks::choose`] and the
+/// keys of [`crate::Renderer::render`].
 ///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.
@@ -192,7 +246,8 @@ pub fn cull(
         .iter()
         .map(|part| PartBuffers::new(gpu, part, 1))
         .collect::<Result<Vec<_>>>()?;
-    let bound = Cull::new(gpu).bind(gpu, &frame, &scene.parts, &buffers)?;
+    let parts: Vec<_> = scene.parts.iter().collect();
+    let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers)?;
     let run = |camera: &CameraUniform| {
         frame.write(gpu, &ViewUniform::zeroed(), camera);
         gpu.run(|pass| bound.encode(pass));
@@ -209,10 +264,12 @@ pub fn cull(
             counts.push((state.view_count, gpu.read(&buffers.arguments, 1)?[0]));
         }
         let view: ViewUniform = gpu.read(&frame.view, 1)?[0];
+        let state: FrameState = gpu.read(&frame.state, 1)?[0];
         Ok(CullOutput {
             views,
             parts: counts,
             key_scale: view.key_scale,
+            filters: state.filters,
         })
     };
     cameras.iter().map(run).collect()

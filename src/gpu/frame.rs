@@ -8,6 +8,8 @@
 //! the image into bands of rows of tiles. Each band draws the chunks front to back, its pixels
 //! carried from one to the next.
 
+use std::mem::offset_of;
+
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 use wgpu::CommandEncoder;
@@ -23,7 +25,7 @@ use super::rasterise::{
     BoundRasterise, RasterBuffers, RasterSpec, Rasterise, TileProgress, depth_of_word, pixel_words,
 };
 use super::resolve::{Background, Resolve};
-use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, PartBuffers, Scene};
+use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene};
 use super::shade::{BoundShade, bind_shade};
 use super::sort::{BoundSort, Sort};
 use super::timer::{Stage, Timer};
@@ -32,7 +34,8 @@ use crate::constants::TILE_SIZE;
 use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image};
 use crate::layout::{
-    ChunkState, ChunkUniform, ExactTerms, Footprint, PartState, SortState, ViewUniform,
+    ChoiceUniform, ChunkState, ChunkUniform, ExactTerms, Footprint, FrameState, PartState,
+    SortState, ViewUniform,
 };
 use crate::scene::TransferFunction;
 use crate::splat::Filter;
@@ -50,6 +53,8 @@ pub struct FrameInput<'a> {
     pub is_culled: bool,
     /// The view in f32; the device finds its `key_scale`.
     pub view: ViewUniform,
+    /// What blocks are drawn by.
+    pub choice: ChoiceUniform,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
     pub linear_opacity: bool,
     /// Whether depths are wanted.
@@ -69,6 +74,8 @@ struct FrameKind {
     linear_opacity: bool,
     depth: bool,
     count: bool,
+    /// Whether merged particles may be drawn.
+    detail: bool,
 }
 
 impl FrameKind {
@@ -80,6 +87,7 @@ impl FrameKind {
             linear_opacity: input.linear_opacity,
             depth: input.depth,
             count: input.count,
+            detail: input.choice.level_of_detail != 0,
         }
     }
 
@@ -107,6 +115,8 @@ struct Room {
 
 /// Classified particles of a part that there is room for before anything is known.
 const FIRST_CLASSIFIED: u32 = 1 << 18;
+/// The same of merged ones, of which a frame draws few.
+const FIRST_MERGED: u32 = 1 << 14;
 const FIRST_ENTRIES: u32 = 1 << 20;
 
 /// Bytes of the picture that one thread copies at a time.
@@ -124,7 +134,9 @@ impl Room {
         let classified = scene.parts.iter().map(|part| {
             let all = part.slots as u32;
             // All are visible where nothing is classified.
-            if part.kinds.may_be_transparent() {
+            if part.kinds.is_merged {
+                all.min(FIRST_MERGED)
+            } else if part.kinds.may_be_transparent() {
                 all.min(FIRST_CLASSIFIED)
             } else {
                 all
@@ -161,7 +173,7 @@ pub struct DeviceScene {
 }
 
 impl DeviceScene {
-    /// Uploads volumes.
+    /// Uploads volumes, each with its levels of detail after it.
     ///
     /// # Errors
     /// Too little memory on the device, or what only the CPU draws.
@@ -231,11 +243,11 @@ impl DeviceScene {
                 }
             };
             let seen = frame.draw(&self.gpu, &mut self.timer, input, image, depth)?;
-            let room = self.grown(&seen)?;
+            let room = self.grown(&kind, &seen)?;
             if room == self.room {
                 self.frame = Some((kind, frame));
                 let times = self.timer.read(&self.gpu)?;
-                return Ok((seen.counts(self.block_count), times));
+                return Ok((self.counts(&kind, &seen), times));
             }
             self.room = room;
         }
@@ -245,10 +257,10 @@ impl DeviceScene {
     ///
     /// # Errors
     /// More than the device's bindings hold.
-    fn grown(&self, seen: &Seen) -> Result<Room> {
+    fn grown(&self, kind: &FrameKind, seen: &Seen) -> Result<Room> {
         let limit = self.gpu.max_binding_bytes();
         let mut room = self.room.clone();
-        let parts = self.scene.parts.iter().zip(&mut room.classified);
+        let parts = self.scene.drawn(&mut room.classified, kind.detail);
         for ((part, room), state) in parts.zip(&seen.parts) {
             if state.needed > *room {
                 *room = with_slack(state.needed, part.slots as u64);
@@ -284,6 +296,25 @@ impl DeviceScene {
         Ok(room)
     }
 
+    fn counts(&self, kind: &FrameKind, seen: &Seen) -> FrameCounts {
+        let sum = |of: fn(&PartState) -> u32| seen.parts.iter().map(|p| of(p) as usize).sum();
+        let views: usize = sum(|p| p.view_count);
+        let parts = self.scene.drawn(0.., kind.detail).zip(&seen.parts);
+        let merged = parts.filter(|((part, _), _)| part.kinds.is_merged);
+        FrameCounts {
+            blocks: self.block_count,
+            blocks_culled: self.block_count - views,
+            block_filters: seen.filters.map(|n| n as usize),
+            blocks_merged: merged.map(|(_, state)| state.view_count as usize).sum(),
+            classified: sum(|p| p.classified_count),
+            footprints: seen.sort.visible as usize,
+            footprints_exact: seen.sort.exact as usize,
+            footprints_near: seen.near as usize,
+            tile_entries: seen.entries as usize,
+            splat_pixels: seen.splat_pixels,
+        }
+    }
+
     fn check_room(&self, what: &str, needed: u32, most: u64) -> Result<()> {
         if u64::from(needed) <= most {
             return Ok(());
@@ -312,32 +343,15 @@ struct Seen {
     parts: Vec<PartState>,
     sort: SortState,
     near: u32,
+    /// Views by their filter.
+    filters: [u32; 7],
     needed_entries: u32,
     entries: u64,
     splat_pixels: u64,
 }
 
-impl Seen {
-    fn counts(&self, blocks: usize) -> FrameCounts {
-        let sum = |of: fn(&PartState) -> u32| self.parts.iter().map(|p| of(p) as usize).sum();
-        let views: usize = sum(|p| p.view_count);
-        FrameCounts {
-            blocks,
-            blocks_culled: blocks - views,
-            block_filters: [0; 7],
-            blocks_merged: 0,
-            classified: sum(|p| p.classified_count),
-            footprints: self.sort.visible as usize,
-            footprints_exact: self.sort.exact as usize,
-            footprints_near: self.near as usize,
-            tile_entries: self.entries as usize,
-            splat_pixels: self.splat_pixels,
-        }
-    }
-}
-
 /// Which word of a [`PartState`] counts what the projection reads.
-const CLASSIFIED_COUNT: u32 = (std::mem::offset_of!(PartState, classified_count) / 4) as u32;
+const CLASSIFIED_COUNT: u32 = (offset_of!(PartState, classified_count) / 4) as u32;
 
 /// Buffers and bindings of frames of one kind.
 #[derive(Debug)]
@@ -381,7 +395,9 @@ struct Plan {
 }
 
 impl Plan {
-    fn new(gpu: &Gpu, kind: &FrameKind, room: &Room) -> Result<Self> {
+    /// - `capacity`: classified particles that there is room for.
+    /// - `chunk`: footprints of a chunk at most.
+    fn new(gpu: &Gpu, kind: &FrameKind, capacity: u64, chunk: u32) -> Result<Self> {
         let tile = TILE_SIZE as u32;
         let tiles = kind.size.map(|n| n.div_ceil(tile));
         let pixel_words = pixel_words(kind.depth);
@@ -400,8 +416,7 @@ impl Plan {
                 "render a narrower image, or use --backend cpu",
             ));
         }
-        let capacity: u64 = room.classified.iter().map(|n| u64::from(*n)).sum();
-        let chunk = u64::from(room.chunk).min(capacity).max(1);
+        let chunk = u64::from(chunk).min(capacity).max(1);
         Ok(Self {
             tiles,
             band_rows: rows.min(tiles[1].into()) as u32,
@@ -422,25 +437,31 @@ impl Plan {
         (first, self.band_rows.min(self.tiles[1] - first))
     }
 
-    /// Bytes of the report: parts, the sort, near kernels, chunks.
+    /// Bytes of the report: parts, the sort, near kernels, filters, chunks.
     fn report_places(&self, parts: usize) -> ReportPlaces {
         let sort = (parts * size_of::<PartState>()) as u64;
         let near = sort + size_of::<SortState>() as u64;
-        let chunks = near + 4;
+        let filters = near + 4;
+        let chunks = filters + FILTER_BYTES;
         let steps = u64::from(self.bands()) * u64::from(self.chunks);
         ReportPlaces {
             sort,
             near,
+            filters,
             chunks,
             end: chunks + steps * size_of::<ChunkState>() as u64,
         }
     }
 }
 
+/// Bytes of [`FrameState::filters`].
+const FILTER_BYTES: u64 = 4 * Filter::ALL.len() as u64;
+
 /// Where in a frame's report things lie, bytes.
 struct ReportPlaces {
     sort: u64,
     near: u64,
+    filters: u64,
     chunks: u64,
     end: u64,
 }
@@ -458,21 +479,25 @@ impl Frame {
         kind: &FrameKind,
         room: &Room,
     ) -> Result<Self> {
-        let plan = Plan::new(gpu, kind, room)?;
+        let (drawn, capacities): (Vec<&Part>, Vec<u32>) = scene
+            .drawn(room.classified.iter().copied(), kind.detail)
+            .unzip();
+        let capacity: u64 = capacities.iter().map(|n| u64::from(*n)).sum();
+        let plan = Plan::new(gpu, kind, capacity, room.chunk)?;
         let buffers = FrameBuffers::new(gpu)?;
-        let parts = scene.parts.iter().zip(&room.classified);
+        let parts = drawn.iter().zip(&capacities);
         let parts = parts
             .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity))
             .collect::<Result<Vec<_>>>()?;
-        let cull = Cull::new(gpu).bind(gpu, &buffers, &scene.parts, &parts)?;
-        let classify = bind_classify(gpu, &buffers, &scene.parts, &parts)?;
-        let shade = scene.parts.iter().zip(&parts);
+        let cull = Cull::new(gpu).bind(gpu, &buffers, &drawn, &parts)?;
+        let classify = bind_classify(gpu, &buffers, &drawn, &parts)?;
+        let shade = drawn.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
         let mut footprints = Vec::with_capacity(parts.len());
         let mut project = Vec::with_capacity(parts.len());
-        for ((part, of_part), capacity) in scene.parts.iter().zip(&parts).zip(&room.classified) {
+        for ((part, of_part), capacity) in drawn.iter().zip(&parts).zip(&capacities) {
             let spec = ProjectSpec::new(&part.kinds, view, CLASSIFIED_COUNT);
             let bytes = |each: usize| u64::from(*capacity) * each as u64;
             let own = gpu.buffer("footprints", bytes(size_of::<Footprint>()))?;
@@ -505,7 +530,6 @@ impl Frame {
 
         // The sort takes a part for each word: one at least.
         let counts = gpu.upload("part counts", &vec![0_u32; parts.len().max(1)])?;
-        let capacity = room.classified.iter().map(|n| u64::from(*n)).sum();
         let in_parts: Vec<_> = footprints.iter().map(|(f, _)| f).collect();
         let sort = Sort::new(gpu).bind(gpu, &counts, &in_parts, capacity)?;
 
@@ -587,7 +611,7 @@ impl Frame {
         depth: &mut Option<DepthImage>,
     ) -> Result<Seen> {
         timer.clear();
-        let camera = camera_uniform(input.camera, input.frustum, input.is_culled);
+        let camera = camera_uniform(input.camera, input.frustum, input.is_culled, input.choice);
         self.buffers.write(gpu, &input.view, &camera);
         let places = self.plan.report_places(self.parts.len());
         let mut encoder = gpu.encoder();
@@ -627,6 +651,7 @@ impl Frame {
                 parts: parts.collect(),
                 sort: at(report, places.sort),
                 near: at(report, places.near),
+                filters: at(report, places.filters),
                 needed_entries: states.clone().map(|s| s.needed).max().unwrap_or(0),
                 entries: states.map(|s| u64::from(s.entries)).sum(),
                 splat_pixels,
@@ -668,6 +693,9 @@ impl Frame {
         let bytes = size_of::<SortState>() as u64;
         encoder.copy_buffer_to_buffer(&self.sort.state, 0, &self.report, places.sort, bytes);
         encoder.copy_buffer_to_buffer(&self.near, 0, &self.report, places.near, 4);
+        let filters = offset_of!(FrameState, filters) as u64;
+        let state = &self.buffers.state;
+        encoder.copy_buffer_to_buffer(state, filters, &self.report, places.filters, FILTER_BYTES);
     }
 
     /// What the next submission draws: a chunk of a band.

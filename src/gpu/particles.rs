@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::Mat3;
 
 use super::shaders::words;
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::layout::{DeviceBlock, LatticeUniform};
 
@@ -43,7 +43,14 @@ impl ParticleKind {
 /// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
 /// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
 /// its edge.
-pub(super) fn pack_blocks(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<DeviceBlock> {
+///
+/// - `parents`: the number of the first merged block of the volume's family among those of the
+///   scene; `None` where it has none.
+pub(super) fn pack_blocks(
+    volume: &BlockedVolume,
+    blocks: Range<usize>,
+    parents: Option<u32>,
+) -> Vec<DeviceBlock> {
     let is_lattice = matches!(volume.particles, BlockedParticles::Lattice(_));
     let mut first = 0;
     volume.blocks[blocks]
@@ -53,9 +60,16 @@ pub(super) fn pack_blocks(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<D
                 origin: block.origin.to_array().map(words),
                 half_extent: block.half_extent.into(),
                 max_sigma: block.max_sigma,
+                min_sigma: block.min_sigma,
+                max_strength: block.max_strength,
                 value_range: block.value_range,
                 first,
                 count: block.count,
+                parent: match parents {
+                    Some(first) if block.parent != NO_PARENT => first + block.parent,
+                    _ => NO_PARENT,
+                },
+                level: block.level,
             };
             first += if is_lattice {
                 BLOCK_CAPACITY as u32

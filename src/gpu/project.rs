@@ -173,7 +173,7 @@ pub fn project(
     let all = 0..volume.blocks.len();
     let blocks = match &volume.particles {
         BlockedParticles::Lattice(grid) => gpu.upload("lattice", &[lattice_uniform(grid, 0)])?,
-        _ => gpu.upload("blocks", &pack_blocks(volume, all.clone()))?,
+        _ => gpu.upload("blocks", &pack_blocks(volume, all.clone(), None))?,
     };
     let mut shapes = pack_shapes(volume, all);
     let spec = ProjectSpec::new(&Kinds::of(volume), view, 0);

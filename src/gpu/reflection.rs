@@ -8,10 +8,11 @@ use super::radix::{RadixPlan, RadixState};
 use super::rasterise::TileProgress;
 use super::resolve::Background;
 use super::shaders::Shader;
+use crate::blocks::MergeBounds;
 use crate::layout::{
-    BlockView, BrickUniform, CameraUniform, ChunkState, ChunkUniform, ClassifiedParticle,
-    DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform, NearTerms, PartIndex,
-    PartRange, PartState, SortState, ViewUniform,
+    BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
+    ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
+    MergedBlock, NearTerms, PartIndex, PartRange, PartState, SortState, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -92,6 +93,17 @@ fn structs_are_laid_out_alike() {
         has_frustum,
         orthographic,
         unused,
+        choice,
+    });
+    check_layout!(ChoiceUniform {
+        focal_px,
+        thresholds,
+        by_hand,
+        orthographic,
+        filter_kind,
+        low_pass_variance_px2,
+        tolerance,
+        level_of_detail,
     });
     check_layout!(BrickUniform { dims, first });
     check_layout!(FrameState {
@@ -100,7 +112,7 @@ fn structs_are_laid_out_alike() {
         near,
         keys_per_unit,
         classified_count,
-        unused,
+        filters,
     });
     check_layout!(PartState {
         capacity,
@@ -114,10 +126,23 @@ fn structs_are_laid_out_alike() {
         origin,
         half_extent,
         max_sigma,
+        min_sigma,
+        max_strength,
         value_range,
         first,
         count,
+        parent,
+        level,
     });
+    check_layout!(MergeBounds {
+        third_mean,
+        third,
+        fourth,
+        second,
+        spread,
+        colour,
+    });
+    check_layout!(MergedBlock { parent, state });
     check_layout!(LatticeUniform {
         dims,
         bricks,

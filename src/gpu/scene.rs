@@ -29,6 +29,8 @@ pub(super) enum ValueKind {
     U16,
     I16,
     F32,
+    /// Of merged particles: mean and spread of each.
+    Spread,
 }
 
 /// Where a part's masses come from.
@@ -67,6 +69,10 @@ pub(super) struct Kinds {
     pub(super) colour: ColourKind,
     /// Coefficients of a colour channel; 0 without harmonics.
     pub(super) harmonics_count: u32,
+    /// Whether its particles stand for others.
+    pub(super) is_merged: bool,
+    /// Whether each strength is followed by the particle's clump.
+    pub(super) has_clumps: bool,
 }
 
 impl Kinds {
@@ -82,6 +88,7 @@ impl Kinds {
                 _ => None,
             },
             values: match &volume.values {
+                Some(_) if is_classified && volume.merged.is_some() => ValueKind::Spread,
                 Some(Values::U8(_)) if is_classified => ValueKind::U8,
                 Some(Values::U16(_)) if is_classified => ValueKind::U16,
                 Some(Values::I16(_)) if is_classified => ValueKind::I16,
@@ -109,6 +116,8 @@ impl Kinds {
                 Colour::Harmonics { degree, .. } => harmonics_count(degree) as u32,
                 _ => 0,
             },
+            is_merged: volume.merged.is_some(),
+            has_clumps: volume.merged.as_ref().is_some_and(|m| !m.clumps.is_empty()),
         }
     }
 
@@ -146,14 +155,19 @@ impl Kinds {
 /// A run of a volume's blocks on the device.
 #[derive(Debug)]
 pub(super) struct Part {
-    /// Which volume of the scene.
+    /// Which volume of the scene, levels of detail counted.
     pub(super) volume: usize,
+    /// Which volume without them: those of one share a transfer function.
+    family: usize,
     /// Which of its blocks.
     pub(super) run: Range<usize>,
     pub(super) kinds: Kinds,
     /// Entries of arrays of one per particle: with padding, where bricks pass a lattice's edge.
     pub(super) slots: usize,
     pub(super) blocks: wgpu::Buffer,
+    /// Of merged particles: the first block's number among those of the scene, and
+    /// [`MergeBounds`](crate::blocks::MergeBounds).
+    pub(super) merged: wgpu::Buffer,
     /// A lattice's [`LatticeUniform`](crate::layout::LatticeUniform).
     pub(super) lattice: wgpu::Buffer,
     /// Offset and shape of each particle, or the samples of a lattice's axes.
@@ -162,7 +176,7 @@ pub(super) struct Part {
     pub(super) values: wgpu::Buffer,
     pub(super) strengths: wgpu::Buffer,
     pub(super) colours: wgpu::Buffer,
-    /// The transfer function's table and its averages, all parts of a volume the same.
+    /// The transfer function's table and its averages, all parts of a family the same.
     pub(super) table: wgpu::Buffer,
     /// Its greatest extinctions and slopes, likewise.
     pub(super) maxima: wgpu::Buffer,
@@ -176,7 +190,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// Uploads the volumes in parts whose buffers have at most `part_bytes`, and at most what a
+    /// Uploads the volumes, each with its levels of detail after it, in parts whose buffers have at most `part_bytes`, and at most what a
     /// binding may have.
     ///
     /// # Errors
@@ -184,14 +198,33 @@ impl Scene {
     pub(super) fn new(gpu: &Gpu, volumes: &[BlockedVolume], part_bytes: u64) -> Result<Self> {
         let part_bytes = part_bytes.min(gpu.max_binding_bytes());
         let mut parts = Vec::new();
-        for (i, volume) in volumes
-            .iter()
-            .enumerate()
-            .filter(|(_, v)| v.merged.is_none())
-        {
-            upload(gpu, i, volume, part_bytes, &mut parts)?;
+        let mut place = Place::default();
+        for family in volumes.chunk_by(|_, next| next.merged.is_some()) {
+            let tables = Tables::new(gpu, &family[0])?;
+            let is_merged = family.iter().any(|v| v.merged.is_some());
+            place.parents = is_merged.then_some(place.first_merged);
+            for volume in family {
+                upload(gpu, place, volume, &tables, part_bytes, &mut parts)?;
+                place.volume += 1;
+                if volume.merged.is_some() {
+                    place.first_merged += volume.blocks.len() as u32;
+                }
+            }
+            place.family += 1;
         }
         Ok(Self { parts })
+    }
+
+    /// The parts that a frame may draw, and what `of_parts` has for each.
+    ///
+    /// - `detail`: whether merged particles may be drawn.
+    pub(super) fn drawn<T>(
+        &self,
+        of_parts: impl IntoIterator<Item = T>,
+        detail: bool,
+    ) -> impl Iterator<Item = (&Part, T)> {
+        let parts = self.parts.iter().zip(of_parts);
+        parts.filter(move |(part, _)| detail || !part.kinds.is_merged)
     }
 
     /// Gives a volume another transfer function: nothing but its tables is uploaded.
@@ -201,8 +234,8 @@ impl Scene {
         volume: usize,
         transfer: &TransferFunction,
     ) {
-        // The parts of a volume share their tables.
-        let part = self.parts.iter().find(|p| p.volume == volume);
+        // The parts of a family share their tables.
+        let part = self.parts.iter().find(|p| p.family == volume);
         if let Some(part) = part.filter(|p| p.kinds.values != ValueKind::None) {
             let weighting = part.kinds.weighting();
             let table = packed_table(transfer, weighting);
@@ -213,10 +246,47 @@ impl Scene {
     }
 }
 
+/// Where a volume stands among those of the scene.
+#[derive(Debug, Clone, Copy, Default)]
+struct Place {
+    volume: usize,
+    family: usize,
+    /// Merged blocks of the volumes before.
+    first_merged: u32,
+    /// The number of its family's first merged block, where there are any.
+    parents: Option<u32>,
+}
+
+/// What a transfer function is to the device.
+#[derive(Debug)]
+struct Tables {
+    table: wgpu::Buffer,
+    maxima: wgpu::Buffer,
+}
+
+impl Tables {
+    /// Of a volume and its levels of detail, which are classified as it is.
+    fn new(gpu: &Gpu, volume: &BlockedVolume) -> Result<Self> {
+        let kinds = Kinds::of(volume);
+        let (table, maxima) = match &volume.transfer_function {
+            Some(transfer) if kinds.values != ValueKind::None => (
+                packed_table(transfer, kinds.weighting()),
+                packed_maxima(transfer, kinds.weighting()),
+            ),
+            _ => (Vec::new(), Vec::new()),
+        };
+        Ok(Self {
+            table: gpu.upload("transfer function", &table)?,
+            maxima: gpu.upload("transfer function's maxima", &maxima)?,
+        })
+    }
+}
+
 fn upload(
     gpu: &Gpu,
-    index: usize,
+    place: Place,
     volume: &BlockedVolume,
+    tables: &Tables,
     part_bytes: u64,
     parts: &mut Vec<Part>,
 ) -> Result<()> {
@@ -232,19 +302,9 @@ fn upload(
     }
     // Bound where there is nothing to bind.
     let nothing = gpu.buffer("nothing", 0)?;
-    let (table, maxima) = match &volume.transfer_function {
-        Some(transfer) if kinds.values != ValueKind::None => (
-            gpu.upload(
-                "transfer function",
-                &packed_table(transfer, kinds.weighting()),
-            )?,
-            gpu.upload(
-                "transfer function's maxima",
-                &packed_maxima(transfer, kinds.weighting()),
-            )?,
-        ),
-        _ => (nothing.clone(), nothing.clone()),
-    };
+    let merged = volume.merged.as_ref();
+    let spreads = merged.map_or(&[][..], |m| &m.spreads);
+    let clumps = merged.map_or(&[][..], |m| &m.clumps);
     let capacity = part_bytes / kinds.bytes_per_particle();
     for run in runs(volume, kinds.is_lattice(), capacity) {
         let particles = particles(volume, &run);
@@ -256,7 +316,14 @@ fn upload(
         let per_particle = |label, source: &[f32], stride| {
             gpu.upload(label, &in_block_order(volume, &run, source, stride))
         };
+        let pairs = |label, firsts: &[f32], seconds: &[f32]| {
+            let pairs: Vec<[f32; 2]> = firsts.iter().zip(seconds).map(|(a, b)| [*a, *b]).collect();
+            gpu.upload(label, &in_block_order(volume, &run, &pairs, 1))
+        };
         let values = match &volume.values {
+            Some(Values::F32(v)) if kinds.values == ValueKind::Spread => {
+                pairs("values and spreads", v, spreads)?
+            }
             Some(values) if kinds.values != ValueKind::None => match values {
                 Values::U8(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
                 Values::I16(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
@@ -274,7 +341,13 @@ fn upload(
                     opacities: given, ..
                 },
                 _,
-            ) => per_particle("strengths", given, 1)?,
+            ) => {
+                if kinds.has_clumps {
+                    pairs("strengths and clumps", given, clumps)?
+                } else {
+                    per_particle("strengths", given, 1)?
+                }
+            }
         };
         let colours = match &volume.colour {
             Colour::Classified => nothing.clone(),
@@ -295,10 +368,19 @@ fn upload(
             first: run.start as u32,
         };
         parts.push(Part {
-            volume: index,
+            volume: place.volume,
+            family: place.family,
             kinds,
             slots,
-            blocks: gpu.upload("blocks", &pack_blocks(volume, run.clone()))?,
+            blocks: gpu.upload("blocks", &pack_blocks(volume, run.clone(), place.parents))?,
+            merged: match merged {
+                Some(merged) => {
+                    let mut words = vec![place.first_merged + run.start as u32];
+                    words.extend_from_slice(bytemuck::cast_slice(&merged.bounds[run.clone()]));
+                    gpu.upload("bounds of merged blocks", &words)?
+                }
+                None => nothing.clone(),
+            },
             lattice: match &volume.particles {
                 BlockedParticles::Lattice(grid) => {
                     gpu.upload("lattice", &[lattice_uniform(grid, run.start)])?
@@ -310,8 +392,8 @@ fn upload(
             values,
             strengths,
             colours,
-            table: table.clone(),
-            maxima: maxima.clone(),
+            table: tables.table.clone(),
+            maxima: tables.maxima.clone(),
             run,
         });
     }

@@ -1,6 +1,8 @@
 //! Stage: colours that depend on the view, per visible particle, once. Twin:
 //! [`crate::cpu::shade()`].
 
+use bytemuck::Zeroable;
+
 use super::classify::{arguments, upload_views};
 use super::cull::camera_uniform;
 use super::device::Gpu;
@@ -9,7 +11,7 @@ use super::scene::{ColourKind, FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffe
 use super::shaders;
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
-use crate::layout::{BlockView, ClassifiedParticle, PartState};
+use crate::layout::{BlockView, ChoiceUniform, ClassifiedParticle, PartState};
 use crate::view::Camera;
 
 /// The stage over a part.
@@ -99,7 +101,12 @@ pub fn shade(
 ) -> Result<()> {
     let uploaded = upload_views(gpu, volume, views, classified.len() as u32, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
-    let uniform = camera_uniform(camera, &Frustum::new(camera, 0.0), true);
+    let uniform = camera_uniform(
+        camera,
+        &Frustum::new(camera, 0.0),
+        true,
+        ChoiceUniform::zeroed(),
+    );
     gpu.write(&frame.camera, bytemuck::bytes_of(&uniform));
     let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);
     for ((part, buffers), range) in parts.zip(uploaded.views) {

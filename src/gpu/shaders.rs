@@ -12,13 +12,22 @@ use crate::constants::{
     BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN, TERMINATION_INTERVAL,
     TERMINATION_SHARE, TILE_SIZE,
 };
-use crate::layout::{PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK};
+use crate::layout::{
+    MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
+    PATH_PEAK,
+};
 use crate::math::{
     E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
     HARMONIC_1, HARMONICS_2, HARMONICS_3,
 };
-use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES};
-use crate::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2};
+use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES, MAXIMUM_ROUNDING};
+use crate::splat::budget::{
+    AFFINE_SHARE, CONTRAST_SHARE, CUTOFF_SHARE, FILTER_SHARE, MERGE_FOURTH, MERGE_SHARE,
+    MERGE_THIRD, MIXED_SHARE,
+};
+use crate::splat::{
+    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2,
+};
 
 /// A shader's name and the files it is composed of.
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +102,7 @@ const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
 const AVERAGES: &str = include_str!("../../shaders/shared/averages.wgsl");
 const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl");
+const EIN: &str = include_str!("../../shaders/shared/ein.wgsl");
 
 const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
 
@@ -202,7 +212,7 @@ pub(super) const MERGED: Shader = Shader {
         TRANSFER,
         AVERAGES,
         MAXIMA,
-        include_str!("../../shaders/shared/ein.wgsl"),
+        EIN,
         include_str!("../../shaders/merged.wgsl"),
     ],
 };
@@ -215,8 +225,10 @@ pub(super) const CULL: Shader = Shader {
         SCAN_THREADS,
         STRUCTS,
         F64_ARITHMETIC,
+        FLOATS,
         TRANSFER,
         MAXIMA,
+        include_str!("../../shaders/shared/choose.wgsl"),
         include_str!("../../shaders/cull.wgsl"),
     ],
 };
@@ -228,8 +240,10 @@ pub(super) const CLASSIFY: Shader = Shader {
         DISPATCH,
         SCAN_THREADS,
         STRUCTS,
+        EXPONENTIAL,
         TRANSFER,
         AVERAGES,
+        EIN,
         include_str!("../../shaders/classify.wgsl"),
     ],
 };
@@ -266,6 +280,7 @@ pub fn prelude() -> String {
         ("VALUES_U8", ValueKind::U8 as u32),
         ("VALUES_U16", ValueKind::U16 as u32),
         ("VALUES_I16", ValueKind::I16 as u32),
+        ("VALUES_SPREAD", ValueKind::Spread as u32),
         ("STRENGTH_CELL", StrengthKind::Cell as u32),
         ("STRENGTH_WIDTHS", StrengthKind::Widths as u32),
         ("STRENGTH_GIVEN", StrengthKind::Given as u32),
@@ -279,6 +294,10 @@ pub fn prelude() -> String {
         ("PATH_EXACT", PATH_EXACT),
         ("PATH_NEAR", PATH_NEAR),
         ("PATH_HALF_LINE", PATH_HALF_LINE),
+        ("MERGED_OPEN", MERGED_OPEN),
+        ("MERGED_UNSEEN", MERGED_UNSEEN),
+        ("MERGED_FITS", MERGED_FITS),
+        ("FILTER_COUNT", Filter::ALL.len() as u32),
     ];
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
@@ -301,6 +320,15 @@ pub fn prelude() -> String {
         ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
         ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),
         ("FAR_ENTRIES", FAR_ENTRIES),
+        ("MAXIMUM_ROUNDING", MAXIMUM_ROUNDING),
+        ("CUTOFF_SHARE", CUTOFF_SHARE),
+        ("AFFINE_SHARE", AFFINE_SHARE),
+        ("FILTER_SHARE", FILTER_SHARE),
+        ("MERGE_SHARE", MERGE_SHARE),
+        ("MERGE_THIRD", MERGE_THIRD),
+        ("MERGE_FOURTH", MERGE_FOURTH),
+        ("CONTRAST_SHARE", CONTRAST_SHARE),
+        ("MIXED_SHARE", MIXED_SHARE),
         ("EIN_SPLIT", EIN_SPLIT),
         ("EULER", EULER),
         ("TAU", std::f32::consts::TAU),
@@ -325,6 +353,10 @@ pub fn prelude() -> String {
         let kind = format!("array<f32, {count}>");
         let _ = writeln!(text, "const {name}: {kind} = {kind}({values});");
     }
+    let colours = CHOICE_COLOURS.map(|[r, g, b]| format!("array<f32, 3>({r:?}, {g:?}, {b:?})"));
+    let kind = format!("array<array<f32, 3>, {}>", colours.len());
+    let colours = colours.join(", ");
+    let _ = writeln!(text, "const CHOICE_COLOURS: {kind} = {kind}({colours});");
     let doubles = [
         ("DEPTH_KEY_SPAN", DEPTH_KEY_SPAN),
         ("GREATEST_F32", f64::from(f32::MAX)),

@@ -10,10 +10,10 @@ pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
-#[cfg(feature = "gpu")]
-pub(crate) use transfer_function::FAR_ENTRIES;
 pub use transfer_function::{
     Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint, MAX_OPACITY,
     Slopes, TransferDefaults, TransferFunction, Weighting,
 };
+#[cfg(feature = "gpu")]
+pub(crate) use transfer_function::{FAR_ENTRIES, MAXIMUM_ROUNDING};
 pub use values::Values;

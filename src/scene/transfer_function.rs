@@ -24,6 +24,9 @@ pub const CLASSIFICATION_TABLE_LEN: usize = 4096;
 /// one step of a 16-bit image; -ln(1 - opacity) is then 11.09.
 pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65536.0;
 
+/// Interpolation rounds: a + (b - a) s may pass the greater of a and b by an ulp or two.
+pub(crate) const MAXIMUM_ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
+
 /// A transfer function, sampled once into a table of colours and extinctions.
 ///
 /// The table has [`CLASSIFICATION_TABLE_LEN`] entries, evenly over [`Self::range`], and is
@@ -196,10 +199,8 @@ impl TransferFunction {
     /// wider than the interval. NaN ends stand for the whole range; swapped ends are put
     /// right.
     pub fn max_extinction(&self, lo: f32, hi: f32) -> f32 {
-        // Interpolation rounds: a + (b - a) s may pass the greater of a and b by an ulp or two.
-        const ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
         let (first, last) = entries(self.range[0], self.scale, lo, hi);
-        self.maxima.greatest(first, last) * ROUNDING
+        self.maxima.greatest(first, last) * MAXIMUM_ROUNDING
     }
 
     /// The run of values, in ascending order and NaN last, that may have an extinction above 0:

@@ -15,6 +15,8 @@ mod points;
 
 use std::sync::Arc;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::{Block, BlockedVolume};
 use crate::scene::{Averages, Slopes, Strength, TransferFunction, Values, Weighting};
 
@@ -88,7 +90,8 @@ impl Merged {
 
 /// How far merged particles may differ from their members, for a block: greatest over its clusters
 /// where nothing else is said. Lengths in world units.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct MergeBounds {
     /// Cube root of the norm of the third central moments, root mean square over clusters.
     pub third_mean: f32,
