@@ -1,6 +1,6 @@
 //! What a frame costs against how many particles there are, with and without level of detail: the
 //! same cube, filling the same picture, at the same optical depth, of 10⁴ spheres to 10⁷; and a
-//! million of them from 16 times the distance.
+//! million of them (or as many as are asked for) from 16 times the distance.
 //!
 //!     cargo run --release --example detail_cost -- [SVG] [LARGEST] [SIZE] [FRAMES]
 
@@ -49,7 +49,8 @@ fn main() -> Result<()> {
     while count <= largest {
         let mut renderer = Renderer::new(vec![spheres(count)])?;
         rows.push(measure(&mut renderer, size, 1.0, frames)?);
-        if count == FAR_COUNT.min(largest) {
+        let is_last = count * 10 > largest;
+        if count == FAR_COUNT || count < FAR_COUNT && is_last {
             measure(&mut renderer, size, FAR, frames)?;
         }
         count *= 10;
@@ -144,23 +145,34 @@ fn spheres(count: usize) -> PointVolume {
 fn plot(rows: &[Row]) -> std::result::Result<String, Box<dyn std::error::Error>> {
     let counts = || rows.iter().map(|row| row.count as f64);
     let all_ms = || rows.iter().flat_map(|row| row.ms);
-    // A quarter of room on both sides.
+    // Whole decades, whose ends have labels.
     let range = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), v| {
-            (a.min(v), b.max(v))
+        let logs = values.map(f64::log10);
+        let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v.floor()), b.max(v.ceil()))
         });
-        (low / 1.25..high * 1.25).log_scale()
+        (10_f64.powf(low)..10_f64.powf(high.max(low + 1.0))).log_scale()
     };
     let mut svg = String::new();
     let root = SVGBackend::with_string(&mut svg, (720, 480)).into_drawing_area();
     root.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&root)
         .margin(12)
+        .margin_right(40)
         .x_label_area_size(48)
         .y_label_area_size(64)
         .build_cartesian_2d(range(&mut counts()), range(&mut all_ms()))?;
     chart
         .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| {
+            if *y < 1.0 {
+                y.to_string()
+            } else {
+                format!("{y:.0}")
+            }
+        })
         .x_desc("particles")
         .y_desc("milliseconds per frame")
         .draw()?;

@@ -137,7 +137,9 @@ fn splat_footprint(
     if !peak.exists {
         return out;
     }
-    let r = cutoff_radius(peak.image.tau, view.tolerance, view.cutoff);
+    // As many splats lie within one another as their footprints have outgrown them.
+    let grown = max(peak.image.tau, 1.0) * peak.growth;
+    let r = cutoff_radius(grown, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
     out.path = PATH_PEAK;

@@ -498,9 +498,13 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         origin: DVec3::ZERO,
         half_extent: Vec3::ONE,
         max_sigma: 1.0,
+        min_sigma: 1.0,
+        max_strength: 0.5,
         first: 2 * i,
         count: 2,
         value_range: [0.0, 255.0],
+        parent: ewa_splat::blocks::NO_PARENT,
+        level: 0,
     };
     let volume = BlockedVolume {
         blocks: (0..count / 2).map(block).collect(),
@@ -514,6 +518,7 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         colour: Colour::Classified,
         values: values(1, count as usize, &mut random),
         transfer_function: Some(transfer()),
+        merged: None,
     };
     let mut tally = Tally::default();
     check(&volume, &views(&volume), u64::MAX, &mut tally);

@@ -296,7 +296,7 @@ fn compare_one(
     let image;
     if let Some(is_anti_aliased) = input.splats() {
         match peak_footprint(view, &kernel, is_anti_aliased) {
-            Some(peak) => (screen, image) = peak,
+            Some((s, i, _)) => (screen, image) = (s, i),
             None => {
                 assert!(!f.is_visible(), "{}", context());
                 return;

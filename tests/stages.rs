@@ -10,9 +10,13 @@ mod common;
 use common::Random;
 use common::frame::Frame;
 use common::scene::{self, Particle, difference, render, volume};
+use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::constants::TILE_SIZE;
-use ewa_splat::cpu::sort;
-use ewa_splat::layout::{Footprint, PATH_EXACT, PATH_NEAR, pack_range};
+use ewa_splat::cpu::{classify, count_classified, sort};
+use ewa_splat::layout::{
+    BlockView, ClassifiedParticle, Footprint, PATH_EXACT, PATH_NEAR, pack_range,
+};
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::splat::{Filter, evaluate_near};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings};
@@ -441,4 +445,125 @@ fn a_particle_alone_draws_what_it_draws_in_its_block() {
     println!("alone against together: {worst:.1e}");
     // A pixel on a kernel's edge may flip: the tolerance times the depth, .02 / 6 at most.
     assert!(worst < 5e-5, "{worst:e}");
+}
+
+/// 3,000 spheres whose masses and values number them, apart from poison and repeated values.
+fn numbered(kind: usize) -> BlockedVolume {
+    let mut random = Random::new(9);
+    let count = 3_000;
+    let of_f32 = |i: usize| match i % 50 {
+        0 => [
+            f32::NAN,
+            -f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            -0.0,
+            0.0,
+        ][i / 50 % 6],
+        n if n < 10 => (i % 7) as f32 * 50.0,
+        _ => (i * 7_919 % count) as f32 / 10.0,
+    };
+    BlockedVolume::new(PointVolume {
+        particles: Particles::Isotropic {
+            positions: (0..count).map(|_| random.point(1.0)).collect(),
+            sigmas: (0..count).map(|i| 1.0 + i as f32).collect(),
+        },
+        strength: Strength::Classified {
+            volumes: (0..count).map(|i| 1.0 + i as f32).collect(),
+        },
+        colour: Colour::Classified,
+        values: Some(match kind {
+            0 => Values::U8((0..count).map(|i| (i * 7_919) as u8).collect()),
+            1 => Values::I16((0..count).map(|i| (i * 7_919 % 400) as i16 - 50).collect()),
+            2 => Values::U16((0..count).map(|i| (i * 7_919 % 400) as u16).collect()),
+            _ => Values::F32((0..count).map(of_f32).collect()),
+        }),
+        transfer_function: None,
+    })
+}
+
+#[test]
+fn particles_of_a_block_are_in_the_order_of_their_values() {
+    for kind in 0..4 {
+        let volume = numbered(kind);
+        let (values, BlockedParticles::Isotropic { sigmas, .. }) =
+            (volume.values.as_ref().unwrap(), &volume.particles)
+        else {
+            panic!("spheres stay spheres");
+        };
+        let Strength::Classified { volumes } = &volume.strength else {
+            panic!("volumes stay volumes");
+        };
+        // All arrays follow.
+        assert_eq!(volumes, sigmas);
+        for block in &volume.blocks {
+            let members = block.first as usize..(block.first + block.count) as usize;
+            for i in members.start + 1..members.end {
+                let (a, b) = (values.get(i - 1), values.get(i));
+                let is_tie = a == b || (a.is_nan() && b.is_nan());
+                let is_ascending = a < b || (b.is_nan() && !a.is_nan());
+                assert!(
+                    is_ascending || (is_tie && sigmas[i - 1] < sigmas[i]),
+                    "{a} {b}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_classify_leaves_out_is_invisible() {
+    let shapes: [fn(f32) -> f32; 7] = [
+        |_| 0.0,
+        |_| 0.5,
+        |v| f32::from(v >= 250.0) * 0.5,
+        |v| f32::from(v <= 0.0) * 0.5,
+        |v| f32::from((49.0..51.0).contains(&v)) * 0.5,
+        |v| f32::from((20.0..30.0).contains(&v) || (200.0..210.0).contains(&v)) * 0.5,
+        // One entry alone.
+        |v| f32::from((v - 100.0).abs() < 0.04) * 0.5,
+    ];
+    let (mut seen, mut all) = (0, 0);
+    for kind in 0..4 {
+        let mut volume = numbered(kind);
+        for shape in shapes {
+            let colour = |v: f32| [v / 300.0, 0.5, 1.0];
+            let transfer = TransferFunction::from_curves(colour, shape, [0.0, 300.0], 1.0).unwrap();
+            let (values, Strength::Classified { volumes }) =
+                (volume.values.as_ref().unwrap(), &volume.strength)
+            else {
+                panic!("volumes stay volumes");
+            };
+            let mut expected = Vec::new();
+            for (v, block) in (0..).zip(&volume.blocks) {
+                for local in 0..block.count {
+                    let i = (block.first + local) as usize;
+                    let [r, g, b, extinction] = transfer.classify(values.get(i));
+                    if extinction > 0.0 {
+                        expected.push(ClassifiedParticle {
+                            view: v,
+                            local,
+                            mass: extinction * volumes[i],
+                            colour: [r, g, b],
+                        });
+                    }
+                }
+            }
+            volume.transfer_function = Some(transfer);
+            let mut views: Vec<BlockView> = (0..volume.blocks.len() as u32)
+                .map(|block| BlockView {
+                    block,
+                    ..bytemuck::Zeroable::zeroed()
+                })
+                .collect();
+            let total = count_classified(&volume, &mut views);
+            let mut found = vec![bytemuck::Zeroable::zeroed(); total];
+            classify(&volume, &views, &mut found);
+            assert_eq!(found, expected);
+            seen += found.len();
+            all += volume.particle_count();
+        }
+    }
+    println!("{seen} of {all} visible");
+    assert!(seen > all / 8 && seen < all / 2);
 }

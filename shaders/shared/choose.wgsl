@@ -207,7 +207,7 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
     if is_above(1.0, tau) {
         alone = tau;
     }
-    let many = sqrt(min_number(tau, 1.0));
+    let many = MANY_SHARE * sqrt(min_number(tau, 1.0));
     var varied = 0.0;
     if kernels.slope != 0.0 {
         varied = kernels.slope * bounds.spread;
@@ -217,10 +217,11 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
-    let mixed = min_number(MIXED_SHARE * layer, 1.0);
+    let trend = min_number(contrast, TREND * sqrt(layer));
+    let mixed = min_number(MIXED_SHARE * layer, 1.0) * trend;
     let of_one = alone * merge_shape(bounds.third * unit, bounds.fourth * unit);
     let of_many = many * merge_shape(bounds.third_mean * unit, bounds.fourth * unit);
-    return max_number(of_one, of_many) + contrast * (blurred + mixed);
+    return max_number(of_one, of_many) + contrast * blurred + mixed;
 }
 
 fn merge_shape(third: f32, fourth: f32) -> f32 {

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::constants::BLOCK_CAPACITY;
 use crate::math::{harmonics_count, principal_sigmas};
-use crate::scene::{Colour, Particles, PointVolume, Strength};
+use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
 /// A volume in blocks and, where `detail` asks for it, its levels of detail, the finest first.
 pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
@@ -83,6 +83,9 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
     let runs = without_outliers(&mut order, runs, &positions, &|i| {
         sigma_ranges[i as usize][1]
     });
+    if let Some(values) = &values {
+        sort_by_value(&mut order, &runs, values);
+    }
     let mut blocks: Vec<Block> = runs
         .par_iter()
         .map(|run| block(&order[run.clone()], run.start, &source))
@@ -223,6 +226,26 @@ fn without_outliers(
         }
     }
     kept
+}
+
+/// Orders the particles of each run by their values, NaN last: those of an interval of values are
+/// a run of their own.
+fn sort_by_value(order: &mut [u32], runs: &[Range<usize>], values: &Values) {
+    let mut rest = order;
+    let mut blocks = Vec::with_capacity(runs.len());
+    for run in runs {
+        let (members, others) = rest.split_at_mut(run.len());
+        blocks.push(members);
+        rest = others;
+    }
+    blocks.into_par_iter().for_each(|members| {
+        members.sort_unstable_by(|&a, &b| {
+            let (v, w) = (values.get(a as usize), values.get(b as usize));
+            // Zeros of either sign are the same.
+            let by_value = v.partial_cmp(&w).unwrap_or(v.is_nan().cmp(&w.is_nan()));
+            by_value.then(a.cmp(&b))
+        });
+    });
 }
 
 fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {

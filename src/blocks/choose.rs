@@ -11,7 +11,8 @@ use crate::layout::{BlockView, ChoiceUniform};
 use crate::scene::{Colour, Strength};
 use crate::splat::Filter;
 use crate::splat::budget::{
-    AFFINE_SHARE, CONTRAST_SHARE, FILTER_SHARE, MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD, MIXED_SHARE,
+    AFFINE_SHARE, CONTRAST_SHARE, FILTER_SHARE, MANY_SHARE, MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD,
+    MIXED_SHARE, TREND,
 };
 use crate::view::Camera;
 
@@ -252,7 +253,7 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
     };
     // A cluster by itself; and many behind one another, whose errors have either sign.
     let alone = if tau < 1.0 { tau } else { tau.sqrt().sqrt() };
-    let many = tau.min(1.0).sqrt();
+    let many = MANY_SHARE * tau.min(1.0).sqrt();
     let varied = if kernels.slope == 0.0 {
         // However far the values of a cluster spread: infinitely in places.
         0.0
@@ -264,7 +265,7 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
-    let mixed = (MIXED_SHARE * layer).min(1.0);
-    (alone * shape(bounds.third)).max(many * shape(bounds.third_mean))
-        + contrast * (blurred + mixed)
+    let trend = contrast.min(TREND * layer.sqrt());
+    let mixed = (MIXED_SHARE * layer).min(1.0) * trend;
+    (alone * shape(bounds.third)).max(many * shape(bounds.third_mean)) + contrast * blurred + mixed
 }

@@ -44,7 +44,8 @@ pub struct BlockedVolume {
     pub strength: Strength,
     /// Where colours come from, in block order.
     pub colour: Colour,
-    /// Values in block order (a lattice's stay in the lattice's order).
+    /// Values in block order (a lattice's stay in the lattice's order): those of a block of points
+    /// ascending, NaN last.
     pub values: Option<Values>,
     /// The transfer function, where something is classified.
     pub transfer_function: Option<TransferFunction>,

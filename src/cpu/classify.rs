@@ -1,11 +1,14 @@
 //! Stage: from values to masses and colours, per particle, once.
 //!
-//! Counting and emitting share one loop body ([`Visit`]), so that they cannot disagree. Colours
-//! that depend on the view are left to [`shade`](super::shade).
+//! Of a block of points only the run is visited whose values may be seen; the twin has a thread for
+//! every particle anyway. Counting and emitting share one loop body ([`Visit`]), so that they cannot
+//! disagree. Colours that depend on the view are left to [`shade`](super::shade).
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use crate::layout::{BlockView, ClassifiedParticle};
 use crate::math::ein_share;
 use crate::scene::{Colour, Strength, Values};
@@ -155,7 +158,7 @@ fn visit_with(
         BlockedParticles::Lattice(grid) => grid.uniform_volume(),
         _ => None,
     };
-    volume.for_each_particle(block, |local, i, cell| {
+    let mut each = |local, i, cell: Option<(&BrickGrid, [usize; 3])>| {
         let class = class_of(i);
         let mass = match &volume.strength {
             Strength::Classified { volumes } => {
@@ -180,5 +183,27 @@ fn visit_with(
         if mass > 0.0 {
             emit(local, mass, colour_of(i, class));
         }
-    });
+    };
+    match seen_run(volume, block) {
+        Some((first, run)) => run.for_each(|local| each(local, (first + local) as usize, None)),
+        None => volume.for_each_particle(block, each),
+    }
+}
+
+/// The first particle of a block of points and which of the block the transfer function may leave
+/// visible: their values are in order.
+fn seen_run(volume: &BlockedVolume, block: u32) -> Option<(u32, Range<u32>)> {
+    let (Strength::Classified { .. }, Some(transfer), Some(values)) =
+        (&volume.strength, &volume.transfer_function, &volume.values)
+    else {
+        return None;
+    };
+    // Merged particles have a range of values each.
+    if matches!(volume.particles, BlockedParticles::Lattice(_)) || volume.merged.is_some() {
+        return None;
+    }
+    let Block { first, count, .. } = volume.blocks[block as usize];
+    let value = |i: usize| values.get(first as usize + i);
+    let run = transfer.seen_run(count as usize, value);
+    Some((first, run.start as u32..run.end as u32))
 }

@@ -256,10 +256,12 @@ fn splat_footprint(
     key: u32,
 ) -> Footprint {
     let mut out = invisible(kernel, colour, key);
-    let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
+    let Some((screen, image, growth)) = peak_footprint(view, kernel, is_anti_aliased) else {
         return out;
     };
-    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    // Where splats shrink below a pixel their opacities do not: as many of them lie within one
+    // another as their footprints have outgrown them, and what they leave out adds up.
+    let r = cutoff_radius(image.tau.max(1.0) * growth, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
     out.path = PATH_PEAK;

@@ -136,12 +136,12 @@ pub fn variants(base: &Settings, camera: &Camera, kernel_width: Option<f64>) -> 
             s.thresholds = Some(thresholds);
         },
     );
-    for (name, label, is_on) in [
-        ("auto", "particles far below a pixel merged", true),
-        ("off", "no particles merged", false),
+    for (name, label, mark, is_on) in [
+        ("auto", "particles far below a pixel merged", "merged", true),
+        ("off", "no particles merged", "none merged", false),
     ] {
         let id = format!("level-of-detail-{name}");
-        list.push("level of detail", &id, label, label, |s| {
+        list.push("level of detail", &id, label, mark, |s| {
             s.level_of_detail = is_on;
         });
     }

@@ -11,6 +11,8 @@ pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
 
+use std::ops::Range;
+
 use self::maxima::Maxima;
 use crate::error::{Error, Result};
 
@@ -45,6 +47,8 @@ pub struct TransferFunction {
     table: Vec<[f32; 4]>,
     /// Of the extinctions.
     maxima: Maxima,
+    /// From the first entry with an extinction above 0 to after the last.
+    support: Range<usize>,
 }
 
 /// What a transfer function takes from the data where its source does not say.
@@ -150,12 +154,18 @@ impl TransferFunction {
         )]
         let scale = ((CLASSIFICATION_TABLE_LEN - 1) as f64 / span) as f32;
         let maxima = Maxima::new(table.iter().map(|e| e[3]).collect());
+        let is_seen = |e: &[f32; 4]| e[3] > 0.0;
+        let support = match table.iter().position(is_seen) {
+            Some(first) => first..table.iter().rposition(is_seen).map_or(first, |i| i + 1),
+            None => 0..0,
+        };
         Self {
             range,
             scale,
             unit_distance,
             table,
             maxima,
+            support,
         }
     }
 
@@ -191,6 +201,29 @@ impl TransferFunction {
     pub fn max_extinction(&self, lo: f32, hi: f32) -> f32 {
         let (first, last) = entries(self.range[0], self.scale, lo, hi);
         self.maxima.greatest(first, last) * MAXIMUM_ROUNDING
+    }
+
+    /// The run of values, in ascending order and NaN last, that may have an extinction above 0:
+    /// value i of `count` is `value(i)`. Those within may have none, those outside have none; by
+    /// bisection.
+    pub(crate) fn seen_run(&self, count: usize, value: impl Fn(usize) -> f32) -> Range<usize> {
+        // Values are interpolated from an entry and the next: what `classify` would take.
+        let is_below = |v: f32| !v.is_nan() && self.position(v).0 + 1 < self.support.start;
+        let is_not_above = |v: f32| !v.is_nan() && self.position(v).0 < self.support.end;
+        let bisect = |holds: &dyn Fn(f32) -> bool, mut first: usize| {
+            let mut end = count;
+            while first < end {
+                let middle = first.midpoint(end);
+                if holds(value(middle)) {
+                    first = middle + 1;
+                } else {
+                    end = middle;
+                }
+            }
+            first
+        };
+        let first = bisect(&is_below, 0);
+        first..bisect(&is_not_above, first)
     }
 
     /// The least and the greatest value of the table.

@@ -27,7 +27,7 @@ pub const AFFINE_SHARE: f32 = 0.5;
 pub const FILTER_SHARE: f32 = 0.25;
 
 /// Of drawing a cluster as one particle.
-pub const MERGE_SHARE: f32 = 0.5;
+pub const MERGE_SHARE: f32 = 1.0;
 
 /// No pixel errs by more than so many tolerances.
 pub const WORST_PIXEL: f32 = 4.0;
@@ -43,8 +43,17 @@ pub const MERGE_FOURTH: f32 = 0.2;
 
 /// By this times contrast and width where colours vary within a cluster: .607 is the greatest slope
 /// of a Gaussian, and what a cluster shifts to one side its neighbour shifts back.
-pub const CONTRAST_SHARE: f32 = 0.15;
+pub const CONTRAST_SHARE: f32 = 0.2;
 
 /// By this times contrast and the depth of a layer of clusters, because front and back of it become
 /// one colour: sqrt(3)/6 for colours that change linearly through the layer.
 pub const MIXED_SHARE: f32 = 0.289;
+
+/// Colours that change from layer to layer by more than this times the root of a layer's depth do not
+/// go on changing one way through all the layers that are seen: there the errors of layers are of
+/// either sign, and add up as their root.
+pub const TREND: f32 = 0.2;
+
+/// Of the errors of many clusters in a pixel this times their root is left, because what one moves
+/// to a side its neighbours move back: an eighth to a quarter was measured.
+pub const MANY_SHARE: f32 = 0.25;
