@@ -58,7 +58,7 @@ pub(super) struct ProjectBuffers<'a> {
     /// [`DeviceBlock`](crate::layout::DeviceBlock)s; for a lattice its
     /// [`LatticeUniform`](crate::layout::LatticeUniform).
     pub(super) blocks: &'a wgpu::Buffer,
-    /// What [`pack_shapes`] gives; at least 8 bytes.
+    /// What [`pack_shapes`] gives; at least 12 bytes.
     pub(super) shapes: &'a wgpu::Buffer,
     /// A uniform [`ViewUniform`].
     pub(super) view: &'a wgpu::Buffer,
@@ -179,7 +179,7 @@ pub fn project(
     let spec = ProjectSpec::new(&Kinds::of(volume), view, 0);
     // A binding holds one element at least.
     shapes.resize(
-        shapes.len().max(spec.particles.words_per_particle().max(2)),
+        shapes.len().max(spec.particles.words_per_particle().max(3)),
         0.0,
     );
     let shapes = gpu.upload("shapes", &shapes)?;
