@@ -16,11 +16,13 @@ use common::scene::{Particle, difference, volume};
 use common::{Random, real_data};
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
-use ewa_splat::scene::PointVolume;
+use ewa_splat::scene::{
+    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
+};
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
-use ewa_splat::{Backend, Renderer, Settings};
-use glam::DVec3;
+use ewa_splat::{Backend, Renderer, Settings, Show};
+use glam::{DMat3, DVec3};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -186,7 +188,7 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
         background: Some([0.1, 0.2, 0.3]),
         ..Settings::default()
     };
-    let scenes = [vec![cloud(5_000)], vec![wake(), cloud(300)]];
+    let scenes = [vec![cloud(12_000)], vec![wake(), cloud(300)]];
     for scene in scenes {
         let draw = |gpu| {
             let mut renderer = Renderer::new(scene.clone()).unwrap().on(gpu).unwrap();
@@ -197,11 +199,196 @@ fn pictures_do_not_depend_on_how_the_frame_is_cut() {
         };
         let whole = draw(gpu.clone());
         assert!(whole.2.footprints > 300);
-        // So small that there are several parts, chunks and bands.
-        let cut = draw(gpu.clone().with_binding_limit(181_000));
+        // So small that there are several parts, chunks and bands: what the maxima of a transfer
+        // function take.
+        let cut = draw(gpu.clone().with_binding_limit(361_000));
         assert_eq!(difference(&whole.0, &cut.0), 0.0);
         assert_eq!(whole.1, cut.1);
         assert_eq!(whole.2, cut.2);
+    }
+}
+
+/// A smooth field on a lattice, whose cells vary little from one to the next.
+fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
+    let lattice = Lattice { dims, spacing };
+    let values = (0..lattice.len())
+        .map(|n| {
+            let cell = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+            let p = lattice.position(cell);
+            (127.0 + 60.0 * (2.0 * p.x).sin() + 60.0 * (3.0 * p.y + p.z).cos()) as u8
+        })
+        .collect();
+    PointVolume {
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width: 0.7,
+        },
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: Some(Values::U8(values)),
+        transfer_function: Some(bands(0.1)),
+    }
+}
+
+/// Bands of opacity over 0 to 255, the greatest `most` per length of .1.
+fn bands(most: f32) -> TransferFunction {
+    let opacity = |v: f32| most * (v * 0.05).sin().max(0.0);
+    let colour = |v: f32| [v / 255.0, 0.5, 1.0 - v / 255.0];
+    TransferFunction::from_curves(colour, opacity, [0.0, 255.0], 0.1).unwrap()
+}
+
+/// Thin points that fill a ball evenly, and so many that most are merged from afar.
+fn dust(count: usize, is_classified: bool) -> PointVolume {
+    let mut random = Random::new(31);
+    let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
+    let strengths = (0..count)
+        .map(|_| random.log_range(1e-7, 1e-5) as f32)
+        .collect();
+    let values = positions
+        .iter()
+        .map(|p| (127.0 + 100.0 * p.x) as f32)
+        .collect();
+    PointVolume {
+        particles: Particles::Isotropic {
+            sigmas: vec![0.01; count],
+            positions,
+        },
+        strength: if is_classified {
+            Strength::Classified { volumes: strengths }
+        } else {
+            Strength::Mass(strengths)
+        },
+        colour: Colour::Classified,
+        values: Some(Values::F32(values)),
+        transfer_function: Some(bands(0.3)),
+    }
+}
+
+/// Scenes of which much is merged from afar: points, and lattices of every kind.
+fn mergeable() -> Vec<(&'static str, PointVolume)> {
+    let dims = [64, 56, 48];
+    let axis = |n: usize| -> Vec<f64> {
+        let even = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
+        (0..n).map(|i| even(i) * (1.0 + 0.2 * even(i))).collect()
+    };
+    let step = dims.map(|n| 2.0 / n as f64);
+    let sheared = DMat3::from_cols(
+        DVec3::new(step[0], 0.2 * step[0], 0.0),
+        DVec3::new(0.0, step[1], 0.0),
+        DVec3::new(0.1 * step[2], 0.0, step[2]),
+    );
+    let origin = DVec3::splat(-1.0);
+    let straight = DMat3::from_diagonal(DVec3::from(step));
+    vec![
+        ("dust of masses", dust(20_000, false)),
+        ("dust of volumes", dust(20_000, true)),
+        (
+            "lattice",
+            waves(
+                LatticeSpacing::Uniform {
+                    origin,
+                    step: straight,
+                },
+                dims,
+            ),
+        ),
+        (
+            "sheared lattice",
+            waves(
+                LatticeSpacing::Uniform {
+                    origin,
+                    step: sheared,
+                },
+                dims,
+            ),
+        ),
+        (
+            "rectilinear lattice",
+            waves(
+                LatticeSpacing::Rectilinear {
+                    coordinates: dims.map(axis),
+                },
+                dims,
+            ),
+        ),
+    ]
+}
+
+#[test]
+fn merged_scenes_look_alike_at_every_zoom() {
+    if gpu().is_none() {
+        return;
+    }
+    for (name, scene) in mergeable() {
+        let mut renderer = Renderer::new(vec![scene.clone()]).unwrap();
+        let mut merged = Vec::new();
+        for distance in [4.0, 12.0, 40.0, 150.0, 600.0] {
+            let eye = DVec3::new(0.6, -0.7, 0.4) * distance;
+            let size = [90, 80];
+            for camera in [
+                Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, size),
+                Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 0.8 * distance, size),
+            ] {
+                for show in [Show::Scene, Show::Choice, Show::Count] {
+                    let settings = Settings {
+                        show,
+                        depth: show == Show::Scene,
+                        tolerance: if distance == 12.0 { 0.05 } else { 1.0 / 255.0 },
+                        ..Settings::default()
+                    };
+                    let name = format!("{name} from {distance}, {show:?}");
+                    let flips = assert_alike(&name, &scene, &camera, &settings);
+                    assert!(flips.is_none_or(|n| n <= 8), "{name}: {flips:?}");
+                }
+                renderer.render(&camera, &Settings::default()).unwrap();
+                merged.push(renderer.counts().blocks_merged);
+            }
+        }
+        println!("{name}: {merged:?} blocks merged");
+        assert!(
+            merged.iter().filter(|&&n| n > 0).count() >= 2,
+            "{name}: {merged:?}"
+        );
+    }
+}
+
+#[test]
+fn an_edit_reaches_what_is_merged() {
+    let Some(gpu) = gpu() else { return };
+    let eye = DVec3::new(0.6, -0.7, 0.4) * 150.0;
+    let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 1.5, [60, 50]);
+    // Two families: the second one's levels are counted after the first's.
+    let scene: Vec<_> = [0, 2].map(|i| mergeable().swap_remove(i).1).into();
+    for volume in 0..2 {
+        let mut edited = Renderer::new(scene.clone())
+            .unwrap()
+            .on(gpu.clone())
+            .unwrap();
+        let settings = Settings {
+            tolerance: 0.2,
+            ..Settings::default()
+        };
+        let before = edited.render(&camera, &settings).unwrap().clone();
+        let merged = edited.counts().blocks_merged;
+        edited.set_transfer_function(volume, bands(0.9)).unwrap();
+        let after = edited.render(&camera, &settings).unwrap().clone();
+        let mut other = scene.clone();
+        other[volume].transfer_function = Some(bands(0.9));
+        let mut fresh = Renderer::new(other).unwrap().on(gpu.clone()).unwrap();
+        let expected = fresh.render(&camera, &settings).unwrap();
+        println!(
+            "{merged} and {} blocks merged",
+            edited.counts().blocks_merged
+        );
+        assert!(merged > 0 && edited.counts().blocks_merged > 0);
+        assert!(
+            volume == 0 || difference(&before, &after) > 1e-3,
+            "the edit shows nothing"
+        );
+        assert_eq!(difference(expected, &after), 0.0);
+        assert_eq!(edited.counts(), fresh.counts());
     }
 }
 
