@@ -1,4 +1,5 @@
-//! Stage: which blocks a frame sees, and the keys of their depths. Twin: [`crate::blocks::cull`].
+//! Stage: which blocks a frame sees, what draws them, and the keys of their depths. Twins:
+//! [`crate::blocks::cull`], [`crate::blocks::choose`].
 
 use bytemuck::{Pod, Zeroable};
 

@@ -6,7 +6,7 @@
 //!
 //! | stage | reads | writes |
 //! |---|---|---|
-//! | `cull.rs` | blocks, camera | blocks in view, the range of depth keys |
+//! | `cull.rs` | blocks, camera, what they are drawn by | blocks in view, their filters, the range of depth keys |
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
 //! | `shade.rs` | visible particles, where colours depend on the view | their colours |
 //! | `project.rs` | visible particles, camera | footprints |
