@@ -636,7 +636,7 @@ fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let farthest = camera.centre_px.max(size - camera.centre_px) / camera.focal_px;
     let stretch = match camera.projection {
-        Projection::Perspective => 1.0 + farthest.length_squared() as f32,
+        Projection::Perspective => 1.0 + farthest.as_vec2().length_squared(),
         Projection::Orthographic => 1.0,
     };
     let [c_min, c_max] = settings.thresholds.unwrap_or([0.0; 2]);

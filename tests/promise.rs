@@ -331,12 +331,13 @@ fn random_kernels_are_within_the_tolerance_of_exact_pictures() {
 }
 
 /// `count` particles in clusters as gas has them: equal masses, smoothing lengths that follow the
-/// density, colours by cluster.
+/// density, colours by cluster. Where clusters of other colours lie in one another, what is in front
+/// cannot be merged with what is behind: the colours are of one family.
 fn clustered(count: usize) -> PointVolume {
     let mut random = Random::new(22);
     let clusters: Vec<(DVec3, f64, [f32; 3])> = (0..12)
         .map(|_| {
-            let colour = [0, 1, 2].map(|_| random.range(0.1, 1.0) as f32);
+            let colour = [0, 1, 2].map(|_| random.range(0.5, 0.7) as f32);
             (random.point(0.7), random.log_range(0.05, 0.3), colour)
         })
         .collect();
@@ -361,8 +362,8 @@ fn clustered(count: usize) -> PointVolume {
         sigmas.push((0.3_f64.sqrt() * h) as f32);
         colours.push(colour);
     }
-    // A depth of 3 on average over the face of a cube of side 2.
-    let masses = vec![(3.0 * 4.0 / count as f64) as f32; count];
+    // A depth of .15 on average over the face of a cube of side 2, of 3 through the densest cluster.
+    let masses = vec![(0.15 * 4.0 / count as f64) as f32; count];
     PointVolume {
         particles: Particles::Isotropic { positions, sigmas },
         strength: Strength::Mass(masses),
@@ -377,14 +378,14 @@ fn lattice(n: usize) -> PointVolume {
     let step = 2.0 / n as f64;
     let wave = |i: usize, waves: f64| (waves * std::f64::consts::TAU * i as f64 / n as f64).sin();
     let values = (0..n * n * n)
-        .map(|c| wave(c % n, 3.0) + wave(c / n % n, 7.0) + wave(c / n / n, 1.0))
+        .map(|c| wave(c % n, 3.0) + wave(c / n % n, 2.0) + wave(c / n / n, 1.0))
         .map(|v| (127.5 + 42.0 * v) as u8)
         .collect();
     let shade = |v: f32| v / 255.0;
     let transfer = TransferFunction::from_curves(
-        |v| [shade(v), 0.5, 1.0 - shade(v)],
-        // A depth of 2 in all: ln(1 - opacity) per unit over two units.
-        |v| 0.3 + 0.6 * shade(v),
+        |v| [0.4 + 0.2 * shade(v), 0.5, 0.6 - 0.2 * shade(v)],
+        // A depth of .4 to .7 in all: ln(1 - opacity) per unit over two units.
+        |v| 0.2 + 0.1 * shade(v),
         [0.0, 255.0],
         1.0,
     );
@@ -458,7 +459,7 @@ fn hold_zoom(name: &str, volume: PointVolume) {
     }
     let last = footprints[footprints.len() - 1];
     assert!(
-        last < 2_000,
+        last <= footprints[0] / 12,
         "{name}: {last} footprints for {END_PX} pixels"
     );
 }

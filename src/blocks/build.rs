@@ -39,7 +39,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
             };
             let mut base = BlockedVolume {
                 blocks,
-                particles: BlockedParticles::Lattice(grid),
+                particles: BlockedParticles::Lattice(Box::new(grid)),
                 strength,
                 colour,
                 values,

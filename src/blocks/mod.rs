@@ -57,7 +57,7 @@ pub struct BlockedVolume {
 #[derive(Debug, Clone)]
 pub enum BlockedParticles {
     /// Particle `local` of brick `block` is a cell of the lattice.
-    Lattice(BrickGrid),
+    Lattice(Box<BrickGrid>),
     /// Spheres: offsets from the block's origin and standard deviations.
     Isotropic {
         /// World units, relative to the block's origin.

@@ -219,11 +219,11 @@ mod tests {
         }
 
         #[test]
+        #[allow(clippy::cast_possible_truncation, reason = "as a table holds them")]
         fn factors_are_found_for_every_variance_and_refuses_the_rest(f in matrices(), shift in 0.0f64..1.0) {
             let v = f * f.transpose();
             let trace = v.x_axis.x + v.y_axis.y + v.z_axis.z;
             prop_assume!(trace > 1e-300);
-            // As a table holds them.
             let shift = shift * trace;
             let elements = |shift: f64| [
                 v.x_axis.x - shift, v.x_axis.y, v.x_axis.z,

@@ -123,7 +123,7 @@ fn level(
     }
     BlockedVolume {
         blocks,
-        particles: BlockedParticles::Lattice(grid),
+        particles: BlockedParticles::Lattice(Box::new(grid)),
         strength: base.strength.clone(),
         colour: base.colour.clone(),
         values: Some(Values::F32(means)),
