@@ -138,8 +138,7 @@ fn splat_footprint(
         return out;
     }
     // As many splats lie within one another as their footprints have outgrown them.
-    let grown = max(peak.image.tau, 1.0) * peak.growth;
-    let r = cutoff_radius(grown, view.tolerance, view.cutoff);
+    let r = cutoff_radius(peak.image.tau, peak.growth, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
     out.path = PATH_PEAK;
@@ -181,13 +180,13 @@ fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    var r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    var r = cutoff_radius(image.tau, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image);
     if choice.exists {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
-        let wider = cutoff_radius(max(image.tau, 1.0) * growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
         r = max(r, wider);
     }
     if kernel.centre.z <= NEAR_MARGIN * r * reach {
@@ -315,7 +314,7 @@ fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprin
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = LARGEST;
     }
-    let r = cutoff_radius(highest, view.tolerance, view.cutoff);
+    let r = cutoff_radius(highest, 1.0, view.tolerance, view.cutoff);
     let x_axis = vec3<f32>(1.0, 0.0, 0.0);
     let y_axis = vec3<f32>(0.0, 1.0, 0.0);
     let columns = near_range(kernel, x_axis, kernel.factor.x, view, 0u, r, h);

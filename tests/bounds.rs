@@ -319,7 +319,7 @@ fn what_a_cutoff_leaves_out_is_the_tolerance() {
     for _ in 0..20_000 {
         let tau = random.log_range(1e-4, 1e4);
         let tolerance = random.log_range(1e-5, 0.5);
-        let r = f64::from(cutoff_radius(tau as f32, tolerance as f32, 0.0));
+        let r = f64::from(cutoff_radius(tau as f32, 1.0, tolerance as f32, 0.0));
         let share = f64::from(cutoff_share(r as f32));
         let case = || format!("tau {tau}, tolerance {tolerance}");
         let gauss = |r: f64| (-0.5 * r * r).exp();

@@ -206,16 +206,18 @@ fn radius(
     filter: Filter,
     screen: &ScreenFactor,
     image: &ImageKernel,
-    is_splat: bool,
+    splat: Option<f32>,
 ) -> f32 {
-    let r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
-    if is_splat {
+    let growth = splat.unwrap_or(1.0);
+    let r = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
+    if splat.is_some() {
         return r;
     }
     choose_exact(view, filter, screen, image).map_or(r, |terms| {
         let growth = edge_growth(view, screen, image, &terms, 1.1 * r);
         r.max(cutoff_radius(
-            image.tau.max(1.0) * growth,
+            image.tau,
+            growth,
             view.tolerance,
             view.cutoff,
         ))
@@ -294,9 +296,10 @@ fn compare_one(
 
     let screen;
     let image;
+    let mut growth = None;
     if let Some(is_anti_aliased) = input.splats() {
         match peak_footprint(view, &kernel, is_anti_aliased) {
-            Some((s, i, _)) => (screen, image) = (s, i),
+            Some((s, i, g)) => (screen, image, growth) = (s, i, Some(g)),
             None => {
                 assert!(!f.is_visible(), "{}", context());
                 return;
@@ -322,8 +325,8 @@ fn compare_one(
 
     // z over the depth at which the kernel is integrated directly.
     let reach = kernel.factor.z.length();
-    let is_splat = input.splats().is_some();
-    let r = radius(view, input.filter(i), &screen, &image, is_splat);
+    let is_splat = growth.is_some();
+    let r = radius(view, input.filter(i), &screen, &image, growth);
     if path(e) != path(f) || e.is_visible() != f.is_visible() {
         let at_near = (kernel.centre.z / (NEAR_MARGIN * r * reach) - 1.0).abs();
         let behind = (kernel.centre.z / (MAX_CUTOFF * reach) + 1.0).abs();

@@ -1,12 +1,12 @@
 // Where a kernel ends. Twin: src/splat/cutoff.rs.
 
-// The cut-off radius r = sqrt(2 ln(max(tau, 1) / tolerance)), in standard deviations, of the share
-// of the tolerance that is the cut-off's.
-fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
+// The cut-off radius, in standard deviations.
+fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
         return min(by_hand, MAX_CUTOFF);
     }
-    let ratio = max_number(tau, 1.0) / (tolerance * CUTOFF_SHARE);
+    let ratio = max_number(tau * OVERLAP, 1.0) * max_number(growth, 1.0)
+        / (tolerance * CUTOFF_SHARE);
     if !is_finite(ratio) {
         return MAX_CUTOFF;
     }

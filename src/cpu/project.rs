@@ -261,7 +261,7 @@ fn splat_footprint(
     };
     // Where splats shrink below a pixel their opacities do not: as many of them lie within one
     // another as their footprints have outgrown them, and what they leave out adds up.
-    let r = cutoff_radius(image.tau.max(1.0) * growth, view.tolerance, view.cutoff);
+    let r = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
     out.path = PATH_PEAK;
@@ -304,13 +304,13 @@ pub(crate) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    let mut r = cutoff_radius(image.tau, view.tolerance, view.cutoff);
+    let mut r = cutoff_radius(image.tau, 1.0, view.tolerance, view.cutoff);
     let terms = choose_exact(view, filter, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
-        let wider = cutoff_radius(image.tau.max(1.0) * growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
         // `max` takes the other argument when one is NaN.
         r = r.max(wider);
     }
@@ -420,7 +420,7 @@ fn near_footprint(
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = f32::MAX;
     }
-    let r = cutoff_radius(highest, view.tolerance, view.cutoff);
+    let r = cutoff_radius(highest, 1.0, view.tolerance, view.cutoff);
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {

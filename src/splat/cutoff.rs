@@ -2,27 +2,28 @@
 //!
 //! Twin: `shaders/shared/cutoff.wgsl`.
 
-use super::budget::CUTOFF_SHARE;
+use super::budget::{CUTOFF_SHARE, OVERLAP};
 use crate::constants::MAX_CUTOFF;
 
-/// The cut-off radius r = sqrt(2 ln(max(tau, 1) / epsilon)), in standard deviations; epsilon is
-/// [`CUTOFF_SHARE`] of the tolerance.
+/// The cut-off radius r = sqrt(2 ln(max(6 tau, 1) growth / epsilon)), in standard deviations; epsilon
+/// is [`CUTOFF_SHARE`] of the tolerance, 6 [`OVERLAP`], `growth` how much the kernel stands out
+/// beyond what its depth says.
 ///
 /// What lies beyond, at the edge and as mass, is exp(-r²/2) of the kernel: at most epsilon,
-/// relative to the kernel's own depth where that is below 1 (many faint kernels add up), absolute
-/// above. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
+/// relative to the kernel's own depth where that is small (many faint kernels add up), absolute
+/// where it is not, and then a sixth of it. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
 /// positive. The mass is given back by [`cutoff_share`], so that the opacity errs by no more than
 /// epsilon / (1 - epsilon) anywhere (`tests/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
 /// tau / epsilon = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
 /// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
 /// a thousand.
 #[inline]
-pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
+pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
         return by_hand.min(MAX_CUTOFF);
     }
     // `min` takes the other argument when one is NaN.
-    (2.0 * (tau.max(1.0) / (tolerance * CUTOFF_SHARE)).ln())
+    (2.0 * ((tau * OVERLAP).max(1.0) * growth.max(1.0) / (tolerance * CUTOFF_SHARE)).ln())
         .max(1.0)
         .sqrt()
         .min(MAX_CUTOFF)
@@ -45,9 +46,9 @@ mod tests {
             assert!((1.0 - cutoff_share(r) - lost).abs() < 1e-4);
         }
         let whole = 1.0 / 255.0 / CUTOFF_SHARE;
-        assert!((cutoff_radius(0.5, whole, 0.0) - 3.329).abs() < 1e-3);
-        assert!(cutoff_radius(10.0, whole, 0.0) > 3.9);
-        assert_eq!(cutoff_radius(f32::MAX, 1e-9, 0.0), MAX_CUTOFF);
-        assert_eq!(cutoff_radius(1.0, 0.01, 2.0), 2.0);
+        assert!((cutoff_radius(0.1, 1.0, whole, 0.0) - 3.329).abs() < 1e-3);
+        assert!(cutoff_radius(10.0 / OVERLAP, 1.0, whole, 0.0) > 3.9);
+        assert_eq!(cutoff_radius(f32::MAX, 1.0, 1e-9, 0.0), MAX_CUTOFF);
+        assert_eq!(cutoff_radius(1.0, 1.0, 0.01, 2.0), 2.0);
     }
 }
