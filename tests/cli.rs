@@ -291,7 +291,11 @@ fn counts_are_written_as_numbers_and_in_colours() {
     let colours = read("n.png");
     for (n, colour) in numbers.pixels.iter().zip(&colours.pixels) {
         // Viridis ends in a yellow that has no other's red, and begins in a purple of little green.
-        assert_eq!(of(n) == greatest, colour[0] > 0.95, "{n:?}: {colour:?}");
+        assert!(of(n) < greatest || colour[0] > 0.98, "{n:?}: {colour:?}");
+        assert!(
+            of(n) > 0.9 * greatest || colour[0] < 0.9,
+            "{n:?}: {colour:?}"
+        );
         assert!(n[0] > 0.0 || colour[1] < 0.01, "{n:?}: {colour:?}");
         assert_eq!(colour[3], 1.0);
     }

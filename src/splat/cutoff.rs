@@ -5,15 +5,16 @@
 use super::budget::CUTOFF_SHARE;
 use crate::constants::MAX_CUTOFF;
 
-/// The cut-off radius r = sqrt(2 ln(max(tau, 1) / tolerance)), in standard deviations.
+/// The cut-off radius r = sqrt(2 ln(max(tau, 1) / epsilon)), in standard deviations; epsilon is
+/// [`CUTOFF_SHARE`] of the tolerance.
 ///
-/// What lies beyond, at the edge and as mass, is exp(-r²/2) of the kernel: at most the tolerance,
+/// What lies beyond, at the edge and as mass, is exp(-r²/2) of the kernel: at most epsilon,
 /// relative to the kernel's own depth where that is below 1 (many faint kernels add up), absolute
 /// above. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
 /// positive. The mass is given back by [`cutoff_share`], so that the opacity errs by no more than
-/// tolerance / (1 - tolerance) anywhere (`tests/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
-/// tau / tolerance = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
-/// they leave out adds up: five tolerances were seen among hundreds of kernels, two in one pixel of
+/// epsilon / (1 - epsilon) anywhere (`tests/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
+/// tau / epsilon = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
+/// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
 /// a thousand.
 #[inline]
 pub fn cutoff_radius(tau: f32, tolerance: f32, by_hand: f32) -> f32 {
@@ -43,8 +44,9 @@ mod tests {
         for (r, lost) in [(1.0_f32, 0.6065), (2.0, 0.1353), (3.33, 0.00391)] {
             assert!((1.0 - cutoff_share(r) - lost).abs() < 1e-4);
         }
-        assert!((cutoff_radius(0.5, 1.0 / 255.0, 0.0) - 3.329).abs() < 1e-3);
-        assert!(cutoff_radius(10.0, 1.0 / 255.0, 0.0) > 3.9);
+        let whole = 1.0 / 255.0 / CUTOFF_SHARE;
+        assert!((cutoff_radius(0.5, whole, 0.0) - 3.329).abs() < 1e-3);
+        assert!(cutoff_radius(10.0, whole, 0.0) > 3.9);
         assert_eq!(cutoff_radius(f32::MAX, 1e-9, 0.0), MAX_CUTOFF);
         assert_eq!(cutoff_radius(1.0, 0.01, 2.0), 2.0);
     }
