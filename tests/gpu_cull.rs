@@ -9,12 +9,13 @@
 mod common;
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use common::gpu::gpu;
 use common::{Random, lower_factor};
 use ewa_splat::blocks::{
-    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged, NO_PARENT,
-    choose, cull, cull_detail, distance_interval,
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged,
+    MergedTransfer, NO_PARENT, choose, cull, cull_detail, distance_interval,
 };
 use ewa_splat::gpu::{self, f64_operations};
 use ewa_splat::layout::{BlockView, ChoiceUniform};
@@ -989,4 +990,81 @@ fn degenerate_blocks_are_chosen_alike() {
     }
     println!("{tally:?}");
     assert!(tally.levels[0] > 1_000 && tally.levels[1] > 1_000);
+}
+
+/// What a transfer function makes of how far the values of clusters spread.
+#[test]
+fn clusters_of_classified_particles_are_chosen_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(24);
+    let transfer =
+        TransferFunction::from_curves(|v| [v / 255.0, 0.5, 0.1], |v| v / 512.0, [0.0, 255.0], 0.1)
+            .unwrap();
+    let count = 6_000_u32;
+    let block = |i: u32, parent, random: &mut Random| {
+        let low = random.range(-20.0, 270.0) as f32;
+        let sigma = random.log_range(3e-3, 3e-2) as f32;
+        Block {
+            origin: DVec3::new(f64::from(i % 7) - 3.0, 0.2, 5.0 + f64::from(i % 100) * 0.3),
+            half_extent: Vec3::splat(0.05),
+            max_sigma: sigma * 1.5,
+            min_sigma: sigma,
+            max_strength: random.log_range(1e-8, 1e-4) as f32,
+            first: i,
+            count: 1,
+            value_range: [low, low + random.log_range(0.01, 100.0) as f32],
+            parent,
+            level: u32::from(parent == NO_PARENT),
+        }
+    };
+    let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, DVec3::Y, 60.0, [400, 300]);
+    let shot = Shot::new(&camera, false).with(|c| c.level_of_detail = 1);
+    let shots = [1e-4, 1e-3, 4e-3, 2e-2, 0.1].map(|t| shot.with(|c| c.tolerance = t));
+    for case in 0..3 {
+        let ones = vec![1.0; count as usize];
+        let strength = match case {
+            0 | 1 => Strength::Classified { volumes: ones },
+            _ => Strength::Mass(ones),
+        };
+        let colour = match case {
+            1 => Colour::Uniform([1.0; 3]),
+            _ => Colour::Classified,
+        };
+        let bounds = (0..count).map(|_| MergeBounds {
+            third_mean: random.log_range(1e-3, 1e-2) as f32,
+            third: random.log_range(1e-3, 1e-2) as f32,
+            fourth: random.log_range(1e-3, 1e-2) as f32,
+            second: random.log_range(3e-3, 1e-1) as f32,
+            spread: random.log_range(1e-2, 50.0) as f32,
+            colour: 0.0,
+        });
+        let merged = Merged {
+            bounds: bounds.collect(),
+            spreads: vec![1.0; count as usize],
+            transfer: Some(Arc::new(MergedTransfer::new(&transfer, &strength))),
+            clumps: vec![0.0; count as usize],
+        };
+        let volume = |blocks, merged| BlockedVolume {
+            blocks,
+            particles: BlockedParticles::Anisotropic {
+                offsets: vec![[0.0; 3]; count as usize],
+                factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize],
+            },
+            strength: strength.clone(),
+            colour: colour.clone(),
+            values: Some(Values::F32(vec![100.0; count as usize])),
+            transfer_function: Some(transfer.clone()),
+            merged,
+        };
+        let base = (0..count).map(|i| block(i, i, &mut random)).collect();
+        let coarse = (0..count)
+            .map(|i| block(i, NO_PARENT, &mut random))
+            .collect();
+        let family = [volume(base, None), volume(coarse, Some(merged))];
+        let tally = check_shots(&family, &shots, u64::MAX);
+        println!("{case}: {tally:?}");
+        assert!(tally.levels[0] > 500 && tally.levels[1] > 1_000);
+    }
 }
