@@ -325,7 +325,6 @@ fn compare_one(
 
     // z over the depth at which the kernel is integrated directly.
     let reach = kernel.factor.z.length();
-    let is_splat = growth.is_some();
     let r = radius(view, input.filter(i), &screen, &image, growth);
     if path(e) != path(f) || e.is_visible() != f.is_visible() {
         let at_near = (kernel.centre.z / (NEAR_MARGIN * r * reach) - 1.0).abs();
