@@ -137,8 +137,7 @@ fn splat_footprint(
     if !peak.exists {
         return out;
     }
-    // As many splats lie within one another as their footprints have outgrown them.
-    let r = cutoff_radius(peak.image.tau, peak.growth, view.tolerance, view.cutoff);
+    let r = cutoff_radius(peak.image.tau * peak.image.pile, 1.0, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
     out.path = PATH_PEAK;
@@ -180,13 +179,13 @@ fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    var r = cutoff_radius(image.tau, 1.0, view.tolerance, view.cutoff);
+    var r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image);
     if choice.exists {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
-        let wider = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(image.tau * image.pile, growth, view.tolerance, view.cutoff);
         r = max(r, wider);
     }
     if kernel.centre.z <= NEAR_MARGIN * r * reach {

@@ -206,21 +206,16 @@ fn radius(
     filter: Filter,
     screen: &ScreenFactor,
     image: &ImageKernel,
-    splat: Option<f32>,
+    is_splat: bool,
 ) -> f32 {
-    let growth = splat.unwrap_or(1.0);
-    let r = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
-    if splat.is_some() {
+    let tau = image.tau * image.pile;
+    let r = cutoff_radius(tau, 1.0, view.tolerance, view.cutoff);
+    if is_splat {
         return r;
     }
     choose_exact(view, filter, screen, image).map_or(r, |terms| {
         let growth = edge_growth(view, screen, image, &terms, 1.1 * r);
-        r.max(cutoff_radius(
-            image.tau,
-            growth,
-            view.tolerance,
-            view.cutoff,
-        ))
+        r.max(cutoff_radius(tau, growth, view.tolerance, view.cutoff))
     })
 }
 
@@ -296,10 +291,9 @@ fn compare_one(
 
     let screen;
     let image;
-    let mut growth = None;
     if let Some(is_anti_aliased) = input.splats() {
         match peak_footprint(view, &kernel, is_anti_aliased) {
-            Some((s, i, g)) => (screen, image, growth) = (s, i, Some(g)),
+            Some(peak) => (screen, image) = peak,
             None => {
                 assert!(!f.is_visible(), "{}", context());
                 return;
@@ -325,7 +319,13 @@ fn compare_one(
 
     // z over the depth at which the kernel is integrated directly.
     let reach = kernel.factor.z.length();
-    let r = radius(view, input.filter(i), &screen, &image, growth);
+    let r = radius(
+        view,
+        input.filter(i),
+        &screen,
+        &image,
+        input.splats().is_some(),
+    );
     if path(e) != path(f) || e.is_visible() != f.is_visible() {
         let at_near = (kernel.centre.z / (NEAR_MARGIN * r * reach) - 1.0).abs();
         let behind = (kernel.centre.z / (MAX_CUTOFF * reach) + 1.0).abs();

@@ -5,8 +5,6 @@ struct PeakFootprint {
     exists: bool,
     screen: ScreenFactor,
     image: ImageKernel,
-    // How many times the low-pass filter has enlarged its area.
-    growth: f32,
 }
 
 // The footprint of a splat, its `tau` the opacity at the centre. `kernel.mass` is the peak opacity.
@@ -35,15 +33,11 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, is_anti_aliased: bool) -> P
     let h2 = select(SPLAT_LOW_PASS_PX2, ANTI_ALIASED_LOW_PASS_PX2, is_anti_aliased);
     var image = filtered(screen, FILTER_EWA, h2);
     image.tau = kernel.mass;
-    // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
-    let minor = cross3(screen.row_x, screen.row_y);
-    let determinant = dot3(minor, minor);
     if is_anti_aliased {
+        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        let minor = cross3(screen.row_x, screen.row_y);
+        let determinant = dot3(minor, minor);
         image.tau = image.tau * sqrt(determinant / image.determinant);
-    }
-    out.growth = LARGEST;
-    if is_above(determinant, 0.0) {
-        out.growth = min_number(sqrt(image.determinant / determinant), LARGEST);
     }
     // Lengths whose squares leave f32 have no form.
     let is_shape = is_finite(image.a + image.c);

@@ -256,12 +256,10 @@ fn splat_footprint(
     key: u32,
 ) -> Footprint {
     let mut out = invisible(kernel, colour, key);
-    let Some((screen, image, growth)) = peak_footprint(view, kernel, is_anti_aliased) else {
+    let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
         return out;
     };
-    // Where splats shrink below a pixel their opacities do not: as many of them lie within one
-    // another as their footprints have outgrown them, and what they leave out adds up.
-    let r = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
+    let r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
     out.path = PATH_PEAK;
@@ -304,13 +302,13 @@ pub(crate) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    let mut r = cutoff_radius(image.tau, 1.0, view.tolerance, view.cutoff);
+    let mut r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
     let terms = choose_exact(view, filter, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
-        let wider = cutoff_radius(image.tau, growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(image.tau * image.pile, growth, view.tolerance, view.cutoff);
         // `max` takes the other argument when one is NaN.
         r = r.max(wider);
     }

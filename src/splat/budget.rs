@@ -24,6 +24,11 @@ pub const CUTOFF_SHARE: f32 = 0.25;
 /// one alone the paper's checkerboard errs by 3.8 tolerances in one pixel of a thousand.
 pub const OVERLAP: f32 = 6.0;
 
+/// Below a pixel the low-pass filter heaps neighbours upon one another, as many as it has enlarged
+/// their area: their depth together is what ends them. At most so many: a kernel without width has
+/// no area to enlarge.
+pub const GREATEST_PILE: f32 = 256.0;
+
 /// Of the affine footprint.
 pub const AFFINE_SHARE: f32 = 0.5;
 

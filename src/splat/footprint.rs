@@ -7,6 +7,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
+use super::budget::GREATEST_PILE;
 use super::filter::Filter;
 use crate::layout::ViewUniform;
 use crate::math::Factor;
@@ -61,6 +62,9 @@ pub struct ImageKernel {
     pub determinant: f32,
     /// Optical depth at the centre, the mass in full (not yet corrected for the cut-off).
     pub tau: f32,
+    /// How many times the filter has enlarged its area, and so how many of its neighbours lie within
+    /// one another that did not before; 1 to [`GREATEST_PILE`].
+    pub pile: f32,
 }
 
 /// Carries a kernel to the image plane.
@@ -136,12 +140,20 @@ impl ScreenFactor {
                 }
             }
         };
+        let growth = (determinant / minors).sqrt();
+        let pile = match minors > 0.0 {
+            true if growth > 1.0 => growth.min(GREATEST_PILE),
+            // NaN, too.
+            true => 1.0,
+            false => GREATEST_PILE,
+        };
         ImageKernel {
             a,
             b,
             c,
             determinant,
             tau: self.weight / (TAU * determinant.sqrt()),
+            pile,
         }
     }
 }

@@ -22,8 +22,8 @@ pub const ANTI_ALIASED_LOW_PASS_PX2: f32 = 0.1;
 /// across the picture, and the training knew no such footprints.
 pub(crate) const JACOBIAN_MARGIN: f32 = 0.3;
 
-/// The footprint of a splat, its `tau` the opacity at the centre, and how many times the low-pass
-/// filter has enlarged its area; `None` where the rule draws nothing.
+/// The footprint of a splat, its `tau` the opacity at the centre; `None` where the rule draws
+/// nothing.
 ///
 /// - `kernel`: its mass is the peak opacity.
 ///
@@ -39,7 +39,7 @@ pub fn peak_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
     is_anti_aliased: bool,
-) -> Option<(ScreenFactor, ImageKernel, f32)> {
+) -> Option<(ScreenFactor, ImageKernel)> {
     let (z, reach) = (kernel.centre.z, kernel.factor.z.length());
     let nearest = if view.orthographic != 0 { 0.0 } else { reach };
     // Phrased so that NaN draws nothing.
@@ -68,17 +68,12 @@ pub fn peak_footprint(
     };
     let mut image = screen.filtered(Filter::Ewa, h2);
     image.tau = kernel.mass;
-    // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
-    let determinant = screen.row_x.cross(screen.row_y).length_squared();
     if is_anti_aliased {
+        // Minors, not the difference of products: a flat splat seen from its edge keeps its digits.
+        let determinant = screen.row_x.cross(screen.row_y).length_squared();
         image.tau *= (determinant / image.determinant).sqrt();
     }
-    let growth = if determinant > 0.0 {
-        (image.determinant / determinant).sqrt().min(f32::MAX)
-    } else {
-        f32::MAX
-    };
     // Lengths whose squares leave f32 have no form.
     let is_shape = (image.a + image.c).is_finite();
-    (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image, growth))
+    (is_shape && image.tau > 0.0 && image.tau.is_finite()).then_some((screen, image))
 }
