@@ -10,7 +10,7 @@
 use std::path::{Path, PathBuf};
 
 use ewa_splat::constants::MAX_CUTOFF;
-use ewa_splat::measure::{ImageErrors, compare, median_times, paper_thresholds};
+use ewa_splat::measure::{ImageErrors, PAPER_THRESHOLDS, compare, median_times};
 use ewa_splat::render::StageTimes;
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
@@ -102,7 +102,7 @@ fn rows(camera: &Camera) -> Vec<Row> {
         (
             "thresholds",
             Settings {
-                thresholds: Some(paper_thresholds(camera)),
+                thresholds: Some(PAPER_THRESHOLDS),
                 ..base.clone()
             },
         ),
@@ -170,8 +170,8 @@ fn measure(
             row.footprints
         );
     }
-    let [c_min, c_max] = paper_thresholds(camera);
-    println!("thresholds: c_min {c_min}, c_max {c_max:.3}");
+    let [c_min, c_max] = PAPER_THRESHOLDS;
+    println!("thresholds: c_min {c_min}, c_max {c_max} (1 + 2 tan²(fov/2))");
     Ok(())
 }
 

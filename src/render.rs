@@ -38,8 +38,8 @@ pub struct Settings {
     pub filter: Filter,
     /// c_min and c_max of eq. 7 of Chen et al. 2004, by hand: under [`Filter::Adaptive`] blocks
     /// nearer than c_min r_k/r_h are drawn by the reconstruction kernel alone, those beyond
-    /// c_max r_k/r_h by the low-pass filter alone, others by the resampling filter; none exactly,
-    /// none merged. `None` follows the tolerance.
+    /// c_max (1 + 2 tan²(fov/2)) r_k/r_h by the low-pass filter alone, others by the resampling
+    /// filter; none exactly, none merged. `None` follows the tolerance. The paper's: .3 and 2.
     pub thresholds: Option<[f32; 2]>,
     /// Whether particles far below a pixel are drawn merged, under [`Filter::Adaptive`].
     pub level_of_detail: bool,
@@ -711,4 +711,31 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
         );
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn thresholds_have_the_papers_factor_of_the_field_of_view() {
+        let settings = Settings {
+            thresholds: Some([0.3, 2.0]),
+            ..Settings::default()
+        };
+        let of = |camera: &Camera| choice_uniform(camera, &settings);
+        let at = |size| Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, 60.0, size);
+        // tan² 30° = 1/3: 2 (1 + 2/3), within roundings of f32.
+        let choice = of(&at([64, 64]));
+        assert!((choice.thresholds[1] - 10.0 / 3.0).abs() < 1e-6);
+        assert!((choice.thresholds[0] - 0.3).abs() < 1e-7);
+        assert_eq!((choice.by_hand, choice.level_of_detail), (1, 0));
+        // Twice as wide: tan² is 4/3 across, and the farthest corner counts.
+        let wide = of(&at([128, 64])).thresholds[1];
+        assert!((wide - 16.0 / 3.0).abs() < 1e-6, "{wide}");
+        let flat = Camera::orthographic(DVec3::ZERO, DVec3::Y, DVec3::Z, 9.0, [64, 64]);
+        assert!((of(&flat).thresholds[1] - 2.0).abs() < 1e-6);
+    }
 }

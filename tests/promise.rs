@@ -305,6 +305,53 @@ fn real_data_are_within_the_tolerance_of_exact_pictures() {
     hold_files(&real_files());
 }
 
+/// The opaque checkerboard of Chen et al. 2004 (`examples/adaptive_filter.rs`), smaller: edges of
+/// full contrast everywhere, a rim against nothing, and from afar tens of layers in a pixel.
+#[test]
+fn an_opaque_checkerboard_is_within_the_tolerance_of_exact_pictures() {
+    const VOXELS: usize = 128;
+    let value = |i: usize| {
+        if (i % VOXELS / 8 + i / VOXELS % VOXELS / 8).is_multiple_of(2) {
+            0
+        } else {
+            255
+        }
+    };
+    let transfer =
+        TransferFunction::from_curves(|v| [v / 255.0; 3], |_| 0.99, [0.0, 255.0], 1.0).unwrap();
+    let half = DVec3::new(0.5, 0.5, 0.0) * (VOXELS as f64 - 1.0);
+    let slab = PointVolume {
+        particles: Particles::Lattice {
+            lattice: Lattice::uniform([VOXELS, VOXELS, 3], -half, DVec3::ONE),
+            kernel_width: 0.6,
+        },
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: Some(Values::U8((0..VOXELS * VOXELS * 3).map(value).collect())),
+        transfer_function: Some(transfer),
+    };
+    let side = VOXELS as f64;
+    let view = |name, distance: f64, height: f64, turn: f64| {
+        let eye = DVec3::new(0.0, -(0.5 + distance) * side, height * side);
+        let target = eye + DVec3::new(0.0, 1.0, -turn);
+        let camera = Camera::perspective(eye, target, DVec3::Z, 45.0, [SIZE; 2]);
+        View { name, camera }
+    };
+    let views = [view("near", 0.02, 0.03, 0.1), view("far", 2.0, 0.4, 0.16)];
+    let mut renderer = Renderer::new(vec![slab]).unwrap();
+    let mut table = Table::default();
+    hold(
+        &mut table,
+        "checkerboard",
+        &mut renderer,
+        &views,
+        &TOLERANCES,
+    );
+    table.finish();
+}
+
 /// Hundreds of kernels that overlap, and their middle.
 fn random_scene(random: &mut Random) -> (Renderer, Camera, DVec3) {
     let (particles, camera) = overlapping(random);

@@ -30,5 +30,5 @@ pub use report::{
 pub use ssim::ssim;
 pub use sweep::{Resampling, Subject, SweepOptions, SweepProgress, sweep};
 pub use variants::{
-    ACCURATE, DEFAULT, FAST, Variant, accurate, budget_variants, paper_thresholds, variants,
+    ACCURATE, DEFAULT, FAST, PAPER_THRESHOLDS, Variant, accurate, budget_variants, variants,
 };

@@ -98,8 +98,8 @@ pub fn sweep(
 ) -> Result<Report> {
     let base = &options.base;
     let width = subject.resampling.map(|r| r.kernel_width);
-    let all = variants::variants(base, subject.camera, width);
-    let budget_variants = variants::budget_variants(base, subject.camera);
+    let all = variants::variants(base, width);
+    let budget_variants = variants::budget_variants(base);
     let resampled = all.iter().filter(|v| v.kernel_width.is_some()).count();
 
     // Each way to draw once, however many variants ask for it.

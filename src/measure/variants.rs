@@ -4,7 +4,6 @@ use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
 use crate::render::{Settings, Show};
 use crate::splat::Filter;
-use crate::view::{Camera, Projection};
 
 /// One way to draw the scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,19 +55,9 @@ pub const ACCURATE: &str = "accurate";
 /// The id of a variant that saves wherever it can be borne.
 pub const FAST: &str = "fast";
 
-/// c_min and c_max as Chen et al. 2004 chose them for all their examples: 0.3 and
-/// 2 (1 + 2 tan²(fov/2)). The square image of their formula is generalised: its bracket is the
-/// greatest (ux² + uy² + uz²) / uz² in the image, 1 for an orthographic camera.
-pub fn paper_thresholds(camera: &Camera) -> [f32; 2] {
-    let slope = [camera.width as f64, camera.height as f64].map(|n| n / 2.0);
-    let [x, y] = match camera.projection {
-        Projection::Perspective => [slope[0] / camera.focal_px.x, slope[1] / camera.focal_px.y],
-        Projection::Orthographic => [0.0; 2],
-    };
-    #[expect(clippy::cast_possible_truncation, reason = "settings are in f32")]
-    let c_max = (2.0 * (1.0 + x * x + y * y)) as f32;
-    [0.3, c_max]
-}
+/// c_min and c_max of Chen et al. 2004, section 4.1, the latter without its factor of the field of
+/// view, which [`Settings::thresholds`] brings.
+pub const PAPER_THRESHOLDS: [f32; 2] = [0.3, 2.0];
 
 /// The most accurate that splatting on the CPU is: exact footprints of every particle, cut off at
 /// 7 standard deviations, at a tolerance of 1e-4.
@@ -88,10 +77,9 @@ pub fn accurate(base: &Settings) -> Settings {
 /// Everything that is tried, each thing changed alone against `base` (but for the group
 /// `together`); what `base` does already is not repeated.
 ///
-/// - `camera`: whose field of view [`paper_thresholds`] take.
 /// - `kernel_width`: the width of the scene's kernels over spacing, where the scene can be sampled
 ///   with another.
-pub fn variants(base: &Settings, camera: &Camera, kernel_width: Option<f64>) -> Vec<Variant> {
+pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
     let mut list = List::new(base);
     list.push("as given", DEFAULT, "default settings", "default", |_| {});
     list.push(
@@ -125,7 +113,7 @@ pub fn variants(base: &Settings, camera: &Camera, kernel_width: Option<f64>) -> 
             s.filter = filter;
         });
     }
-    let thresholds = paper_thresholds(camera);
+    let thresholds = PAPER_THRESHOLDS;
     list.push(
         "filter",
         "filter-thresholds",
@@ -196,7 +184,7 @@ pub fn variants(base: &Settings, camera: &Camera, kernel_width: Option<f64>) -> 
 }
 
 /// The error budget's approximations: each alone against the [`accurate`] settings.
-pub fn budget_variants(base: &Settings, camera: &Camera) -> Vec<Variant> {
+pub fn budget_variants(base: &Settings) -> Vec<Variant> {
     let mut list = List::new(&accurate(base));
     list.push(
         "budget",
@@ -226,7 +214,7 @@ pub fn budget_variants(base: &Settings, camera: &Camera) -> Vec<Variant> {
             s.filter = filter;
         });
     }
-    let thresholds = paper_thresholds(camera);
+    let thresholds = PAPER_THRESHOLDS;
     list.push(
         "budget",
         "budget-filter-thresholds",
@@ -321,32 +309,14 @@ impl List {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
-
-    fn camera(size: [usize; 2]) -> Camera {
-        Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, 60.0, size)
-    }
-
-    #[test]
-    fn thresholds_are_the_papers() {
-        // 60 degrees: tan² 30° = 1/3, and 2 (1 + 2/3); half an ulp of f32 there.
-        let [c_min, c_max] = paper_thresholds(&camera([64, 64]));
-        assert!(c_min.to_bits() == 0.3_f32.to_bits() && (c_max - 10.0 / 3.0).abs() < 3e-7);
-        // Twice as wide: tan² is 4/3 across.
-        let [_, c_max] = paper_thresholds(&camera([128, 64]));
-        assert!((c_max - 16.0 / 3.0).abs() < 3e-7, "{c_max}");
-        let flat = Camera::orthographic(DVec3::ZERO, DVec3::Y, DVec3::Z, 9.0, [64, 64]);
-        assert!((paper_thresholds(&flat)[1] - 2.0).abs() < 3e-7);
-    }
 
     #[test]
     fn ids_are_unique_and_every_filter_is_tried() {
         let base = Settings::default();
-        let all = variants(&base, &camera([64, 64]), Some(0.6));
+        let all = variants(&base, Some(0.6));
         let mut ids: Vec<&str> = all.iter().map(|v| v.id.as_str()).collect();
-        let budget = budget_variants(&base, &camera([64, 64]));
+        let budget = budget_variants(&base);
         ids.extend(budget.iter().map(|v| v.id.as_str()));
         let count = ids.len();
         ids.sort_unstable();
@@ -363,7 +333,7 @@ mod tests {
     #[test]
     fn each_is_tried_once_and_what_changes_the_signal_says_so() {
         let base = Settings::default();
-        let all = variants(&base, &camera([64, 64]), Some(0.6));
+        let all = variants(&base, Some(0.6));
         for (i, a) in all.iter().enumerate() {
             for b in &all[..i] {
                 assert!(
@@ -377,7 +347,7 @@ mod tests {
             assert_eq!(a.changes_signal(&base), changes, "{}", a.id);
         }
         assert!(
-            variants(&base, &camera([64, 64]), None)
+            variants(&base, None)
                 .iter()
                 .all(|v| v.kernel_width.is_none())
         );

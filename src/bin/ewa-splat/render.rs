@@ -69,7 +69,8 @@ struct Method {
     #[arg(long, value_enum, default_value = "adaptive")]
     filter: FilterName,
     /// For adaptive, instead of the tolerance: c_min,c_max of Chen et al. 2004. Kernels nearer than
-    /// c_min r_k/r_h are drawn without the low-pass filter, those beyond c_max r_k/r_h by it alone
+    /// c_min r_k/r_h are drawn without the low-pass filter, those beyond c_max (1 + 2 tan²(fov/2))
+    /// r_k/r_h by it alone; the paper's are 0.3,2
     #[arg(long, value_name = "CMIN,CMAX", value_parser = parse::thresholds)]
     thresholds: Option<[f32; 2]>,
     /// Whether adaptive merges particles far below a pixel
