@@ -68,7 +68,7 @@ struct Row {
     times: Vec<StageTimes>,
 }
 
-fn rows(camera: &Camera) -> Vec<Row> {
+fn rows() -> Vec<Row> {
     let base = Settings {
         background: Some(SKY),
         ..Settings::default()
@@ -124,7 +124,7 @@ fn measure(
     frames: usize,
     folder: &Path,
 ) -> Result<()> {
-    let mut rows = rows(camera);
+    let mut rows = rows();
     let truth = renderer.render(camera, &rows[0].settings)?.clone();
     for row in &mut rows {
         let image = renderer.render(camera, &row.settings)?;
