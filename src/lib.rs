@@ -58,7 +58,7 @@
 //! | [`view`] | cameras |
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
 //! | [`layout`] | the structs that stages exchange |
-//! | [`blocks`] | particles in blocks, culling |
+//! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |
 //! | [`stats`] | what frames count, and their times |
 //! | [`cpu`] | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
@@ -92,7 +92,8 @@
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
 //! | amplitude | value x volume, or mass: what column densities sum |
-//! | choose | pick a filter path: [`splat::choose_exact`] |
+//! | choose | pick a filter path: [`blocks::choose`], [`splat::choose_exact`] |
+//! | merged | a cluster of particles drawn as one: [`blocks::Merged`] |
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}

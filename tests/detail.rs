@@ -14,6 +14,8 @@ use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
 use ewa_splat::splat::budget::{MERGE_FOURTH, MERGE_THIRD};
+use ewa_splat::view::Camera;
+use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
 
 /// Spheres with masses and colours, in clumps.
@@ -256,6 +258,54 @@ fn columns_of_clusters_are_within_their_bound() {
     assert!(worst <= 1.0, "{worst}");
     // Clusters of many directions partly cancel; the bound is one cluster's.
     assert!(worst > 0.2, "{worst}");
+}
+
+/// One particle without a finite shape or colour among many far below a pixel: its cluster is never
+/// merged, where NaN would have passed every comparison.
+#[test]
+fn what_is_no_number_is_not_merged() {
+    let camera = Camera::orthographic(
+        DVec3::new(0.0, -1e5, 0.0),
+        DVec3::ZERO,
+        DVec3::Z,
+        2e4,
+        [64; 2],
+    );
+    for broken in [f32::NAN, f32::INFINITY] {
+        for what in 0..2 {
+            let mut volume = spheres(5_000);
+            if let Particles::Isotropic { positions, sigmas } = &mut volume.particles {
+                for p in positions {
+                    *p -= 1e4;
+                }
+                sigmas[77] = if what == 0 { broken } else { sigmas[77] };
+            }
+            if let Colour::PerParticle(colours) = &mut volume.colour {
+                colours.fill([0.5; 3]);
+                colours[77][0] = if what == 1 { broken } else { 0.5 };
+            }
+            if let Strength::Mass(masses) = &mut volume.strength {
+                masses.fill(1.0);
+            }
+            let family = BlockedVolume::with_detail(volume.clone());
+            let levels = &family[1];
+            let merged = levels.merged.as_ref().unwrap();
+            for (block, bounds) in levels.blocks.iter().zip(&merged.bounds) {
+                let all = [bounds.third, bounds.fourth, bounds.second, bounds.colour];
+                assert!(all.iter().all(|b| !b.is_nan()), "{block:?}");
+            }
+            // The root stands for the broken one, too.
+            let root = &merged.bounds[0];
+            assert_eq!(root.third, f32::INFINITY);
+            let mut renderer = Renderer::new(vec![volume]).unwrap();
+            renderer.render(&camera, &Settings::default()).unwrap();
+            let merged = renderer.counts();
+            assert!(
+                merged.blocks_merged > 0 && merged.footprints > 100,
+                "{merged:?}"
+            );
+        }
+    }
 }
 
 /// What the README states. A set of random points fills its blocks as real ones do: to two thirds.

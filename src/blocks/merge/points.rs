@@ -372,14 +372,19 @@ fn merge(
         spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
         clump: (clump * lone_share(overlap, sigmas)) as f32,
     };
-    let bounds = MergeBounds {
+    let colour_variance = colour_square - colour.length_squared();
+    let mut bounds = MergeBounds {
         third_mean: 0.0,
         third: moments.third_norm().cbrt() as f32,
         fourth: moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
         second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
         spread: particle.spread,
-        colour: (colour_square - colour.length_squared()).max(0.0).sqrt() as f32,
+        colour: colour_variance.max(0.0).sqrt() as f32,
     };
+    if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
+        // Members without a finite shape or colour are never merged: `max` would forget a NaN.
+        bounds.third = f32::INFINITY;
+    }
     let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
     Some((particle, bounds, greatest))
 }
