@@ -322,16 +322,19 @@ fn merge(
         let w = share(g);
         let own = match source.shapes {
             Shapes::Spheres(sigmas) => {
-                DMat3::from_diagonal(DVec3::splat(f64::from(sigmas[i]).powi(2)))
+                let v = f64::from(sigmas[i]).powi(2);
+                [v, 0.0, 0.0, v, 0.0, v]
             }
             Shapes::Factors(factors) => {
                 let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-                let f = DMat3::from_cols(
-                    DVec3::new(l00, l10, l20),
-                    DVec3::new(0.0, l11, l21),
-                    DVec3::new(0.0, 0.0, l22),
-                );
-                f * f.transpose()
+                [
+                    l00 * l00,
+                    l00 * l10,
+                    l00 * l20,
+                    l10 * l10 + l11 * l11,
+                    l10 * l20 + l11 * l21,
+                    l20 * l20 + l21 * l21 + l22 * l22,
+                ]
             }
         };
         moments.add(w, offset(i) - centre, &own);
@@ -349,19 +352,11 @@ fn merge(
         clump += w * w / (std::f64::consts::TAU * least * greatest);
         overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
     }
-    let variance = moments.second;
-    let elements = [
-        variance.x_axis.x,
-        variance.x_axis.y,
-        variance.x_axis.z,
-        variance.y_axis.y,
-        variance.y_axis.z,
-        variance.z_axis.z,
-    ];
-    let (eigenvalues, axes) = eigen(elements);
+    let variance = moments.second();
+    let (eigenvalues, axes) = eigen(variance);
     let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
     let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
-    let trace = variance.x_axis.x + variance.y_axis.y + variance.z_axis.z;
+    let trace = variance[0] + variance[3] + variance[5];
     let particle = Particle {
         centre,
         factor: factor.map(|l| l as f32),
@@ -404,14 +399,26 @@ fn lone_share(overlap: f64, sigmas: DVec3) -> f64 {
     }
 }
 
-/// Central moments of a mixture of Gaussians.
-#[derive(Debug, Clone, Copy)]
+/// A symmetric matrix: xx, xy, xz, yy, yz, zz.
+type Symmetric = [f64; 6];
+
+/// Where a [`Symmetric`] has the element of two axes.
+const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+
+/// Central moments of a mixture of Gaussians, as sums of products of places and variances: the
+/// tensors are put together at the end.
+#[derive(Debug, Clone, Copy, Default)]
 struct Moments {
-    second: DMat3,
-    /// Third moments of (x, y, z) to the powers of [`THIRD`].
+    /// d dᵀ and V.
+    places: Symmetric,
+    variances: Symmetric,
+    /// d to the powers of [`THIRD`], and d V.
     third: [f64; 10],
-    /// Fourth moments to the powers of [`FOURTH`].
+    third_mixed: [Symmetric; 3],
+    /// d to the powers of [`FOURTH`], d dᵀ V and V V.
     fourth: [f64; 15],
+    fourth_mixed: [Symmetric; 6],
+    fourth_own: [Symmetric; 6],
 }
 
 /// Which axes the distinct elements of a symmetric tensor of third order belong to, and how many
@@ -448,58 +455,80 @@ const FOURTH: [([usize; 4], f64); 15] = [
     ([2, 2, 0, 1], 12.0),
 ];
 
-impl Default for Moments {
-    fn default() -> Self {
-        Self {
-            second: DMat3::ZERO,
-            third: [0.0; 10],
-            fourth: [0.0; 15],
-        }
-    }
-}
-
 impl Moments {
     /// Adds a kernel of variance `own` at `d` from the centre, with weight `w`.
-    fn add(&mut self, w: f64, d: DVec3, own: &DMat3) {
-        let outer = DMat3::from_cols(d * d.x, d * d.y, d * d.z);
-        self.second += (outer + *own) * w;
-        let v = |a: usize, b: usize| own.col(a)[b];
+    fn add(&mut self, w: f64, d: DVec3, own: &Symmetric) {
+        let d = d.to_array();
+        let outer = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(a, b)| d[a] * d[b]);
+        let add = |sums: &mut Symmetric, factor: f64, of: &Symmetric| {
+            for (sum, x) in sums.iter_mut().zip(of) {
+                *sum += factor * x;
+            }
+        };
+        add(&mut self.places, w, &outer);
+        add(&mut self.variances, w, own);
         for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
-            let moment = d[a] * d[b] * d[c] + d[a] * v(b, c) + d[b] * v(a, c) + d[c] * v(a, b);
-            *sum += w * moment;
+            *sum += w * d[a] * outer[PAIR[b][c]];
+        }
+        for (sums, d) in self.third_mixed.iter_mut().zip(d) {
+            add(sums, w * d, own);
         }
         for (sum, ([a, b, c, e], _)) in self.fourth.iter_mut().zip(FOURTH) {
-            let places = d[a] * d[b] * d[c] * d[e];
-            let mixed = d[a] * d[b] * v(c, e)
-                + d[a] * d[c] * v(b, e)
-                + d[a] * d[e] * v(b, c)
-                + d[b] * d[c] * v(a, e)
-                + d[b] * d[e] * v(a, c)
-                + d[c] * d[e] * v(a, b);
-            *sum += w * (places + mixed + pairs(v, [a, b, c, e]));
+            *sum += w * outer[PAIR[a][b]] * outer[PAIR[c][e]];
         }
+        for (i, (mixed, both)) in self
+            .fourth_mixed
+            .iter_mut()
+            .zip(&mut self.fourth_own)
+            .enumerate()
+        {
+            add(mixed, w * outer[i], own);
+            add(both, w * own[i], own);
+        }
+    }
+
+    /// The variance.
+    fn second(&self) -> Symmetric {
+        let mut second = self.places;
+        for (sum, v) in second.iter_mut().zip(self.variances) {
+            *sum += v;
+        }
+        second
     }
 
     /// Frobenius norm of the third moments.
     fn third_norm(&self) -> f64 {
-        let squares = self.third.iter().zip(THIRD);
-        squares.map(|(t, (_, n))| n * t * t).sum::<f64>().sqrt()
+        let squares = self
+            .third
+            .iter()
+            .zip(THIRD)
+            .map(|(places, ([a, b, c], n))| {
+                let mixed = |a: usize, b: usize, c: usize| self.third_mixed[a][PAIR[b][c]];
+                let moment = places + mixed(a, b, c) + mixed(b, a, c) + mixed(c, a, b);
+                n * moment * moment
+            });
+        squares.sum::<f64>().sqrt()
     }
 
     /// Frobenius norm of the fourth cumulants: of what the fourth moments differ from a Gaussian's.
     fn fourth_cumulant_norm(&self) -> f64 {
-        let v = |a: usize, b: usize| self.second.col(a)[b];
-        let squares = self.fourth.iter().zip(FOURTH);
-        squares
-            .map(|(t, (axes, n))| n * (t - pairs(v, axes)).powi(2))
-            .sum::<f64>()
-            .sqrt()
+        let second = self.second();
+        let squares = self.fourth.iter().zip(FOURTH).map(|(places, (axes, n))| {
+            let mixed = pairs(axes, |i, j| self.fourth_mixed[i][j])
+                + pairs(axes, |i, j| self.fourth_mixed[j][i]);
+            let own = pairs(axes, |i, j| self.fourth_own[i][j]);
+            let gaussian = pairs(axes, |i, j| second[i] * second[j]);
+            let cumulant = places + mixed + own - gaussian;
+            n * cumulant * cumulant
+        });
+        squares.sum::<f64>().sqrt()
     }
 }
 
-/// A Gaussian's fourth moment.
-fn pairs(v: impl Fn(usize, usize) -> f64, [a, b, c, e]: [usize; 4]) -> f64 {
-    v(a, b) * v(c, e) + v(a, c) * v(b, e) + v(a, e) * v(b, c)
+/// The sum over the three ways to pair four axes of what two pairs have; of a variance's products it
+/// is a Gaussian's fourth moment.
+fn pairs([a, b, c, e]: [usize; 4], of: impl Fn(usize, usize) -> f64) -> f64 {
+    of(PAIR[a][b], PAIR[c][e]) + of(PAIR[a][c], PAIR[b][e]) + of(PAIR[a][e], PAIR[b][c])
 }
 
 impl MergedPoints {
@@ -582,5 +611,72 @@ impl MergedPoints {
             transfer_function: None,
             merged: Some(merged),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern, -1 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract()
+    }
+
+    #[test]
+    fn moments_are_those_of_a_mixture() {
+        let mut moments = Moments::default();
+        let members: Vec<(f64, DVec3, DVec3)> = (0..9)
+            .map(|n| {
+                let at = |k: usize| number(7 * n + k);
+                let d = DVec3::new(at(0), at(1), at(2));
+                let v = DVec3::new(at(3).abs(), at(4).abs(), at(5).abs());
+                (1.0 / 9.0, d, v)
+            })
+            .collect();
+        let mean: DVec3 = members.iter().map(|(w, d, _)| *d * *w).sum();
+        for (w, d, v) in &members {
+            moments.add(*w, *d - mean, &[v.x, 0.0, 0.0, v.y, 0.0, v.z]);
+        }
+        // By Gauss and Hermite's rule of three points per axis: exact to the fifth power.
+        let root = 3.0_f64.sqrt();
+        let rule = [(-root, 1.0 / 6.0), (0.0, 2.0 / 3.0), (root, 1.0 / 6.0)];
+        let expect = |of: &dyn Fn(DVec3) -> f64| {
+            let mut sum = 0.0;
+            for (w, d, v) in &members {
+                for (x, wx) in rule {
+                    for (y, wy) in rule {
+                        for (z, wz) in rule {
+                            let spread = DVec3::new(v.x.sqrt() * x, v.y.sqrt() * y, v.z.sqrt() * z);
+                            sum += w * wx * wy * wz * of(*d - mean + spread);
+                        }
+                    }
+                }
+            }
+            sum
+        };
+        let second = moments.second();
+        for a in 0..3 {
+            for b in a..3 {
+                let expected = expect(&|p| p[a] * p[b]);
+                assert!((second[PAIR[a][b]] - expected).abs() < 1e-14);
+            }
+        }
+        let third: f64 = THIRD
+            .iter()
+            .map(|([a, b, c], n)| n * expect(&|p| p[*a] * p[*b] * p[*c]).powi(2))
+            .sum();
+        // Some hundred roundings of f64.
+        assert!((moments.third_norm() - third.sqrt()).abs() < 1e-13);
+        let fourth: f64 = FOURTH
+            .iter()
+            .map(|(axes, n)| {
+                let [a, b, c, e] = *axes;
+                let moment = expect(&|p| p[a] * p[b] * p[c] * p[e]);
+                n * (moment - pairs(*axes, |i, j| second[i] * second[j])).powi(2)
+            })
+            .sum();
+        assert!((moments.fourth_cumulant_norm() - fourth.sqrt()).abs() < 1e-13);
+        assert!(third.sqrt() > 0.01 && fourth.sqrt() > 0.01);
     }
 }
