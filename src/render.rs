@@ -30,8 +30,9 @@ pub use column::ColumnSettings;
 /// How a frame is drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// The largest error in linear colour, as a fraction of full scale, that one approximation of
-    /// one kernel may add to a pixel. Errors of kernels that overlap may add up.
+    /// The error in linear colour, as a fraction of full scale, that all approximations together
+    /// may add to 99.9 % of pixels; [`splat::budget`](crate::splat::budget) says how it is shared
+    /// out among them.
     pub tolerance: f32,
     /// Which footprint draws a kernel. Splats that state their opacity are always drawn by the
     /// rule of their format, [`peak_footprint`](crate::splat::peak_footprint).

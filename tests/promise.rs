@@ -22,13 +22,10 @@ use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
 use ewa_splat::splat::Filter;
+use ewa_splat::splat::budget::WORST_PIXEL;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DVec2, DVec3};
-
-/// The largest difference of any channel of any pixel, in tolerances. Single pixels may lie where
-/// the errors of several kernels meet; a visible speck would be more.
-const MOST: f32 = 4.0;
 
 const TOLERANCES: [(&str, f32); 4] = [
     ("1/16", 1.0 / 16.0),
@@ -145,7 +142,7 @@ impl Table {
         println!("{line}");
         self.pictures += 1;
         // Phrased so that NaN fails.
-        if !(p999 < 1.0 && max < MOST) {
+        if !(p999 < 1.0 && max < WORST_PIXEL) {
             self.broken.push(line);
         }
     }
@@ -356,7 +353,7 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
             let [p999, max] = differences(&truth, image).map(|d| d / tolerance);
             println!("checkerboard, {name}, {tolerance}: p99.9 {p999:.2}, max {max:.2}");
             assert!(
-                p999 < limit && max < MOST,
+                p999 < limit && max < WORST_PIXEL,
                 "{name}, {tolerance}: {p999}, {max}"
             );
         }

@@ -62,10 +62,10 @@ enum BackendName {
 #[derive(Args)]
 #[command(next_help_heading = "Method")]
 struct Method {
-    /// Largest error in linear colour that an approximation may add [default: 1/255]
+    /// Error in linear colour that approximations may add to 99.9 % of pixels [default: 1/255]
     #[arg(long, value_name = "T", value_parser = parse::tolerance)]
     tolerance: Option<f32>,
-    /// Which footprint draws a kernel; adaptive takes the affine one where it fits the tolerance
+    /// Which footprint draws a kernel; adaptive takes the cheapest that fits the tolerance
     #[arg(long, value_enum, default_value = "adaptive")]
     filter: FilterName,
     /// For adaptive, instead of the tolerance: c_min,c_max of Chen et al. 2004. Kernels nearer than
