@@ -280,12 +280,12 @@ impl Renderer {
                 "give the number of a volume whose masses or colours come from values",
             ));
         }
+        let family = &mut self.volumes[self.families[volume].clone()];
+        set_transfer_function(family, &transfer);
         #[cfg(feature = "gpu")]
         if let Some(device) = &mut self.device {
-            device.set_transfer_function(volume, &transfer);
+            device.set_transfer_function(volume, family);
         }
-        let family = self.families[volume].clone();
-        set_transfer_function(&mut self.volumes[family], &transfer);
         Ok(())
     }
 

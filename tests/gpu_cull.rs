@@ -21,7 +21,7 @@ use ewa_splat::gpu::{self, f64_operations};
 use ewa_splat::layout::{BlockView, ChoiceUniform};
 use ewa_splat::scene::{
     Colour, ColourSpace, ControlPoint, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
-    TransferFunction, Values,
+    TransferFunction, Values, Weighting,
 };
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
@@ -1024,9 +1024,12 @@ fn clusters_of_classified_particles_are_chosen_alike() {
     let shots = [1e-4, 1e-3, 4e-3, 2e-2, 0.1].map(|t| shot.with(|c| c.tolerance = t));
     for case in 0..3 {
         let ones = vec![1.0; count as usize];
-        let strength = match case {
-            0 | 1 => Strength::Classified { volumes: ones },
-            _ => Strength::Mass(ones),
+        let (strength, weighting) = match case {
+            0 | 1 => (
+                Strength::Classified { volumes: ones },
+                Weighting::Extinction,
+            ),
+            _ => (Strength::Mass(ones), Weighting::Even),
         };
         let colour = match case {
             1 => Colour::Uniform([1.0; 3]),
@@ -1043,7 +1046,7 @@ fn clusters_of_classified_particles_are_chosen_alike() {
         let merged = Merged {
             bounds: bounds.collect(),
             spreads: vec![1.0; count as usize],
-            transfer: Some(Arc::new(MergedTransfer::new(&transfer, &strength))),
+            transfer: Some(Arc::new(MergedTransfer::new(&transfer, weighting))),
             clumps: vec![0.0; count as usize],
         };
         let volume = |blocks, merged| BlockedVolume {

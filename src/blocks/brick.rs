@@ -56,27 +56,20 @@ impl BrickGrid {
     pub(super) fn new(lattice: Lattice, kernel_width: f64, merged: usize) -> Self {
         let dims = lattice.dims.map(|n| n.div_ceil(merged));
         let bricks = [0, 1, 2].map(|a| dims[a].div_ceil(BRICK[a]));
-        let (basis, cells) = match &lattice.spacing {
-            LatticeSpacing::Uniform { step, .. } if merged == 1 => (*step, Cells::Uniform),
-            LatticeSpacing::Uniform { step, .. } => {
-                let axis = |a: usize| {
-                    let indices: Vec<f64> = (0..lattice.dims[a]).map(|i| i as f64).collect();
-                    axis_samples(&indices, |_| 1.0, kernel_width, merged, BRICK[a])
-                };
-                let mut axes = [0, 1, 2].map(axis);
-                let volume = step.determinant().abs() as f32;
+        let (basis, volume) = match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => (*step, step.determinant().abs() as f32),
+            LatticeSpacing::Rectilinear { .. } => (DMat3::IDENTITY, 1.0),
+        };
+        let cells = match &lattice.spacing {
+            LatticeSpacing::Uniform { .. } if merged == 1 => Cells::Uniform,
+            _ => {
+                let samples =
+                    |a: usize| Axis::new(&lattice, a).samples(kernel_width, merged, BRICK[a]);
+                let mut axes = [0, 1, 2].map(samples);
                 for sample in &mut axes[0] {
                     sample.extent *= volume;
                 }
-                (*step, Cells::Axes(axes))
-            }
-            LatticeSpacing::Rectilinear { coordinates } => {
-                let axis = |a: usize| {
-                    let axis = &coordinates[a];
-                    let width = |i| cell_width(axis, i);
-                    axis_samples(axis, width, kernel_width, merged, BRICK[a])
-                };
-                (DMat3::IDENTITY, Cells::Axes([0, 1, 2].map(axis)))
+                Cells::Axes(axes)
             }
         };
         Self {
@@ -280,29 +273,32 @@ impl BrickGrid {
             .collect()
     }
 
+    /// The moments of the cells along each axis, in units of the grid's basis.
+    pub(super) fn axis_moments(&self) -> [Vec<AxisMoments>; 3] {
+        [0, 1, 2].map(|a| {
+            let axis = Axis::new(&self.lattice, a);
+            let of_cell = |i| axis.moments(self.kernel_width, i * self.merged, self.merged);
+            (0..self.dims[a]).map(of_cell).collect()
+        })
+    }
+
     /// How far the cells of a brick differ from the lattice's own cells in them, but for values.
-    pub(super) fn merge_bounds(&self, cells: [[usize; 2]; 3]) -> MergeBounds {
+    ///
+    /// - `moments`: those of [`BrickGrid::axis_moments`].
+    pub(super) fn merge_bounds(
+        &self,
+        moments: &[Vec<AxisMoments>; 3],
+        cells: [[usize; 2]; 3],
+    ) -> MergeBounds {
         let (mut third, mut fourth, mut second) = (0.0, 0.0, 0.0);
         for (a, [first, end]) in cells.into_iter().enumerate() {
-            let (axis, length) = match &self.lattice.spacing {
-                LatticeSpacing::Uniform { step, .. } => (None, step.col(a).length()),
-                LatticeSpacing::Rectilinear { coordinates } => (Some(&coordinates[a]), 1.0),
+            let length = match &self.lattice.spacing {
+                LatticeSpacing::Uniform { step, .. } => step.col(a).length(),
+                LatticeSpacing::Rectilinear { .. } => 1.0,
             };
             let mut widest = [0.0_f64; 3];
-            for cell in first..end {
-                let moments = match axis {
-                    None => {
-                        let count = self.merged.min(self.lattice.dims[a] - cell * self.merged);
-                        let indices: Vec<f64> = (0..count).map(|i| i as f64).collect();
-                        AxisMoments::of(&indices, &|_| 1.0, self.kernel_width, 0, count)
-                    }
-                    Some(axis) => {
-                        let first = cell * self.merged;
-                        let width = |i| cell_width(axis, i);
-                        AxisMoments::of(axis, &width, self.kernel_width, first, self.merged)
-                    }
-                };
-                let own = [moments.variance, moments.third.abs(), moments.fourth.abs()];
+            for m in &moments[a][first..end] {
+                let own = [m.variance, m.third.abs(), m.fourth.abs()];
                 widest = [0, 1, 2].map(|i| widest[i].max(own[i]));
             }
             second += widest[0] * length.powi(2);
@@ -383,38 +379,82 @@ pub(super) fn outwards(least: f64, greatest: f64) -> [f32; 2] {
     ]
 }
 
-/// The samples of an axis whose cells are merged by `merged` and then cut into bricks of `brick`.
-///
-/// - `width`: of the cell around a sample, in the axis's units.
-fn axis_samples(
-    axis: &[f64],
-    width: impl Fn(usize) -> f64,
-    kernel_width: f64,
-    merged: usize,
-    brick: usize,
-) -> Vec<AxisSample> {
-    (0..axis.len().div_ceil(merged))
-        .map(|i| {
-            let first = i / brick * brick * merged;
-            let last = (first + brick * merged).min(axis.len()) - 1;
-            // The block's origin along this axis, as `BrickGrid::blocks` finds it.
-            let middle = (axis[first] + axis[last]) / 2.0;
-            if merged == 1 {
-                let width = width(i) as f32;
-                return AxisSample {
-                    offset: (axis[i] - middle) as f32,
-                    sigma: width * kernel_width as f32,
-                    extent: width,
-                };
+/// An axis of a lattice, in units of the grid's basis.
+struct Axis {
+    coordinates: Vec<f64>,
+    /// Of the cell around each sample.
+    widths: Vec<f64>,
+}
+
+impl Axis {
+    fn new(lattice: &Lattice, a: usize) -> Self {
+        match &lattice.spacing {
+            LatticeSpacing::Uniform { .. } => Self {
+                coordinates: (0..lattice.dims[a]).map(|i| i as f64).collect(),
+                widths: vec![1.0; lattice.dims[a]],
+            },
+            LatticeSpacing::Rectilinear { coordinates } => {
+                let axis = &coordinates[a];
+                Self {
+                    widths: (0..axis.len()).map(|i| cell_width(axis, i)).collect(),
+                    coordinates: axis.clone(),
+                }
             }
-            let moments = AxisMoments::of(axis, &width, kernel_width, i * merged, merged);
-            AxisSample {
-                offset: (moments.mean - middle) as f32,
-                sigma: moments.variance.sqrt() as f32,
-                extent: moments.extent as f32,
-            }
-        })
-        .collect()
+        }
+    }
+
+    /// The samples whose cells are merged by `merged` and then cut into bricks of `brick`.
+    fn samples(&self, kernel_width: f64, merged: usize, brick: usize) -> Vec<AxisSample> {
+        let axis = &self.coordinates;
+        (0..axis.len().div_ceil(merged))
+            .map(|i| {
+                let first = i / brick * brick * merged;
+                let last = (first + brick * merged).min(axis.len()) - 1;
+                // The block's origin along this axis, as `BrickGrid::blocks` finds it.
+                let middle = (axis[first] + axis[last]) / 2.0;
+                if merged == 1 {
+                    let width = self.widths[i] as f32;
+                    return AxisSample {
+                        offset: (axis[i] - middle) as f32,
+                        sigma: width * kernel_width as f32,
+                        extent: width,
+                    };
+                }
+                let moments = self.moments(kernel_width, i * merged, merged);
+                AxisSample {
+                    offset: (moments.mean - middle) as f32,
+                    sigma: moments.variance.sqrt() as f32,
+                    extent: moments.extent as f32,
+                }
+            })
+            .collect()
+    }
+
+    /// Of the samples `first` to `first + count`, as far as there are any.
+    fn moments(&self, kernel_width: f64, first: usize, count: usize) -> AxisMoments {
+        let members = first..(first + count).min(self.coordinates.len());
+        let extent: f64 = self.widths[members.clone()].iter().sum();
+        let average = |of: &dyn Fn(usize) -> f64| {
+            let sum: f64 = members.clone().map(|i| self.widths[i] * of(i)).sum();
+            sum / extent
+        };
+        let mean = average(&|i| self.coordinates[i]);
+        let own = |i: usize| (kernel_width * self.widths[i]).powi(2);
+        let from_mean = |i: usize| self.coordinates[i] - mean;
+        let variance = average(&|i| from_mean(i).powi(2) + own(i));
+        let third = average(&|i| from_mean(i).powi(3) + 3.0 * from_mean(i) * own(i));
+        let fourth = average(&|i| {
+            let square = from_mean(i).powi(2);
+            square * square + 6.0 * square * own(i) + 3.0 * own(i) * own(i)
+        });
+        AxisMoments {
+            extent,
+            mean,
+            variance,
+            third,
+            fourth: fourth - 3.0 * variance * variance,
+        }
+    }
 }
 
 /// Moments of neighbouring kernels along an axis, weighted by the widths of their cells.
@@ -429,38 +469,4 @@ pub(super) struct AxisMoments {
     pub(super) third: f64,
     /// Fourth cumulant.
     pub(super) fourth: f64,
-}
-
-impl AxisMoments {
-    /// Of the samples `first` to `first + count`, as far as there are any.
-    fn of(
-        axis: &[f64],
-        width: &impl Fn(usize) -> f64,
-        kernel_width: f64,
-        first: usize,
-        count: usize,
-    ) -> Self {
-        let members = first..(first + count).min(axis.len());
-        let extent: f64 = members.clone().map(width).sum();
-        let average = |of: &dyn Fn(usize) -> f64| {
-            let sum: f64 = members.clone().map(|i| width(i) * of(i)).sum();
-            sum / extent
-        };
-        let mean = average(&|i| axis[i]);
-        let own = |i: usize| (kernel_width * width(i)).powi(2);
-        let from_mean = |i: usize| axis[i] - mean;
-        let variance = average(&|i| from_mean(i).powi(2) + own(i));
-        let third = average(&|i| from_mean(i).powi(3) + 3.0 * from_mean(i) * own(i));
-        let fourth = average(&|i| {
-            let square = from_mean(i).powi(2);
-            square * square + 6.0 * square * own(i) + 3.0 * own(i) * own(i)
-        });
-        Self {
-            extent,
-            mean,
-            variance,
-            third,
-            fourth: fourth - 3.0 * variance * variance,
-        }
-    }
 }

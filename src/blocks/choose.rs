@@ -5,6 +5,7 @@
 //! Twin: `shaders/shared/choose.wgsl`.
 
 use glam::{Mat3, Vec3};
+use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume, MergeBounds};
 use crate::layout::{BlockView, ChoiceUniform};
@@ -120,12 +121,12 @@ pub fn choose(
     views: &mut [BlockView],
 ) {
     let rotation = camera.camera_from_world.as_mat3();
-    for view in views {
+    views.par_iter_mut().with_min_len(64).for_each(|view| {
         let block = &volume.blocks[view.block as usize];
         let centre = Vec3::from(view.origin_camera);
         let filter = filter_of(volume, choice, &rotation, block, centre);
         view.filter_kind = filter as u32;
-    }
+    });
 }
 
 fn filter_of(

@@ -97,12 +97,10 @@ pub fn cull_detail(
         let bounds = level.merged.iter().flat_map(|merged| &merged.bounds);
         // Parents come before their children.
         for ((i, block), bounds) in level.blocks.iter().enumerate().zip(bounds) {
-            let is_covered = closed.get(block.parent as usize) == Some(&true);
-            if is_covered {
-                closed[first + i] = true;
-                continue;
-            }
-            if is_transparent(level, block) || frustum.is_some_and(|f| !f.sees(camera, block)) {
+            if closed.get(block.parent as usize) == Some(&true)
+                || is_transparent(level, block)
+                || frustum.is_some_and(|f| !f.sees(camera, block))
+            {
                 closed[first + i] = true;
                 continue;
             }

@@ -30,6 +30,7 @@ pub use choose::choose;
 #[cfg(feature = "gpu")]
 pub(crate) use cull::DEPTH_KEY_SPAN;
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
+use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
@@ -286,7 +287,7 @@ impl BlockedVolume {
 /// Gives a volume and its levels of detail another transfer function; no particle is touched.
 pub(crate) fn set_transfer_function(family: &mut [BlockedVolume], transfer: &TransferFunction) {
     let merged = family.get(1).map(|level| {
-        let merged = MergedTransfer::new(transfer, &level.strength);
+        let merged = MergedTransfer::new(transfer, weighting(&level.strength));
         Arc::new(merged)
     });
     for volume in family {

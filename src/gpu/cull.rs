@@ -63,7 +63,8 @@ pub(super) struct Cull {
 /// The pipelines for parts of one kind.
 #[derive(Debug)]
 struct CullPart {
-    close: Kernel,
+    /// Of merged particles.
+    close: Option<Kernel>,
     count: Kernel,
     emit: Kernel,
 }
@@ -88,7 +89,7 @@ impl CullPart {
             |entry, bindings: &[Access]| gpu.kernel(&shaders::CULL, entry, bindings, &constants);
         let blocks = [Write, Write, Read, Read, Write, Read, Write, Read];
         Self {
-            close: kernel("cull_close", &blocks),
+            close: kinds.is_merged.then(|| kernel("cull_close", &blocks)),
             count: kernel("cull_count", &blocks),
             emit: kernel("cull_emit", &blocks[..7]),
         }
@@ -170,9 +171,8 @@ impl Cull {
             let shared = [frame, &seen, camera, blocks, &places, maxima];
             let of_blocks = [&shared[..], &[&merged_blocks, merged]].concat();
             let emit = [&shared[..], &[views]].concat();
-            let close = part.kinds.is_merged;
             Ok(BoundPart {
-                close: close.then(|| kernels.close.bind(gpu, &of_blocks)),
+                close: kernels.close.map(|close| close.bind(gpu, &of_blocks)),
                 count: kernels.count.bind(gpu, &of_blocks),
                 scan: self.scan.bind(gpu, &[frame, &seen, state, arguments]),
                 emit: kernels.emit.bind(gpu, &emit),

@@ -37,7 +37,6 @@ use crate::layout::{
     ChoiceUniform, ChunkState, ChunkUniform, ExactTerms, Footprint, FrameState, PartState,
     SortState, ViewUniform,
 };
-use crate::scene::TransferFunction;
 use crate::splat::Filter;
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::Camera;
@@ -194,10 +193,10 @@ impl DeviceScene {
         &self.gpu
     }
 
-    /// Gives a volume another transfer function: a table is uploaded, no particle.
-    pub fn set_transfer_function(&mut self, volume: usize, transfer: &TransferFunction) {
-        self.scene
-            .set_transfer_function(&self.gpu, volume, transfer);
+    /// Uploads the transfer function that a volume and its levels of detail were given: tables, no
+    /// particle.
+    pub fn set_transfer_function(&mut self, volume: usize, family: &[BlockedVolume]) {
+        self.scene.set_transfer_function(&self.gpu, volume, family);
     }
 
     /// Draws a frame into `image` and, where asked for, `depth`.

@@ -7,6 +7,7 @@ use super::device::Gpu;
 use super::kernel::{Access, THREADS};
 use super::scene::{packed_maxima, packed_table};
 use super::shaders;
+use crate::blocks::MergedTransfer;
 use crate::error::Result;
 use crate::scene::{TransferFunction, Weighting};
 
@@ -34,8 +35,9 @@ pub fn merged_numbers(
     weighting: Weighting,
     pairs: &[[f32; 2]],
 ) -> Result<Vec<MergedNumbers>> {
-    let table = gpu.upload("transfer function", &packed_table(transfer, weighting))?;
-    let maxima = gpu.upload("maxima", &packed_maxima(transfer, weighting))?;
+    let merged = MergedTransfer::new(transfer, weighting);
+    let table = gpu.upload("transfer function", &packed_table(transfer, Some(&merged)))?;
+    let maxima = gpu.upload("maxima", &packed_maxima(transfer, Some(&merged)))?;
     let input = gpu.upload("pairs", pairs)?;
     let bytes = size_of::<MergedNumbers>() as u64 * pairs.len() as u64;
     let output = gpu.buffer("results", bytes)?;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::device::Gpu;
 use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
 use super::project::rotation_uniform;
-use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::blocks::{BlockedParticles, BlockedVolume, MergedTransfer};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::layout::{
@@ -17,7 +17,7 @@ use crate::layout::{
     PartState, ViewUniform,
 };
 use crate::math::harmonics_count;
-use crate::scene::{Colour, Strength, TransferFunction, Values, Weighting};
+use crate::scene::{Colour, Strength, TransferFunction, Values};
 
 /// The type of a part's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -131,15 +131,6 @@ impl Kinds {
         self.strength != StrengthKind::Given
     }
 
-    /// How colours of merged particles are averaged.
-    fn weighting(&self) -> Weighting {
-        if self.strength == StrengthKind::Given {
-            Weighting::Even
-        } else {
-            Weighting::Extinction
-        }
-    }
-
     /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
     /// frame in which all are visible makes of them.
     fn bytes_per_particle(&self) -> u64 {
@@ -190,8 +181,8 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// Uploads the volumes, each with its levels of detail after it, in parts whose buffers have at most `part_bytes`, and at most what a
-    /// binding may have.
+    /// Uploads the volumes, each with its levels of detail after it, in parts whose buffers have at
+    /// most `part_bytes`, and at most what a binding may have.
     ///
     /// # Errors
     /// No memory, or what only the CPU draws: harmonics on a lattice.
@@ -200,7 +191,7 @@ impl Scene {
         let mut parts = Vec::new();
         let mut place = Place::default();
         for family in volumes.chunk_by(|_, next| next.merged.is_some()) {
-            let tables = Tables::new(gpu, &family[0])?;
+            let tables = Tables::new(gpu, family)?;
             let is_merged = family.iter().any(|v| v.merged.is_some());
             place.parents = is_merged.then_some(place.first_merged);
             for volume in family {
@@ -228,18 +219,10 @@ impl Scene {
     }
 
     /// Gives a volume another transfer function: nothing but its tables is uploaded.
-    pub(super) fn set_transfer_function(
-        &self,
-        gpu: &Gpu,
-        volume: usize,
-        transfer: &TransferFunction,
-    ) {
+    pub(super) fn set_transfer_function(&self, gpu: &Gpu, volume: usize, family: &[BlockedVolume]) {
         // The parts of a family share their tables.
         let part = self.parts.iter().find(|p| p.family == volume);
-        if let Some(part) = part.filter(|p| p.kinds.values != ValueKind::None) {
-            let weighting = part.kinds.weighting();
-            let table = packed_table(transfer, weighting);
-            let maxima = packed_maxima(transfer, weighting);
+        if let (Some(part), Some((table, maxima))) = (part, packed(family)) {
             gpu.write(&part.table, bytemuck::cast_slice(&table));
             gpu.write(&part.maxima, bytemuck::cast_slice(&maxima));
         }
@@ -266,15 +249,8 @@ struct Tables {
 
 impl Tables {
     /// Of a volume and its levels of detail, which are classified as it is.
-    fn new(gpu: &Gpu, volume: &BlockedVolume) -> Result<Self> {
-        let kinds = Kinds::of(volume);
-        let (table, maxima) = match &volume.transfer_function {
-            Some(transfer) if kinds.values != ValueKind::None => (
-                packed_table(transfer, kinds.weighting()),
-                packed_maxima(transfer, kinds.weighting()),
-            ),
-            _ => (Vec::new(), Vec::new()),
-        };
+    fn new(gpu: &Gpu, family: &[BlockedVolume]) -> Result<Self> {
+        let (table, maxima) = packed(family).unwrap_or_default();
         Ok(Self {
             table: gpu.upload("transfer function", &table)?,
             maxima: gpu.upload("transfer function's maxima", &maxima)?,
@@ -463,10 +439,30 @@ fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     })
 }
 
-/// Where the table begins, entries per unit, units of the integrals; the entries; the integrals.
-pub(super) fn packed_table(transfer: &TransferFunction, weighting: Weighting) -> Vec<[u32; 4]> {
-    let averages = transfer.averages(weighting);
-    let (integrals, [colour_unit, extinction_unit]) = averages.integrals();
+/// The tables of a volume and its levels of detail; none where nothing is classified.
+fn packed(family: &[BlockedVolume]) -> Option<(Vec<[u32; 4]>, Vec<f32>)> {
+    let base = family.first()?;
+    let transfer = base.transfer_function.as_ref()?;
+    // The levels share it.
+    let level = family.iter().find_map(|volume| volume.merged.as_ref());
+    let merged = level.and_then(|level| level.transfer.as_deref());
+    let is_classified = Kinds::of(base).values != ValueKind::None;
+    is_classified.then(|| {
+        (
+            packed_table(transfer, merged),
+            packed_maxima(transfer, merged),
+        )
+    })
+}
+
+/// Where the table begins, entries per unit, units of the integrals; the entries; where there are
+/// merged particles, the integrals.
+pub(super) fn packed_table(
+    transfer: &TransferFunction,
+    merged: Option<&MergedTransfer>,
+) -> Vec<[u32; 4]> {
+    let (integrals, [colour_unit, extinction_unit]) =
+        merged.map_or((&[][..], [0.0; 2]), |m| m.averages.integrals());
     let header = [
         transfer.range()[0],
         transfer.scale(),
@@ -479,11 +475,16 @@ pub(super) fn packed_table(transfer: &TransferFunction, weighting: Weighting) ->
     packed
 }
 
-/// Where the table begins, entries per unit, the rows of the maxima and those of the slopes.
-pub(super) fn packed_maxima(transfer: &TransferFunction, weighting: Weighting) -> Vec<f32> {
+/// Where the table begins, entries per unit, the rows of the maxima and, where there are merged
+/// particles, those of the slopes.
+pub(super) fn packed_maxima(
+    transfer: &TransferFunction,
+    merged: Option<&MergedTransfer>,
+) -> Vec<f32> {
     let mut packed = vec![transfer.range()[0], transfer.scale()];
     packed.extend(transfer.maxima().iter().flatten());
-    packed.extend(transfer.slopes(weighting).maxima().iter().flatten());
+    let slopes = merged.map_or(&[][..], |m| m.slopes.maxima());
+    packed.extend(slopes.iter().flatten());
     packed
 }
 

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{LAST_LEVEL, MergeBounds, Merged};
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
+use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::scene::{Colour, Lattice, Strength, Values};
 
@@ -101,12 +101,13 @@ fn level(
                 [*mean, *spread] = cube_values(base, values, lattice, [i, j, k], cube);
             }
         });
-    let mut blocks = grid.blocks(None, level);
+    let blocks = grid.blocks(None, level);
+    let moments = grid.axis_moments();
     let bounds: Vec<MergeBounds> = blocks
         .par_iter()
         .map(|block| {
             let cells = grid.cells(block.first);
-            let mut bounds = grid.merge_bounds(cells);
+            let mut bounds = grid.merge_bounds(&moments, cells);
             let [x, y, z] = cells;
             for k in z[0]..z[1] {
                 for j in y[0]..y[1] {
@@ -118,9 +119,6 @@ fn level(
             bounds
         })
         .collect();
-    for block in &mut blocks {
-        block.parent = NO_PARENT;
-    }
     BlockedVolume {
         blocks,
         particles: BlockedParticles::Lattice(Box::new(grid)),

@@ -56,9 +56,8 @@ pub struct MergedTransfer {
 }
 
 impl MergedTransfer {
-    /// Of a volume's transfer function, for merged particles of this strength.
-    pub fn new(transfer: &TransferFunction, strength: &Strength) -> Self {
-        let weighting = weighting(strength);
+    /// Of a transfer function, colours averaged with this weighting.
+    pub fn new(transfer: &TransferFunction, weighting: Weighting) -> Self {
         Self {
             averages: transfer.averages(weighting),
             slopes: transfer.slopes(weighting),
@@ -67,7 +66,7 @@ impl MergedTransfer {
 }
 
 /// How colours of merged particles are averaged.
-pub(crate) fn weighting(strength: &Strength) -> Weighting {
+pub(super) fn weighting(strength: &Strength) -> Weighting {
     match strength {
         Strength::Classified { .. } => Weighting::Extinction,
         _ => Weighting::Even,
