@@ -41,7 +41,7 @@ fn check(sampled: &Sampled) {
     let n = v.particles.len();
     assert_eq!(sampled.report.particle_count, n);
     match &v.strength {
-        Strength::Mass(m) => assert_eq!(m.len(), n),
+        Strength::Mass(m) | Strength::Surface(m) | Strength::Pane(m) => assert_eq!(m.len(), n),
         Strength::PeakOpacity { opacities, .. } => assert_eq!(opacities.len(), n),
         Strength::Classified { volumes } => {
             assert!(v.values.is_some() && v.transfer_function.is_some());
@@ -66,6 +66,14 @@ fn check(sampled: &Sampled) {
         Particles::Anisotropic { positions, factors } => {
             assert_eq!(positions.len(), n);
             assert!(factors.iter().flatten().all(|l| l.is_finite()));
+        }
+        Particles::Surfels {
+            positions,
+            tangents,
+            ..
+        } => {
+            assert_eq!(positions.len(), n);
+            assert!(tangents.iter().flatten().all(|t| t.is_finite()));
         }
     }
 }

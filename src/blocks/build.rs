@@ -26,6 +26,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         values,
         transfer_function,
     } = volume;
+    let mut sides = None;
     let (positions, sigmas) = match particles {
         Particles::Lattice {
             lattice,
@@ -55,13 +56,21 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         }
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
+        Particles::Surfels {
+            positions,
+            tangents,
+            is_one_sided,
+        } => {
+            sides = Some(is_one_sided);
+            (positions, Err(tangents))
+        }
     };
     let Ordered {
         mut order,
         runs,
         tree,
     } = finite_block_order(&positions);
-    let sigma_ranges = sigma_ranges(&sigmas);
+    let sigma_ranges = sigma_ranges(&sigmas, sides.is_some());
     let source = Source {
         positions: &positions,
         shapes: match &sigmas {
@@ -74,7 +83,8 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         values: values.as_ref(),
     };
     // Clusters are runs of the tree's order, which the blocks' own order is not.
-    let merged = if detail {
+    // Surfels are not merged: a cluster of them need not lie in a plane.
+    let merged = if detail && sides.is_none() {
         merge_points(&source, &tree, &order)
     } else {
         None
@@ -111,16 +121,25 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
                 offsets,
                 sigmas: pick(&sigmas),
             },
-            Err(factors) => BlockedParticles::Anisotropic {
-                offsets,
-                factors: order.iter().map(|&i| factors[i as usize]).collect(),
-            },
+            Err(factors) => {
+                let factors = order.iter().map(|&i| factors[i as usize]).collect();
+                match sides {
+                    None => BlockedParticles::Anisotropic { offsets, factors },
+                    Some(is_one_sided) => BlockedParticles::Surfels {
+                        offsets,
+                        tangents: factors,
+                        is_one_sided,
+                    },
+                }
+            }
         },
         strength: match strength {
             Strength::Classified { volumes } => Strength::Classified {
                 volumes: pick(&volumes),
             },
             Strength::Mass(masses) => Strength::Mass(pick(&masses)),
+            Strength::Surface(areas) => Strength::Surface(pick(&areas)),
+            Strength::Pane(areas) => Strength::Pane(pick(&areas)),
             Strength::PeakOpacity {
                 opacities,
                 is_anti_aliased,
@@ -167,9 +186,13 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
 }
 
 /// Least and greatest standard deviation of each kernel, rounded outwards.
-fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>) -> Vec<[f32; 2]> {
+fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
     match sigmas {
         Ok(sigmas) => sigmas.iter().map(|&sigma| [sigma; 2]).collect(),
+        Err(tangents) if are_surfels => tangents
+            .par_iter()
+            .map(|tangents| outwards(0.0, widest_tangent(tangents.map(f64::from))))
+            .collect(),
         Err(factors) => factors
             .par_iter()
             .map(|factor| {
@@ -178,6 +201,14 @@ fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>) -> Vec<[f32; 2]> {
             })
             .collect(),
     }
+}
+
+/// The greatest standard deviation of a surfel: sqrt of the greater eigenvalue of the tangents' Gram
+/// matrix.
+fn widest_tangent([ax, ay, az, bx, by, bz]: [f64; 6]) -> f64 {
+    let (a, b) = (DVec3::new(ax, ay, az), DVec3::new(bx, by, bz));
+    let (aa, bb) = (a.length_squared(), b.length_squared());
+    (0.5 * (aa + bb) + (0.5 * (aa - bb)).hypot(a.dot(b))).sqrt()
 }
 
 /// How many times its kernels' width a block may span: 2^14 leaves f32 offsets a thousandth of
@@ -260,7 +291,7 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
     });
     let strengths: &[f32] = match source.strength {
         Strength::Classified { volumes } => volumes,
-        Strength::Mass(masses) => masses,
+        Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => masses,
         Strength::PeakOpacity { opacities, .. } => opacities,
     };
     Block {

@@ -73,6 +73,15 @@ pub enum BlockedParticles {
         /// l00, l10, l11, l20, l21, l22, world units.
         factors: Vec<[f32; 6]>,
     },
+    /// Surfels: offsets from the block's origin and two tangents.
+    Surfels {
+        /// World units, relative to the block's origin.
+        offsets: Vec<[f32; 3]>,
+        /// x, y, z of the first tangent, then of the second, world units.
+        tangents: Vec<[f32; 6]>,
+        /// Whether surfels seen from behind are left out.
+        is_one_sided: bool,
+    },
 }
 
 /// A run of particles and what bounds them.
@@ -137,11 +146,13 @@ impl BlockedVolume {
         let per_particle = match &self.particles {
             BlockedParticles::Lattice(_) => 0,
             BlockedParticles::Isotropic { .. } => 16,
-            BlockedParticles::Anisotropic { .. } => 36,
+            BlockedParticles::Anisotropic { .. } | BlockedParticles::Surfels { .. } => 36,
         };
         let masses = match &self.strength {
             Strength::Classified { volumes } => volumes.len() * 4,
-            Strength::Mass(masses) => masses.len() * 4,
+            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
+                masses.len() * 4
+            }
             Strength::PeakOpacity { opacities, .. } => opacities.len() * 4,
         };
         let colours = match &self.colour {
@@ -165,7 +176,8 @@ impl BlockedVolume {
         match &self.particles {
             BlockedParticles::Lattice(grid) => grid.len(),
             BlockedParticles::Isotropic { offsets, .. }
-            | BlockedParticles::Anisotropic { offsets, .. } => offsets.len(),
+            | BlockedParticles::Anisotropic { offsets, .. }
+            | BlockedParticles::Surfels { offsets, .. } => offsets.len(),
         }
     }
 
@@ -214,7 +226,8 @@ impl BlockedVolume {
             // Bricks are small and have no gaps: their own ranges do.
             BlockedParticles::Lattice(_) => None,
             BlockedParticles::Isotropic { offsets, .. }
-            | BlockedParticles::Anisotropic { offsets, .. } => Some(offsets),
+            | BlockedParticles::Anisotropic { offsets, .. }
+            | BlockedParticles::Surfels { offsets, .. } => Some(offsets),
         };
         let seen = |block: &Block| {
             let [lo, hi] = block.value_range;
@@ -235,6 +248,11 @@ impl BlockedVolume {
             })
         };
         self.blocks.iter().filter_map(seen).collect()
+    }
+
+    /// Whether its particles are surfels of an opaque surface.
+    pub fn is_surface(&self) -> bool {
+        matches!(self.strength, Strength::Surface(_))
     }
 
     /// Whether its particles are splats, which state their opacity.

@@ -100,8 +100,8 @@ fn visit(volume: &BlockedVolume, block: u32, mut each: impl FnMut(u32, f64)) {
             return;
         }
         Strength::Classified { volumes } => volumes,
-        // A peak opacity is no amount of anything; the frame refuses it.
-        Strength::PeakOpacity { .. } => return,
+        // An opacity is no amount of anything; the frame refuses it.
+        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Pane(_) => return,
     };
     let Some(values) = &volume.values else {
         return;

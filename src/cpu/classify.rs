@@ -172,7 +172,9 @@ fn visit_with(
                         None => volumes[i],
                     }
             }
-            Strength::Mass(masses) => masses[i],
+            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
+                masses[i]
+            }
             Strength::PeakOpacity { opacities, .. } => opacities[i],
         };
         // Of members that lie apart, each is less opaque than their mean depth says.

@@ -204,6 +204,12 @@ impl BlockShapes<'_> {
                 *rotation * Vec3::from(offsets[i]),
                 Factor::rotated(rotation, &factors[i]),
             ),
+            BlockedParticles::Surfels {
+                offsets, tangents, ..
+            } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::of_tangents(rotation, &tangents[i]),
+            ),
         }
     }
 }

@@ -44,7 +44,8 @@ pub fn shade(
                 (grid.index(cell), grid.offset(cells, cell))
             }
             BlockedParticles::Isotropic { offsets, .. }
-            | BlockedParticles::Anisotropic { offsets, .. } => {
+            | BlockedParticles::Anisotropic { offsets, .. }
+            | BlockedParticles::Surfels { offsets, .. } => {
                 let i = (block.first + particle.local) as usize;
                 (i, Vec3::from(offsets[i]))
             }

@@ -19,6 +19,8 @@ pub(super) enum ParticleKind {
     Isotropic,
     /// Blocks, and nine words per particle: the offset and the lower-triangular factor.
     Anisotropic,
+    /// Blocks, and nine words per particle: the offset and the two tangents.
+    Surfels,
 }
 
 impl ParticleKind {
@@ -27,6 +29,7 @@ impl ParticleKind {
             BlockedParticles::Lattice(_) => Self::Lattice,
             BlockedParticles::Isotropic { .. } => Self::Isotropic,
             BlockedParticles::Anisotropic { .. } => Self::Anisotropic,
+            BlockedParticles::Surfels { .. } => Self::Surfels,
         }
     }
 
@@ -35,7 +38,7 @@ impl ParticleKind {
         match self {
             Self::Lattice => 0,
             Self::Isotropic => 4,
-            Self::Anisotropic => 9,
+            Self::Anisotropic | Self::Surfels => 9,
         }
     }
 }
@@ -103,7 +106,12 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
                 words.push(sigmas[i]);
             }
         }
-        BlockedParticles::Anisotropic { offsets, factors } => {
+        BlockedParticles::Anisotropic { offsets, factors }
+        | BlockedParticles::Surfels {
+            offsets,
+            tangents: factors,
+            ..
+        } => {
             for i in particles {
                 words.extend_from_slice(&offsets[i]);
                 words.extend_from_slice(&factors[i]);

@@ -81,6 +81,7 @@ impl Project {
             ParticleKind::Lattice => &shaders::PROJECT_LATTICE,
             ParticleKind::Isotropic => &shaders::PROJECT_ISOTROPIC,
             ParticleKind::Anisotropic => &shaders::PROJECT_ANISOTROPIC,
+            ParticleKind::Surfels => &shaders::PROJECT_SURFELS,
         };
         let flag = |is: bool| f64::from(u8::from(is));
         let kernel = gpu.kernel(

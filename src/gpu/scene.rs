@@ -104,7 +104,13 @@ impl Kinds {
                     }
                 }
                 (Strength::Classified { .. }, _) => StrengthKind::Volumes,
-                (Strength::Mass(_) | Strength::PeakOpacity { .. }, _) => StrengthKind::Given,
+                (
+                    Strength::Mass(_)
+                    | Strength::PeakOpacity { .. }
+                    | Strength::Surface(_)
+                    | Strength::Pane(_),
+                    _,
+                ) => StrengthKind::Given,
             },
             colour: match volume.colour {
                 Colour::Classified => ColourKind::Classified,
@@ -313,6 +319,8 @@ fn upload(
             (
                 Strength::Classified { volumes: given }
                 | Strength::Mass(given)
+                | Strength::Surface(given)
+                | Strength::Pane(given)
                 | Strength::PeakOpacity {
                     opacities: given, ..
                 },

@@ -60,6 +60,7 @@ impl Shader {
         PROJECT_LATTICE,
         PROJECT_ISOTROPIC,
         PROJECT_ANISOTROPIC,
+        PROJECT_SURFELS,
         RADIX,
         SORT,
         GATHER,
@@ -155,6 +156,9 @@ pub(super) const PARTICLES_ISOTROPIC: &str =
 /// Positions and shapes of ellipsoids.
 pub(super) const PARTICLES_ANISOTROPIC: &str =
     include_str!("../../shaders/shared/particles_anisotropic.wgsl");
+/// Positions and tangents of surfels.
+pub(super) const PARTICLES_SURFELS: &str =
+    include_str!("../../shaders/shared/particles_surfels.wgsl");
 
 /// The projection of one kind of particle.
 const fn project(name: &'static str, parts: &'static [&'static str]) -> Shader {
@@ -192,6 +196,9 @@ pub(super) const PROJECT_ANISOTROPIC: Shader = project(
     "project of ellipsoids",
     project_parts!(PARTICLES_ANISOTROPIC),
 );
+/// Footprints of surfels.
+pub(super) const PROJECT_SURFELS: Shader =
+    project("project of surfels", project_parts!(PARTICLES_SURFELS));
 /// Double precision in integers, for its test.
 pub(super) const F64: Shader = Shader {
     name: "f64",

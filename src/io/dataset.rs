@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{CellMesh, Smoothing, SplatCloud};
+use super::{CellMesh, Mesh, Smoothing, SplatCloud};
 use crate::error::{Error, Result};
 use crate::scene::{Lattice, Values};
 
@@ -45,6 +45,8 @@ pub enum Geometry {
     },
     /// Splats with a peak opacity each, as radiance fields are stored.
     Splats(SplatCloud),
+    /// A polygon mesh.
+    Mesh(Mesh),
 }
 
 /// One curvilinear grid.

@@ -14,6 +14,7 @@ mod dataset;
 mod file;
 mod hdf5;
 mod image_file;
+mod mesh;
 mod npy;
 mod npz;
 mod plot3d;
@@ -52,6 +53,7 @@ pub(crate) use image_file::png_bytes;
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
 };
+pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;

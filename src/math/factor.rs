@@ -50,6 +50,18 @@ impl Factor {
         Self::from_matrix(columns)
     }
 
+    /// `rotation` times the two tangents of a surfel, x, y, z of the first, then of the second:
+    /// rank two, the third column zero.
+    #[inline]
+    pub fn of_tangents(rotation: &Mat3, tangents: &[f32; 6]) -> Self {
+        let [ax, ay, az, bx, by, bz] = *tangents;
+        Self::from_matrix(Mat3::from_cols(
+            *rotation * Vec3::new(ax, ay, az),
+            *rotation * Vec3::new(bx, by, bz),
+            Vec3::ZERO,
+        ))
+    }
+
     /// The three columns of F.
     #[inline]
     pub fn columns(&self) -> [Vec3; 3] {

@@ -60,7 +60,7 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                 }
                 Strength::Mass(masses) => f64::from(masses[i]),
                 // `Integrator::new` refuses these.
-                Strength::PeakOpacity { .. } => 0.0,
+                Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Pane(_) => 0.0,
             };
             let colour = match &volume.colour {
                 Colour::Classified => [class[0], class[1], class[2]],
@@ -112,6 +112,15 @@ fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, f64) {
                 DVec3::new(0.0, 0.0, l22),
             );
             (positions[i], factor, 0.0)
+        }
+        Particles::Surfels {
+            positions,
+            tangents,
+            ..
+        } => {
+            let [ax, ay, az, bx, by, bz] = tangents[i].map(f64::from);
+            let (a, b) = (DVec3::new(ax, ay, az), DVec3::new(bx, by, bz));
+            (positions[i], DMat3::from_cols(a, b, DVec3::ZERO), 0.0)
         }
     }
 }

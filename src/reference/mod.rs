@@ -130,6 +130,15 @@ impl Integrator {
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
         for volume in scene {
             volume.validate()?;
+            if matches!(volume.strength, Strength::Surface(_) | Strength::Pane(_)) {
+                return Err(Error::format(
+                    "reference",
+                    "scene",
+                    "volumes with an extinction to integrate",
+                    "surfels of a surface, which have none",
+                    "render them without the reference",
+                ));
+            }
             let is_splats = matches!(volume.strength, Strength::PeakOpacity { .. })
                 || matches!(volume.colour, Colour::Harmonics { .. });
             if is_splats {

@@ -95,12 +95,16 @@ impl Renderer {
     ) -> Result<&ColumnImage> {
         let shared = settings.shared();
         super::check(camera, &shared)?;
-        if self.volumes.iter().any(BlockedVolume::is_of_splats) {
+        let states_opacity = |volume: &BlockedVolume| {
+            use crate::scene::Strength::{Pane, PeakOpacity, Surface};
+            matches!(volume.strength, PeakOpacity { .. } | Surface(_) | Pane(_))
+        };
+        if self.volumes.iter().any(states_opacity) {
             return Err(Error::format(
                 "scene",
                 "column density",
                 "masses, or values with volumes",
-                "splats that state a peak opacity",
+                "splats or surfels that state an opacity",
                 "render them without --column-density",
             ));
         }

@@ -165,6 +165,13 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         Geometry::Cells(_) => cells::volume(dataset, options),
         Geometry::Points { .. } => points::volume(dataset, options),
         Geometry::Splats(_) => splats::volume(dataset, options),
+        Geometry::Mesh(_) => Err(Error::format(
+            &dataset.path,
+            "mesh",
+            "a volume or particles",
+            "a mesh",
+            "sample it into surfels",
+        )),
     }?;
     if options.shepard_passes > 0 {
         shepard::even_out(&mut sampled.volume, options.shepard_passes);

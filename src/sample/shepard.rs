@@ -23,7 +23,7 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
     };
     let (positions, factor): (&[DVec3], &(dyn Fn(usize) -> [f64; 6] + Sync)) =
         match &volume.particles {
-            Particles::Lattice { .. } => return,
+            Particles::Lattice { .. } | Particles::Surfels { .. } => return,
             Particles::Isotropic { positions, sigmas } => {
                 (positions, &|i| sphere(f64::from(sigmas[i])))
             }

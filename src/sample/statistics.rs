@@ -52,6 +52,8 @@ impl ShapeStatistics {
                 .par_iter()
                 .map(|f| shape(principal_sigmas(f.map(f64::from))))
                 .unzip(),
+            // Flat by nature: they have no size of three axes.
+            Particles::Surfels { .. } => return None,
         };
         Some(Self {
             size: percentiles(&mut sizes)?,

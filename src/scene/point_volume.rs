@@ -48,6 +48,16 @@ pub enum Particles {
         /// Lower-triangular factors: l00, l10, l11, l20, l21, l22, world units.
         factors: Vec<[f32; 6]>,
     },
+    /// Surfels: flat kernels in their tangent planes, V = t1 t1ᵀ + t2 t2ᵀ.
+    Surfels {
+        /// Centres, world units.
+        positions: Vec<DVec3>,
+        /// Two tangents t1 and t2 each, world units: x, y, z of the first, then of the second.
+        /// They need not be orthogonal; the front faces the side to which t1 x t2 points.
+        tangents: Vec<[f32; 6]>,
+        /// Whether surfels seen from behind are left out, as those of a closed surface may be.
+        is_one_sided: bool,
+    },
 }
 
 /// Where the mass of a particle comes from.
@@ -71,6 +81,14 @@ pub enum Strength {
         /// Whether the opacity falls as the low-pass filter widens the footprint.
         is_anti_aliased: bool,
     },
+    /// Surfels of an opaque surface: the area \[length²\] of which each stands for, times the
+    /// share of it that is there. Together they cover what lies behind them; where they overlap they
+    /// are averaged instead of absorbing one another ([`crate::splat::surfel_footprint`]).
+    Surface(Vec<f32>),
+    /// Surfels of a translucent surface whose opacity is the same from every side, as a mesh's
+    /// material has it: area x -ln(1 - opacity) \[length²\]. (Surfels with a
+    /// [`Strength::Mass`] absorb as sheets do: the more, the flatter they are seen.)
+    Pane(Vec<f32>),
 }
 
 /// Where the colour of a particle comes from.
@@ -97,9 +115,9 @@ impl Particles {
     pub fn len(&self) -> usize {
         match self {
             Self::Lattice { lattice, .. } => lattice.len(),
-            Self::Isotropic { positions, .. } | Self::Anisotropic { positions, .. } => {
-                positions.len()
-            }
+            Self::Isotropic { positions, .. }
+            | Self::Anisotropic { positions, .. }
+            | Self::Surfels { positions, .. } => positions.len(),
         }
     }
 
@@ -138,12 +156,25 @@ impl PointVolume {
             Particles::Lattice { .. } => {}
             Particles::Isotropic { sigmas, .. } => check("standard deviations", sigmas.len())?,
             Particles::Anisotropic { factors, .. } => check("factors", factors.len())?,
+            Particles::Surfels { tangents, .. } => check("tangents", tangents.len())?,
         }
         match &self.strength {
             Strength::Classified { volumes } if is_lattice && volumes.is_empty() => {}
             Strength::Classified { volumes } => check("cell volumes", volumes.len())?,
             Strength::Mass(masses) => check("masses", masses.len())?,
             Strength::PeakOpacity { opacities, .. } => check("opacities", opacities.len())?,
+            Strength::Surface(areas) | Strength::Pane(areas) => {
+                check("areas", areas.len())?;
+                if !matches!(self.particles, Particles::Surfels { .. }) {
+                    return Err(Error::format(
+                        "point volume",
+                        "areas",
+                        "surfels",
+                        "particles of another kind",
+                        "give masses, or tangents instead of shapes",
+                    ));
+                }
+            }
         }
         match &self.colour {
             Colour::PerParticle(colours) => check("colours", colours.len())?,

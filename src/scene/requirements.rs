@@ -20,6 +20,8 @@ pub struct Requirements {
     pub strength_floats: usize,
     /// Floats of colour stored per particle.
     pub colour_floats: usize,
+    /// Whether particles are surfels of an opaque surface, which a pass of their own draws.
+    pub surface: bool,
     /// Whether particles state an opacity on the image instead of an optical depth.
     pub peak_opacity: bool,
     /// Degree of the spherical harmonics that are evaluated for every frame; 0: none.
@@ -32,7 +34,7 @@ impl Requirements {
         let (positions, shape_floats) = match volume.particles {
             Particles::Lattice { .. } => (false, 0),
             Particles::Isotropic { .. } => (true, 1),
-            Particles::Anisotropic { .. } => (true, 6),
+            Particles::Anisotropic { .. } | Particles::Surfels { .. } => (true, 6),
         };
         Self {
             positions,
@@ -41,13 +43,17 @@ impl Requirements {
             classification: volume.is_classified(),
             strength_floats: match &volume.strength {
                 Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
-                Strength::Mass(_) | Strength::PeakOpacity { .. } => 1,
+                Strength::Mass(_)
+                | Strength::PeakOpacity { .. }
+                | Strength::Surface(_)
+                | Strength::Pane(_) => 1,
             },
             colour_floats: match volume.colour {
                 Colour::PerParticle(_) => 3,
                 Colour::Harmonics { degree, .. } => 3 * harmonics_count(degree),
                 _ => 0,
             },
+            surface: matches!(volume.strength, Strength::Surface(_)),
             peak_opacity: matches!(volume.strength, Strength::PeakOpacity { .. }),
             harmonics_degree: match volume.colour {
                 Colour::Harmonics { degree, .. } => degree,

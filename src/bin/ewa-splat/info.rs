@@ -127,6 +127,15 @@ fn describe(dataset: &Dataset) -> Result<Value> {
             });
             (kind, lower, upper)
         }
+        Geometry::Mesh(mesh) => {
+            let corners = mesh.parts.iter().flat_map(|p| p.positions.iter().copied());
+            let (lower, upper) = bounds(corners);
+            let kind = json!({
+                "kind": "mesh", "triangles": mesh.triangle_count(), "parts": mesh.parts.len(),
+                "materials": mesh.materials.len(), "textures": mesh.textures.len(),
+            });
+            (kind, lower, upper)
+        }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());
             (

@@ -291,7 +291,9 @@ fn merge(
     let strength = |i: usize| {
         let strength = match source.strength {
             Strength::Classified { volumes } => volumes[i],
-            Strength::Mass(masses) => masses[i],
+            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
+                masses[i]
+            }
             Strength::PeakOpacity { opacities, .. } => opacities[i],
         };
         // What draws nothing does not count; nor does what has no value.

@@ -1,0 +1,23 @@
+// Surfels: offset from the block's origin and two tangents, nine words each.
+// Twin: `BlockShapes` in src/cpu/project.rs.
+
+@group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
+@group(0) @binding(1) var<storage, read> shapes: array<array<f32, 9>>;
+
+// Offset from the block's origin, world units.
+fn world_offset(block: u32, local: u32) -> vec3<f32> {
+    let i = blocks[block].first + local;
+    return vec3<f32>(shapes[i][0], shapes[i][1], shapes[i][2]);
+}
+
+// Factor of the variance, camera space: rank two.
+fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
+    let i = blocks[block].first + local;
+    let a = times(rotation, vec3<f32>(shapes[i][3], shapes[i][4], shapes[i][5]));
+    let b = times(rotation, vec3<f32>(shapes[i][6], shapes[i][7], shapes[i][8]));
+    return Factor(
+        vec3<f32>(a.x, b.x, 0.0),
+        vec3<f32>(a.y, b.y, 0.0),
+        vec3<f32>(a.z, b.z, 0.0),
+    );
+}

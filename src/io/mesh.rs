@@ -1,0 +1,130 @@
+//! A polygon mesh with its materials and textures, as OBJ and glTF files hold it.
+
+use std::sync::Arc;
+
+use glam::{Affine2, DVec3, Vec2, Vec3};
+
+/// Triangles with materials, in world space: transforms of nodes are applied, and where one mirrors,
+/// the triangles' winding is reversed, so that corners run counter-clockwise seen from the front.
+#[derive(Debug, Clone, Default)]
+pub struct Mesh {
+    /// Runs of triangles of one material.
+    pub parts: Vec<MeshPart>,
+    /// What the parts are made of.
+    pub materials: Vec<Material>,
+    /// What the materials name.
+    pub textures: Vec<Texture>,
+}
+
+/// Triangles of one material.
+#[derive(Debug, Clone, Default)]
+pub struct MeshPart {
+    /// Corners, world units; finite.
+    pub positions: Vec<DVec3>,
+    /// Indices into `positions`; in range.
+    pub triangles: Vec<[u32; 3]>,
+    /// Unit normals per corner; empty where the file has none.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates per corner for each set, origin at the texture's top left corner, v down;
+    /// sets that no material uses are left out and are empty.
+    pub texture_coordinates: Vec<Vec<Vec2>>,
+    /// Linear RGBA per corner that multiplies the material's colour; empty where the file has none.
+    pub colours: Vec<[f32; 4]>,
+    /// Index into [`Mesh::materials`].
+    pub material: usize,
+}
+
+/// What a surface is made of, without light: colour and opacity.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// The name in the file.
+    pub name: String,
+    /// Linear RGBA that multiplies the texture.
+    pub base_colour: [f32; 4],
+    /// The texture that holds colour (sRGB-encoded) and opacity.
+    pub base_texture: Option<TextureUse>,
+    /// Linear RGB that is added to the colour, times the texture below.
+    pub emissive: [f32; 3],
+    /// The texture of what is emitted (sRGB-encoded).
+    pub emissive_texture: Option<TextureUse>,
+    /// What alpha means.
+    pub alpha: AlphaMode,
+    /// Whether triangles are seen from behind, too.
+    pub is_double_sided: bool,
+}
+
+/// What a material's alpha means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AlphaMode {
+    /// Nothing: all is opaque.
+    Opaque,
+    /// Opaque from this value on, absent below.
+    Mask(f32),
+    /// Opacity, the same from every side.
+    Blend,
+}
+
+/// How a material uses a texture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TextureUse {
+    /// Index into [`Mesh::textures`].
+    pub texture: usize,
+    /// Which set of texture coordinates.
+    pub coordinates: usize,
+    /// From texture coordinates to those of the texture, in units of its size.
+    pub transform: Affine2,
+}
+
+/// An image and how it goes on beyond its edges.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    /// The pixels, shared by all textures of one image.
+    pub image: Arc<TextureImage>,
+    /// Beyond the left and right edges, and beyond top and bottom.
+    pub wrap: [Wrap; 2],
+}
+
+/// Pixels of 8 bits, as most files have them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TextureImage {
+    /// Columns; at least 1.
+    pub width: usize,
+    /// Rows; at least 1.
+    pub height: usize,
+    /// sRGB-encoded RGB and linear alpha, rows from the top.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+/// How a texture goes on beyond an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// Again from the other side.
+    #[default]
+    Repeat,
+    /// Back and forth.
+    MirroredRepeat,
+    /// With the pixel at the edge.
+    ClampToEdge,
+}
+
+impl Default for Material {
+    /// White, opaque, seen from both sides.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_colour: [1.0; 4],
+            base_texture: None,
+            emissive: [0.0; 3],
+            emissive_texture: None,
+            alpha: AlphaMode::Opaque,
+            is_double_sided: true,
+        }
+    }
+}
+
+impl Mesh {
+    /// How many triangles there are.
+    pub fn triangle_count(&self) -> usize {
+        self.parts.iter().map(|part| part.triangles.len()).sum()
+    }
+}
