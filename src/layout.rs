@@ -16,6 +16,7 @@
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
+//! | [`SurfelTerms`] | project, for surfels of opaque surfaces | rasterise |
 //! | [`NearTerms`] | project, for kernels that cross the camera plane | bin, rasterise |
 //! | [`PartIndex`] | the upload (GPU) | sort, gather |
 //! | [`PartRange`] | sort (GPU) | sort, gather |
@@ -290,6 +291,11 @@ pub const PATH_AFFINE: u32 = 0;
 /// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the
 /// frame.
 pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
+/// Surfel of an opaque surface: [`SurfelTerms`]; `tau` is its weight at the centre, `depth` the
+/// greatest nearness that it has within its cut-off, its slack added.
+pub const PATH_SURFEL: u32 = PATH_AFFINE | 8;
+/// Surfel that reaches the camera plane: [`NearTerms`], its index above the low four bits.
+pub const PATH_NEAR_SURFEL: u32 = PATH_NEAR | 8;
 /// Exact perspective: [`ExactTerms`].
 pub const PATH_EXACT: u32 = 1;
 /// Perspective kernel that crosses the camera plane: [`NearTerms`].
@@ -307,6 +313,38 @@ pub struct ExactTerms {
     pub gradient: [f32; 2],
     /// hxx, hxy, hyy \[1/px²\].
     pub hessian: [f32; 3],
+}
+
+/// The plane of a surfel on the image. It takes the place of [`ExactTerms`], word by word.
+///
+/// At offset d from the centre its nearness (1/z under perspective, -z under an orthographic
+/// camera) is `nearness + gradient . d`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct SurfelTerms {
+    /// Change of the nearness per pixel.
+    pub gradient: [f32; 2],
+    /// The nearness of the centre.
+    pub nearness: f32,
+    /// How far the nearness of one surface's surfels may differ.
+    pub slack: f32,
+    /// 1 where the footprint follows the plane's homography, Q over the square of the nearness
+    /// relative to the centre's; 0 where it is affine.
+    pub homography: f32,
+}
+
+impl From<SurfelTerms> for ExactTerms {
+    #[inline]
+    fn from(terms: SurfelTerms) -> Self {
+        bytemuck::cast(terms)
+    }
+}
+
+impl From<ExactTerms> for SurfelTerms {
+    #[inline]
+    fn from(terms: ExactTerms) -> Self {
+        bytemuck::cast(terms)
+    }
 }
 
 /// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1), in

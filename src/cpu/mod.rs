@@ -7,6 +7,7 @@
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
+//! | `surface.rs` | lists, footprints of opaque surfels | tiles of the surface |
 //! | `rasterise.rs` | lists, footprints | tiles |
 //! | `resolve.rs` | tiles | image, depth |
 //!
@@ -36,6 +37,7 @@ mod rasterise;
 mod resolve;
 mod shade;
 mod sort;
+mod surface;
 
 pub use amplitude::{AmplitudeSummary, count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
@@ -44,6 +46,7 @@ pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use lanes::{SimdLevel, Tile};
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};
-pub use resolve::{resolve, resolve_depth};
+pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};
+pub use surface::{NormalTile, rasterise_surface};

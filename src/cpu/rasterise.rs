@@ -29,7 +29,7 @@ pub struct RasteriseSettings {
 }
 
 /// Footprints between asking for one and reading it.
-const PREFETCH: usize = 4;
+pub(super) const PREFETCH: usize = 4;
 
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
