@@ -305,14 +305,18 @@ pub const PATH_NEAR: u32 = 2;
 pub const PATH_HALF_LINE: u32 = 3;
 
 /// The five floats that make an affine footprint exact under perspective:
-/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy².
+/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy². Where opaque surfaces may cut kernels, every
+/// footprint has such terms; of the affine ones they say the depth alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct ExactTerms {
-    /// Gradient of w at the centre, 1/px.
+    /// Gradient of w at the centre, 1/px. Of an affine footprint: change of its depth z* per pixel.
     pub gradient: [f32; 2],
     /// hxx, hxy, hyy \[1/px²\].
     pub hessian: [f32; 3],
+    /// The standard deviation of z along the ray through the centre, world units: what a surface
+    /// that cuts the kernel needs; 0 where no surface may.
+    pub depth_sigma: f32,
 }
 
 /// The plane of a surfel on the image. It takes the place of [`ExactTerms`], word by word.
@@ -331,6 +335,8 @@ pub struct SurfelTerms {
     /// 1 where the footprint follows the plane's homography, Q over the square of the nearness
     /// relative to the centre's; 0 where it is affine.
     pub homography: f32,
+    /// Fills up the place of [`ExactTerms`].
+    pub unused: f32,
 }
 
 impl From<SurfelTerms> for ExactTerms {
@@ -362,7 +368,8 @@ pub struct NearTerms {
     pub minor_depths: [f32; 10],
     /// sqrt(det V). On the half-line path: the standard deviation of z along the ray.
     pub sigma: f32,
-    /// Half-line path only: dz/dx, dz/dy \[1/px\] and z at the centre.
+    /// Half-line path: dz/dx, dz/dy \[1/px\] and z at the centre. Otherwise the first is the length
+    /// that the other terms are in units of, world units.
     pub half_line: [f32; 3],
 }
 

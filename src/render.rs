@@ -512,6 +512,15 @@ impl Renderer {
             exact: any_exact,
             level: settings.simd,
         };
+        let surface = if self
+            .families
+            .iter()
+            .any(|f| self.volumes[f.start].is_surface())
+        {
+            self.surface.as_slice()
+        } else {
+            &[]
+        };
         counts.splat_pixels += cpu::rasterise(
             &uniform,
             raster,
@@ -520,6 +529,7 @@ impl Renderer {
             near,
             &self.bins,
             columns,
+            surface,
             &mut self.tiles,
         );
         times.rasterise += clock.lap();
@@ -557,12 +567,13 @@ impl Renderer {
         totals: &[usize],
     ) {
         resize(&mut self.footprints, self.classified.len());
+        let is_cut = pass == Pass::Volumes && self.data().any(BlockedVolume::is_surface);
         let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
             && camera.projection == Projection::Perspective
             && !self.volumes.iter().all(BlockedVolume::is_of_splats);
         resize(
             &mut self.exact,
-            if may_be_exact || pass == Pass::Surface {
+            if may_be_exact || pass == Pass::Surface || is_cut {
                 self.classified.len()
             } else {
                 0
@@ -579,6 +590,7 @@ impl Renderer {
                 &self.classified[range.clone()],
                 uniform,
                 rotation,
+                is_cut,
                 &mut self.footprints[range.clone()],
                 self.exact.get_mut(range).unwrap_or_default(),
                 &self.project_output,

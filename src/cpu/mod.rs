@@ -31,6 +31,7 @@ mod amplitude;
 mod bin;
 mod classify;
 mod column;
+mod hybrid;
 mod lanes;
 mod project;
 mod rasterise;

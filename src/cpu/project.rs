@@ -16,9 +16,9 @@ use crate::math::Factor;
 use crate::scene::Strength;
 use crate::splat::{
     CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
-    budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, edge_growth,
-    exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint, project_kernel,
-    surfel_footprint,
+    budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
+    edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
+    project_kernel, surfel_footprint,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -50,7 +50,9 @@ impl ProjectOutput {
 }
 
 /// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
-/// be empty where no filter of the frame asks for it).
+/// be empty where no filter of the frame asks for it and nothing is cut).
+///
+/// - `is_cut`: whether opaque surfaces may cut kernels, so that all have terms of their depth.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -61,6 +63,7 @@ pub fn project(
     classified: &[ClassifiedParticle],
     view: &ViewUniform,
     rotation: Mat3,
+    is_cut: bool,
     footprints: &mut [Footprint],
     exact: &mut [ExactTerms],
     output: &ProjectOutput,
@@ -94,6 +97,8 @@ pub fn project(
                 let near = &output.near;
                 out[i] = match rule {
                     Rule::Peak { is_anti_aliased } => {
+                        // Without a depth of its own: where its centre lies.
+                        terms = is_cut.then(ExactTerms::default);
                         splat_footprint(view, &kernel, is_anti_aliased, colour, key)
                     }
                     Rule::Surface { is_one_sided } => {
@@ -101,9 +106,11 @@ pub fn project(
                     }
                     Rule::Pane { is_one_sided } => {
                         kernel.mass *= facing(view, &kernel, is_one_sided);
-                        footprint(view, filter, &kernel, colour, key, &mut terms, near)
+                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
                     }
-                    Rule::Kernel => footprint(view, filter, &kernel, colour, key, &mut terms, near),
+                    Rule::Kernel => {
+                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
+                    }
                 };
                 if view.show_choice != 0 {
                     let shown = choice_index(block.level, out[i].path, filter);
@@ -111,7 +118,7 @@ pub fn project(
                 }
                 if let Some(terms) = terms {
                     exact[i] = terms;
-                    any_exact = true;
+                    any_exact |= out[i].path == PATH_EXACT;
                 }
             }
             if any_exact {
@@ -399,6 +406,7 @@ pub(crate) fn footprint(
     kernel: &Kernel,
     colour: [f32; 3],
     key: u32,
+    is_cut: bool,
     exact: &mut Option<ExactTerms>,
     near: &Mutex<Vec<NearTerms>>,
 ) -> Footprint {
@@ -426,7 +434,7 @@ pub(crate) fn footprint(
         return out;
     }
     let mut r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
-    let terms = choose_exact(view, filter, &screen, &image);
+    let mut terms = choose_exact(view, filter, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
@@ -447,6 +455,10 @@ pub(crate) fn footprint(
         let Some((middle, half)) = exact_extent(&screen, h2, r) else {
             return out;
         };
+        if let (true, Some(terms)) = (is_cut, &mut terms) {
+            (_, terms.depth_sigma) =
+                depth_terms(view, &screen, h2, image.determinant, kernel.centre.z);
+        }
         *exact = terms;
         affine_part(&mut out, &screen, &image, r);
         out.path = PATH_EXACT;
@@ -454,6 +466,15 @@ pub(crate) fn footprint(
         out.tau /= screen.ray_length;
         set_bounds(view, &mut out, screen.centre_px + middle, half);
     } else {
+        if is_cut {
+            let determinant = screen.filtered(Filter::Ewa, h2).determinant;
+            let (slope, depth_sigma) = depth_terms(view, &screen, h2, determinant, kernel.centre.z);
+            *exact = Some(ExactTerms {
+                gradient: slope.into(),
+                depth_sigma,
+                ..ExactTerms::default()
+            });
+        }
         affine_part(&mut out, &screen, &image, r);
         let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
         set_bounds(view, &mut out, screen.centre_px, half);

@@ -47,7 +47,13 @@ pub fn resolve_depth(tiles: &[Tile], width: usize, height: usize) -> DepthImage 
         .map(|i| {
             let (x, y) = (i % width, i / width);
             let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
-            tile.depth[y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE]
+            let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
+            // A surface has a depth wherever it covers anything.
+            if tile.alpha[at] >= 0.5 {
+                tile.depth[at]
+            } else {
+                f32::INFINITY
+            }
         })
         .collect();
     DepthImage {

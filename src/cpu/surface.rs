@@ -117,8 +117,8 @@ pub(crate) fn coverage(weight: f32) -> f32 {
 pub type NormalTile = Vec<[f32; 3]>;
 
 /// Draws all tiles of opaque surfels, `columns` of them in a row: colour (premultiplied), coverage as
-/// alpha, and the depth of the surface at which half of the pixel is covered, infinite where there
-/// is none. Returns the number of splat-pixels.
+/// alpha, and the depth of the surface at which half of what is covered is, infinite where there is
+/// none. Returns the number of splat-pixels.
 ///
 /// - `terms`: [`SurfelTerms`] of each footprint, in the place of its exact terms.
 /// - `is_count`: whether colours count the surfels that a pixel evaluated within their cut-off.
@@ -460,6 +460,8 @@ fn resolve_layers(
         normals.resize(TILE_PIXELS, [0.0; 3]);
     }
     for i in 0..TILE_PIXELS {
+        let total: f32 = layers.iter().map(|layer| coverage(layer.weight[i])).sum();
+        let half = 0.5 * total.min(1.0);
         let (mut covered, mut colour) = (0.0_f32, Vec3::ZERO);
         let mut depth = f32::INFINITY;
         for layer in layers {
@@ -471,7 +473,7 @@ fn resolve_layers(
             covered = (before + coverage(weight)).min(1.0);
             let [r, g, b] = &layer.colour;
             colour += Vec3::new(r[i], g[i], b[i]) * ((covered - before) / weight);
-            if before < 0.5 && covered >= 0.5 {
+            if before < half && covered >= half {
                 let nearness = layer.nearness[i] / weight;
                 depth = if view.orthographic != 0 {
                     -nearness

@@ -26,10 +26,10 @@ mod surfel;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
-pub use exact::{exact_extent, exact_terms};
+pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
-pub use near::{evaluate_near, half_line_terms, near_terms};
+pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
