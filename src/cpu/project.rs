@@ -399,6 +399,10 @@ fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
 }
 
 /// The footprint of one kernel; invisible where it reaches no pixel.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what one kernel's footprint depends on, and where its terms go"
+)]
 #[inline]
 pub(crate) fn footprint(
     view: &ViewUniform,

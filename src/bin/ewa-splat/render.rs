@@ -165,10 +165,9 @@ struct Output {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_image_path(&arguments.out)?;
-    for path in [&arguments.output.depth, &arguments.output.normals] {
-        if let Some(path) = path {
-            check_depth_path(path)?;
-        }
+    let layers = [&arguments.output.depth, &arguments.output.normals];
+    for path in layers.into_iter().flatten() {
+        check_depth_path(path)?;
     }
     if let Some(path) = &arguments.output.stats {
         check_folder(path)?;
