@@ -174,6 +174,7 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
             let factors = seen().map(|i| factors[i]).collect();
             (Particles::Anisotropic { positions, factors }, 0.0)
         }
+        Particles::Surfels { .. } => unreachable!("none of these data are surfels"),
         Particles::Isotropic { positions, sigmas } => {
             let positions = seen().map(|i| positions[i]).collect();
             let sigmas = seen().map(|i| sigmas[i]).collect();

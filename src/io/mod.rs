@@ -56,6 +56,7 @@ pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Ge
 pub(crate) use image_file::png_bytes;
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
+    write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub use raw::{RawLayout, RawType};
