@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
+use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
 use glam::DVec3;
@@ -21,6 +22,9 @@ pub(crate) struct DataOptions {
     /// PLOT3D solution of a grid; by default a file beside it, named with q for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
+    /// OBJ mesh: image for the parts that have texture coordinates and no texture
+    #[arg(long, value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
     /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) transfer_function: Option<String>,
@@ -46,6 +50,9 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
+    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
+    #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
+    pub(crate) density: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
@@ -146,6 +153,7 @@ impl DataOptions {
             &OpenOptions {
                 raw,
                 solution: self.solution.clone(),
+                texture: self.texture.clone(),
             },
         )
     }
@@ -164,15 +172,18 @@ impl DataOptions {
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
-            scene.grids_only &= !matches!(dataset.geometry, Geometry::Points { .. });
+            scene.grids_only &= !matches!(
+                dataset.geometry,
+                Geometry::Points { .. } | Geometry::Mesh(_)
+            );
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
-            let sampled = ewa_splat::sample::volume(dataset, options)?;
+            let sampled = ewa_splat::sample::scene(dataset, options)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }
-            scene.volumes.push(sampled.volume);
+            scene.volumes.extend(sampled.volumes);
         }
         Ok(scene)
     }
@@ -187,11 +198,11 @@ impl DataOptions {
             kernel_width,
             ..self.sample_options()
         };
-        let volume = |path| {
-            let sampled = ewa_splat::sample::volume(self.open(path)?, &options)?;
-            Ok(sampled.volume)
-        };
-        inputs.iter().map(|path| volume(path)).collect()
+        let mut volumes = Vec::new();
+        for path in inputs {
+            volumes.extend(ewa_splat::sample::scene(self.open(path)?, &options)?.volumes);
+        }
+        Ok(volumes)
     }
 
     /// Standard deviation of a kernel over the spacing.
@@ -240,6 +251,8 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
+            spread: self.density.map_or(Spread::Automatic, Spread::Density),
+            seed: 0,
         }
     }
 }
