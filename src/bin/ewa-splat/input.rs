@@ -53,6 +53,9 @@ pub(crate) struct DataOptions {
     /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
+    /// Grids: draw the iso-surface of this value by surfels, kernels flattened along the gradient
+    #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
+    pub(crate) flatten: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
@@ -77,6 +80,8 @@ pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
+    /// What points up: y where all are meshes, as their formats have it, z otherwise.
+    pub(crate) up: DVec3,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -168,6 +173,7 @@ impl DataOptions {
         let mut scene = Scene {
             volumes: Vec::new(),
             grids_only: true,
+            up: DVec3::Y,
         };
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
@@ -176,6 +182,9 @@ impl DataOptions {
                 dataset.geometry,
                 Geometry::Points { .. } | Geometry::Mesh(_)
             );
+            if !matches!(dataset.geometry, Geometry::Mesh(_)) {
+                scene.up = DVec3::Z;
+            }
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
@@ -251,6 +260,7 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
+            flatten: self.flatten,
             spread: self.density.map_or(Spread::Automatic, Spread::Density),
             seed: 0,
         }

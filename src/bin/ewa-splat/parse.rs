@@ -7,6 +7,13 @@ pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
     numbers(text).map(DVec3::from)
 }
 
+/// `x,y,z` of a direction, as a unit vector.
+pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
+    vector(text)?
+        .try_normalize()
+        .ok_or_else(|| "three numbers that are not all zero, such as 0,0,1".into())
+}
+
 /// `r,g,b`
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     Ok(DVec3::from(numbers(text)?).as_vec3().into())
