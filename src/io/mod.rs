@@ -12,6 +12,7 @@ mod count_file;
 mod csv;
 mod dataset;
 mod file;
+mod gltf_splats;
 mod hdf5;
 mod image_file;
 mod mesh;
@@ -26,6 +27,7 @@ mod smoothing;
 mod splat;
 mod splats;
 mod spz;
+mod spz_write;
 mod table;
 mod vti;
 mod vtk_array;
@@ -40,6 +42,7 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod write_splats;
 
 use std::path::{Path, PathBuf};
 
@@ -58,6 +61,7 @@ pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use vtk_grid::check as check_cells;
+pub use write_splats::{FLAT_SHARE, PlyForm, WrittenSplats, check_splats_path, write_splats};
 
 use crate::error::{Error, Result};
 
@@ -159,6 +163,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
+/// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
@@ -197,6 +202,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if extension == "splat" {
         return splat::read(path);
+    }
+    // Before the meshes of glTF files, which may hold both.
+    if gltf_splats::looks_like(path, &head) {
+        return gltf_splats::read(path);
     }
     if head.starts_with(npz::MAGIC) {
         return npz::read(path);
