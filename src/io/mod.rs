@@ -60,6 +60,7 @@ pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, Textu
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
+pub(crate) use splats::constant_of_colour;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, PlyForm, WrittenSplats, check_splats_path, write_splats};
 

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
+use ewa_splat::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
-use crate::parse;
+use crate::parse::{self, Spacing};
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -49,10 +49,10 @@ pub(crate) struct DataOptions {
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
-    /// Raw volume: distance between samples
-    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
-          default_value = "1,1,1", allow_hyphen_values = true)]
-    pub(crate) spacing: DVec3,
+    /// Raw volume: distance between samples, one for all axes or three [default: 1]. Meshes: mean
+    /// distance between surfels, one number
+    #[arg(long, value_name = "D|x,y,z", value_parser = parse::spacing, allow_hyphen_values = true)]
+    pub(crate) spacing: Option<Spacing>,
     /// Raw volume: position of the first sample
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
           default_value = "0,0,0", allow_hyphen_values = true)]
@@ -129,9 +129,22 @@ pub(crate) enum Endian {
 
 impl DataOptions {
     pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
+        if let (None, Some(Spacing::Axes(axes))) = (self.dims, self.spacing) {
+            return Err(Error::format(
+                "--spacing",
+                "value",
+                "one number for meshes, or --dims X,Y,Z beside three",
+                format!("{},{},{} without --dims", axes.x, axes.y, axes.z),
+                "add --dims, or give one number",
+            ));
+        }
         let raw = self.dims.map(|dims| RawLayout {
             dims,
-            spacing: self.spacing,
+            spacing: match self.spacing {
+                None => DVec3::ONE,
+                Some(Spacing::Even(distance)) => DVec3::splat(distance),
+                Some(Spacing::Axes(axes)) => axes,
+            },
             origin: self.origin,
             scalar: match self.scalar {
                 Scalar::U8 => RawType::U8,
