@@ -9,6 +9,7 @@ mod factor;
 mod kernels;
 mod lattice;
 mod left_out;
+pub mod mesh;
 mod neighbours;
 mod points;
 mod positions;
@@ -19,7 +20,7 @@ mod splats;
 mod statistics;
 mod yu_turk;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel};
@@ -29,6 +30,7 @@ use crate::scene::{
 
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 use kernels::Kernels;
+use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 
@@ -66,6 +68,10 @@ pub struct SampleOptions {
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
     pub for_columns: bool,
+    /// Meshes: how many surfels.
+    pub spread: Spread,
+    /// Meshes: another number gives another spread of surfels, as even.
+    pub seed: u64,
 }
 
 /// The shape of kernels whose particles state a length at most.
@@ -95,6 +101,8 @@ impl Default for SampleOptions {
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
             for_columns: false,
+            spread: Spread::Automatic,
+            seed: 0,
         }
     }
 }
@@ -117,6 +125,61 @@ pub struct Sampled {
     pub volume: PointVolume,
     /// What was chosen and what was left out.
     pub report: SampleReport,
+}
+
+/// The volumes of a data set and how they came about.
+#[derive(Debug, Clone)]
+pub struct SampledScene {
+    /// At least one; a mesh gives one for each kind of surface it has.
+    pub volumes: Vec<PointVolume>,
+    /// What was chosen and what was left out.
+    pub report: SampleReport,
+}
+
+/// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
+/// of all others ([`volume`]).
+///
+/// # Errors
+/// Those of the two.
+pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
+    let Geometry::Mesh(mesh) = &dataset.geometry else {
+        let Sampled { volume, report } = volume(dataset, options)?;
+        let volumes = vec![volume];
+        return Ok(SampledScene { volumes, report });
+    };
+    let mesh_options = MeshOptions {
+        spread: options.spread,
+        kernel_width: options.kernel_width,
+        seed: options.seed,
+    };
+    let SampledMesh { volumes, report } =
+        mesh::surfels(mesh, &mesh_options).map_err(|error| named(error, &dataset.path))?;
+    Ok(SampledScene {
+        volumes,
+        report: SampleReport {
+            sample_count: report.triangle_count,
+            particle_count: report.surfel_count,
+            findings: report.findings.clone(),
+            mesh: Some(report),
+            ..SampleReport::default()
+        },
+    })
+}
+
+/// An error of the mesh itself with the name of its file.
+fn named(error: Error, file: &Path) -> Error {
+    match error {
+        Error::Format {
+            path,
+            place,
+            expected,
+            found,
+            advice,
+        } if path == Path::new(mesh::THE_MESH) => {
+            Error::format(file, place, expected, found, advice)
+        }
+        other => other,
+    }
 }
 
 /// Makes a point volume of a data set; values are moved, not copied, and keep their type.
@@ -172,7 +235,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
             "mesh",
             "a volume or particles",
             "a mesh",
-            "sample it into surfels",
+            "sample it into surfels, by `sample::scene`",
         )),
     }?;
     if options.shepard_passes > 0 {

@@ -1,5 +1,7 @@
 //! What was chosen and what was left out.
 
+use super::mesh::MeshReport;
+
 /// How a data set was sampled.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleReport {
@@ -11,12 +13,14 @@ pub struct SampleReport {
     pub unit_distance: f64,
     /// What the particles' lengths are taken for, in words; `None` where there are none.
     pub lengths: Option<String>,
-    /// Samples in the file.
+    /// Samples in the file; triangles of a mesh.
     pub sample_count: usize,
     /// Particles made of them.
     pub particle_count: usize,
     /// What was found on the way, in the order of the work.
     pub findings: Vec<Finding>,
+    /// How evenly surfels are spread, of a mesh.
+    pub mesh: Option<MeshReport>,
 }
 
 /// Samples with something about them.

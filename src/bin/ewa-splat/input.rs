@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
+use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
 use ewa_splat::{Error, Result};
@@ -46,6 +47,9 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
+    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
+    #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
+    pub(crate) density: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
@@ -177,15 +181,18 @@ impl DataOptions {
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
-            scene.grids_only &= !matches!(dataset.geometry, Geometry::Points { .. });
+            scene.grids_only &= !matches!(
+                dataset.geometry,
+                Geometry::Points { .. } | Geometry::Mesh(_)
+            );
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
-            let sampled = ewa_splat::sample::volume(dataset, options)?;
+            let sampled = ewa_splat::sample::scene(dataset, options)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }
-            scene.volumes.push(sampled.volume);
+            scene.volumes.extend(sampled.volumes);
         }
         Ok(scene)
     }
@@ -200,11 +207,11 @@ impl DataOptions {
             kernel_width,
             ..self.sample_options()
         };
-        let volume = |path| {
-            let sampled = ewa_splat::sample::volume(self.open(path)?, &options)?;
-            Ok(sampled.volume)
-        };
-        inputs.iter().map(|path| volume(path)).collect()
+        let mut volumes = Vec::new();
+        for path in inputs {
+            volumes.extend(ewa_splat::sample::scene(self.open(path)?, &options)?.volumes);
+        }
+        Ok(volumes)
     }
 
     /// Standard deviation of a kernel over the spacing.
@@ -253,6 +260,8 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
+            spread: self.density.map_or(Spread::Automatic, Spread::Density),
+            seed: 0,
         }
     }
 }

@@ -1,0 +1,301 @@
+//! Cells of about equal area on a surface: pieces go to their nearest site, sites to the centroid
+//! of their pieces (Lloyd's relaxation, on the pieces instead of the plane).
+//!
+//! Pieces and sites are measured in units of the spacing, so that a cell has an area of about one.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::super::index_u32;
+use super::super::neighbours::PointIndex;
+use super::grid::Cubes;
+use super::pieces::{Piece, cut};
+use super::surface::{Surface, Triangle, area};
+
+/// The longest side of a piece, in spacings: some nine pieces make a cell.
+const LONGEST_SIDE: f64 = 0.75;
+
+/// Side of the cubes that pieces and sites are sorted into, in spacings: the nearest site is
+/// closer than that, and some fifteen are looked at.
+const CUBE_SIDE: f64 = 1.25;
+
+/// How often sites move to their cells' centroids.
+const RELAXATIONS: usize = 8;
+
+/// How far beyond the centroid they move, in the earlier of them: converges in half the number.
+const OVERSHOOT: f64 = 1.6;
+
+/// How much the distance from a site's tangent plane counts beyond that within it: keeps the layers
+/// of a thin shell apart.
+const OFF_PLANE: f32 = 4.0;
+
+/// Cosine of the greatest angle between normals within a cell: sharper edges part cells.
+const LEAST_COSINE: f32 = 0.5;
+
+/// What it counts, in squared spacings, to belong to a site across a sharp edge, on the other side
+/// of a sheet or of another component: more than any distance to a near site. Finite, so that
+/// pieces without a fitting site still belong to one.
+const STRANGE: f32 = 16.0;
+
+/// The owner of a piece before it has one.
+const NOBODY: u32 = u32::MAX;
+
+/// The pieces of a surface, by cell.
+#[derive(Debug)]
+pub(super) struct Cells {
+    pub(super) pieces: Vec<Piece>,
+    /// Indices of pieces, cell by cell.
+    order: Vec<u32>,
+    /// Where each cell begins in `order`; one more at the end.
+    starts: Vec<u32>,
+}
+
+/// A site, and what it has to do with pieces.
+#[derive(Debug, Clone, Copy)]
+struct Site {
+    position: DVec3,
+    normal: Vec3,
+    component: u32,
+    /// The cube of one of its pieces.
+    home: u32,
+}
+
+impl Cells {
+    /// Cells of `triangles`, about `count` of them; each triangle has a part in at least one.
+    pub(super) fn new(surface: &Surface, triangles: &[Triangle], count: usize, seed: u64) -> Self {
+        let pieces = cut(surface, triangles, LONGEST_SIDE, count);
+        let centres: Vec<DVec3> = pieces.par_iter().map(|p| p.centre).collect();
+        let (cubes, order) = Cubes::new(&centres, CUBE_SIDE);
+        drop(centres);
+        let pieces: Vec<Piece> = order.par_iter().map(|&i| pieces[i as usize]).collect();
+        let mut sites = first_sites(&pieces, triangles, &cubes, count, seed);
+        for round in 0..RELAXATIONS {
+            let owners = owners(&pieces, triangles, &cubes, &sites);
+            let step = if round + 2 < RELAXATIONS {
+                OVERSHOOT
+            } else {
+                1.0
+            };
+            relax(&mut sites, &pieces, triangles, &cubes, &owners, step);
+        }
+        let owners = owners(&pieces, triangles, &cubes, &sites);
+        let (order, starts) = by_owner(&owners, sites.len());
+        Self {
+            pieces,
+            order,
+            starts,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Indices of the pieces of a cell.
+    pub(super) fn pieces_of(&self, cell: usize) -> &[u32] {
+        &self.order[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+    }
+}
+
+/// One site in each stretch of equal area along the pieces, which lie along a curve through space.
+fn first_sites(
+    pieces: &[Piece],
+    triangles: &[Triangle],
+    cubes: &Cubes,
+    count: usize,
+    seed: u64,
+) -> Vec<Site> {
+    let each = area(triangles) / count as f64;
+    let mut sites: Vec<Site> = Vec::with_capacity(count);
+    let mut passed = 0.0;
+    let mut next = each * random(seed, 0);
+    for cube in 0..cubes.len() {
+        for i in cubes.points(cube) {
+            let piece = &pieces[i];
+            let triangle = &triangles[piece.triangle as usize];
+            passed += triangle.area * piece.share();
+            if passed <= next && !(i + 1 == pieces.len() && sites.is_empty()) {
+                continue;
+            }
+            sites.push(Site {
+                position: piece.centre,
+                normal: triangle.normal,
+                component: triangle.component,
+                home: index_u32(cube),
+            });
+            // Of several stretches that end in one piece, one has the site.
+            let stretch = (passed / each).floor() + 1.0;
+            next = each * (stretch + random(seed, sites.len() as u64));
+        }
+    }
+    sites
+}
+
+/// Uniform in [0, 1), the same for the same two numbers (splitmix64).
+fn random(seed: u64, index: u64) -> f64 {
+    let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// The sites that pieces of one cube choose from, relative to one point.
+#[derive(Debug, Default)]
+struct Candidates {
+    indices: Vec<u32>,
+    offsets: Vec<[f32; 3]>,
+    normals: Vec<Vec3>,
+    components: Vec<u32>,
+}
+
+/// The site of each piece.
+fn owners(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]) -> Vec<u32> {
+    let homes: Vec<u32> = sites.iter().map(|s| s.home).collect();
+    let (sites_of, site_starts) = by_owner(&homes, cubes.len());
+    let chunk = |cubes_of_chunk: &[usize]| {
+        let mut found = Vec::new();
+        let mut near = Candidates::default();
+        for &cube in cubes_of_chunk {
+            let points = cubes.points(cube);
+            let reference = pieces[points.start].centre;
+            near.gather(cubes, cube, &sites_of, &site_starts, sites, reference);
+            for piece in &pieces[points] {
+                let triangle = &triangles[piece.triangle as usize];
+                let at = (piece.centre - reference).as_vec3();
+                found.push(near.best(at, triangle).unwrap_or(NOBODY));
+            }
+        }
+        found
+    };
+    let all: Vec<usize> = (0..cubes.len()).collect();
+    let lists: Vec<Vec<u32>> = all.par_chunks(256).map(chunk).collect();
+    let mut owners = lists.concat();
+    if owners.contains(&NOBODY) {
+        // Far from all sites, as bits of a scattered mesh may be.
+        let positions: Vec<DVec3> = sites.iter().map(|s| s.position).collect();
+        if let Some(index) = PointIndex::new(&positions) {
+            let nearest = |piece: &Piece| index.nearest_to(piece.centre).unwrap_or(0);
+            let lost = owners
+                .par_iter_mut()
+                .zip(pieces)
+                .filter(|(o, _)| **o == NOBODY);
+            lost.for_each(|(owner, piece)| *owner = nearest(piece));
+        }
+        // All sites at one place: the first will do.
+        owners
+            .iter_mut()
+            .filter(|o| **o == NOBODY)
+            .for_each(|o| *o = 0);
+    }
+    owners
+}
+
+impl Candidates {
+    fn gather(
+        &mut self,
+        cubes: &Cubes,
+        cube: usize,
+        sites_of: &[u32],
+        site_starts: &[u32],
+        sites: &[Site],
+        reference: DVec3,
+    ) {
+        self.indices.clear();
+        self.offsets.clear();
+        self.normals.clear();
+        self.components.clear();
+        for &beside in cubes.around(cube) {
+            let beside = beside as usize;
+            let range = site_starts[beside] as usize..site_starts[beside + 1] as usize;
+            for &index in &sites_of[range] {
+                let site = &sites[index as usize];
+                self.indices.push(index);
+                self.offsets
+                    .push((site.position - reference).as_vec3().to_array());
+                self.normals.push(site.normal);
+                self.components.push(site.component);
+            }
+        }
+    }
+
+    /// The nearest site to a piece at `at`; the first of equals.
+    fn best(&self, at: Vec3, triangle: &Triangle) -> Option<u32> {
+        let mut least = f32::INFINITY;
+        let mut best = None;
+        for i in 0..self.indices.len() {
+            let offset = at - Vec3::from(self.offsets[i]);
+            let normal = self.normals[i];
+            let off_plane = offset.dot(normal);
+            let mut cost = offset.length_squared() + OFF_PLANE * off_plane * off_plane;
+            if normal.dot(triangle.normal) < LEAST_COSINE {
+                cost += STRANGE;
+            }
+            if self.components[i] != triangle.component {
+                cost += STRANGE;
+            }
+            if cost < least {
+                least = cost;
+                best = Some(self.indices[i]);
+            }
+        }
+        best
+    }
+}
+
+/// Moves sites to their pieces' centroids, and `step` as far; their normals become the mean.
+fn relax(
+    sites: &mut [Site],
+    pieces: &[Piece],
+    triangles: &[Triangle],
+    cubes: &Cubes,
+    owners: &[u32],
+    step: f64,
+) {
+    #[derive(Clone, Copy, Default)]
+    struct Sums {
+        area: f64,
+        position: DVec3,
+        normal: DVec3,
+    }
+    let mut sums = vec![Sums::default(); sites.len()];
+    for (piece, &owner) in pieces.iter().zip(owners) {
+        let triangle = &triangles[piece.triangle as usize];
+        let area = triangle.area * piece.share();
+        let sum = &mut sums[owner as usize];
+        sum.area += area;
+        sum.position += area * piece.centre;
+        sum.normal += area * triangle.normal.as_dvec3();
+    }
+    sites.par_iter_mut().zip(sums).for_each(|(site, sum)| {
+        if !(sum.area > 0.0) {
+            return;
+        }
+        let centroid = sum.position / sum.area;
+        site.position += step * (centroid - site.position);
+        if let Some(normal) = sum.normal.try_normalize() {
+            site.normal = normal.as_vec3();
+        }
+        if let Some(cube) = cubes.at(site.position) {
+            site.home = index_u32(cube);
+        }
+    });
+}
+
+/// Indices by owner, rising within each, and where each owner's begin; one more at the end.
+fn by_owner(owners: &[u32], count: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0_u32; count + 1];
+    for &owner in owners {
+        starts[owner as usize + 1] += 1;
+    }
+    for i in 0..count {
+        starts[i + 1] += starts[i];
+    }
+    let mut next = starts.clone();
+    let mut order = vec![0; owners.len()];
+    for (i, &owner) in owners.iter().enumerate() {
+        let place = &mut next[owner as usize];
+        order[*place as usize] = index_u32(i);
+        *place += 1;
+    }
+    (order, starts)
+}
