@@ -1,10 +1,11 @@
 //! `ewa-splat convert`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ewa_splat::io::{Dataset, Geometry, PlyForm, SplatCloud, check_splats_path, write_splats};
-use ewa_splat::sample::{ConversionReport, Finding, sound_splats, splat_cloud};
+use ewa_splat::sample::mesh::MeshReport;
+use ewa_splat::sample::{ConversionReport, Finding, scene, sound_splats, splat_cloud};
 use ewa_splat::{Error, Result};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -36,6 +37,8 @@ pub(crate) struct Arguments {
 struct Converted {
     cloud: SplatCloud,
     report: ConversionReport,
+    /// What was made of each mesh.
+    meshes: Vec<Value>,
     notes: Vec<String>,
 }
 
@@ -59,6 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Converted {
         cloud,
         report,
+        meshes,
         notes,
     } = &mut converted;
     let form = if arguments.surfels {
@@ -82,6 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "splats": report.splat_count,
         "left_out": findings(true),
         "findings": findings(false),
+        "meshes": meshes,
         "degree": cloud.harmonics_degree,
         "anti_aliased": cloud.is_anti_aliased,
         "bytes": written.bytes,
@@ -100,6 +105,20 @@ fn finding(finding: &Finding) -> Value {
     json!({ "count": finding.count, "noun": finding.noun, "reason": finding.reason })
 }
 
+/// What was made of a mesh.
+fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
+    json!({
+        "file": path.display().to_string(),
+        "triangles": report.triangle_count,
+        "surfels": report.surfel_count,
+        "area": report.area,
+        "spacing": report.spacing,
+        "ripple": report.ripple,
+        "greatest_ripple": report.greatest_ripple,
+        "left_out": report.findings.iter().map(finding).collect::<Vec<_>>(),
+    })
+}
+
 impl Converted {
     /// Adds the splats of a data set.
     fn add(&mut self, dataset: Dataset, options: &DataOptions, bar: &ProgressBar) -> Result<()> {
@@ -108,11 +127,16 @@ impl Converted {
             // As they are; a named field replaces colours and goes the other way.
             Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud),
             _ => {
-                let sampled = options.sample(dataset)?;
-                for line in sampled.report.warnings() {
-                    bar.suspend(|| eprintln!("{}: {line}", path.display()));
+                let sampled = scene(dataset, &options.sample_options())?;
+                match sampled.report.mesh {
+                    Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
+                    None => {
+                        for line in sampled.report.warnings() {
+                            bar.suspend(|| eprintln!("{}: {line}", path.display()));
+                        }
+                    }
                 }
-                splat_cloud(&[sampled.volume]).map_err(|e| in_file(e, &path))?
+                splat_cloud(&sampled.volumes).map_err(|e| in_file(e, &path))?
             }
         };
         if !self.cloud.positions.is_empty() && self.cloud.is_anti_aliased != cloud.is_anti_aliased {
@@ -128,7 +152,7 @@ impl Converted {
 }
 
 /// The error with the file's name in place of the scene's.
-fn in_file(error: Error, path: &std::path::Path) -> Error {
+fn in_file(error: Error, path: &Path) -> Error {
     match error {
         Error::Format {
             place,
@@ -160,6 +184,31 @@ fn print(summary: &Value) {
                 text(&f["reason"])
             );
             row(name, line);
+        }
+    }
+    for mesh in summary["meshes"].as_array().into_iter().flatten() {
+        row(
+            "mesh",
+            format!(
+                "{}: {} triangles of area {} to {} surfels, spacing {}; weights sum to 1 within {} \
+                 (rms; {} at most)",
+                text(&mesh["file"]),
+                mesh["triangles"],
+                mesh["area"],
+                mesh["surfels"],
+                mesh["spacing"],
+                mesh["ripple"],
+                mesh["greatest_ripple"],
+            ),
+        );
+        for f in mesh["left_out"].as_array().into_iter().flatten() {
+            let line = format!(
+                "{} {}: {}",
+                f["count"],
+                text(&f["noun"]),
+                text(&f["reason"])
+            );
+            row("left out", line);
         }
     }
     row("harmonics", format!("degree {}", summary["degree"]));

@@ -133,15 +133,7 @@ pub(crate) enum Endian {
 
 impl DataOptions {
     pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
-        if let (None, Some(Spacing::Axes(axes))) = (self.dims, self.spacing) {
-            return Err(Error::format(
-                "--spacing",
-                "value",
-                "one number for meshes, or --dims X,Y,Z beside three",
-                format!("{},{},{} without --dims", axes.x, axes.y, axes.z),
-                "add --dims, or give one number",
-            ));
-        }
+        self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
             dims,
             spacing: match self.spacing {
@@ -165,6 +157,26 @@ impl DataOptions {
                 solution: self.solution.clone(),
             },
         )
+    }
+
+    /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
+    fn check_spacing(&self) -> Result<()> {
+        let fault = |expected: &str, found: String, advice: &str| {
+            Err(Error::format("--spacing", "value", expected, found, advice))
+        };
+        match (self.dims, self.spacing, self.density) {
+            (None, Some(Spacing::Axes(axes)), _) => fault(
+                "one number for meshes, or --dims X,Y,Z beside three",
+                format!("{},{},{} without --dims", axes.x, axes.y, axes.z),
+                "add --dims, or give one number",
+            ),
+            (None, Some(Spacing::Even(_)), Some(density)) => fault(
+                "either a spacing of surfels or their density",
+                format!("--density {density}, too"),
+                "leave one of them out",
+            ),
+            _ => Ok(()),
+        }
     }
 
     /// Reads and samples all of a scene, and says what was left out.
@@ -260,7 +272,11 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
-            spread: self.density.map_or(Spread::Automatic, Spread::Density),
+            spread: match (self.density, self.spacing) {
+                (Some(density), _) => Spread::Density(density),
+                (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
+                (None, _) => Spread::Automatic,
+            },
             seed: 0,
         }
     }
