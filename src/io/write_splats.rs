@@ -189,7 +189,7 @@ impl SplatCloud {
             self.opacities.len(),
             self.harmonics.len() / self.harmonics_stride(),
         ];
-        let is_whole = self.harmonics.len() % self.harmonics_stride() == 0;
+        let is_whole = self.harmonics.len().is_multiple_of(self.harmonics_stride());
         if !is_whole || lengths.iter().any(|&len| len != count) {
             let found = format!("scales, rotations, opacities, colours: {lengths:?}");
             return fault("splats".into(), &format!("{count} of each array"), found);
