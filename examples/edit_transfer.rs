@@ -91,7 +91,7 @@ fn time_scenes(
     if let Some((path, dims)) = raw {
         let options = OpenOptions {
             raw: Some(RawLayout::new(*dims, RawType::U8)),
-            solution: None,
+            ..OpenOptions::default()
         };
         let (_, values) = open(path, &options)?.scalar("value")?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();

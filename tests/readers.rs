@@ -493,7 +493,7 @@ fn a_raw_volume_needs_its_layout() {
     layout.spacing = DVec3::splat(0.5);
     let options = OpenOptions {
         raw: Some(layout),
-        solution: None,
+        ..OpenOptions::default()
     };
     let data = open(&path, &options).unwrap();
     assert_eq!(values(&data, "value"), Values::I16(vec![1, 2, 3, -1]));

@@ -32,7 +32,7 @@ fn read_raw(path: &Path, dims: [usize; 3]) -> Values {
         path,
         &OpenOptions {
             raw,
-            solution: None,
+            ..OpenOptions::default()
         },
     )
     .unwrap();
