@@ -3,6 +3,7 @@
 
 mod blanking;
 mod cells;
+mod convert;
 mod curvilinear;
 mod factor;
 mod flatten;
@@ -28,6 +29,7 @@ use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
 
+pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};

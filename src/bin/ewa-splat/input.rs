@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
+use ewa_splat::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
-use crate::parse;
+use crate::parse::{self, Spacing};
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -59,10 +59,10 @@ pub(crate) struct DataOptions {
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
-    /// Raw volume: distance between samples
-    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
-          default_value = "1,1,1", allow_hyphen_values = true)]
-    pub(crate) spacing: DVec3,
+    /// Raw volume: distance between samples, one for all axes or three [default: 1]. Meshes: mean
+    /// distance between surfels, one number
+    #[arg(long, value_name = "D|x,y,z", value_parser = parse::spacing, allow_hyphen_values = true)]
+    pub(crate) spacing: Option<Spacing>,
     /// Raw volume: position of the first sample
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
           default_value = "0,0,0", allow_hyphen_values = true)]
@@ -141,9 +141,14 @@ pub(crate) enum Endian {
 
 impl DataOptions {
     pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
+        self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
             dims,
-            spacing: self.spacing,
+            spacing: match self.spacing {
+                None => DVec3::ONE,
+                Some(Spacing::Even(distance)) => DVec3::splat(distance),
+                Some(Spacing::Axes(axes)) => axes,
+            },
             origin: self.origin,
             scalar: match self.scalar {
                 Scalar::U8 => RawType::U8,
@@ -161,6 +166,26 @@ impl DataOptions {
                 texture: self.texture.clone(),
             },
         )
+    }
+
+    /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
+    fn check_spacing(&self) -> Result<()> {
+        let fault = |expected: &str, found: String, advice: &str| {
+            Err(Error::format("--spacing", "value", expected, found, advice))
+        };
+        match (self.dims, self.spacing, self.density) {
+            (None, Some(Spacing::Axes(axes)), _) => fault(
+                "one number for meshes, or --dims X,Y,Z beside three",
+                format!("{},{},{} without --dims", axes.x, axes.y, axes.z),
+                "add --dims, or give one number",
+            ),
+            (None, Some(Spacing::Even(_)), Some(density)) => fault(
+                "either a spacing of surfels or their density",
+                format!("--density {density}, too"),
+                "leave one of them out",
+            ),
+            _ => Ok(()),
+        }
     }
 
     /// Reads and samples all of a scene, and says what was left out.
@@ -261,7 +286,11 @@ impl DataOptions {
             shepard_passes: self.shepard,
             for_columns: false,
             flatten: self.flatten,
-            spread: self.density.map_or(Spread::Automatic, Spread::Density),
+            spread: match (self.density, self.spacing) {
+                (Some(density), _) => Spread::Density(density),
+                (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
+                (None, _) => Spread::Automatic,
+            },
             seed: 0,
         }
     }
