@@ -744,18 +744,17 @@ fn opacities_and_colours_follow_their_rules() {
     // Its alpha is 1 all over: its brightness is meant.
     let texture = grey.base_texture.unwrap().texture;
     let image = &mesh(&data).textures[texture].image;
-<<<<<<< HEAD
     assert!(
-        image.pixels.iter().all(|p| p[3] == 255),
+        image.pixels.iter().all(|p| p[3] == 128),
         "{:?}",
         image.pixels[0]
     );
-=======
-    assert!(image.pixels.iter().all(|p| p[3] == 128), "{:?}", image.pixels[0]);
     let (same, data) = painted(&folder, "map_Kd grey.png\nmap_d grey.png");
     let texture = same.base_texture.unwrap().texture;
-    assert_eq!(mesh(&data).textures[texture].image.pixels, [[128, 128, 128, 255]]);
->>>>>>> mesh-io
+    assert_eq!(
+        mesh(&data).textures[texture].image.pixels,
+        [[128, 128, 128, 255]]
+    );
 }
 
 #[test]
