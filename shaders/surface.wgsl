@@ -407,7 +407,6 @@ fn resolve_layers(
     }
     if IS_COUNT {
         colour = vec3<f32>(drawn_layers[SURFACE_LAYERS * stride + index]);
-        covered = 1.0;
     }
     if IS_PICTURE && covered < 0.5 {
         depth = NO_DEPTH;

@@ -169,7 +169,6 @@ pub fn rasterise_surface(
             let splat_pixels = run_at(level, raster);
             resolve_layers(view, layers, tile, has_normals.then_some(normals));
             if is_count {
-                tile.alpha.fill(1.0);
                 for plane in [&mut tile.red, &mut tile.green, &mut tile.blue] {
                     plane.copy_from_slice(&**counts);
                 }

@@ -363,14 +363,17 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
+/// What makes a texture: colour map, opacity map, whether it is clamped.
+type TextureMaps = (Option<String>, Option<String>, bool);
+
 /// Textures, each decoded once.
 struct Images {
     folder: PathBuf,
     budget: ImageBudget,
     decoded: HashMap<String, Option<Arc<TextureImage>>>,
     textures: Vec<Texture>,
-    /// Textures by colour map, opacity map and wrapping, and whether they cut out.
-    made: HashMap<(Option<String>, Option<String>, bool), (usize, bool)>,
+    /// Textures and whether they cut out.
+    made: HashMap<TextureMaps, (usize, bool)>,
     notes: Vec<String>,
 }
 
