@@ -91,7 +91,7 @@ fn time_scenes(
     if let Some((path, dims)) = raw {
         let options = OpenOptions {
             raw: Some(RawLayout::new(*dims, RawType::U8)),
-            solution: None,
+            ..OpenOptions::default()
         };
         let (_, values) = open(path, &options)?.scalar("value")?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -174,6 +174,7 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
             let factors = seen().map(|i| factors[i]).collect();
             (Particles::Anisotropic { positions, factors }, 0.0)
         }
+        Particles::Surfels { .. } => unreachable!("none of these data are surfels"),
         Particles::Isotropic { positions, sigmas } => {
             let positions = seen().map(|i| positions[i]).collect();
             let sigmas = seen().map(|i| sigmas[i]).collect();

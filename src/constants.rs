@@ -54,3 +54,10 @@ pub const COLUMN_TILE_SIZE: usize = 64;
 /// The cut-off radius of column densities in standard deviations: exp(-5.5²/2) = 2.7e-7 of a
 /// kernel lies outside.
 pub const COLUMN_CUTOFF: f32 = 5.5;
+
+/// Weights of surfels that add up to this cover a pixel: between neighbours of a surface that is
+/// sampled well the sum ripples by some hundredths.
+pub const COVERAGE_FULL: f32 = 0.85;
+
+/// Surfaces behind one another that a pixel keeps apart while its surfels come in.
+pub const SURFACE_LAYERS: usize = 3;

@@ -27,6 +27,18 @@ pub struct DepthImage {
     pub depths: Vec<f32>,
 }
 
+/// Normals of opaque surfaces, rows from the top.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct NormalImage {
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// `width * height` unit vectors, world space, towards the eye; of the surface at which half of
+    /// the pixel is covered, zero where there is none.
+    pub normals: Vec<[f32; 3]>,
+}
+
 /// A column density: the line integral of a field through each pixel, rows from the top.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ColumnImage {

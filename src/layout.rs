@@ -16,6 +16,7 @@
 //! | [`ClassifiedParticle`] | classify | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
+//! | [`SurfelTerms`] | project, for surfels of opaque surfaces | rasterise |
 //! | [`NearTerms`] | project, for kernels that cross the camera plane | bin, rasterise |
 //! | [`PartIndex`] | the upload (GPU) | sort, gather |
 //! | [`PartRange`] | sort (GPU) | sort, gather |
@@ -290,6 +291,11 @@ pub const PATH_AFFINE: u32 = 0;
 /// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the
 /// frame.
 pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
+/// Surfel of an opaque surface: [`SurfelTerms`]; `tau` is its weight at the centre, `depth` the
+/// greatest nearness that it has within its cut-off, its slack added.
+pub const PATH_SURFEL: u32 = PATH_AFFINE | 8;
+/// Surfel that reaches the camera plane: [`NearTerms`], its index above the low four bits.
+pub const PATH_NEAR_SURFEL: u32 = PATH_NEAR | 8;
 /// Exact perspective: [`ExactTerms`].
 pub const PATH_EXACT: u32 = 1;
 /// Perspective kernel that crosses the camera plane: [`NearTerms`].
@@ -299,14 +305,53 @@ pub const PATH_NEAR: u32 = 2;
 pub const PATH_HALF_LINE: u32 = 3;
 
 /// The five floats that make an affine footprint exact under perspective:
-/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy².
+/// w(d) = 1 + g . d + hxx dx² + hxy dx dy + hyy dy². Where opaque surfaces may cut kernels, every
+/// footprint has such terms; of the affine ones they say the depth alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct ExactTerms {
-    /// Gradient of w at the centre, 1/px.
+    /// Gradient of w at the centre, 1/px. Of an affine footprint: change of its depth z* per pixel.
     pub gradient: [f32; 2],
     /// hxx, hxy, hyy \[1/px²\].
     pub hessian: [f32; 3],
+    /// The standard deviation of z along the ray through the centre, world units: what a surface
+    /// that cuts the kernel needs; 0 where no surface may.
+    pub depth_sigma: f32,
+}
+
+/// The plane of a surfel on the image. It takes the place of [`ExactTerms`], word by word.
+///
+/// At offset d from the centre its nearness (1/z under perspective, -z under an orthographic
+/// camera) is `nearness + gradient . d`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct SurfelTerms {
+    /// Change of the nearness per pixel.
+    pub gradient: [f32; 2],
+    /// The nearness of the centre.
+    pub nearness: f32,
+    /// How far the nearness of one surface's surfels may differ.
+    pub slack: f32,
+    /// 1 where the footprint follows the plane's homography, Q over the square of the nearness
+    /// relative to the centre's; 0 where it is affine.
+    pub homography: f32,
+    /// The unit normal, camera space, towards the eye: a whole number, as
+    /// [`pack_normal`](crate::splat::pack_normal) makes it.
+    pub normal: f32,
+}
+
+impl From<SurfelTerms> for ExactTerms {
+    #[inline]
+    fn from(terms: SurfelTerms) -> Self {
+        bytemuck::cast(terms)
+    }
+}
+
+impl From<ExactTerms> for SurfelTerms {
+    #[inline]
+    fn from(terms: ExactTerms) -> Self {
+        bytemuck::cast(terms)
+    }
 }
 
 /// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1), in
@@ -324,7 +369,8 @@ pub struct NearTerms {
     pub minor_depths: [f32; 10],
     /// sqrt(det V). On the half-line path: the standard deviation of z along the ray.
     pub sigma: f32,
-    /// Half-line path only: dz/dx, dz/dy \[1/px\] and z at the centre.
+    /// Half-line path: dz/dx, dz/dy \[1/px\] and z at the centre. Otherwise the first is the length
+    /// that the other terms are in units of, world units.
     pub half_line: [f32; 3],
 }
 

@@ -119,5 +119,5 @@ pub mod stats;
 pub mod view;
 
 pub use error::{Error, Result};
-pub use image::{ColumnImage, DepthImage, Image};
+pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{Backend, ColumnSettings, Renderer, Settings, Show};

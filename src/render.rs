@@ -10,11 +10,11 @@ use crate::blocks::{
     set_transfer_function,
 };
 use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
-use crate::cpu::{self, Bins, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
+use crate::cpu::{self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, Gpu};
-use crate::image::{DepthImage, Image};
+use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{
     BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
@@ -57,6 +57,8 @@ pub struct Settings {
     pub background: Option<[f32; 3]>,
     /// Whether a depth image is wanted.
     pub depth: bool,
+    /// Whether the normals of opaque surfels are wanted.
+    pub normals: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
 }
@@ -74,6 +76,7 @@ impl Default for Settings {
             cutoff: None,
             background: None,
             depth: false,
+            normals: false,
             simd: SimdLevel::best(),
         }
     }
@@ -137,8 +140,12 @@ pub struct Renderer {
     order: Vec<u64>,
     bins: Bins,
     tiles: Vec<Tile>,
+    /// The opaque surfaces of the frame.
+    surface: Vec<Tile>,
+    surface_normals: Vec<NormalTile>,
     image: Image,
     depth: Option<DepthImage>,
+    normals: Option<NormalImage>,
     column: ColumnMemory,
     counts: FrameCounts,
     times: StageTimes,
@@ -192,8 +199,11 @@ impl Renderer {
             order: Vec::new(),
             bins: Bins::default(),
             tiles: Vec::new(),
+            surface: Vec::new(),
+            surface_normals: Vec::new(),
             image: Image::new(0, 0),
             depth: None,
+            normals: None,
             column: ColumnMemory::default(),
             counts: FrameCounts::default(),
             times: StageTimes::default(),
@@ -343,7 +353,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// The frame on the CPU.
+    /// The frame on the CPU: opaque surfels first, then what lies in front of them.
     fn render_on_cpu(&mut self, camera: &Camera, settings: &Settings, frustum: &Frustum) {
         let frame_start = Instant::now();
         let mut times = StageTimes::default();
@@ -351,18 +361,69 @@ impl Renderer {
             blocks: self.volumes.iter().map(|v| v.blocks.len()).sum(),
             ..FrameCounts::default()
         };
-        let mut clock = Clock(Instant::now());
+        let surfaces = self.data().filter(|v| v.is_surface()).count();
+        let passes = [
+            (surfaces > 0).then_some(Pass::Surface),
+            (surfaces < self.families.len() || surfaces == 0).then_some(Pass::Volumes),
+        ];
+        let mut seen = 0;
+        for pass in passes.into_iter().flatten() {
+            self.draw(pass, camera, settings, frustum, &mut counts, &mut times);
+            seen += self.views.iter().map(Vec::len).sum::<usize>();
+        }
+        counts.blocks_culled = counts.blocks - seen;
 
+        let mut clock = Clock(Instant::now());
+        if (self.image.width, self.image.height) != (camera.width, camera.height) {
+            self.image = Image::new(camera.width, camera.height);
+        }
+        let tiles = match passes {
+            [Some(_), None] => &self.surface,
+            _ => &self.tiles,
+        };
+        cpu::resolve(tiles, settings.shown_background(), &mut self.image);
+        let (width, height) = (camera.width, camera.height);
+        self.depth = settings
+            .depth
+            .then(|| cpu::resolve_depth(tiles, width, height));
+        self.normals = settings.normals.then(|| {
+            let tiles = if surfaces > 0 {
+                self.surface_normals.as_slice()
+            } else {
+                &[]
+            };
+            cpu::resolve_normals(tiles, camera, width, height)
+        });
+        times.resolve = clock.lap();
+        times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
+        self.counts = counts;
+        self.times = times;
+    }
+
+    /// All stages of one pass but the last.
+    fn draw(
+        &mut self,
+        pass: Pass,
+        camera: &Camera,
+        settings: &Settings,
+        frustum: &Frustum,
+        counts: &mut FrameCounts,
+        times: &mut StageTimes,
+    ) {
+        let mut clock = Clock(Instant::now());
         // Cull, and the range of depth keys over what is left and in view.
         let cull_by = is_culled(settings).then_some(frustum);
         let choice = choice_uniform(camera, settings);
         for family in &self.families {
             let volumes = &self.volumes[family.clone()];
             let views = &mut self.views[family.clone()];
+            views.iter_mut().for_each(Vec::clear);
+            if Pass::of(&volumes[0]) != pass {
+                continue;
+            }
             if choice.level_of_detail != 0 {
                 cull_detail(volumes, camera, cull_by, &choice, &mut self.closed, views);
             } else {
-                views.iter_mut().for_each(Vec::clear);
                 cull(&volumes[0], camera, cull_by, &mut views[0]);
             }
             for (volume, views) in volumes.iter().zip(views) {
@@ -388,24 +449,23 @@ impl Renderer {
                 view.key = range.key(distance);
             }
         }
-        counts.blocks_culled = counts.blocks - self.views.iter().map(Vec::len).sum::<usize>();
         let uniform = view_uniform(camera, settings, range.keys_per_unit());
-        times.cull = clock.lap();
+        times.cull += clock.lap();
 
         // Classify.
         let totals = self.fill_classified(cpu::count_classified, |volume, views, out| {
             cpu::classify(volume, views, out);
             cpu::shade(volume, views, camera, out);
         });
-        counts.classified = self.classified.len();
-        times.classify = clock.lap();
+        counts.classified += self.classified.len();
+        times.classify += clock.lap();
 
-        self.project(camera, settings, &uniform, &totals);
-        times.project = clock.lap();
+        self.project(pass, camera, settings, &uniform, &totals);
+        times.project += clock.lap();
 
         cpu::sort(&self.footprints, &mut self.order);
-        counts.footprints = self.order.len();
-        times.sort = clock.lap();
+        counts.footprints += self.order.len();
+        times.sort += clock.lap();
 
         let columns = camera.width.div_ceil(TILE_SIZE);
         let rows = camera.height.div_ceil(TILE_SIZE);
@@ -416,20 +476,52 @@ impl Renderer {
             [columns, rows],
             &mut self.bins,
         );
-        counts.tile_entries = self.bins.len();
-        times.bin = clock.lap();
+        counts.tile_entries += self.bins.len();
+        times.bin += clock.lap();
 
-        self.tiles.resize_with(columns * rows, Tile::default);
         let any_exact = self.project_output.any_exact();
         let near = self.project_output.near();
+        counts.footprints_near += near.len();
+        let is_count = settings.show == Show::Count;
+        if pass == Pass::Surface {
+            self.surface.resize_with(columns * rows, Tile::default);
+            let wanted = if settings.normals { columns * rows } else { 0 };
+            self.surface_normals
+                .resize_with(wanted, NormalTile::default);
+            counts.splat_pixels += cpu::rasterise_surface(
+                &uniform,
+                settings.simd,
+                is_count,
+                &self.footprints,
+                &self.exact,
+                near,
+                &self.bins,
+                columns,
+                &mut self.surface,
+                &mut self.surface_normals,
+            );
+            times.rasterise += clock.lap();
+            counts.surfels += self.order.len();
+            return;
+        }
+        self.tiles.resize_with(columns * rows, Tile::default);
         let raster = RasteriseSettings {
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
-            count: settings.show == Show::Count,
+            count: is_count,
             exact: any_exact,
             level: settings.simd,
         };
-        counts.splat_pixels = cpu::rasterise(
+        let surface = if self
+            .families
+            .iter()
+            .any(|f| self.volumes[f.start].is_surface())
+        {
+            self.surface.as_slice()
+        } else {
+            &[]
+        };
+        counts.splat_pixels += cpu::rasterise(
             &uniform,
             raster,
             &self.footprints,
@@ -437,24 +529,11 @@ impl Renderer {
             near,
             &self.bins,
             columns,
+            surface,
             &mut self.tiles,
         );
-        counts.footprints_near = near.len();
-        times.rasterise = clock.lap();
-
-        if (self.image.width, self.image.height) != (camera.width, camera.height) {
-            self.image = Image::new(camera.width, camera.height);
-        }
-        cpu::resolve(&self.tiles, settings.shown_background(), &mut self.image);
-        self.depth = settings
-            .depth
-            .then(|| cpu::resolve_depth(&self.tiles, camera.width, camera.height));
-        times.resolve = clock.lap();
-        times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
-
+        times.rasterise += clock.lap();
         counts.footprints_exact = self.count_exact();
-        self.counts = counts;
-        self.times = times;
     }
 
     /// Counts the particles of all views and fills their places; returns each volume's
@@ -481,18 +560,20 @@ impl Renderer {
     /// Projects what was classified, `totals` of each volume.
     fn project(
         &mut self,
+        pass: Pass,
         camera: &Camera,
         settings: &Settings,
         uniform: &ViewUniform,
         totals: &[usize],
     ) {
         resize(&mut self.footprints, self.classified.len());
+        let is_cut = pass == Pass::Volumes && self.data().any(BlockedVolume::is_surface);
         let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
             && camera.projection == Projection::Perspective
             && !self.volumes.iter().all(BlockedVolume::is_of_splats);
         resize(
             &mut self.exact,
-            if may_be_exact {
+            if may_be_exact || pass == Pass::Surface || is_cut {
                 self.classified.len()
             } else {
                 0
@@ -509,6 +590,7 @@ impl Renderer {
                 &self.classified[range.clone()],
                 uniform,
                 rotation,
+                is_cut,
                 &mut self.footprints[range.clone()],
                 self.exact.get_mut(range).unwrap_or_default(),
                 &self.project_output,
@@ -531,6 +613,11 @@ impl Renderer {
     /// The last frame's depths, where the settings asked for them.
     pub fn depth(&self) -> Option<&DepthImage> {
         self.depth.as_ref()
+    }
+
+    /// The last frame's normals of opaque surfaces, where the settings asked for them.
+    pub fn normals(&self) -> Option<&NormalImage> {
+        self.normals.as_ref()
     }
 
     /// What the last frame counted.
@@ -582,6 +669,26 @@ impl Renderer {
     /// The volumes in blocks, each with its levels of detail after it.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes
+    }
+}
+
+/// What is drawn together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pass {
+    /// Surfels of opaque surfaces.
+    Surface,
+    /// All that light passes through.
+    Volumes,
+}
+
+impl Pass {
+    /// The pass that draws a volume.
+    fn of(volume: &BlockedVolume) -> Self {
+        if volume.is_surface() {
+            Self::Surface
+        } else {
+            Self::Volumes
+        }
     }
 }
 

@@ -19,6 +19,8 @@ pub struct FrameCounts {
     pub classified: usize,
     /// Footprints that reach the image.
     pub footprints: usize,
+    /// Of these, surfels of opaque surfaces.
+    pub surfels: usize,
     /// Of these, on the exact path.
     pub footprints_exact: usize,
     /// Of these, kernels that cross the camera plane.

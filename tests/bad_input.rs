@@ -127,7 +127,7 @@ fn the_sound_files_are_read() {
             &path,
             &OpenOptions {
                 raw,
-                solution: None,
+                ..OpenOptions::default()
             },
         );
         assert_eq!(answer.is_err(), name == "a.q", "{name}: {answer:?}");

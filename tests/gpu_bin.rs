@@ -171,7 +171,11 @@ fn random_input(seed: u64, count: usize, tiles: [usize; 2]) -> Input {
             let gradient = [0; 2].map(|_| float(&mut random, -0.3, 0.3) / (cutoff * major) as f32);
             let hessian =
                 [0; 3].map(|_| float(&mut random, -0.1, 0.1) / (cutoff * major).powi(2) as f32);
-            exact.push(ExactTerms { gradient, hessian });
+            exact.push(ExactTerms {
+                gradient,
+                hessian,
+                ..ExactTerms::default()
+            });
             let range = |centre: f64, size: f64| {
                 let reach = cutoff * major * 1.2;
                 let first = (centre - reach).clamp(0.0, size - 1.0) as u32;

@@ -59,6 +59,7 @@ impl Input {
             &self.classified,
             &self.view,
             self.rotation,
+            false,
             &mut out.footprints,
             &mut out.exact,
             &output,
@@ -89,6 +90,12 @@ impl Input {
             BlockedParticles::Anisotropic { offsets, factors } => (
                 Vec3::from(offsets[index]),
                 Factor::rotated(&self.rotation, &factors[index]),
+            ),
+            BlockedParticles::Surfels {
+                offsets, tangents, ..
+            } => (
+                Vec3::from(offsets[index]),
+                Factor::of_tangents(&self.rotation, &tangents[index]),
             ),
         };
         let offset = self.rotation * offset;
@@ -1094,7 +1101,12 @@ fn poison_stays_where_it_is() {
                             poisoned[i] = true;
                         }
                     }
-                    BlockedParticles::Anisotropic { offsets, factors } => {
+                    BlockedParticles::Anisotropic { offsets, factors }
+                    | BlockedParticles::Surfels {
+                        offsets,
+                        tangents: factors,
+                        ..
+                    } => {
                         for i in (0..offsets.len()).step_by(3) {
                             let (poison, place) = pick();
                             if place < 3 {

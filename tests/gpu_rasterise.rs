@@ -48,6 +48,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32;
         &frame.near,
         bins,
         frame.tiles[0],
+        &[],
         &mut tiles,
     );
     let mut image = Image::new(width, height);

@@ -193,7 +193,7 @@ impl File {
     fn volume(&self) -> PointVolume {
         let options = OpenOptions {
             raw: self.raw.map(|dims| RawLayout::new(dims, RawType::U8)),
-            solution: None,
+            ..OpenOptions::default()
         };
         let options_of_sample = SampleOptions {
             transfer: self.transfer.clone(),

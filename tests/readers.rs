@@ -493,7 +493,7 @@ fn a_raw_volume_needs_its_layout() {
     layout.spacing = DVec3::splat(0.5);
     let options = OpenOptions {
         raw: Some(layout),
-        solution: None,
+        ..OpenOptions::default()
     };
     let data = open(&path, &options).unwrap();
     assert_eq!(values(&data, "value"), Values::I16(vec![1, 2, 3, -1]));
@@ -509,7 +509,7 @@ fn what_is_no_data_file_is_refused() {
     for (name, bytes, words) in [
         ("empty.vti", &b""[..], "empty"),
         ("a.vtk", b"# vtk DataFile Version 3.0\n", "ASCII or BINARY"),
-        ("a.obj", b"v 0 0 0\n", "OBJ"),
+        ("a.obj", b"v 0 0 0\n", "no face"),
         ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5"),
         ("a.foo", b"\x00\x01\x02", "none of these"),
         ("a.raw", b"\x00\x01\x02", "--dims"),

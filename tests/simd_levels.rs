@@ -465,6 +465,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
         &frame.near,
         &frame.bins(),
         frame.tiles[0],
+        &[],
         &mut tiles,
     );
     let mut image = Image::new(width, height);

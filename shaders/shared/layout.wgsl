@@ -132,6 +132,7 @@ struct Footprint {
 struct ExactTerms {
     gradient: array<f32, 2>,
     hessian: array<f32, 3>,
+    depth_sigma: f32,
 }
 
 struct NearTerms {

@@ -51,6 +51,7 @@ fn near_terms(view: ViewUniform, kernel: Kernel) -> NearKernel {
         }
     }
     out.terms.sigma = sqrt(determinant);
+    out.terms.half_line[0] = unit;
     out.exists = any_minor;
     out.weight = kernel.mass * scale * scale / TAU;
     return out;

@@ -478,7 +478,7 @@ pub(super) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
 /// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau: no cancellation, because
 /// 2^n (2^f - 1) and 2^n - 1 are each exact where tau is small (n = 0).
 #[inline(always)]
-fn opacity<const FMA: bool>(tau: f32) -> f32 {
+pub(super) fn opacity<const FMA: bool>(tau: f32) -> f32 {
     // Beyond 64 the opacity is 1 in f32.
     let (power, rest) = exp2_parts::<FMA>(tau.min(64.0) * -std::f32::consts::LOG2_E);
     madd::<FMA>(-power, rest, 1.0 - power)

@@ -7,6 +7,7 @@
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
+//! | `surface.rs` | lists, footprints of opaque surfels | tiles of the surface |
 //! | `rasterise.rs` | lists, footprints | tiles |
 //! | `resolve.rs` | tiles | image, depth |
 //!
@@ -30,12 +31,14 @@ mod amplitude;
 mod bin;
 mod classify;
 mod column;
+mod hybrid;
 mod lanes;
 mod project;
 mod rasterise;
 mod resolve;
 mod shade;
 mod sort;
+mod surface;
 
 pub use amplitude::{AmplitudeSummary, count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
@@ -44,6 +47,7 @@ pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use lanes::{SimdLevel, Tile};
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};
-pub use resolve::{resolve, resolve_depth};
+pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};
+pub use surface::{NormalTile, rasterise_surface};

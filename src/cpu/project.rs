@@ -10,14 +10,15 @@ use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::layout::{
     BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
-    PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform, pack_range,
+    PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, ViewUniform, pack_range,
 };
 use crate::math::Factor;
 use crate::scene::Strength;
 use crate::splat::{
-    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, choice_index, choose_exact,
-    cutoff_radius, cutoff_share, edge_growth, exact_extent, half_line_terms, near_terms,
-    peak_footprint, project_kernel,
+    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
+    budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
+    edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
+    project_kernel, surfel_footprint,
 };
 
 /// What the projection of one frame writes besides footprints.
@@ -49,7 +50,9 @@ impl ProjectOutput {
 }
 
 /// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
-/// be empty where no filter of the frame asks for it).
+/// be empty where no filter of the frame asks for it and nothing is cut).
+///
+/// - `is_cut`: whether opaque surfaces may cut kernels, so that all have terms of their depth.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -60,6 +63,7 @@ pub fn project(
     classified: &[ClassifiedParticle],
     view: &ViewUniform,
     rotation: Mat3,
+    is_cut: bool,
     footprints: &mut [Footprint],
     exact: &mut [ExactTerms],
     output: &ProjectOutput,
@@ -67,12 +71,7 @@ pub fn project(
     /// Particles per parallel task: a few blocks.
     const GRAIN: usize = 2048;
     let shapes = Shapes::new(volume, rotation);
-    let splats = match volume.strength {
-        Strength::PeakOpacity {
-            is_anti_aliased, ..
-        } => Some(is_anti_aliased),
-        _ => None,
-    };
+    let rule = Rule::of(volume);
     let task =
         |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
             let mut any_exact = false;
@@ -86,7 +85,7 @@ pub fn project(
                 };
                 let (offset, factor) = shapes.get(particle.local);
                 let origin = Vec3::from(block.origin_camera);
-                let kernel = Kernel {
+                let mut kernel = Kernel {
                     centre: origin + offset,
                     factor,
                     mass: particle.mass,
@@ -95,13 +94,22 @@ pub fn project(
                 let filter = Filter::ALL[block.filter_kind as usize];
                 let colour = particle.colour;
                 let mut terms = None;
-                out[i] = match splats {
-                    Some(is_anti_aliased) => {
+                let near = &output.near;
+                out[i] = match rule {
+                    Rule::Peak { is_anti_aliased } => {
+                        // Without a depth of its own: where its centre lies.
+                        terms = is_cut.then(ExactTerms::default);
                         splat_footprint(view, &kernel, is_anti_aliased, colour, key)
                     }
-                    None => {
-                        let near = &output.near;
-                        footprint(view, filter, &kernel, colour, key, &mut terms, near)
+                    Rule::Surface { is_one_sided } => {
+                        surfel(view, &kernel, is_one_sided, colour, key, &mut terms, near)
+                    }
+                    Rule::Pane { is_one_sided } => {
+                        kernel.mass *= facing(view, &kernel, is_one_sided);
+                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
+                    }
+                    Rule::Kernel => {
+                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
                     }
                 };
                 if view.show_choice != 0 {
@@ -110,7 +118,7 @@ pub fn project(
                 }
                 if let Some(terms) = terms {
                     exact[i] = terms;
-                    any_exact = true;
+                    any_exact |= out[i].path == PATH_EXACT;
                 }
             }
             if any_exact {
@@ -128,6 +136,39 @@ pub fn project(
             .zip(exact.par_chunks_mut(GRAIN))
             .zip(classified.par_chunks(GRAIN))
             .for_each(|((out, exact), particles)| task(particles, out, exact));
+    }
+}
+
+/// By what rule a volume's particles are drawn.
+#[derive(Debug, Clone, Copy)]
+enum Rule {
+    /// As kernels that absorb light.
+    Kernel,
+    /// As splats that state their opacity.
+    Peak { is_anti_aliased: bool },
+    /// As surfels of an opaque surface.
+    Surface { is_one_sided: bool },
+    /// As surfels of a translucent one.
+    Pane { is_one_sided: bool },
+}
+
+impl Rule {
+    fn of(volume: &BlockedVolume) -> Self {
+        let is_one_sided = matches!(
+            volume.particles,
+            BlockedParticles::Surfels {
+                is_one_sided: true,
+                ..
+            }
+        );
+        match volume.strength {
+            Strength::PeakOpacity {
+                is_anti_aliased, ..
+            } => Self::Peak { is_anti_aliased },
+            Strength::Surface(_) => Self::Surface { is_one_sided },
+            Strength::Pane(_) => Self::Pane { is_one_sided },
+            Strength::Classified { .. } | Strength::Mass(_) => Self::Kernel,
+        }
     }
 }
 
@@ -274,7 +315,94 @@ fn splat_footprint(
     out
 }
 
+/// The footprint of a surfel of an opaque surface.
+#[inline]
+fn surfel(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    is_one_sided: bool,
+    colour: [f32; 3],
+    key: u32,
+    terms: &mut Option<ExactTerms>,
+    near: &Mutex<Vec<NearTerms>>,
+) -> Footprint {
+    let mut out = invisible(kernel, colour, key);
+    // Weights are averaged: where a kernel ends counts as a share of it.
+    let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
+    let reach = r * kernel.factor.z.length();
+    if kernel.centre.z < -reach {
+        return out;
+    }
+    if kernel.centre.z <= NEAR_MARGIN * reach && view.orthographic == 0 {
+        let Some((terms, weight)) = near_surfel(kernel, is_one_sided) else {
+            return out;
+        };
+        let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, 0.0);
+        let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, 0.0);
+        if let (Some(columns), Some(rows)) = (columns, rows) {
+            out.columns = columns;
+            out.rows = rows;
+            out.tau = weight / cutoff_share(r);
+            out.cutoff_squared = r * r;
+            out.path = push_at(near, terms) << 4 | PATH_NEAR_SURFEL;
+            out.depth = f32::INFINITY;
+        }
+        return out;
+    }
+    let Some(surfel) = surfel_footprint(view, kernel, is_one_sided, r) else {
+        return out;
+    };
+    let SurfelFootprint {
+        screen,
+        image,
+        terms: plane,
+    } = surfel;
+    affine_part(&mut out, &screen, &image, r);
+    out.path = PATH_SURFEL;
+    let mut middle = Vec2::ZERO;
+    let mut half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    if plane.homography > 0.0 {
+        let h2 = view.low_pass_variance_px2;
+        let Some(extent) = exact_extent(&screen, h2, r) else {
+            return out;
+        };
+        (middle, half) = extent;
+    }
+    set_bounds(view, &mut out, screen.centre_px + middle, half);
+    // The nearness within the box: no fragment of it is nearer.
+    let gradient = Vec2::from(plane.gradient);
+    let nearest = plane.nearness + gradient.dot(middle) + gradient.abs().dot(half);
+    out.depth = nearest + plane.slack;
+    *terms = Some(plane.into());
+    out
+}
+
+/// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
+/// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
+#[inline]
+fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
+    let [a, b, _] = kernel.factor.columns();
+    let unit = |v: Vec3| v / v.abs().max_element();
+    let normal = unit(a).cross(unit(b));
+    let ray = if view.orthographic != 0 {
+        Vec3::Z
+    } else {
+        unit(kernel.centre)
+    };
+    let across = normal.dot(ray);
+    let lengths = normal.length() * ray.length();
+    // Phrased so that NaN draws nothing.
+    if !(lengths > 0.0) || (is_one_sided && across > 0.0) {
+        return 0.0;
+    }
+    across.abs() / lengths
+}
+
 /// The footprint of one kernel; invisible where it reaches no pixel.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what one kernel's footprint depends on, and where its terms go"
+)]
 #[inline]
 pub(crate) fn footprint(
     view: &ViewUniform,
@@ -282,6 +410,7 @@ pub(crate) fn footprint(
     kernel: &Kernel,
     colour: [f32; 3],
     key: u32,
+    is_cut: bool,
     exact: &mut Option<ExactTerms>,
     near: &Mutex<Vec<NearTerms>>,
 ) -> Footprint {
@@ -309,7 +438,7 @@ pub(crate) fn footprint(
         return out;
     }
     let mut r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
-    let terms = choose_exact(view, filter, &screen, &image);
+    let mut terms = choose_exact(view, filter, &screen, &image);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
@@ -330,6 +459,10 @@ pub(crate) fn footprint(
         let Some((middle, half)) = exact_extent(&screen, h2, r) else {
             return out;
         };
+        if let (true, Some(terms)) = (is_cut, &mut terms) {
+            (_, terms.depth_sigma) =
+                depth_terms(view, &screen, h2, image.determinant, kernel.centre.z);
+        }
         *exact = terms;
         affine_part(&mut out, &screen, &image, r);
         out.path = PATH_EXACT;
@@ -337,6 +470,15 @@ pub(crate) fn footprint(
         out.tau /= screen.ray_length;
         set_bounds(view, &mut out, screen.centre_px + middle, half);
     } else {
+        if is_cut {
+            let determinant = screen.filtered(Filter::Ewa, h2).determinant;
+            let (slope, depth_sigma) = depth_terms(view, &screen, h2, determinant, kernel.centre.z);
+            *exact = Some(ExactTerms {
+                gradient: slope.into(),
+                depth_sigma,
+                ..ExactTerms::default()
+            });
+        }
         affine_part(&mut out, &screen, &image, r);
         let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
         set_bounds(view, &mut out, screen.centre_px, half);
@@ -373,9 +515,14 @@ fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2)
 }
 
 fn push(near: &Mutex<Vec<NearTerms>>, terms: NearTerms, path: u32) -> u32 {
+    push_at(near, terms) << 2 | path
+}
+
+/// The place of terms among those of near kernels.
+fn push_at(near: &Mutex<Vec<NearTerms>>, terms: NearTerms) -> u32 {
     let mut near = near.lock().unwrap_or_else(PoisonError::into_inner);
     near.push(terms);
-    (near.len() - 1) as u32 * 4 + path
+    (near.len() - 1) as u32
 }
 
 /// An orthographic kernel that reaches behind the eye's plane.

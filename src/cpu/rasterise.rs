@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::bin::Bins;
+use super::hybrid::SurfaceOfTile;
 use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
 use crate::constants::{TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
@@ -29,10 +30,13 @@ pub struct RasteriseSettings {
 }
 
 /// Footprints between asking for one and reading it.
-const PREFETCH: usize = 4;
+pub(super) const PREFETCH: usize = 4;
 
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
+///
+/// - `surface`: opaque surfaces among the kernels, as
+///   [`rasterise_surface`](super::rasterise_surface) leaves them; empty where there are none.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -45,6 +49,7 @@ pub fn rasterise(
     near: &[NearTerms],
     bins: &Bins,
     columns: usize,
+    surface: &[Tile],
     tiles: &mut [Tile],
 ) -> u64 {
     // The inner loop trusts its level: no caller may ask for more than the processor has.
@@ -55,32 +60,46 @@ pub fn rasterise(
     tiles
         .par_iter_mut()
         .enumerate()
-        .map_init(Vec::new, |list, (t, tile)| {
-            list.clear();
-            list.extend(bins.tile(t));
-            let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
-            let raster = TileRaster {
-                view,
-                settings,
-                origin,
-            };
-            raster.clear(tile);
-            let transparent = view.tolerance * TERMINATION_SHARE;
-            let mut splat_pixels = 0_u64;
-            for (n, &i) in list.iter().enumerate() {
-                let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
-                prefetch(ahead.and_then(|i| footprints.get(i)));
-                if n > 0
-                    && n % TERMINATION_INTERVAL == 0
-                    && raster.least_alpha(tile) >= 1.0 - transparent
-                {
-                    break;
+        .map_init(
+            Default::default,
+            |memory: &mut (Vec<u32>, Tile), (t, tile)| {
+                let (list, behind) = memory;
+                list.clear();
+                list.extend(bins.tile(t));
+                let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
+                let raster = TileRaster {
+                    view,
+                    settings,
+                    origin,
+                };
+                raster.clear(tile);
+                let surface = surface.get(t);
+                let mut surface = surface.and_then(|s| SurfaceOfTile::new(&raster, s, behind));
+                let transparent = view.tolerance * TERMINATION_SHARE;
+                let mut splat_pixels = 0_u64;
+                for (n, &i) in list.iter().enumerate() {
+                    let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
+                    prefetch(ahead.and_then(|i| footprints.get(i)));
+                    if n > 0
+                        && n % TERMINATION_INTERVAL == 0
+                        && raster.least_alpha(tile) >= 1.0 - transparent
+                    {
+                        break;
+                    }
+                    let i = i as usize;
+                    let (footprint, terms) = (&footprints[i], exact.get(i));
+                    let inside = match &mut surface {
+                        Some(surface) => surface.add(&raster, tile, footprint, terms, near),
+                        None => raster.add(tile, footprint, terms, near),
+                    };
+                    splat_pixels += u64::from(inside);
                 }
-                let i = i as usize;
-                splat_pixels += u64::from(raster.add(tile, &footprints[i], exact.get(i), near));
-            }
-            splat_pixels
-        })
+                if let Some(surface) = surface {
+                    surface.compose(&raster, tile);
+                }
+                splat_pixels
+            },
+        )
         .sum()
 }
 
@@ -112,15 +131,16 @@ pub(super) fn near_depth(
     footprint.tau * (-0.5 * q).exp() * in_front
 }
 
-struct TileRaster<'a> {
-    view: &'a ViewUniform,
-    settings: RasteriseSettings,
+/// Where a tile lies, and how it is drawn.
+pub(super) struct TileRaster<'a> {
+    pub(super) view: &'a ViewUniform,
+    pub(super) settings: RasteriseSettings,
     /// The tile's first pixel.
     origin: [usize; 2],
 }
 
 impl TileRaster<'_> {
-    fn clear(&self, tile: &mut Tile) {
+    pub(super) fn clear(&self, tile: &mut Tile) {
         tile.alpha.fill(0.0);
         tile.red.fill(0.0);
         tile.green.fill(0.0);
@@ -146,6 +166,13 @@ impl TileRaster<'_> {
         (self.view.size[0] as usize - self.origin[0]).min(TILE_SIZE)
     }
 
+    /// The tile's pixels that lie in the image.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = usize> + use<> {
+        let width = self.width();
+        let height = (self.view.size[1] as usize - self.origin[1]).min(TILE_SIZE);
+        (0..height).flat_map(move |y| y * TILE_SIZE..y * TILE_SIZE + width)
+    }
+
     fn least_alpha(&self, tile: &Tile) -> f32 {
         // Only pixels of the image count.
         let width = self.width();
@@ -159,6 +186,30 @@ impl TileRaster<'_> {
         least[..width].iter().copied().fold(f32::INFINITY, f32::min)
     }
 
+    /// Where a footprint meets the tile.
+    pub(super) fn patch(&self, footprint: &Footprint) -> Patch {
+        let clip = |(first, end): (u32, u32), i: usize| {
+            let first = (first as usize).max(self.origin[i]) - self.origin[i];
+            let end = (end as usize).min(self.origin[i] + TILE_SIZE);
+            [first, end.saturating_sub(self.origin[i])]
+        };
+        Patch {
+            first_px: [self.origin[0] as f32 + 0.5, self.origin[1] as f32 + 0.5],
+            columns: clip(footprint.column_range(), 0),
+            rows: clip(footprint.row_range(), 1),
+            width: self.width(),
+        }
+    }
+
+    /// What a footprint is drawn by.
+    pub(super) fn mode(&self, footprint: &Footprint) -> Mode {
+        Mode {
+            linear: self.settings.linear_opacity || footprint.path == PATH_PEAK,
+            depth: self.settings.depth,
+            count: self.settings.count,
+        }
+    }
+
     fn add(
         &self,
         tile: &mut Tile,
@@ -166,22 +217,8 @@ impl TileRaster<'_> {
         exact: Option<&ExactTerms>,
         near: &[NearTerms],
     ) -> u32 {
-        let clip = |(first, end): (u32, u32), i: usize| {
-            let first = (first as usize).max(self.origin[i]) - self.origin[i];
-            let end = (end as usize).min(self.origin[i] + TILE_SIZE);
-            [first, end.saturating_sub(self.origin[i])]
-        };
-        let patch = Patch {
-            first_px: [self.origin[0] as f32 + 0.5, self.origin[1] as f32 + 0.5],
-            columns: clip(footprint.column_range(), 0),
-            rows: clip(footprint.row_range(), 1),
-            width: self.width(),
-        };
-        let mode = Mode {
-            linear: self.settings.linear_opacity || footprint.path == PATH_PEAK,
-            depth: self.settings.depth,
-            count: self.settings.count,
-        };
+        let patch = self.patch(footprint);
+        let mode = self.mode(footprint);
         let terms = near.get((footprint.path >> 2) as usize);
         match (footprint.path & 3, terms) {
             (PATH_NEAR | PATH_HALF_LINE, Some(terms)) => {

@@ -1,10 +1,13 @@
 //! Stage: from tiles to an image.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::lanes::Tile;
+use super::surface::NormalTile;
 use crate::constants::TILE_SIZE;
-use crate::image::{DepthImage, Image};
+use crate::image::{DepthImage, Image, NormalImage};
+use crate::view::Camera;
 
 /// Writes the tiles' pixels, over a background where there is one, into an image whose size is
 /// set.
@@ -44,12 +47,42 @@ pub fn resolve_depth(tiles: &[Tile], width: usize, height: usize) -> DepthImage 
         .map(|i| {
             let (x, y) = (i % width, i / width);
             let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
-            tile.depth[y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE]
+            let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
+            // A surface has a depth wherever it covers anything.
+            if tile.alpha[at] >= 0.5 {
+                tile.depth[at]
+            } else {
+                f32::INFINITY
+            }
         })
         .collect();
     DepthImage {
         width,
         height,
         depths,
+    }
+}
+
+/// Writes the tiles' normals, turned into the world; zeros where there is no tile.
+pub fn resolve_normals(
+    tiles: &[NormalTile],
+    camera: &Camera,
+    width: usize,
+    height: usize,
+) -> NormalImage {
+    let columns = width.div_ceil(TILE_SIZE);
+    let world_from_camera = camera.camera_from_world.as_mat3().transpose();
+    let normals = (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let tile = tiles.get(y / TILE_SIZE * columns + x / TILE_SIZE);
+            let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
+            tile.map_or([0.0; 3], |t| (world_from_camera * Vec3::from(t[at])).into())
+        })
+        .collect();
+    NormalImage {
+        width,
+        height,
+        normals,
     }
 }

@@ -307,6 +307,7 @@ impl DeviceScene {
             blocks_merged: merged.map(|(_, state)| state.view_count as usize).sum(),
             classified: sum(|p| p.classified_count),
             footprints: seen.sort.visible as usize,
+            surfels: 0,
             footprints_exact: seen.sort.exact as usize,
             footprints_near: seen.near as usize,
             tile_entries: seen.entries as usize,

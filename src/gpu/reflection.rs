@@ -179,7 +179,11 @@ fn structs_are_laid_out_alike() {
         rows,
         key,
     });
-    check_layout!(ExactTerms { gradient, hessian });
+    check_layout!(ExactTerms {
+        gradient,
+        hessian,
+        depth_sigma
+    });
     check_layout!(NearTerms {
         misses,
         minors,

@@ -25,12 +25,12 @@ use super::npy;
 use super::raw::DEFLATE_RATIO;
 use super::scalars::{Encoding, ScalarType, Stride, values};
 use crate::error::{Error, Result};
-use crate::image::{DepthImage, Image, linear_from_srgb, srgb_from_linear};
+use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, srgb_from_linear};
 use crate::scene::Values;
 
 /// What [`write_image`] writes.
 pub(super) const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
-/// What [`write_depth`] writes.
+/// What [`write_depth`] and [`write_normals`] write.
 const DEPTH_EXTENSIONS: &str = "exr, pfm or npy";
 
 /// Whether [`write_image`] could write to `path`, asked before the work of an image.
@@ -41,7 +41,7 @@ pub fn check_image_path(path: &Path) -> Result<()> {
     check_path(path, IMAGE_EXTENSIONS)
 }
 
-/// Whether [`write_depth`] could write to `path`, asked before the work of an image.
+/// Whether [`write_depth`] and [`write_normals`] could write to `path`, asked before the work of an image.
 ///
 /// # Errors
 /// An unknown extension or a missing folder.
@@ -119,6 +119,52 @@ pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
     check_size(path, width, height, depth.depths.len())?;
     let bytes = grey_bytes(path, [width, height], &depth.depths, ["Z", "depth"])
         .ok_or_else(|| unknown_extension(path, DEPTH_EXTENSIONS))??;
+    write_bytes_atomically(path, &bytes)
+}
+
+/// Writes normals in the format that the extension names: `exr` (channels X, Y and Z of the layer
+/// `normals`), `pfm` (as colours) or `npy` (height, width, 3).
+///
+/// # Errors
+/// As [`write_image`].
+pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
+    let (width, height) = (normals.width, normals.height);
+    check_size(path, width, height, normals.normals.len())?;
+    let bytes = match super::extension(path).as_str() {
+        "exr" => {
+            let at = |at: exr::Vec2<usize>| normals.normals[at.y() * width + at.x()];
+            let channels = SpecificChannels::build()
+                .with_channel("X")
+                .with_channel("Y")
+                .with_channel("Z")
+                .with_pixel_fn(|pixel| {
+                    let [x, y, z] = at(pixel);
+                    (x, y, z)
+                });
+            let layer = exr::Layer::new(
+                (width, height),
+                exr::LayerAttributes::named("normals"),
+                ExrEncoding::FAST_LOSSLESS,
+                channels,
+            );
+            let mut bytes = Vec::new();
+            exr::Image::from_layer(layer)
+                .write()
+                .non_parallel()
+                .to_buffered(Cursor::new(&mut bytes))
+                .map_err(|e| encoding_failed(path, &e))?;
+            bytes
+        }
+        "pfm" => {
+            let rows = normals.normals.chunks(width).rev();
+            pfm_bytes("PF", width, height, rows.flatten().flatten())
+        }
+        "npy" => {
+            let values = normals.normals.iter().flatten().copied();
+            npy_bytes(path, &[height, width, 3], values)?
+        }
+        _ => return Err(unknown_extension(path, DEPTH_EXTENSIONS)),
+    };
     write_bytes_atomically(path, &bytes)
 }
 

@@ -96,7 +96,7 @@ pub struct TextureImage {
 }
 
 /// How a texture goes on beyond an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Wrap {
     /// Again from the other side.
     #[default]

@@ -12,11 +12,14 @@ mod count_file;
 mod csv;
 mod dataset;
 mod file;
+mod gltf;
 mod hdf5;
 mod image_file;
 mod mesh;
+mod mesh_part;
 mod npy;
 mod npz;
+mod obj;
 mod plot3d;
 mod ply;
 mod ply_splats;
@@ -27,6 +30,7 @@ mod splat;
 mod splats;
 mod spz;
 mod table;
+mod texture;
 mod vti;
 mod vtk_array;
 mod vtk_codec;
@@ -52,6 +56,7 @@ pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Ge
 pub(crate) use image_file::png_bytes;
 pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
+    write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub use raw::{RawLayout, RawType};
@@ -69,16 +74,14 @@ pub struct OpenOptions {
     /// The solution of a PLOT3D grid; without it, one beside the grid is taken. Other formats
     /// ignore it.
     pub solution: Option<PathBuf>,
+    /// An image for the parts of an OBJ mesh that have texture coordinates and no texture. Other
+    /// formats ignore it.
+    pub texture: Option<PathBuf>,
 }
 
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
 /// what to do.
 const NOT_READ: &[(&[u8], &str, &str)] = &[
-    (
-        b"glTF",
-        "a binary glTF file",
-        "give a volume or a particle table",
-    ),
     (
         b"CDF\x01",
         "a netCDF or Exodus file",
@@ -111,13 +114,9 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
     ),
 ];
 
-/// Formats of `NOT_READ` that carry no magic number.
-const NOT_READ_EXTENSIONS: &[(&str, &str)] =
-    &[("obj", "a Wavefront OBJ file"), ("gltf", "a glTF file")];
-
 /// What is read, in messages about what is not.
 const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, HDF5 \
-     particles, CSV, NPY, NPZ, PLY, .splat, SPZ or a raw volume";
+     particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -160,6 +159,8 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
+/// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
+/// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
@@ -204,6 +205,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     if head.starts_with(hdf5::MAGIC) {
         return hdf5::read(path);
     }
+    if extension == "gltf" || gltf::looks_like(&head) {
+        return gltf::read(path);
+    }
+    let texture = options.texture.as_deref();
+    if extension == "obj" {
+        return obj::read(path, texture);
+    }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
         return raw::read(path, layout);
@@ -235,9 +243,6 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
         return Err(refuse(name, advice));
     }
-    if let Some((_, name)) = NOT_READ_EXTENSIONS.iter().find(|(e, _)| *e == extension) {
-        return Err(refuse(name, "convert it to one of these formats"));
-    }
     if head.starts_with(b"\x1f\x8b") {
         let advice =
             "unpack it with gunzip (raw volumes may stay compressed: add --dims and --type)";
@@ -245,6 +250,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if is_table {
         return csv::read(path);
+    }
+    if obj::looks_like(&head) {
+        return obj::read(path, texture);
     }
     let is_plot3d = matches!(extension, "xyz" | "x" | "g" | "p3d" | "p3dx" | "q");
     let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Clock, FrameCounts, Renderer, Settings, StageTimes, frustum, view_uniform};
+use super::{Clock, FrameCounts, Pass, Renderer, Settings, StageTimes, frustum, view_uniform};
 use crate::blocks::{BlockedVolume, cull_outside, distance_interval};
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::cpu::{self, AmplitudeSummary, Bins, ColumnInput, ColumnSums, SimdLevel};
@@ -158,7 +158,7 @@ impl Renderer {
         counts.classified = self.classified.len();
         times.classify = clock.lap();
 
-        self.project(camera, &shared, &uniform, &totals);
+        self.project(Pass::Volumes, camera, &shared, &uniform, &totals);
         times.project = clock.lap();
 
         let memory = &mut self.column;

@@ -11,7 +11,7 @@
 use glam::Vec2;
 
 use super::footprint::ScreenFactor;
-use crate::layout::ExactTerms;
+use crate::layout::{ExactTerms, ViewUniform};
 
 /// The coefficients of w(d).
 ///
@@ -37,7 +37,40 @@ pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTer
             inv * 2.0 * a.dot(b),
             inv * (b.length_squared() + low_pass),
         ],
+        depth_sigma: 0.0,
     }
+}
+
+/// How the depth of a kernel changes across its footprint, and how far it spreads along a ray: the
+/// change per pixel of the mean z* of z where it meets a pixel, first order, and its standard
+/// deviation; world units.
+///
+/// With c the covariance of pixel and depth, S the variance of the low-passed footprint: S⁻¹ c, and
+/// sqrt(V_zz - cᵀ S⁻¹ c), the latter as a sum of squares over the determinant. On the exact path both
+/// follow w: z* = z (1 + g . d / 2) / w, sigma / sqrt(w).
+///
+/// - `h2`: low-pass variance, px².
+/// - `determinant`: of the low-passed footprint.
+#[inline]
+pub fn depth_terms(
+    view: &ViewUniform,
+    screen: &ScreenFactor,
+    h2: f32,
+    determinant: f32,
+    depth: f32,
+) -> (Vec2, f32) {
+    let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
+    let (cx, cy) = (x.dot(s), y.dot(s));
+    let (xx, xy, yy) = (x.length_squared() + h2, x.dot(y), y.length_squared() + h2);
+    let inv = 1.0 / determinant;
+    let slope = Vec2::new(yy * cx - xy * cy, xx * cy - xy * cx) * inv;
+    let triple = x.cross(y).dot(s);
+    let squares = triple * triple
+        + h2 * (x.cross(s).length_squared() + y.cross(s).length_squared())
+        + h2 * h2 * s.length_squared();
+    // `relative_depth` is relative under perspective alone.
+    let scale = if view.orthographic != 0 { 1.0 } else { depth };
+    (slope * scale, (squares * inv).sqrt() * scale)
 }
 
 /// The outline of the cut-off ellipsoid on the image: the middle of its bounding box, relative

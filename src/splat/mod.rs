@@ -7,6 +7,7 @@
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
+//! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
 //! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `budget.rs` | how the one tolerance is shared out |
@@ -21,14 +22,16 @@ mod footprint;
 mod near;
 mod peak;
 mod show;
+mod surfel;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use cutoff::{cutoff_radius, cutoff_share};
-pub use exact::{exact_extent, exact_terms};
+pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
-pub use near::{evaluate_near, half_line_terms, near_terms};
+pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
 pub use show::{CHOICE_COLOURS, choice_index};
+pub use surfel::{SurfelFootprint, near_surfel, pack_normal, surfel_footprint, unpack_normal};

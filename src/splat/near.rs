@@ -57,6 +57,7 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
         }
     }
     terms.sigma = determinant.sqrt();
+    terms.half_line[0] = unit;
     any_minor.then_some((terms, kernel.mass * scale * scale / TAU))
 }
 
@@ -89,6 +90,26 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     // z*/sigma_z = (along / across) / (sigma / root); a flat kernel lies wholly on one side.
     let behind = along / (root * terms.sigma).max(f32::MIN_POSITIVE);
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
+}
+
+/// Of what [`evaluate_near`] finds in front of the eye: the share up to the depth z = `at`.
+pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
+    let mut across = 0.0;
+    let mut along = 0.0;
+    for (minor, depth) in terms.minors.iter().zip(terms.minor_depths) {
+        let m = direction.dot(Vec3::from(*minor));
+        across += m * m;
+        along += m * depth;
+    }
+    let per_sigma = across.sqrt() / terms.sigma.max(f32::MIN_POSITIVE);
+    let mean = along / across;
+    let behind_eye = normal_cdf(-mean * per_sigma);
+    let up_to = normal_cdf((at / terms.half_line[0] - mean) * per_sigma);
+    let share = (up_to - behind_eye) / (1.0 - behind_eye);
+    if share.is_nan() {
+        return 0.0;
+    }
+    share.clamp(0.0, 1.0)
 }
 
 /// For an orthographic camera: the kernel's depth along the ray at offset d is

@@ -679,6 +679,7 @@ pub mod frame {
                 &self.classified,
                 &self.uniform,
                 self.camera.camera_from_world.as_mat3(),
+                false,
                 &mut self.footprints,
                 &mut self.exact,
                 &output,

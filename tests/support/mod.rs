@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
 pub(crate) mod damage;
+pub(crate) mod meshes;
 pub(crate) mod seeds;
 pub(crate) mod splats;
 pub(crate) mod vtk_legacy;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ewa_splat::Result;
 use ewa_splat::blocks::BlockedVolume;
-use ewa_splat::io::{Association, CellKind, Dataset, Geometry};
+use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Geometry, Mesh, TextureUse};
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
 use glam::DVec3;
@@ -28,6 +28,11 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let dataset = arguments.data.open(&arguments.input)?;
     let mut description = describe(&dataset)?;
+    // A mesh has no field, and what is made of it depends on the picture.
+    if matches!(dataset.geometry, Geometry::Mesh(_)) {
+        print(&description, arguments.json);
+        return Ok(());
+    }
     // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
     if dataset.fields.is_empty()
         && !matches!(
@@ -130,11 +135,7 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         Geometry::Mesh(mesh) => {
             let corners = mesh.parts.iter().flat_map(|p| p.positions.iter().copied());
             let (lower, upper) = bounds(corners);
-            let kind = json!({
-                "kind": "mesh", "triangles": mesh.triangle_count(), "parts": mesh.parts.len(),
-                "materials": mesh.materials.len(), "textures": mesh.textures.len(),
-            });
-            (kind, lower, upper)
+            (describe_mesh(mesh), lower, upper)
         }
         Geometry::Points { positions } => {
             let (lower, upper) = bounds(positions.iter().copied());
@@ -169,6 +170,46 @@ fn describe(dataset: &Dataset) -> Result<Value> {
     }))
 }
 
+/// What a mesh consists of; materials with the triangles that they cover.
+fn describe_mesh(mesh: &Mesh) -> Value {
+    let mut counts = vec![0; mesh.materials.len()];
+    for part in &mesh.parts {
+        counts[part.material] += part.triangles.len();
+    }
+    let size = |texture: &Option<TextureUse>| {
+        let image = &mesh.textures[texture.as_ref()?.texture].image;
+        Some([image.width, image.height])
+    };
+    let materials: Vec<Value> = mesh
+        .materials
+        .iter()
+        .zip(counts)
+        .filter(|(_, triangles)| *triangles > 0)
+        .map(|(material, triangles)| {
+            let (alpha, cutoff) = match material.alpha {
+                AlphaMode::Opaque => ("opaque", None),
+                AlphaMode::Mask(cutoff) => ("mask", Some(cutoff)),
+                AlphaMode::Blend => ("blend", None),
+            };
+            json!({
+                "name": material.name,
+                "triangles": triangles,
+                "alpha": alpha,
+                "cutoff": cutoff,
+                "double_sided": material.is_double_sided,
+                "base_colour": material.base_colour,
+                "base_texture": size(&material.base_texture),
+                "emissive": material.emissive,
+                "emissive_texture": size(&material.emissive_texture),
+            })
+        })
+        .collect();
+    json!({
+        "kind": "mesh", "triangles": mesh.triangle_count(), "parts": mesh.parts.len(),
+        "textures": mesh.textures.len(), "materials": materials,
+    })
+}
+
 fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points
         .filter(|p| p.is_finite())
@@ -179,6 +220,9 @@ fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
 
 /// Blocks whose dimensions the table lists.
 const MOST_BLOCKS: usize = 8;
+
+/// Materials that the table lists.
+const MOST_MATERIALS: usize = 16;
 
 /// The percentiles of a row, in words.
 const AT: &str = "least, 5 %, median, 95 %, greatest";
@@ -202,6 +246,31 @@ fn significant(x: f64) -> String {
     } else {
         text.into()
     }
+}
+
+/// A material in a line: `5856 triangles, "spot", opaque, one-sided, texture 1024 x 1024`.
+fn material_line(material: &Value) -> String {
+    let cutoff = &material["cutoff"];
+    let alpha = material["alpha"].as_str().unwrap_or("");
+    let mut line = format!(
+        "{} triangles, {}, {alpha}{}, {}",
+        material["triangles"],
+        material["name"],
+        cutoff
+            .as_f64()
+            .map_or(String::new(), |at| format!(" at {}", significant(at))),
+        if material["double_sided"] == true {
+            "two-sided"
+        } else {
+            "one-sided"
+        },
+    );
+    for (name, kind) in [("base_texture", "texture"), ("emissive_texture", "emission")] {
+        if material[name].is_array() {
+            line.push_str(&format!(", {kind} {}", times(&material[name])));
+        }
+    }
+    line
 }
 
 fn print_table(description: &Value) {
@@ -229,7 +298,7 @@ fn print_table(description: &Value) {
         Value::Array(_) => row("samples", times(&geometry["dims"])),
         _ => {}
     }
-    for name in ["nodes", "cells", "count"] {
+    for name in ["nodes", "cells", "count", "triangles", "parts", "textures"] {
         if let Some(count) = geometry[name].as_u64() {
             row(name, count.to_string());
         }
@@ -239,6 +308,13 @@ fn print_table(description: &Value) {
             "  of kind",
             format!("{} {}", text(&kind["count"]), text(&kind["kind"])),
         );
+    }
+    let materials = lines(&geometry["materials"]);
+    for material in materials.iter().take(MOST_MATERIALS) {
+        row("  of material", material_line(material));
+    }
+    if materials.len() > MOST_MATERIALS {
+        row("", format!("... {} materials in all", materials.len()));
     }
     if geometry["spacing"].is_array() {
         row("spacing", vector(&geometry["spacing"]));

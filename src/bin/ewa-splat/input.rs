@@ -22,6 +22,9 @@ pub(crate) struct DataOptions {
     /// PLOT3D solution of a grid; by default a file beside it, named with q for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
+    /// OBJ mesh: image for the parts that have texture coordinates and no texture
+    #[arg(long, value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
     /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) transfer_function: Option<String>,
@@ -150,6 +153,7 @@ impl DataOptions {
             &OpenOptions {
                 raw,
                 solution: self.solution.clone(),
+                texture: self.texture.clone(),
             },
         )
     }

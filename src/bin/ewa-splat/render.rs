@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
-    write_depth, write_image,
+    write_depth, write_image, write_normals,
 };
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
@@ -155,6 +155,9 @@ struct Output {
     /// Write the depth at which half the light is gone: exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     depth: Option<PathBuf>,
+    /// Write the normals of opaque surfels, world space: exr, pfm or npy
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["reference", "column_density"])]
+    normals: Option<PathBuf>,
     /// Render the frame N times after a warm-up and report median times
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
@@ -162,7 +165,8 @@ struct Output {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_image_path(&arguments.out)?;
-    if let Some(path) = &arguments.output.depth {
+    let layers = [&arguments.output.depth, &arguments.output.normals];
+    for path in layers.into_iter().flatten() {
         check_depth_path(path)?;
     }
     if let Some(path) = &arguments.output.stats {
@@ -171,6 +175,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let outputs = [
         Some(&arguments.out),
         arguments.output.depth.as_ref(),
+        arguments.output.normals.as_ref(),
         arguments.output.stats.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
@@ -240,6 +245,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
+    }
+    if let (Some(path), Some(normals)) = (&arguments.output.normals, renderer.normals()) {
+        write_normals(path, normals)?;
     }
     if let Some(path) = &arguments.output.stats {
         let stats = stats(&renderer, &times, prepared);
@@ -375,6 +383,7 @@ impl Arguments {
             cutoff: self.method.cutoff,
             background: self.output.background,
             depth: self.output.depth.is_some(),
+            normals: self.output.normals.is_some(),
             simd: defaults.simd,
         }
     }

@@ -1,0 +1,364 @@
+//! Primitives: the triangles of meshes.
+
+use std::collections::HashMap;
+
+use ::gltf::json::accessor::{ComponentType, Type};
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::validation::Checked;
+use ::gltf::json::{self, Index};
+use glam::{DAffine3, DMat3, DVec3, Vec2};
+
+use super::accessor::{ANY_NUMBERS, Accessor, INDICES};
+use super::container::Buffers;
+use crate::error::Result;
+use crate::io::MeshPart;
+
+/// A primitive's triangles in the space of its mesh, morphed and not yet placed.
+pub(super) struct Shape {
+    /// Positions, triangles, coordinates and colours; the corners that triangles use.
+    part: MeshPart,
+    /// Normals, of any length.
+    normals: Vec<DVec3>,
+    /// Joints and their weights, for each corner; empty without a skin.
+    influences: Vec<Vec<(usize, f64)>>,
+}
+
+/// What kind of primitive is not shown, in a note.
+pub(super) const NO_TRIANGLES: &str = "points or lines";
+
+/// A primitive of a mesh, and what messages call it.
+pub(super) struct PrimitiveReader<'b, 'f> {
+    pub(super) buffers: &'b Buffers<'f>,
+    pub(super) primitive: &'b Primitive,
+    pub(super) place: String,
+}
+
+impl<'b> PrimitiveReader<'b, '_> {
+    /// The accessor of an attribute.
+    fn attribute(&self, semantic: Semantic) -> Option<Index<json::Accessor>> {
+        let attributes = &self.primitive.attributes;
+        attributes.get(&Checked::Valid(semantic)).copied()
+    }
+
+    fn open(
+        &self,
+        accessor: Index<json::Accessor>,
+        name: &str,
+        types: &[Type],
+        components: &[ComponentType],
+    ) -> Result<Accessor<'b>> {
+        let place = format!("{}, {name}", self.place);
+        Accessor::open(self.buffers, accessor, &place, types, components)
+    }
+
+    /// An attribute with as many elements as there are positions.
+    fn vertices(
+        &self,
+        semantic: Semantic,
+        types: &[Type],
+        components: &[ComponentType],
+        count: usize,
+    ) -> Result<Option<Accessor<'b>>> {
+        let name = semantic.to_string();
+        let Some(accessor) = self.attribute(semantic) else {
+            return Ok(None);
+        };
+        let accessor = self.open(accessor, &name, types, components)?;
+        self.check_count(&name, accessor.len(), count)?;
+        Ok(Some(accessor))
+    }
+
+    fn check_count(&self, name: &str, found: usize, count: usize) -> Result<()> {
+        if found >= count {
+            return Ok(());
+        }
+        let place = format!("{}, {name}", self.place);
+        let expected = format!("{count} elements, as many as positions");
+        Err(self.buffers.refuse(place, expected, found.to_string()))
+    }
+
+    /// Whether it has a set of texture coordinates.
+    pub(super) fn has_set(&self, set: u32) -> bool {
+        self.attribute(Semantic::TexCoords(set)).is_some()
+    }
+
+    /// How many corners its triangles have together, or `None` where it has none.
+    ///
+    /// # Errors
+    /// No positions, or accessors that are not there.
+    pub(super) fn corner_count(&self) -> Result<Option<usize>> {
+        let mode = match self.primitive.mode {
+            Checked::Valid(mode) => mode,
+            Checked::Invalid => {
+                let place = format!("{}, mode", self.place);
+                return Err(self.buffers.refuse(place, "0 to 6", "another number"));
+            }
+        };
+        let is_strip = match mode {
+            Mode::Triangles => false,
+            Mode::TriangleStrip | Mode::TriangleFan => true,
+            Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => return Ok(None),
+        };
+        let count = match self.primitive.indices {
+            Some(accessor) => self
+                .open(accessor, "indices", &[Type::Scalar], INDICES)?
+                .len(),
+            None => self.positions()?.len(),
+        };
+        Ok(Some(if is_strip {
+            3 * count.saturating_sub(2)
+        } else {
+            count
+        }))
+    }
+
+    fn positions(&self) -> Result<Accessor<'b>> {
+        let accessor = self.attribute(Semantic::Positions).ok_or_else(|| {
+            let expected = "an attribute POSITION";
+            self.buffers.refuse(self.place.clone(), expected, "none")
+        })?;
+        self.open(accessor, "POSITION", &[Type::Vec3], ANY_NUMBERS)
+    }
+
+    /// The triangles as indices of vertices.
+    fn triangles(&self, vertex_count: usize) -> Result<Vec<[u32; 3]>> {
+        let indices: Vec<u32> = match self.primitive.indices {
+            Some(accessor) => {
+                let accessor = self.open(accessor, "indices", &[Type::Scalar], INDICES)?;
+                (0..accessor.len()).map(|i| accessor.index(i)).collect()
+            }
+            None => {
+                let count = u32::try_from(vertex_count).unwrap_or(u32::MAX);
+                (0..count).collect()
+            }
+        };
+        if let Some(index) = indices.iter().find(|i| **i as usize >= vertex_count) {
+            let place = format!("{}, indices", self.place);
+            let expected = format!("indices of {vertex_count} vertices");
+            return Err(self.buffers.refuse(place, expected, index.to_string()));
+        }
+        let is_strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));
+        Ok(match self.primitive.mode {
+            Checked::Valid(Mode::TriangleStrip | Mode::TriangleFan) => indices
+                .windows(3)
+                .enumerate()
+                .map(|(i, w)| match (is_strip, i % 2) {
+                    (true, 0) => [w[0], w[1], w[2]],
+                    (true, _) => [w[0], w[2], w[1]],
+                    (false, _) => [w[1], w[2], indices[0]],
+                })
+                // Strips are joined by triangles of two corners.
+                .filter(|[a, b, c]| a != b && b != c && c != a)
+                .collect(),
+            _ => indices.as_chunks::<3>().0.to_vec(),
+        })
+    }
+
+    /// Reads it with these weights of morph targets and these sets of texture coordinates.
+    ///
+    /// # Errors
+    /// Accessors of the wrong type, or that are shorter than they say, or than the positions are.
+    pub(super) fn read(
+        &self,
+        weights: &[f32],
+        sets: [Option<u32>; 2],
+        joint_count: Option<usize>,
+    ) -> Result<Shape> {
+        let positions = self.positions()?;
+        let count = positions.len();
+        let mut triangles = self.triangles(count)?;
+        let used = gather(&mut triangles);
+        let point = |accessor: &Accessor<'_>, i: usize| DVec3::from_array(accessor.numbers(i));
+
+        let vec3 = [Type::Vec3];
+        let normals = self.vertices(Semantic::Normals, &vec3, ANY_NUMBERS, count)?;
+        let mut shape = Shape {
+            part: MeshPart {
+                positions: used.iter().map(|&i| point(&positions, i)).collect(),
+                triangles,
+                ..MeshPart::default()
+            },
+            normals: normals.map_or(Vec::new(), |normals| {
+                used.iter().map(|&i| point(&normals, i)).collect()
+            }),
+            influences: Vec::new(),
+        };
+        self.morph(&mut shape, weights, &used, count)?;
+
+        if let Some(last) = sets.iter().rposition(Option::is_some) {
+            shape.part.texture_coordinates = vec![Vec::new(); last + 1];
+        }
+        for (coordinates, set) in shape.part.texture_coordinates.iter_mut().zip(sets) {
+            let Some(set) = set else { continue };
+            let semantic = Semantic::TexCoords(set);
+            if let Some(accessor) = self.vertices(semantic, &[Type::Vec2], ANY_NUMBERS, count)? {
+                let uv = |&i: &usize| Vec2::from_array(narrow(accessor.numbers::<2>(i)));
+                *coordinates = used.iter().map(uv).collect();
+            }
+        }
+        let types = [Type::Vec3, Type::Vec4];
+        if let Some(colours) = self.vertices(Semantic::Colors(0), &types, ANY_NUMBERS, count)? {
+            let is_opaque = colours.width() < 4;
+            let rgba = |&i: &usize| {
+                let mut rgba = narrow(colours.numbers::<4>(i));
+                if is_opaque {
+                    rgba[3] = 1.0;
+                }
+                rgba
+            };
+            shape.part.colours = used.iter().map(rgba).collect();
+        }
+        if let Some(joint_count) = joint_count {
+            shape.influences = self.influences(&used, count, joint_count)?;
+        }
+        Ok(shape)
+    }
+
+    /// Adds morph targets times their weights.
+    fn morph(
+        &self,
+        shape: &mut Shape,
+        weights: &[f32],
+        used: &[usize],
+        count: usize,
+    ) -> Result<()> {
+        let targets = self.primitive.targets.iter().flatten();
+        for (t, (target, &weight)) in targets.zip(weights).enumerate() {
+            let weight = f64::from(weight);
+            if weight == 0.0 {
+                continue;
+            }
+            let add = |accessor: Option<Index<json::Accessor>>, name: &str, to: &mut [DVec3]| {
+                let Some(accessor) = accessor.filter(|_| !to.is_empty()) else {
+                    return Ok(());
+                };
+                let name = format!("target {t}, {name}");
+                let accessor = self.open(accessor, &name, &[Type::Vec3], ANY_NUMBERS)?;
+                self.check_count(&name, accessor.len(), count)?;
+                for (point, &i) in to.iter_mut().zip(used) {
+                    *point += weight * DVec3::from_array(accessor.numbers(i));
+                }
+                Ok(())
+            };
+            add(target.positions, "POSITION", &mut shape.part.positions)?;
+            add(target.normals, "NORMAL", &mut shape.normals)?;
+        }
+        Ok(())
+    }
+
+    /// The joints that move each corner, with weights that sum to 1.
+    fn influences(
+        &self,
+        used: &[usize],
+        count: usize,
+        joint_count: usize,
+    ) -> Result<Vec<Vec<(usize, f64)>>> {
+        let mut influences = vec![Vec::new(); used.len()];
+        for set in 0.. {
+            let types = [Type::Vec4];
+            let kinds = [ComponentType::U8, ComponentType::U16];
+            let joints = self.vertices(Semantic::Joints(set), &types, &kinds, count)?;
+            let weights = self.vertices(Semantic::Weights(set), &types, ANY_NUMBERS, count)?;
+            let (Some(joints), Some(weights)) = (joints, weights) else {
+                if set == 0 {
+                    return Ok(Vec::new());
+                }
+                break;
+            };
+            for (of_corner, &i) in influences.iter_mut().zip(used) {
+                let weights = weights.numbers::<4>(i);
+                for (joint, weight) in joints.indices(i).into_iter().zip(weights) {
+                    if !(weight > 0.0) {
+                        continue;
+                    }
+                    let joint = joint as usize;
+                    if joint >= joint_count {
+                        let place = format!("{}, JOINTS_{set}", self.place);
+                        let expected = format!("some of {joint_count} joints");
+                        return Err(self.buffers.refuse(place, expected, joint.to_string()));
+                    }
+                    of_corner.push((joint, weight));
+                }
+            }
+        }
+        for of_corner in &mut influences {
+            let sum: f64 = of_corner.iter().map(|(_, w)| w).sum();
+            of_corner.iter_mut().for_each(|(_, w)| *w /= sum);
+        }
+        Ok(influences)
+    }
+}
+
+/// Numbers the vertices that triangles use, in order of their use, and returns which they are.
+fn gather(triangles: &mut [[u32; 3]]) -> Vec<usize> {
+    let mut used = Vec::new();
+    let mut index_of: HashMap<u32, u32> = HashMap::new();
+    for i in triangles.as_flattened_mut() {
+        // Not more than there are corners, whose number is limited.
+        let next = u32::try_from(used.len()).unwrap_or(u32::MAX);
+        let vertex = *i;
+        *i = *index_of.entry(vertex).or_insert_with(|| {
+            used.push(vertex as usize);
+            next
+        });
+    }
+    used
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "these numbers were f32 or smaller"
+)]
+fn narrow<const N: usize>(numbers: [f64; N]) -> [f32; N] {
+    numbers.map(|x| x as f32)
+}
+
+impl Shape {
+    /// The part in the world: moved by its node, or by its joints.
+    pub(super) fn placed(
+        &self,
+        world_from_mesh: DAffine3,
+        joints: Option<&[DAffine3]>,
+        material: usize,
+    ) -> MeshPart {
+        let transform = |i: usize| match (joints, self.influences.get(i)) {
+            (Some(joints), Some(of_corner)) => {
+                let mut sum = DAffine3::ZERO;
+                for &(joint, weight) in of_corner {
+                    sum.matrix3 += joints[joint].matrix3 * weight;
+                    sum.translation += joints[joint].translation * weight;
+                }
+                sum
+            }
+            _ => world_from_mesh,
+        };
+        let mut part = self.part.clone();
+        part.material = material;
+        let mut is_mirrored = vec![false; part.positions.len()];
+        for (i, position) in part.positions.iter_mut().enumerate() {
+            let transform = transform(i);
+            *position = transform.transform_point3(*position);
+            is_mirrored[i] = transform.matrix3.determinant() < 0.0;
+            if let Some(normal) = self.normals.get(i) {
+                let normal = cofactors(transform.matrix3) * *normal;
+                let normal = if is_mirrored[i] { -normal } else { normal };
+                part.normals.push(normal.normalize_or_zero().as_vec3());
+            }
+        }
+        for triangle in &mut part.triangles {
+            if is_mirrored[triangle[0] as usize] {
+                triangle.swap(1, 2);
+            }
+        }
+        part
+    }
+}
+
+/// The inverse transpose times the determinant: what turns normals, for singular matrices too.
+fn cofactors(m: DMat3) -> DMat3 {
+    DMat3::from_cols(
+        m.y_axis.cross(m.z_axis),
+        m.z_axis.cross(m.x_axis),
+        m.x_axis.cross(m.y_axis),
+    )
+}

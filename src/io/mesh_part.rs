@@ -1,0 +1,157 @@
+//! The last steps of every reader of meshes: what cannot be shown is left out and counted.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::{Mesh, MeshPart};
+use crate::error::{Error, Result};
+
+/// A triangle's area over the square of its longest side below which its corners are collinear
+/// but for rounding: a cross product of f64 edges errs by a few of its last places.
+const FLAT: f64 = 8.0 * f64::EPSILON;
+
+/// What was left out of a mesh.
+#[derive(Debug, Default)]
+pub(crate) struct LeftOut {
+    /// Triangles with a corner that is not finite.
+    pub(crate) non_finite: usize,
+    /// Triangles without an area.
+    pub(crate) zero_area: usize,
+    /// Texture coordinates that are not finite, taken as 0.
+    pub(crate) coordinates: usize,
+    /// Colours that are not finite, taken as white.
+    pub(crate) colours: usize,
+}
+
+impl LeftOut {
+    /// One sentence for each kind that occurs.
+    pub(crate) fn notes(&self) -> impl Iterator<Item = String> {
+        [
+            (
+                self.non_finite,
+                "triangles have NaN or infinite corners and are left out",
+            ),
+            (self.zero_area, "triangles have no area and are left out"),
+            (
+                self.coordinates,
+                "texture coordinates are not finite and taken as 0",
+            ),
+            (self.colours, "colours are not finite and taken as white"),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+    }
+}
+
+/// The cross product of two sides, or `None` where a corner (or the product) is not finite.
+pub(crate) fn cross(part: &MeshPart, triangle: [u32; 3]) -> Option<DVec3> {
+    let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
+    Some((b - a).cross(c - a)).filter(|n| n.is_finite() && a.is_finite())
+}
+
+/// Leaves out triangles that cannot be shown and corners that none uses, and makes the rest
+/// what [`MeshPart`] promises. Indices are in range.
+pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) {
+    let mut triangles = std::mem::take(&mut part.triangles);
+    triangles.retain(|&triangle| {
+        let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
+        let Some(normal) = cross(part, triangle) else {
+            left_out.non_finite += 1;
+            return false;
+        };
+        let longest = (b - a)
+            .length_squared()
+            .max((c - a).length_squared())
+            .max((c - b).length_squared());
+        let is_kept = normal.length() > FLAT * longest;
+        left_out.zero_area += usize::from(!is_kept);
+        is_kept
+    });
+    part.triangles = triangles;
+    leave_out_unused(part);
+    for set in &mut part.texture_coordinates {
+        for uv in set.iter_mut().filter(|uv| !uv.is_finite()) {
+            *uv = Vec2::ZERO;
+            left_out.coordinates += 1;
+        }
+    }
+    for colour in &mut part.colours {
+        if !colour.iter().all(|c| c.is_finite()) {
+            *colour = [1.0; 4];
+            left_out.colours += 1;
+        }
+    }
+    unit_normals(part);
+}
+
+/// Leaves out corners that no triangle uses.
+fn leave_out_unused(part: &mut MeshPart) {
+    let mut is_used = vec![false; part.positions.len()];
+    for &i in part.triangles.as_flattened() {
+        is_used[i as usize] = true;
+    }
+    if is_used.iter().all(|is| *is) {
+        return;
+    }
+    fn keep<T>(items: &mut Vec<T>, is_used: &[bool]) {
+        let mut used = is_used.iter();
+        items.retain(|_| used.next() == Some(&true));
+    }
+    let mut next = 0;
+    let indices: Vec<u32> = is_used
+        .iter()
+        .map(|&is| {
+            let index = next;
+            next += u32::from(is);
+            index
+        })
+        .collect();
+    for i in part.triangles.as_flattened_mut() {
+        *i = indices[*i as usize];
+    }
+    keep(&mut part.positions, &is_used);
+    keep(&mut part.normals, &is_used);
+    keep(&mut part.colours, &is_used);
+    for set in &mut part.texture_coordinates {
+        keep(set, &is_used);
+    }
+}
+
+/// Normals of unit length; one that has no direction is taken from its triangles.
+fn unit_normals(part: &mut MeshPart) {
+    let unit = |n: Vec3| n.as_dvec3().try_normalize().map(DVec3::as_vec3);
+    if part.normals.iter().any(|n| unit(*n).is_none()) {
+        let mut sums = vec![DVec3::ZERO; part.positions.len()];
+        for &triangle in &part.triangles {
+            let normal = cross(part, triangle).unwrap_or_default();
+            triangle
+                .iter()
+                .for_each(|&i| sums[i as usize] += normal.normalize_or_zero());
+        }
+        for (n, sum) in part.normals.iter_mut().zip(sums) {
+            if unit(*n).is_none() {
+                // Opposite triangles may cancel; any direction is as good there.
+                *n = sum.try_normalize().unwrap_or(DVec3::Z).as_vec3();
+            }
+        }
+    }
+    for n in &mut part.normals {
+        *n = unit(*n).unwrap_or(Vec3::Z);
+    }
+}
+
+/// Refuses a mesh of which nothing is left.
+pub(crate) fn check_not_empty(path: &Path, mesh: &Mesh) -> Result<()> {
+    if mesh.triangle_count() > 0 {
+        return Ok(());
+    }
+    Err(Error::format(
+        path,
+        "mesh",
+        "a triangle with an area",
+        "none",
+        "save the mesh again, with its faces",
+    ))
+}

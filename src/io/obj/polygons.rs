@@ -1,0 +1,338 @@
+//! Polygons into triangles: a fan where it covers the polygon, a constrained Delaunay
+//! triangulation in the polygon's plane elsewhere.
+
+use std::collections::HashMap;
+
+use glam::{DVec2, DVec3};
+use spade::handles::FixedVertexHandle;
+use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+
+/// Twice the least area of a fan's triangle, in units of the squared extent of its polygon: below,
+/// three corners count as collinear, and a fan would leave out what is next to them.
+const LEAST_FAN_AREA: f64 = 1e-10;
+
+/// How a polygon was triangulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// As it should.
+    Exact,
+    /// It crosses itself or has no area: a fan stands for it.
+    Approximate,
+}
+
+/// Appends the triangles of one polygon, as indices of its corners, and says how it went.
+///
+/// The plane is that of Newell's normal. A polygon may touch itself (a hole reached by a cut that
+/// is passed twice): what it winds around once is inside.
+pub(super) fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Outcome {
+    let n = corners.len();
+    match n {
+        0..=2 => return Outcome::Exact,
+        3 => {
+            triangles.push([0, 1, 2]);
+            return Outcome::Exact;
+        }
+        _ => {}
+    }
+    let fan = (1..n - 1).map(|i| [0, i, i + 1]);
+    let Some(points) = in_plane(corners) else {
+        triangles.extend(fan);
+        return Outcome::Approximate;
+    };
+    if fan_covers(&points) {
+        triangles.extend(fan);
+        return Outcome::Exact;
+    }
+    if let Some(exact) = delaunay(&points) {
+        triangles.extend(exact);
+        return Outcome::Exact;
+    }
+    triangles.extend(fan);
+    Outcome::Approximate
+}
+
+/// The corners in their plane, counter-clockwise, scaled to a unit extent; `None` where there is
+/// no plane.
+fn in_plane(corners: &[DVec3]) -> Option<Vec<DVec2>> {
+    let origin = *corners.first()?;
+    let extent = corners
+        .iter()
+        .map(|p| (*p - origin).abs().max_element())
+        .fold(0.0, f64::max);
+    if !(extent > 0.0 && extent.is_finite()) {
+        return None;
+    }
+    let local: Vec<DVec3> = corners.iter().map(|p| (*p - origin) / extent).collect();
+    if local.iter().any(|p| !p.is_finite()) {
+        return None;
+    }
+    // Newell's normal: the sum over all edges of a x b, here about the first corner.
+    let next = local.iter().cycle().skip(1);
+    let sum: DVec3 = local.iter().zip(next).map(|(a, b)| a.cross(*b)).sum();
+    if !(sum.length() > LEAST_FAN_AREA) {
+        return None;
+    }
+    let (u, v) = sum.normalize().any_orthonormal_pair();
+    Some(
+        local
+            .iter()
+            .map(|p| DVec2::new(p.dot(u), p.dot(v)))
+            .collect(),
+    )
+}
+
+/// Whether the triangles between the first corner and each edge tile the polygon: they turn
+/// about it in order, through less than half a turn.
+fn fan_covers(points: &[DVec2]) -> bool {
+    let arm = |i: usize| points[i] - points[0];
+    (1..points.len() - 1).all(|i| {
+        arm(i).perp_dot(arm(i + 1)) > LEAST_FAN_AREA && arm(1).perp_dot(arm(i + 1)) > LEAST_FAN_AREA
+    })
+}
+
+/// The triangles of a polygon that does not cross itself, or `None`.
+fn delaunay(points: &[DVec2]) -> Option<Vec<[usize; 3]>> {
+    let mut mesh = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
+    // Corners in one place share a vertex, which keeps the first one's index.
+    let mut corner_of: HashMap<FixedVertexHandle, usize> = HashMap::new();
+    let mut handles = Vec::with_capacity(points.len());
+    // spade refuses numbers that are tiny and not zero.
+    let flush = |x: f64| if x.abs() < 1e-30 { 0.0 } else { x };
+    for (i, p) in points.iter().enumerate() {
+        let handle = mesh.insert(Point2::new(flush(p.x), flush(p.y))).ok()?;
+        corner_of.entry(handle).or_insert(i);
+        handles.push(handle);
+    }
+    // How often the polygon runs along each edge, from the lower vertex to the higher one less
+    // the other way: what winding numbers change by across it.
+    let mut runs: HashMap<[usize; 2], i64> = HashMap::new();
+    let next = handles.iter().cycle().skip(1);
+    for (&from, &to) in handles.iter().zip(next) {
+        if from == to {
+            continue;
+        }
+        // More than one edge where a vertex lies on the way.
+        let edges = mesh.try_add_constraint(from, to);
+        let mut at = from;
+        for edge in edges {
+            let edge = mesh.directed_edge(edge);
+            if edge.from().fix() != at {
+                return None;
+            }
+            at = edge.to().fix();
+            let [a, b] = [edge.from().index(), edge.to().index()];
+            *runs.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+        }
+        if at != to {
+            return None;
+        }
+    }
+    // Winding numbers of all faces, from the outer one inwards.
+    let mut winding = vec![None; mesh.num_all_faces()];
+    let outer = mesh.outer_face().index();
+    winding[outer] = Some(0_i64);
+    let mut open: Vec<_> = Vec::new();
+    let cross = |edge: spade::handles::DirectedEdgeHandle<'_, _, _, _, _>| {
+        let [a, b] = [edge.from().index(), edge.to().index()];
+        let along = runs.get(&[a.min(b), a.max(b)]).copied().unwrap_or(0);
+        if a < b { along } else { -along }
+    };
+    for edge in mesh.convex_hull() {
+        // The hull's edges have the outer face on their left.
+        let inner = edge.rev();
+        let face = inner.face();
+        if face.is_outer() || winding[face.index()].is_some() {
+            continue;
+        }
+        winding[face.index()] = Some(cross(inner));
+        open.push(face.fix());
+    }
+    while let Some(face) = open.pop() {
+        let number = winding[face.index()]?;
+        for edge in mesh.face(face).as_inner()?.adjacent_edges() {
+            let neighbour = edge.rev().face();
+            let beyond = number - cross(edge);
+            match winding[neighbour.index()] {
+                Some(known) if known == beyond => {}
+                Some(_) => return None,
+                None => {
+                    winding[neighbour.index()] = Some(beyond);
+                    open.push(neighbour.fix());
+                }
+            }
+        }
+    }
+    let mut triangles = Vec::new();
+    for face in mesh.inner_faces() {
+        match winding[face.index()]? {
+            0 => {}
+            1 => {
+                let corners = face.vertices().map(|v| corner_of.get(&v.fix()).copied());
+                let [Some(a), Some(b), Some(c)] = corners else {
+                    return None;
+                };
+                triangles.push([a, b, c]);
+            }
+            // Wound around backwards or twice: it crosses itself.
+            _ => return None,
+        }
+    }
+    Some(triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twice the signed area, in the plane z = 0.
+    fn area(points: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
+        triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(|i| points[i]);
+                (b - a).cross(c - a).z
+            })
+            .sum()
+    }
+
+    fn polygon(xy: &[[f64; 2]]) -> Vec<DVec3> {
+        xy.iter().map(|p| DVec3::new(p[0], p[1], 0.0)).collect()
+    }
+
+    fn shoelace(points: &[DVec3]) -> f64 {
+        let next = points.iter().cycle().skip(1);
+        points.iter().zip(next).map(|(a, b)| a.cross(*b).z).sum()
+    }
+
+    #[track_caller]
+    fn check(xy: &[[f64; 2]], outcome: Outcome) {
+        let points = polygon(xy);
+        for turn in 0..points.len() {
+            let mut points = points.clone();
+            points.rotate_left(turn);
+            let mut triangles = Vec::new();
+            assert_eq!(
+                triangulate(&points, &mut triangles),
+                outcome,
+                "{turn} of {xy:?}"
+            );
+            let [found, expected] = [area(&points, &triangles), shoelace(&points)];
+            assert!(
+                (found - expected).abs() <= 1e-12 * expected.abs(),
+                "{found} for {expected}, turned {turn}: {triangles:?}"
+            );
+            if outcome == Outcome::Exact {
+                // No triangle is turned over: together with the area, none overlaps another.
+                assert!(triangles.iter().all(|t| area(&points, &[*t]) >= 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn polygons_keep_their_area() {
+        let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
+        check(&square, Outcome::Exact);
+        // Concave: an arrow head, and a comb.
+        check(
+            &[[0.0, 0.0], [2.0, -1.0], [0.5, 0.0], [2.0, 1.0]],
+            Outcome::Exact,
+        );
+        check(
+            &[
+                [0.0, 0.0],
+                [5.0, 0.0],
+                [5.0, 3.0],
+                [4.0, 3.0],
+                [4.0, 1.0],
+                [3.0, 1.0],
+                [3.0, 3.0],
+                [2.0, 3.0],
+                [2.0, 1.0],
+                [1.0, 1.0],
+                [1.0, 3.0],
+                [0.0, 3.0],
+            ],
+            Outcome::Exact,
+        );
+        // Collinear corners.
+        check(
+            &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]],
+            Outcome::Exact,
+        );
+        // A hole, reached by a cut that is passed twice.
+        check(
+            &[
+                [0.0, 0.0],
+                [4.0, 0.0],
+                [4.0, 4.0],
+                [0.0, 4.0],
+                [0.0, 0.0],
+                [1.0, 1.0],
+                [1.0, 3.0],
+                [3.0, 3.0],
+                [3.0, 1.0],
+                [1.0, 1.0],
+            ],
+            Outcome::Exact,
+        );
+        // Two triangles that touch in a corner, and a corner on another edge.
+        check(
+            &[
+                [0.0, 0.0],
+                [1.0, -1.0],
+                [1.0, 1.0],
+                [0.0, 0.0],
+                [-1.0, 1.0],
+                [-1.0, -1.0],
+            ],
+            Outcome::Exact,
+        );
+        check(
+            &[
+                [0.0, 0.0],
+                [4.0, 0.0],
+                [4.0, 3.0],
+                [2.0, 0.0],
+                [0.0, 3.0],
+            ],
+            Outcome::Exact,
+        );
+    }
+
+    #[test]
+    fn polygons_that_cross_themselves_are_told() {
+        for xy in [
+            // A bow tie of unequal halves, a pentagram, a polygon passed twice.
+            vec![[0.0, 0.0], [3.0, 3.0], [3.0, 0.0], [0.0, 1.0]],
+            (0..5)
+                .map(|i| {
+                    let angle = f64::from(i) * 0.8 * std::f64::consts::PI;
+                    [angle.cos(), angle.sin()]
+                })
+                .collect(),
+            [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].repeat(2),
+        ] {
+            let mut triangles = Vec::new();
+            let outcome = triangulate(&polygon(&xy), &mut triangles);
+            assert_eq!(outcome, Outcome::Approximate, "{xy:?}");
+            assert_eq!(triangles.len(), xy.len() - 2);
+        }
+    }
+
+    #[test]
+    fn polygons_without_a_plane_are_fans() {
+        let line: Vec<DVec3> = (0..5).map(|i| DVec3::splat(f64::from(i))).collect();
+        let far = vec![DVec3::X, DVec3::splat(f64::NAN), DVec3::Y, DVec3::Z];
+        let huge = vec![
+            DVec3::ZERO,
+            DVec3::X * f64::MAX,
+            DVec3::Y * f64::MAX,
+            -DVec3::X * f64::MAX,
+        ];
+        for points in [line, vec![DVec3::ONE; 4], far, huge] {
+            let mut triangles = Vec::new();
+            triangulate(&points, &mut triangles);
+            assert_eq!(triangles.len(), points.len() - 2);
+        }
+    }
+}
