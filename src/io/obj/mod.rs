@@ -120,7 +120,11 @@ fn parts(path: &Path, scan: &mut Scan, notes: &mut Vec<String>) -> Result<Vec<Me
     let mut approximate = 0;
     let mut parts = vec![MeshPart::default(); scan.groups.len()];
     for model in models {
-        let part = model.name.parse().ok().and_then(|i: usize| parts.get_mut(i));
+        let part = model
+            .name
+            .parse()
+            .ok()
+            .and_then(|i: usize| parts.get_mut(i));
         if let Some(part) = part {
             *part = part_of(&model.mesh, colour_scale, &mut approximate);
         }
@@ -412,7 +416,8 @@ impl Images {
         let decoded = match decoded {
             Ok(decoded) => Some(Arc::new(decoded)),
             Err(reason) => {
-                self.notes.push(format!("{reason}: its texture is not used"));
+                self.notes
+                    .push(format!("{reason}: its texture is not used"));
                 None
             }
         };

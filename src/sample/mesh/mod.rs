@@ -112,6 +112,22 @@ pub struct MeshReport {
 }
 
 impl MeshReport {
+    /// One line for each finding, for people.
+    pub fn warnings(&self) -> Vec<String> {
+        self.findings.iter().map(Finding::line).collect()
+    }
+
+    /// What was made, in a line for people.
+    pub fn summary(&self) -> String {
+        format!(
+            "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
+            self.surfel_count,
+            self.spacing,
+            self.area,
+            100.0 * self.ripple
+        )
+    }
+
     fn find(&mut self, count: usize, noun: &'static str, reason: &'static str) {
         if count > 0 {
             self.findings.push(Finding {
@@ -229,7 +245,7 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
             THE_MESH,
             "surfels",
             "at least one that can be drawn",
-            "all transparent, or with colours that are not finite",
+            report.warnings().join(", "),
             "look at the file with `ewa-splat info`",
         ));
     }

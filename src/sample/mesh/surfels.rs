@@ -18,6 +18,9 @@ const SQUARE: f64 = 1.0 / 12.0;
 /// slivers much narrower than the spacing keep their width.
 const BLUR_OF_NARROW: f64 = 0.25;
 
+/// Points further than this from a surfel's plane, in spacings, belong to another layer.
+const SAME_LAYER: f64 = 0.5;
+
 /// A surfel in the surface's frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Surfel {
@@ -35,7 +38,7 @@ pub(super) struct Surfel {
 
 impl Surfel {
     /// Area times the unit Gaussian at a point of the surface, seen along the surfel's normal; zero
-    /// where the surface faces elsewhere.
+    /// where the surface faces elsewhere, and in other layers.
     pub(super) fn weight_at(&self, point: DVec3, normal: Vec3) -> f64 {
         let [t1, t2] = self.tangents;
         let cross = t1.cross(t2);
@@ -44,6 +47,9 @@ impl Surfel {
             return 0.0;
         }
         let offset = point - self.centre;
+        if offset.dot(cross).abs() > SAME_LAYER * cross.length() {
+            return 0.0;
+        }
         // Tangents are orthogonal here.
         let q = (offset.dot(t1) / t1.length_squared()).powi(2)
             + (offset.dot(t2) / t2.length_squared()).powi(2);
