@@ -66,10 +66,14 @@ impl SampleReport {
 
     /// One line for each finding, for people.
     pub fn warnings(&self) -> Vec<String> {
-        let line = |f: &Finding| {
-            let left_out = if f.left_out { " left out" } else { "" };
-            format!("{} {}{left_out}: {}", f.count, f.noun, f.reason)
-        };
-        self.findings.iter().map(line).collect()
+        self.findings.iter().map(Finding::line).collect()
+    }
+}
+
+impl Finding {
+    /// In a line for people.
+    pub(super) fn line(&self) -> String {
+        let left_out = if self.left_out { " left out" } else { "" };
+        format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)
     }
 }

@@ -4,11 +4,28 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::grid::Cubes;
+use super::pieces::Piece;
+use super::surface::{Triangle, area};
 use super::surfels::Surfel;
-use crate::sample::mesh::grid::Cubes;
 
 /// Kernels end here, standard deviations: .03 % of a kernel lies beyond.
 const CUTOFF: f64 = 4.0;
+
+/// Centres of pieces, one in each of `count` stretches of equal area, and their normals.
+pub(super) fn points(pieces: &[Piece], triangles: &[Triangle], count: usize) -> Vec<(DVec3, Vec3)> {
+    let each = area(triangles) / count as f64;
+    let mut passed = 0.0;
+    let mut points = Vec::with_capacity(count);
+    for piece in pieces {
+        let triangle = &triangles[piece.triangle as usize];
+        passed += triangle.area * piece.share();
+        if passed > (points.len() as f64 + 0.5) * each {
+            points.push((piece.centre, triangle.normal));
+        }
+    }
+    points
+}
 
 /// Sums of weights less one, over points of a surface.
 #[derive(Debug, Clone, Copy, Default)]

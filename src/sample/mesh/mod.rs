@@ -8,7 +8,7 @@
 //!    relaxation). A site across a sharp edge, on the back of a sheet or on another component counts
 //!    as far away.
 //! 4. The pieces of a site are its cell, and the cell gives the surfel: at its centroid, in the
-//!    plane of its mean normal, with the variance 12 rho² times the cell's own, area the sum.
+//!    plane of its mean normal, with the cell's variance and some blur, area the sum.
 //!
 //! Every piece belongs to one cell, so that no triangle vanishes, however small, and the areas of
 //! all cells add up to that of the mesh. Meshes finer than the surfels are averaged like textures.
@@ -22,8 +22,6 @@ mod spread;
 mod surface;
 mod surfels;
 mod texture;
-
-use glam::{DVec3, Vec3};
 
 use super::{Finding, narrowed};
 use crate::error::{Error, Result};
@@ -114,6 +112,22 @@ pub struct MeshReport {
 }
 
 impl MeshReport {
+    /// One line for each finding, for people.
+    pub fn warnings(&self) -> Vec<String> {
+        self.findings.iter().map(Finding::line).collect()
+    }
+
+    /// What was made, in a line for people.
+    pub fn summary(&self) -> String {
+        format!(
+            "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
+            self.surfel_count,
+            self.spacing,
+            self.area,
+            100.0 * self.ripple
+        )
+    }
+
     fn find(&mut self, count: usize, noun: &'static str, reason: &'static str) {
         if count > 0 {
             self.findings.push(Finding {
@@ -208,13 +222,7 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
         let cells = Cells::new(&surface, triangles, wanted, options.seed);
         let width = options.kernel_width;
         let surfels = surfels::surfels(&surface, triangles, &cells, &paints, width);
-        let step = cells.pieces.len().div_ceil(RIPPLE_POINTS);
-        let points: Vec<(DVec3, Vec3)> = cells
-            .pieces
-            .iter()
-            .step_by(step)
-            .map(|p| (p.centre, triangles[p.triangle as usize].normal))
-            .collect();
+        let points = coverage::points(&cells.pieces, triangles, RIPPLE_POINTS);
         drop(cells);
         let of_kind = Ripple::of(&surfels, &points);
         ripple.count += of_kind.count;
@@ -237,7 +245,7 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
             THE_MESH,
             "surfels",
             "at least one that can be drawn",
-            "all transparent, or with colours that are not finite",
+            report.warnings().join(", "),
             "look at the file with `ewa-splat info`",
         ));
     }

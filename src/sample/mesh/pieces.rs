@@ -6,9 +6,12 @@ use rayon::prelude::*;
 use super::super::index_u32;
 use super::surface::{Surface, Triangle};
 
-/// Pieces of all triangles together at most: this many for each cell, and some for each triangle.
+/// Pieces of all triangles together at most: this many for each cell, and some for each triangle,
 const MOST_PER_CELL: f64 = 40.0;
 const MOST_PER_TRIANGLE: f64 = 4.0;
+
+/// or so many: half a gigabyte.
+const MANY: f64 = 16e6;
 
 /// A part of a triangle, by repeated halving.
 #[derive(Debug, Clone, Copy)]
@@ -108,6 +111,7 @@ pub(super) fn cut(
     cell_count: usize,
 ) -> Vec<Piece> {
     let most = MOST_PER_CELL * cell_count as f64 + MOST_PER_TRIANGLE * triangles.len() as f64;
+    let most = most.max(MANY);
     let mut limit = longest;
     while estimate(surface, triangles, limit) > most {
         limit *= 1.25;

@@ -11,6 +11,16 @@ use super::surface::{Surface, Triangle};
 /// Surfels of which less than this is there are left out: less than one of 255 levels.
 pub(super) const FAINTEST: f64 = 1.0 / 255.0;
 
+/// The variance of a unit square along each axis.
+const SQUARE: f64 = 1.0 / 12.0;
+
+/// Cells whose variance is below this share of a square's are blurred less, in proportion: wires and
+/// slivers much narrower than the spacing keep their width.
+const BLUR_OF_NARROW: f64 = 0.25;
+
+/// Points further than this from a surfel's plane, in spacings, belong to another layer.
+const SAME_LAYER: f64 = 0.5;
+
 /// A surfel in the surface's frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Surfel {
@@ -28,7 +38,7 @@ pub(super) struct Surfel {
 
 impl Surfel {
     /// Area times the unit Gaussian at a point of the surface, seen along the surfel's normal; zero
-    /// where the surface faces elsewhere.
+    /// where the surface faces elsewhere, and in other layers.
     pub(super) fn weight_at(&self, point: DVec3, normal: Vec3) -> f64 {
         let [t1, t2] = self.tangents;
         let cross = t1.cross(t2);
@@ -37,6 +47,9 @@ impl Surfel {
             return 0.0;
         }
         let offset = point - self.centre;
+        if offset.dot(cross).abs() > SAME_LAYER * cross.length() {
+            return 0.0;
+        }
         // Tangents are orthogonal here.
         let q = (offset.dot(t1) / t1.length_squared()).powi(2)
             + (offset.dot(t2) / t2.length_squared()).powi(2);
@@ -46,8 +59,7 @@ impl Surfel {
 
 /// The surfels of cells that have an area, in the order of the cells.
 ///
-/// `kernel_width`: standard deviation over spacing; the variance is 12 kernel_width² that of the
-/// cell, of which a square cell has 1/12 of its squared side.
+/// `kernel_width`: standard deviation of the surfel of a square cell over the cell's side.
 pub(super) fn surfels(
     surface: &Surface,
     triangles: &[Triangle],
@@ -140,6 +152,13 @@ fn surfel(
 
 /// Standard deviations along the principal axes of a cell within its tangent plane; the cross
 /// product of both points along `normal`.
+///
+/// The variance is the cell's own plus that of one blur, the same for all: (12 rho² - 1)/12 of a
+/// squared spacing. Cells that tile a plane, blurred alike, add up to one whatever their shapes;
+/// Gaussians with the same moments differ from that by third moments only. (12 rho² times the cell's
+/// own variance, the same for a square cell, blurs neighbours of unequal shape differently: sums
+/// were off by 5.0 instead of 1.1 % rms on a plane, and by .8 instead of .04 % under a low-pass
+/// filter as wide as the spacing.)
 fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
     let (x, y) = normal.any_orthonormal_pair();
     let element = |a: DVec3, b: DVec3| a.dot(variance * b);
@@ -152,10 +171,18 @@ fn tangents(variance: DMat3, normal: DVec3, kernel_width: f64) -> [DVec3; 2] {
         DVec2::new(xy, root - half)
     };
     let along = along.try_normalize().unwrap_or(DVec2::X);
-    let width = 12.0_f64.sqrt() * kernel_width;
-    let long = (mean + root).sqrt() * width;
+    let long = mean + root;
     // From the determinant: the difference of both would lose a narrow cell's width.
-    let short = ((xx * yy - xy * xy).max(0.0) / (mean + root)).sqrt() * width;
+    let short = (xx * yy - xy * xy).max(0.0) / long;
+    let blur = kernel_width * kernel_width - SQUARE;
+    let sigma = |own: f64| {
+        let added = if blur > 0.0 {
+            blur * (own / (BLUR_OF_NARROW * SQUARE)).min(1.0)
+        } else {
+            blur / SQUARE * own
+        };
+        (own + added).sqrt()
+    };
     let axis = x * along.x + y * along.y;
-    [axis * long, normal.cross(axis) * short]
+    [axis * sigma(long), normal.cross(axis) * sigma(short)]
 }
