@@ -219,7 +219,7 @@ struct Cut<'a> {
 
 /// From this many standard deviations on, a kernel lies on one side: what is left is below f32's
 /// rounding of the other side.
-const ONE_SIDED: f32 = 5.5;
+pub(crate) const ONE_SIDED: f32 = 5.5;
 
 impl Kernel for Cut<'_> {
     type Output = u32;

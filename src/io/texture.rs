@@ -15,14 +15,6 @@ const PNG_PIXELS_PER_BYTE: u64 = 8 * 1032;
 /// A JPEG spends a bit on each block of 64 pixels at least.
 const JPEG_PIXELS_PER_BYTE: u64 = 8 * 64;
 
-/// A decoded image.
-#[derive(Debug, Clone)]
-pub(crate) struct Decoded {
-    pub(crate) image: TextureImage,
-    /// Whether the file has an alpha channel.
-    pub(crate) has_alpha: bool,
-}
-
 /// Decodes the images of one file, and holds them to a common limit.
 #[derive(Debug)]
 pub(crate) struct ImageBudget {
@@ -43,7 +35,7 @@ impl ImageBudget {
     /// # Errors
     /// Why it cannot be decoded, as the end of a sentence: readers of meshes go on without the
     /// image and tell of it.
-    pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<Decoded, String> {
+    pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<TextureImage, String> {
         let damaged = |e: image::ImageError| {
             let text = e.to_string();
             let first = text.lines().next().unwrap_or("").to_owned();
@@ -74,18 +66,14 @@ impl ImageBudget {
         // Sixteen bits of four channels, and as much again for the decoder.
         limits.max_alloc = Some(16 * pixels + (1 << 20));
         decoder.set_limits(limits).map_err(damaged)?;
-        let has_alpha = decoder.color_type().has_alpha();
         let decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
         let rgba = decoded.into_rgba8();
         let (width, height) = (rgba.width() as usize, rgba.height() as usize);
         let pixels = rgba.as_raw().as_chunks::<4>().0.to_vec();
-        Ok(Decoded {
-            image: TextureImage {
-                width,
-                height,
-                pixels,
-            },
-            has_alpha,
+        Ok(TextureImage {
+            width,
+            height,
+            pixels,
         })
     }
 }

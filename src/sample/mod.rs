@@ -3,8 +3,10 @@
 
 mod blanking;
 mod cells;
+mod convert;
 mod curvilinear;
 mod factor;
+mod flatten;
 mod kernels;
 mod lattice;
 mod left_out;
@@ -27,6 +29,7 @@ use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
 
+pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
@@ -66,6 +69,10 @@ pub struct SampleOptions {
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
     pub for_columns: bool,
+    /// A value of the field whose iso-surface is drawn by surfels ([`scene`]): the samples of a
+    /// lattice through whose cells it passes, where the gradient is strong, are flattened along
+    /// the gradient.
+    pub flatten: Option<f64>,
     /// Meshes: how many surfels.
     pub spread: Spread,
     /// Meshes: another number gives another spread of surfels, as even.
@@ -99,6 +106,7 @@ impl Default for SampleOptions {
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
             for_columns: false,
+            flatten: None,
             spread: Spread::Automatic,
             seed: 0,
         }
@@ -128,7 +136,8 @@ pub struct Sampled {
 /// The volumes of a data set and how they came about.
 #[derive(Debug, Clone)]
 pub struct SampledScene {
-    /// At least one; a mesh gives one for each kind of surface it has.
+    /// At least one; a mesh gives one for each kind of surface it has, a flattened lattice a second
+    /// one.
     pub volumes: Vec<PointVolume>,
     /// What was chosen and what was left out.
     pub report: SampleReport,
@@ -141,8 +150,12 @@ pub struct SampledScene {
 /// Those of the two.
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
     let Geometry::Mesh(mesh) = &dataset.geometry else {
-        let Sampled { volume, report } = volume(dataset, options)?;
-        let volumes = vec![volume];
+        let Sampled { mut volume, report } = volume(dataset, options)?;
+        let surface = match options.flatten {
+            Some(value) => flatten::take_surface(&mut volume, value)?,
+            None => None,
+        };
+        let volumes = std::iter::once(volume).chain(surface).collect();
         return Ok(SampledScene { volumes, report });
     };
     let mesh_options = MeshOptions {

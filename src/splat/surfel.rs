@@ -11,7 +11,7 @@
 //! perspective, the depth itself under an orthographic camera; [`SurfelTerms::nearness`] is that
 //! linear number, greater for what is nearer.
 //!
-//! Twin: `shaders/shared/surfel.wgsl`.
+//! Twin: `shaders/shared/surfel.wgsl`, of packed normals `shaders/shared/normal.wgsl`.
 
 use std::f32::consts::TAU;
 
@@ -132,7 +132,7 @@ pub fn surfel_footprint(
 
 /// Steps along each axis of the octahedron that normals are rounded to: a whole number of 22 bits,
 /// which f32 holds, and a direction within .12 degrees.
-const NORMAL_STEPS: f32 = 2047.0;
+pub(crate) const NORMAL_STEPS: f32 = 2047.0;
 
 /// A unit vector as a whole number: its octahedral coordinates in steps.
 #[inline]

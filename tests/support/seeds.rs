@@ -2,7 +2,11 @@
 
 use std::sync::OnceLock;
 
-use super::splats::{Element, Ply, some_splats, splat_ply, splat_records, spz};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
+use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
@@ -102,9 +106,41 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
             }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
+            for degree in 0..2 {
+                for _ in 0..4 {
+                    seeds.push(("a.glb".into(), glb_splats(&some_splats(3, degree))));
+                }
+            }
+        }
+        let mut image = rich_gltf();
+        image.json["images"][0] = serde_json::json!({
+            "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),
+        });
+        for _ in 0..12 {
+            seeds.push(("a.glb".into(), rich_gltf().glb()));
+            seeds.push(("a.gltf".into(), rich_gltf().text()));
+            seeds.push(("b.gltf".into(), image.text()));
+            seeds.push(("a.obj".into(), RICH_OBJ.into()));
+            seeds.push(("b.obj".into(), concave_obj()));
         }
         seeds
     })
+}
+
+/// Polygons that take more than a fan: a star and a ring with a cut.
+fn concave_obj() -> Vec<u8> {
+    let mut text = String::from("g a\n");
+    for i in 0..20 {
+        let (angle, radius) = (f64::from(i) * 0.314, if i % 2 == 0 { 1.0 } else { 0.4 });
+        let [x, y] = [radius * angle.cos(), radius * angle.sin()];
+        text.push_str(&format!("v {x:.3} {y:.3} 0.5\nvt {x:.2} {y:.2}\n"));
+    }
+    text.push_str("usemtl b\nf");
+    for i in 1..=20 {
+        text.push_str(&format!(" {i}/{i}"));
+    }
+    text.push_str("\nf 1 5 9 13 17 1 2 18 14 10 6 2\nf -1 -3 -2 -4\n");
+    text.into_bytes()
 }
 
 /// Small legacy VTK files of every kind, in text and binary, in the old and the new style.

@@ -191,8 +191,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, &progress)?
-        .volumes;
+        .scene(&arguments.inputs, &options, &progress)?;
+    let (scene, up) = (scene.volumes, scene.up);
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -215,7 +215,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let camera = arguments
         .camera
-        .camera(&boxes, arguments.size, DEFAULT_SIZE, lens)?;
+        .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
     if is_column {
         return arguments.draw_column(&mut renderer, &camera, prepared, &progress);
     }

@@ -245,10 +245,8 @@ impl<'b, 'f> Materials<'b, 'f> {
             (_, Some(name)) => format!("`{}`", clip(name)),
             _ => "it".into(),
         };
-        match self.budget.decode(bytes) {
-            Ok(decoded) => Ok(decoded.image),
-            Err(reason) => Err(format!("{name} {reason}")),
-        }
+        let decoded = self.budget.decode(bytes);
+        decoded.map_err(|reason| format!("{name} {reason}"))
     }
 }
 

@@ -30,7 +30,7 @@ pub(crate) use scan::looks_like;
 use super::dataset::{Dataset, Geometry};
 use super::file::read_all;
 use super::mesh_part::{LeftOut, check_not_empty, finish};
-use super::texture::{Decoded, ImageBudget};
+use super::texture::ImageBudget;
 use super::vtk_xml::clip;
 use super::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 use crate::error::{Error, Result};
@@ -162,6 +162,11 @@ fn part_of(mesh: &tobj::Mesh, colour_scale: f64, approximate: &mut usize) -> Mes
             face.dedup();
             while face.len() > 1 && face.first() == face.last() {
                 face.pop();
+            }
+            if face.len() < 3 {
+                // Left out and counted with the others that have no area.
+                triangles.extend(face.first().map(|&i| [i; 3]));
+                continue;
             }
             corners.clear();
             corners.extend(face.iter().map(|&i| positions[i as usize]));
@@ -327,16 +332,17 @@ impl Materials {
             None => [1.0; 3],
         };
         let [r, g, b] = diffuse.map(linear_from_srgb);
-        let is_emissive = emissive.is_some() && stated.emissive.iter().all(|c| *c <= 0.0);
+        let is_dark = stated.emissive.iter().all(|c| *c <= 0.0);
         Material {
             name: stated.name.clone(),
             base_colour: [r, g, b, stated.opacity],
             base_texture,
-            // As with Kd: black with a texture stands for the texture.
-            emissive: if is_emissive {
-                [1.0; 3]
-            } else {
-                stated.emissive.map(linear_from_srgb)
+            emissive: match (&stated.emissive_map, &emissive) {
+                // As with Kd: black with a texture stands for the texture.
+                (Some(_), Some(_)) if is_dark => [1.0; 3],
+                // Light through a texture that cannot be read would be light everywhere.
+                (Some(_), None) => [0.0; 3],
+                _ => stated.emissive.map(linear_from_srgb),
             },
             emissive_texture: emissive,
             alpha,
@@ -361,7 +367,7 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
 struct Images {
     folder: PathBuf,
     budget: ImageBudget,
-    decoded: HashMap<String, Option<Arc<Decoded>>>,
+    decoded: HashMap<String, Option<Arc<TextureImage>>>,
     textures: Vec<Texture>,
     /// Textures by colour map, opacity map and wrapping, and whether they cut out.
     made: HashMap<(Option<String>, Option<String>, bool), (usize, bool)>,
@@ -392,14 +398,14 @@ impl Images {
             )
         })?;
         self.textures.push(Texture {
-            image: Arc::new(decoded.image),
+            image: Arc::new(decoded),
             wrap: [Wrap::Repeat; 2],
         });
         Ok(self.textures.len() - 1)
     }
 
     /// An image, or `None` and a note.
-    fn decode(&mut self, name: &str) -> Option<Arc<Decoded>> {
+    fn decode(&mut self, name: &str) -> Option<Arc<TextureImage>> {
         if let Some(known) = self.decoded.get(name) {
             return known.clone();
         }
@@ -477,8 +483,11 @@ impl Images {
             Some(&known) => known,
             None => {
                 let mut image = match &opacity {
-                    None => image.image.clone(),
-                    Some((_, opacity)) => with_opacity(&image.image, opacity),
+                    // An image that is its own opacity has it.
+                    Some((_, opacity)) if !Arc::ptr_eq(&image, opacity) || colour.is_none() => {
+                        with_opacity(&image, opacity)
+                    }
+                    _ => (*image).clone(),
                 };
                 if colour.is_none() {
                     for pixel in &mut image.pixels {
@@ -528,16 +537,16 @@ fn placed(texture: usize, map: &Map) -> TextureUse {
     }
 }
 
-/// An image with another's opacity: its alpha channel, or its brightness where it has none, at
-/// the nearest pixel.
-fn with_opacity(image: &TextureImage, opacity: &Decoded) -> TextureImage {
+/// An image with another's opacity, at the nearest pixel: its alpha channel, or its brightness
+/// where that is 1 all over.
+fn with_opacity(image: &TextureImage, opacity: &TextureImage) -> TextureImage {
     let mut image = image.clone();
-    let source = &opacity.image;
+    let has_alpha = opacity.pixels.iter().any(|p| p[3] < u8::MAX);
     for (i, pixel) in image.pixels.iter_mut().enumerate() {
-        let x = (2 * (i % image.width) + 1) * source.width / (2 * image.width);
-        let y = (2 * (i / image.width) + 1) * source.height / (2 * image.height);
-        let [r, g, b, a] = source.pixels[y * source.width + x];
-        pixel[3] = if opacity.has_alpha {
+        let x = (2 * (i % image.width) + 1) * opacity.width / (2 * image.width);
+        let y = (2 * (i / image.width) + 1) * opacity.height / (2 * image.height);
+        let [r, g, b, a] = opacity.pixels[y * opacity.width + x];
+        pixel[3] = if has_alpha {
             a
         } else {
             // The mean of a grey pixel is itself.

@@ -7,7 +7,7 @@
 //! | `d a` | opacity |
 //! | `Tr t` | opacity 1 - t where 0 < t < 1; `Tr 0` and `Tr 1` are opaque, because some programs write one and some the other for every solid. `d` wins |
 //! | `map_Kd`, `map_Ke` | textures of both, with the options `-s`, `-o` and `-clamp` |
-//! | `map_d` | opacity: the image's alpha channel, or its brightness where it has none |
+//! | `map_d` | opacity: the image's alpha channel, or its brightness where that is 1 all over |
 //!
 //! Everything else (reflections, bumps, `illum`) is light, and is left to the light.
 

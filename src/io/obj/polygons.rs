@@ -11,6 +11,9 @@ use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 /// three corners count as collinear, and a fan would leave out what is next to them.
 const LEAST_FAN_AREA: f64 = 1e-10;
 
+/// How many fans are tried for a polygon that crosses itself; each takes a look at all corners.
+const MOST_FANS: usize = 16;
+
 /// How a polygon was triangulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
@@ -34,21 +37,35 @@ pub(super) fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) ->
         }
         _ => {}
     }
-    let fan = (1..n - 1).map(|i| [0, i, i + 1]);
-    let Some(points) = in_plane(corners) else {
-        triangles.extend(fan);
-        return Outcome::Approximate;
+    if let Some(points) = in_plane(corners) {
+        if fan_covers(&points) {
+            triangles.extend(fan(n, 0));
+            return Outcome::Exact;
+        }
+        if let Some(exact) = delaunay(&points) {
+            triangles.extend(exact);
+            return Outcome::Exact;
+        }
+    }
+    // The fan of the least area: of a twisted quad, it is the one without an overhang.
+    let area = |start: &usize| -> f64 {
+        fan(n, *start)
+            .map(|t| {
+                let [a, b, c] = t.map(|i| corners[i]);
+                (b - a).cross(c - a).length()
+            })
+            .sum()
     };
-    if fan_covers(&points) {
-        triangles.extend(fan);
-        return Outcome::Exact;
-    }
-    if let Some(exact) = delaunay(&points) {
-        triangles.extend(exact);
-        return Outcome::Exact;
-    }
-    triangles.extend(fan);
+    let starts = 0..n.min(MOST_FANS);
+    let best = starts.min_by(|a, b| area(a).total_cmp(&area(b)));
+    triangles.extend(fan(n, best.unwrap_or(0)));
     Outcome::Approximate
+}
+
+/// The triangles between one corner and the edges that do not touch it.
+fn fan(corner_count: usize, start: usize) -> impl Iterator<Item = [usize; 3]> {
+    let corner = move |i: usize| (start + i) % corner_count;
+    (1..corner_count - 1).map(move |i| [corner(0), corner(i), corner(i + 1)])
 }
 
 /// The corners in their plane, counter-clockwise, scaled to a unit extent; `None` where there is
