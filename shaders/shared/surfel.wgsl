@@ -50,18 +50,18 @@ fn surfel_footprint(
     }
     var terms: SurfelTerms;
     let slope = normal.xy / (focal * across);
-    let pixel = h_of(view) / min(focal.x, focal.y);
+    let pixel = 1.0 / min(focal.x, focal.y);
     let sigma = widest(c[0], c[1]);
     var plane: vec2<f32>;
     if is_orthographic {
         plane = slope;
         terms.nearness = -u.z;
-        terms.slack = SLACK_SIGMAS * sigma + SLACK_LOW_PASS * pixel;
+        terms.slack = SLACK_SIGMAS * sigma + SLACK_PIXELS * pixel;
     } else {
         let per_depth = 1.0 / u.z;
         plane = slope * per_depth;
         terms.nearness = per_depth;
-        terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_LOW_PASS * pixel) * per_depth;
+        terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_PIXELS * pixel) * per_depth;
     }
     if is_above(length3(screen.relative_depth) * cutoff, PERSPECTIVE_FROM) && !is_orthographic {
         terms.homography = 1.0;
@@ -80,7 +80,7 @@ fn surfel_footprint(
             (image.a * along.y - image.b * along.x) / image.determinant,
         );
     }
-    terms.slack = terms.slack + SLACK_LOW_PASS * h_of(view) * length2(plane);
+    terms.slack = terms.slack + SLACK_SLOPE * h_of(view) * length2(plane);
     terms.normal = pack_normal(select(-normal, normal, facing < 0.0));
     return SurfelFootprint(true, screen, image, terms);
 }

@@ -30,7 +30,7 @@ use crate::splat::budget::{
 };
 use crate::splat::{
     ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, GRAZING, JACOBIAN_MARGIN, NORMAL_STEPS,
-    PERSPECTIVE_FROM, SLACK_LOW_PASS, SLACK_SIGMAS, SPLAT_LOW_PASS_PX2,
+    PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2,
 };
 
 /// A shader's name and the files it is composed of.
@@ -360,7 +360,8 @@ pub fn prelude() -> String {
         ("FAINT", FAINT),
         ("COVERAGE_FULL", COVERAGE_FULL),
         ("SLACK_SIGMAS", SLACK_SIGMAS),
-        ("SLACK_LOW_PASS", SLACK_LOW_PASS),
+        ("SLACK_PIXELS", SLACK_PIXELS),
+        ("SLACK_SLOPE", SLACK_SLOPE),
         ("GRAZING", GRAZING),
         ("PERSPECTIVE_FROM", PERSPECTIVE_FROM),
         ("NORMAL_STEPS", NORMAL_STEPS),

@@ -35,5 +35,7 @@ pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
 pub use show::{CHOICE_COLOURS, choice_index};
 #[cfg(feature = "gpu")]
-pub(crate) use surfel::{GRAZING, NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_LOW_PASS, SLACK_SIGMAS};
+pub(crate) use surfel::{
+    GRAZING, NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE,
+};
 pub use surfel::{SurfelFootprint, near_surfel, pack_normal, surfel_footprint, unpack_normal};

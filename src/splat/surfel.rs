@@ -22,12 +22,16 @@ use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 use crate::layout::{NearTerms, SurfelTerms, ViewUniform};
 
 /// Surfels of one surface differ in depth by what it bends between them: up to this many of
-/// their standard deviations, as across a crease, they are averaged.
-pub(crate) const SLACK_SIGMAS: f32 = 2.0;
+/// their standard deviations they are averaged. Across a crease they differ by more, and fall into
+/// two layers, which cover as much.
+pub(crate) const SLACK_SIGMAS: f32 = 1.0;
 
-/// And by what it bends within the reach of the low-pass filter: so many of its standard
-/// deviations.
-pub(crate) const SLACK_LOW_PASS: f32 = 3.0;
+/// And by what it bends within a pixel: so many pixels.
+pub(crate) const SLACK_PIXELS: f32 = 0.5;
+
+/// And, where it is seen at a slant, by what the low-pass filter has spread: so many of its standard
+/// deviations along the slope.
+pub(crate) const SLACK_SLOPE: f32 = 3.0;
 
 /// The slope of a plane is taken for no steeper than a cosine of this towards the ray: what is
 /// seen from its edge has little weight, but its depth would leave all bounds.
@@ -91,18 +95,18 @@ pub fn surfel_footprint(
     };
     let mut terms = SurfelTerms::default();
     let slope = normal.truncate() / (across * focal);
-    let pixel = h_of(view) / focal.min_element();
+    let pixel = 1.0 / focal.min_element();
     let sigma = widest(a, b);
     let plane;
     if is_orthographic {
         plane = slope;
         terms.nearness = -u.z;
-        terms.slack = SLACK_SIGMAS * sigma + SLACK_LOW_PASS * pixel;
+        terms.slack = SLACK_SIGMAS * sigma + SLACK_PIXELS * pixel;
     } else {
         let per_depth = 1.0 / u.z;
         plane = slope * per_depth;
         terms.nearness = per_depth;
-        terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_LOW_PASS * pixel) * per_depth;
+        terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_PIXELS * pixel) * per_depth;
     }
     if screen.relative_depth.length() * cutoff > PERSPECTIVE_FROM && !is_orthographic {
         terms.homography = 1.0;
@@ -121,7 +125,7 @@ pub fn surfel_footprint(
         );
         terms.gradient = (seen / image.determinant).into();
     }
-    terms.slack += SLACK_LOW_PASS * h_of(view) * plane.length();
+    terms.slack += SLACK_SLOPE * h_of(view) * plane.length();
     terms.normal = pack_normal(if facing < 0.0 { normal } else { -normal });
     Some(SurfelFootprint {
         screen,
