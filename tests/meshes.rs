@@ -40,7 +40,12 @@ fn check_promises(mesh: &Mesh) {
     for part in &mesh.parts {
         let n = part.positions.len();
         assert!(part.positions.iter().all(|p| p.is_finite()));
-        assert!(part.triangles.as_flattened().iter().all(|i| (*i as usize) < n));
+        assert!(
+            part.triangles
+                .as_flattened()
+                .iter()
+                .all(|i| (*i as usize) < n)
+        );
         assert!(part.normals.is_empty() || part.normals.len() == n);
         assert!(part.colours.is_empty() || part.colours.len() == n);
         assert!(part.colours.as_flattened().iter().all(|c| c.is_finite()));
@@ -224,7 +229,12 @@ fn real_obj_files_have_their_triangles() {
         };
         let data = read(&path);
         let mesh = mesh(&data);
-        println!("{name}: {} {:?} {:?}", mesh.triangle_count(), mesh.parts.len(), data.notes);
+        println!(
+            "{name}: {} {:?} {:?}",
+            mesh.triangle_count(),
+            mesh.parts.len(),
+            data.notes
+        );
         assert_eq!(mesh.triangle_count(), triangles, "{name}");
         assert_eq!(mesh.parts.len(), parts, "{name}");
         assert_eq!(check_polygons(&path, mesh), [concave, crossing], "{name}");
@@ -266,11 +276,18 @@ fn real_obj_materials_are_those_of_their_files() {
     let expected = [0.14_f32, 0.18, 0.41].map(linear_from_srgb);
     let found = mesh(&read(&path)).materials[0].base_colour;
     // The file's colour has two digits.
-    assert!((0..3).all(|i| (found[i] - expected[i]).abs() < 0.01), "{found:?}");
+    assert!(
+        (0..3).all(|i| (found[i] - expected[i]).abs() < 0.01),
+        "{found:?}"
+    );
 
     let path = real_data("meshes/obj/trumpet.obj").unwrap();
     let data = read(&path);
-    assert!(data.notes.iter().any(|n| n.contains("and 1 more")), "{:?}", data.notes);
+    assert!(
+        data.notes.iter().any(|n| n.contains("and 1 more")),
+        "{:?}",
+        data.notes
+    );
 }
 
 #[test]
@@ -320,7 +337,12 @@ fn real_gltf_files_have_their_triangles() {
         ("NegativeScaleTest.glb", 0, 0, true),
         ("OrientationTest.glb", 524, 13, true),
         ("SimpleSparseAccessor.gltf", 12, 1, false),
-        ("TextureTransformTest/TextureTransformTest.gltf", 24, 12, false),
+        (
+            "TextureTransformTest/TextureTransformTest.gltf",
+            24,
+            12,
+            false,
+        ),
         ("VertexColorTest.glb", 36, 2, true),
     ] {
         let Some(path) = real_data(&format!("meshes/gltf/{name}")) else {
@@ -393,7 +415,12 @@ fn real_gltf_materials_are_those_of_their_files() {
     let path = real_data("meshes/gltf/VertexColorTest.glb").unwrap();
     let data = read(&path);
     assert!(mesh(&data).parts.iter().any(|p| !p.colours.is_empty()));
-    assert!(mesh(&data).materials.iter().all(|m| m.base_texture.is_some()));
+    assert!(
+        mesh(&data)
+            .materials
+            .iter()
+            .all(|m| m.base_texture.is_some())
+    );
 }
 
 /// In this file an arrow's tip lies on the marker "not supported" where a texture's transform is
@@ -429,7 +456,11 @@ fn texture_transforms_bring_the_arrow_to_its_marker() {
     assert!(wrong.distance(tip) > 0.3);
     let moved = transform("Offset UV").transform_point2(Vec2::ZERO);
     assert_eq!(moved, Vec2::splat(0.5));
-    let texture = mesh(&data).materials[0].base_texture.as_ref().unwrap().texture;
+    let texture = mesh(&data).materials[0]
+        .base_texture
+        .as_ref()
+        .unwrap()
+        .texture;
     assert_eq!(mesh(&data).textures[texture].wrap, [Wrap::ClampToEdge; 2]);
 }
 
@@ -501,7 +532,10 @@ fn obj_is_known_by_its_name_or_its_text() {
     let crlf = text.replace('\n', "\r\n");
     assert_eq!(mesh(&folder.open("b", crlf.as_bytes())).triangle_count(), 2);
     let bom = format!("\u{feff}{text}");
-    assert_eq!(mesh(&folder.open("c.obj", bom.as_bytes())).triangle_count(), 2);
+    assert_eq!(
+        mesh(&folder.open("c.obj", bom.as_bytes())).triangle_count(),
+        2
+    );
     // A table is no OBJ file.
     let error = folder.refuse("d", b"v,f,g\n1,2,3\n");
     assert!(!error.contains("OBJ mesh"), "{error}");
@@ -516,7 +550,10 @@ fn all_kinds_of_corners_may_be_in_one_object() {
     let found = mesh(&data);
     // Two triangles for each quad, one for the others.
     assert_eq!(found.triangle_count(), 6);
-    let with_uv = found.parts.iter().filter(|p| !p.texture_coordinates.is_empty());
+    let with_uv = found
+        .parts
+        .iter()
+        .filter(|p| !p.texture_coordinates.is_empty());
     assert_eq!(with_uv.count(), 1);
     let of = |name: &str| {
         let named = |p: &&MeshPart| found.materials[p.material].name == name;
@@ -552,11 +589,11 @@ fn coordinates_keep_their_digits() {
     let folder = Folder::new();
     let text = "v 1000000.0009765625 0 0\nv 1000001 0 0\nv 1000000 1 0\nf 1 2 3\n";
     let data = obj(&folder, text);
-    assert!(
-        mesh(&data).parts[0]
-            .positions
-            .contains(&DVec3::new(1_000_000.000_976_562_5, 0.0, 0.0))
-    );
+    assert!(mesh(&data).parts[0].positions.contains(&DVec3::new(
+        1_000_000.000_976_562_5,
+        0.0,
+        0.0
+    )));
 }
 
 #[test]
@@ -586,9 +623,16 @@ fn what_cannot_be_shown_is_left_out_and_counted() {
     // The last is a triangle with a corner named twice.
     assert_eq!(mesh(&data).triangle_count(), 2);
     assert!(has_note(&data, "3 triangles have NaN"), "{:?}", data.notes);
-    assert!(has_note(&data, "2 triangles have no area"), "{:?}", data.notes);
+    assert!(
+        has_note(&data, "2 triangles have no area"),
+        "{:?}",
+        data.notes
+    );
     assert_eq!(mesh(&data).parts[0].positions.len(), 3);
-    for text in ["v 0 0 0\nf 1 1 1\n", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"] {
+    for text in [
+        "v 0 0 0\nf 1 1 1\n",
+        "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    ] {
         let error = folder.refuse("b.obj", text.as_bytes());
         assert!(error.contains("a triangle with an area"), "{error}");
     }
@@ -617,14 +661,30 @@ fn broken_obj_files_name_the_line() {
         ("v 0 0 0\nf 0 1 1\n", 2, "vertices above"),
         ("v 0 0 0\nf -2 1 1\n", 2, "vertices above"),
         ("v 0 0 0\nf 1/1 1/1 1/1\n", 2, "texture coordinates"),
-        ("v 0 0 0\nvt 0 0\nf 1/18446744073709551615 1/1 1/1\n", 3, "a corner"),
-        ("v 0 0 0\nvt 0 0\nf 1/9223372036854775807 1/1 1/1\n", 3, "texture coordinates"),
-        ("v 0 0 0\nvt 0 0\nf 1/-9223372036854775808 1/1 1/1\n", 3, "texture coordinates"),
+        (
+            "v 0 0 0\nvt 0 0\nf 1/18446744073709551615 1/1 1/1\n",
+            3,
+            "a corner",
+        ),
+        (
+            "v 0 0 0\nvt 0 0\nf 1/9223372036854775807 1/1 1/1\n",
+            3,
+            "texture coordinates",
+        ),
+        (
+            "v 0 0 0\nvt 0 0\nf 1/-9223372036854775808 1/1 1/1\n",
+            3,
+            "texture coordinates",
+        ),
         ("v 0 0 0\nf 1//1 1//1 1//1\n", 2, "normals"),
         ("v 0 0 0\nf 1/1/1/1 1 1\n", 2, "a corner"),
         ("v 0 0 0\nf a b c\n", 2, "a corner"),
         ("v 0 0 0\nf\n", 2, "three corners"),
-        ("v 0 0 0\n# a \\\n b\nv 1 0 \\\n0\nf 1 2 3\n", 6, "2 vertices"),
+        (
+            "v 0 0 0\n# a \\\n b\nv 1 0 \\\n0\nf 1 2 3\n",
+            6,
+            "2 vertices",
+        ),
     ] {
         let error = folder.refuse("a.obj", text.as_bytes());
         assert!(error.contains(&format!("line {line}:")), "{text}: {error}");
@@ -647,10 +707,19 @@ fn opacities_and_colours_follow_their_rules() {
     let half = linear_from_srgb(0.5);
 
     assert_eq!(material("Tr 1.000000").alpha, AlphaMode::Opaque);
-    assert_eq!(material("Tr 0.25").base_colour[3].to_bits(), 0.75_f32.to_bits());
+    assert_eq!(
+        material("Tr 0.25").base_colour[3].to_bits(),
+        0.75_f32.to_bits()
+    );
     assert_eq!(material("Tr 0.25").alpha, AlphaMode::Blend);
-    assert_eq!(material("Tr 1\nd 0.5").base_colour[3].to_bits(), 0.5_f32.to_bits());
-    assert_eq!(material("Kd 0.5 0.5 0.5").base_colour, [half, half, half, 1.0]);
+    assert_eq!(
+        material("Tr 1\nd 0.5").base_colour[3].to_bits(),
+        0.5_f32.to_bits()
+    );
+    assert_eq!(
+        material("Kd 0.5 0.5 0.5").base_colour,
+        [half, half, half, 1.0]
+    );
     assert_eq!(material("Kd 0 0 0").base_colour, [0.0, 0.0, 0.0, 1.0]);
     let textured = material("Kd 0 0 0\nmap_Kd a b.png");
     assert_eq!(textured.base_colour, [1.0; 4]);
@@ -665,17 +734,27 @@ fn opacities_and_colours_follow_their_rules() {
 
     // Opacity maps: of 0 and 1 alone they cut out.
     assert_eq!(material("map_d a b.png").alpha, AlphaMode::Mask(0.5));
-    assert_eq!(material("map_Kd a b.png\nmap_d a b.png").alpha, AlphaMode::Mask(0.5));
+    assert_eq!(
+        material("map_Kd a b.png\nmap_d a b.png").alpha,
+        AlphaMode::Mask(0.5)
+    );
     assert_eq!(material("map_d none.png").alpha, AlphaMode::Opaque);
     let (grey, data) = painted(&folder, "map_Kd c.jpg\nmap_d grey.png");
     assert_eq!(grey.alpha, AlphaMode::Blend);
     // Its alpha is 1 all over: its brightness is meant.
     let texture = grey.base_texture.unwrap().texture;
     let image = &mesh(&data).textures[texture].image;
-    assert!(image.pixels.iter().all(|p| p[3] == 128), "{:?}", image.pixels[0]);
+    assert!(
+        image.pixels.iter().all(|p| p[3] == 128),
+        "{:?}",
+        image.pixels[0]
+    );
     let (same, data) = painted(&folder, "map_Kd grey.png\nmap_d grey.png");
     let texture = same.base_texture.unwrap().texture;
-    assert_eq!(mesh(&data).textures[texture].image.pixels, [[128, 128, 128, 255]]);
+    assert_eq!(
+        mesh(&data).textures[texture].image.pixels,
+        [[128, 128, 128, 255]]
+    );
 }
 
 #[test]
@@ -684,7 +763,10 @@ fn texture_statements_are_obeyed() {
     folder.file("a.png", &png(1, &[[255; 4]]));
     let (material, data) = painted(&folder, "map_Kd -s 2 4 1 -o 0.25 0.5 -clamp on a.png");
     let use_ = material.base_texture.unwrap();
-    assert_eq!(mesh(&data).textures[use_.texture].wrap, [Wrap::ClampToEdge; 2]);
+    assert_eq!(
+        mesh(&data).textures[use_.texture].wrap,
+        [Wrap::ClampToEdge; 2]
+    );
     // In the file's terms, v upwards: (u, v) to (2 u + 1/4, 4 v + 1/2).
     let uv = Vec2::new(0.5, 0.125);
     let found = use_.transform.transform_point2(Vec2::new(uv.x, 1.0 - uv.y));
@@ -717,7 +799,12 @@ fn texture_statements_are_obeyed() {
         let name = if statement.starts_with('x') { "m" } else { "n" };
         let text = format!("mtllib {statement}\n{SQUARE_OBJ}usemtl {name}\nf 1 2 3\n");
         let data = obj(&folder, &text);
-        assert_eq!(mesh(&data).materials[0].base_colour, colour, "{:?}", data.notes);
+        assert_eq!(
+            mesh(&data).materials[0].base_colour,
+            colour,
+            "{:?}",
+            data.notes
+        );
     }
 }
 
@@ -815,7 +902,10 @@ fn poses_at_rest_are_those_of_morphs_and_joints() {
         found.textures[use_.texture].wrap,
         [Wrap::ClampToEdge, Wrap::MirroredRepeat]
     );
-    assert_eq!(found.parts[0].texture_coordinates[0][0], Vec2::new(0.0, 1.0));
+    assert_eq!(
+        found.parts[0].texture_coordinates[0][0],
+        Vec2::new(0.0, 1.0)
+    );
 }
 
 #[test]
@@ -829,7 +919,10 @@ fn nodes_place_meshes() {
     let s = std::f64::consts::FRAC_1_SQRT_2;
     file.json["nodes"][0]["scale"] = json!([2, 3, -4]);
     file.json["nodes"][0]["rotation"] = json!([0, 0, s, s]);
-    file.add("nodes", json!({ "translation": [10, 0, 0], "children": [0] }));
+    file.add(
+        "nodes",
+        json!({ "translation": [10, 0, 0], "children": [0] }),
+    );
     let data = shown(&file);
     let part = &mesh(&data).parts[0];
     // f32 of a quarter turn.
@@ -838,7 +931,11 @@ fn nodes_place_meshes() {
     assert!((0..2).all(|t| area(part, t).z < 0.0));
     // (0, .6 / 3, .8 / -4), turned: (-.2, 0, -.2).
     let expected = glam::Vec3::new(-1.0, 0.0, -1.0).normalize();
-    assert!(part.normals[0].distance(expected) < 1e-6, "{}", part.normals[0]);
+    assert!(
+        part.normals[0].distance(expected) < 1e-6,
+        "{}",
+        part.normals[0]
+    );
 
     // The same as one matrix.
     let mut same = file.clone();
@@ -944,7 +1041,11 @@ fn indices_of_all_types_and_modes_are_read() {
         let mut file = file.clone();
         file.mesh(points);
         let data = shown(&file);
-        assert!(has_note(&data, "1 primitives of points"), "{:?}", data.notes);
+        assert!(
+            has_note(&data, "1 primitives of points"),
+            "{:?}",
+            data.notes
+        );
         assert_eq!(mesh(&data).triangle_count(), 1);
     }
 }
@@ -1020,8 +1121,16 @@ fn accessors_are_checked_before_they_are_read() {
         ("/accessors/0/componentType", json!(7), "Invalid"),
         ("/accessors/0/bufferView", json!(9), "one of 2 buffer views"),
         ("/accessors/1/componentType", json!(F32), "U16"),
-        ("/bufferViews/0/byteLength", json!(4000), "a part of buffer 0"),
-        ("/bufferViews/0/byteOffset", json!(u64::MAX), "a part of buffer 0"),
+        (
+            "/bufferViews/0/byteLength",
+            json!(4000),
+            "a part of buffer 0",
+        ),
+        (
+            "/bufferViews/0/byteOffset",
+            json!(u64::MAX),
+            "a part of buffer 0",
+        ),
         ("/bufferViews/0/byteStride", json!(4), "a stride of 12"),
         ("/bufferViews/0/byteStride", json!(1_000_000), "room for 1"),
         ("/bufferViews/0/buffer", json!(3), "one of 1 buffers"),
@@ -1120,7 +1229,11 @@ fn buffers_and_images_lie_beside_the_file() {
     assert!(error.contains("buffer 0"), "{error}");
     folder.file("parts/a b.bin", &file.bin);
     let data = folder.open("a.gltf", &text(&file));
-    assert!(has_note(&data, "no file `my image.png`"), "{:?}", data.notes);
+    assert!(
+        has_note(&data, "no file `my image.png`"),
+        "{:?}",
+        data.notes
+    );
     let material = &mesh(&data).materials[0];
     assert!(material.base_texture.is_none());
     assert_eq!(material.base_colour, [1.0, 0.0, 0.0, 1.0]);
@@ -1137,12 +1250,21 @@ fn buffers_and_images_lie_beside_the_file() {
     assert_eq!(mesh(&data).textures.len(), 1);
     assert_eq!(mesh(&data).textures[0].image.pixels, [[1, 2, 3, 4]]);
 
-    for uri in ["/etc/passwd", "http://a/b.bin", "C:\\a.bin", "", "data:x,abc"] {
+    for uri in [
+        "/etc/passwd",
+        "http://a/b.bin",
+        "C:\\a.bin",
+        "",
+        "data:x,abc",
+    ] {
         file.json["buffers"][0]["uri"] = json!(uri);
         let error = folder.refuse("a.gltf", &text(&file));
         assert!(error.contains("buffer 0"), "{uri}: {error}");
     }
-    file.json["buffers"][0].as_object_mut().unwrap().remove("uri");
+    file.json["buffers"][0]
+        .as_object_mut()
+        .unwrap()
+        .remove("uri");
     let error = folder.refuse("a.gltf", &text(&file));
     assert!(error.contains("a URI, or the binary chunk"), "{error}");
 }
@@ -1201,7 +1323,11 @@ fn extensions_are_obeyed_noted_or_refused() {
         json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }),
     );
     let data = shown(&file);
-    assert!(has_note(&data, "needs EXT_texture_webp"), "{:?}", data.notes);
+    assert!(
+        has_note(&data, "needs EXT_texture_webp"),
+        "{:?}",
+        data.notes
+    );
     // The older colours.
     let mut file = sound();
     file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -1210,7 +1336,10 @@ fn extensions_are_obeyed_noted_or_refused() {
         "materials",
         json!({ "extensions": { "KHR_materials_pbrSpecularGlossiness": extension } }),
     );
-    assert_eq!(mesh(&shown(&file)).materials[0].base_colour, [0.0, 1.0, 0.0, 1.0]);
+    assert_eq!(
+        mesh(&shown(&file)).materials[0].base_colour,
+        [0.0, 1.0, 0.0, 1.0]
+    );
 }
 
 #[test]
@@ -1242,7 +1371,10 @@ fn broken_containers_are_told() {
         ("{}", "asset, version"),
         ("{\"asset\":{\"version\":\"2.0\"},\"meshes\":3}", "JSON"),
         ("[1]", "asset, version"),
-        ("{\"asset\":{\"version\":\"2.0\"}}", "a triangle with an area"),
+        (
+            "{\"asset\":{\"version\":\"2.0\"}}",
+            "a triangle with an area",
+        ),
     ] {
         let error = folder.refuse("a.gltf", text.as_bytes());
         assert!(error.contains(words), "{text}: {error}");
@@ -1260,5 +1392,9 @@ fn images_claim_no_more_than_their_bytes_hold() {
     claims[29..33].copy_from_slice(&crc.sum().to_be_bytes());
     folder.file("a.png", &claims);
     let (_, data) = painted(&folder, "map_Kd a.png");
-    assert!(has_note(&data, "claims 65535 x 65535 pixels"), "{:?}", data.notes);
+    assert!(
+        has_note(&data, "claims 65535 x 65535 pixels"),
+        "{:?}",
+        data.notes
+    );
 }

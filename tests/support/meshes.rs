@@ -145,7 +145,7 @@ impl Gltf {
         let mut json = self.json.clone();
         let data = base64::engine::general_purpose::STANDARD.encode(&self.bin);
         json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{data}"));
-        serde_json::to_vec_pretty(&json).unwrap()
+        serde_json::to_vec(&json).unwrap()
     }
 }
 
@@ -184,7 +184,10 @@ pub(crate) fn rich_gltf() -> Gltf {
         }),
     );
     let image = file.view(&png(2, &[[255, 0, 0, 255], [0, 255, 0, 128]].repeat(2)));
-    file.add("images", json!({ "bufferView": image, "mimeType": "image/png" }));
+    file.add(
+        "images",
+        json!({ "bufferView": image, "mimeType": "image/png" }),
+    );
     file.add("samplers", json!({ "wrapS": 33071, "wrapT": 33648 }));
     file.add("textures", json!({ "source": 0, "sampler": 0 }));
     file.add(
@@ -211,9 +214,15 @@ pub(crate) fn rich_gltf() -> Gltf {
         "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights },
         "indices": strip, "mode": 5,
     }));
-    let joint = file.add("nodes", json!({ "children": [3], "translation": [0, 0, 4] }));
+    let joint = file.add(
+        "nodes",
+        json!({ "children": [3], "translation": [0, 0, 4] }),
+    );
     file.add("nodes", json!({ "scale": [1, 1, -2] }));
-    file.add("skins", json!({ "joints": [joint, joint + 1], "inverseBindMatrices": binds }));
+    file.add(
+        "skins",
+        json!({ "joints": [joint, joint + 1], "inverseBindMatrices": binds }),
+    );
     file.json["nodes"][1]["skin"] = json!(0);
     file.json["nodes"][1]["extensions"] = json!({
         "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": translations } }

@@ -265,7 +265,10 @@ fn material_line(material: &Value) -> String {
             "one-sided"
         },
     );
-    for (name, kind) in [("base_texture", "texture"), ("emissive_texture", "emission")] {
+    for (name, kind) in [
+        ("base_texture", "texture"),
+        ("emissive_texture", "emission"),
+    ] {
         if material[name].is_array() {
             line.push_str(&format!(", {kind} {}", times(&material[name])));
         }

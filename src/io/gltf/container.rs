@@ -21,7 +21,10 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     }
     let text = String::from_utf8_lossy(head);
     let text = text.trim_start_matches('\u{feff}').trim_start();
-    text.starts_with('{') && ["\"asset\"", "\"accessors\""].iter().any(|w| text.contains(w))
+    text.starts_with('{')
+        && ["\"asset\"", "\"accessors\""]
+            .iter()
+            .any(|w| text.contains(w))
 }
 
 /// The JSON of a file and, for a binary file, the chunk after it.
@@ -66,8 +69,8 @@ pub(crate) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<(&'f [u8], Optio
         }
         at = start + chunk.len().next_multiple_of(4);
     }
-    let json = json
-        .ok_or_else(|| Error::format(path, "chunks", "one of kind `JSON`", "none", advice))?;
+    let json =
+        json.ok_or_else(|| Error::format(path, "chunks", "one of kind `JSON`", "none", advice))?;
     Ok((json, bin))
 }
 
@@ -204,7 +207,11 @@ impl<'f> Buffers<'f> {
         });
         let bytes = range.ok_or_else(|| {
             let found = format!("{} bytes from byte {offset}", view.byte_length.0);
-            let expected = format!("a part of buffer {}'s {}", view.buffer.value(), buffer.len());
+            let expected = format!(
+                "a part of buffer {}'s {}",
+                view.buffer.value(),
+                buffer.len()
+            );
             // A fallback of compressed data has a length and no bytes.
             self.refuse(place, expected, found)
         })?;

@@ -265,9 +265,7 @@ fn base_colour(stated: &json::Material) -> [f32; 4] {
 }
 
 /// The older description of colours, where the newer one says nothing.
-fn specular(
-    stated: &json::Material,
-) -> Option<&json::extensions::material::PbrSpecularGlossiness> {
+fn specular(stated: &json::Material) -> Option<&json::extensions::material::PbrSpecularGlossiness> {
     let metallic = &stated.pbr_metallic_roughness;
     let says_nothing = metallic.base_color_texture.is_none()
         && metallic.base_color_factor.0.iter().all(|c| *c >= 1.0);
@@ -281,7 +279,9 @@ fn set_of(info: &Info) -> u32 {
         .extensions
         .as_ref()
         .and_then(|e| e.texture_transform.as_ref());
-    transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord)
+    transform
+        .and_then(|t| t.tex_coord)
+        .unwrap_or(info.tex_coord)
 }
 
 /// `KHR_texture_transform`: scaled, then turned, then moved. With v downwards, as glTF has it, a

@@ -133,7 +133,11 @@ fn holds_splats(document: &Value) -> bool {
     items(document, "meshes")
         .iter()
         .flat_map(|mesh| items(mesh, "primitives"))
-        .any(|primitive| primitive["extensions"].get("KHR_gaussian_splatting").is_some())
+        .any(|primitive| {
+            primitive["extensions"]
+                .get("KHR_gaussian_splatting")
+                .is_some()
+        })
 }
 
 /// Refuses required extensions that are not read, and notes others that are used.

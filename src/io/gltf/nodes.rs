@@ -115,9 +115,9 @@ fn parent_from_node(buffers: &Buffers<'_>, index: usize, node: &Node) -> Result<
     let vector = |v: Option<[f32; 3]>, otherwise| {
         v.map_or(otherwise, |v| DVec3::from_array(v.map(f64::from)))
     };
-    let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| {
-        DQuat::from_array(q.0.map(f64::from))
-    });
+    let rotation = node
+        .rotation
+        .map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
     Ok(DAffine3::from_scale_rotation_translation(
         vector(node.scale, DVec3::ONE),
         unit(rotation),
@@ -193,11 +193,7 @@ pub(super) fn joints(
 ///
 /// # Errors
 /// Accessors of unequal lengths, or that are not there.
-pub(super) fn instances(
-    buffers: &Buffers<'_>,
-    index: usize,
-    node: &Node,
-) -> Result<Vec<DAffine3>> {
+pub(super) fn instances(buffers: &Buffers<'_>, index: usize, node: &Node) -> Result<Vec<DAffine3>> {
     let extension = node.extensions.as_ref();
     let Some(attributes) = extension.and_then(|e| e.others.get("EXT_mesh_gpu_instancing")) else {
         return Ok(vec![DAffine3::IDENTITY]);

@@ -258,7 +258,11 @@ mod tests {
             let file = format!("newmtl a\t \n{text}\n");
             let materials = read(file.as_bytes(), &mut Vec::new());
             assert_eq!(materials[0].name, "a");
-            assert_eq!(materials[0].opacity.to_bits(), f32::to_bits(opacity), "{text}");
+            assert_eq!(
+                materials[0].opacity.to_bits(),
+                f32::to_bits(opacity),
+                "{text}"
+            );
         }
     }
 
