@@ -317,8 +317,8 @@ fn legacy_files_with_wrong_counts_are_answered_at_once() {
     }
 }
 
-/// Meshes, their materials and their images, cut at every byte and with every byte changed; one
-/// byte in eight of those that are long.
+/// Meshes, their materials and their images, cut at every byte and with every byte changed;
+/// one byte in sixteen of those that are long.
 #[test]
 fn mesh_files_of_every_length_are_answered() {
     let folder = tempfile::tempdir().unwrap();
@@ -349,13 +349,13 @@ fn mesh_files_of_every_length_are_answered() {
             is_read
         };
         assert!(answer(bytes), "{damaged}");
-        let step = if bytes.len() > 1000 { 8 } else { 1 };
+        let step = if bytes.len() > 300 { 16 } else { 1 };
         let places = (0..bytes.len()).step_by(step);
         let cut = places.clone().filter(|&n| answer(&bytes[..n])).count();
         let mut changed = bytes.to_vec();
         let mut read = 0;
         for i in places.clone() {
-            for byte in [0, 0xff, bytes[i] ^ 1, b'9', b'-'] {
+            for byte in [0xff, bytes[i] ^ 1, b'9'] {
                 changed[i] = byte;
                 read += usize::from(answer(&changed));
             }
@@ -367,6 +367,6 @@ fn mesh_files_of_every_length_are_answered() {
         // Materials and images may be missing; meshes may not.
         let is_mesh = damaged == opened;
         assert!(is_mesh || cut == count, "{damaged}: {cut}");
-        assert!(is_mesh || read == 5 * count, "{damaged}: {read}");
+        assert!(is_mesh || read == 3 * count, "{damaged}: {read}");
     }
 }
