@@ -154,6 +154,7 @@ fn stages(c: &mut Criterion) {
                 &frame.near,
                 &bins,
                 frame.tiles[0],
+                &[],
                 &mut tiles,
             )
         };

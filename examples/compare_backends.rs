@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::measure::compare;
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, io, sample};
+use glam::DVec3;
 
 fn main() -> ewa_splat::Result<()> {
     let path = std::env::args_os().nth(1).map_or_else(
@@ -27,6 +28,7 @@ fn main() -> ewa_splat::Result<()> {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
         zoom: 1.0,
+        up: DVec3::Z,
     };
     let Some(camera) = viewpoint.camera(&cpu.visible_boxes(), Lens::FovDeg(35.0), [512, 512])
     else {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::sample::{SampleOptions, TransferChoice};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, io, sample};
+use glam::DVec3;
 
 fn main() -> ewa_splat::Result<()> {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -23,6 +24,7 @@ fn main() -> ewa_splat::Result<()> {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
         zoom: 1.0,
+        up: DVec3::Z,
     };
     let Some(camera) = viewpoint.camera(&renderer.visible_boxes(), Lens::FovDeg(35.0), [800, 600])
     else {

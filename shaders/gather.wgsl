@@ -38,8 +38,10 @@ const EXACT_WORDS: u32 = 6u;
 @group(0) @binding(7) var<storage, read_write> sorted_footprints: array<vec4<u32>>;
 @group(0) @binding(8) var<storage, read_write> sorted_exact: array<u32>;
 
-// Whether there are exact terms.
+// Whether there are exact terms, or what lies in their place.
 override EXACT: bool = true;
+// Whether all footprints have them, not just those on the exact path.
+override IS_OF_ALL: bool = false;
 
 @compute @workgroup_size(THREADS)
 fn gather(
@@ -58,8 +60,8 @@ fn gather(
     }
     let quarter = thread % QUARTERS;
     sorted_footprints[k * QUARTERS + quarter] = footprints[i * QUARTERS + quarter];
-    // Parts of splats have no exact terms.
-    if EXACT && footprints[i * QUARTERS + 3u].x == PATH_EXACT {
+    // Parts of splats have exact terms only where all have.
+    if EXACT && (IS_OF_ALL || footprints[i * QUARTERS + 3u].x == PATH_EXACT) {
         for (var word = quarter; word < EXACT_WORDS; word = word + QUARTERS) {
             sorted_exact[k * EXACT_WORDS + word] = exact[i * EXACT_WORDS + word];
         }

@@ -10,7 +10,9 @@
 @group(0) @binding(5) var<storage, read> views: array<BlockView>;
 @group(0) @binding(6) var<storage, read> classified: array<ClassifiedParticle>;
 @group(0) @binding(7) var<storage, read_write> footprints: array<Footprint>;
-// Written where a footprint is on the exact path; as long as `footprints` where that may be.
+// Written where a footprint is on the exact path, where opaque surfaces may cut kernels, and (as
+// `SurfelTerms`) where it is a surfel's of an opaque surface; as long as `footprints` where that may
+// be.
 @group(0) @binding(8) var<storage, read_write> exact: array<ExactTerms>;
 @group(0) @binding(9) var<storage, read_write> near: NearList;
 
@@ -28,9 +30,14 @@ override COUNT_INDEX: u32 = 0u;
 // what draws its particles.
 override FILTER: u32 = 0u;
 override IS_ORTHOGRAPHIC: bool = false;
-// Masses are peak opacities.
-override IS_OF_SPLATS: bool = false;
+// By what rule particles are drawn: one of the RULE_ constants.
+override RULE: u32 = 0u;
+// Of splats that state their opacity.
 override IS_ANTI_ALIASED: bool = false;
+// Whether surfels seen from behind are left out.
+override IS_ONE_SIDED: bool = false;
+// Whether opaque surfaces may cut kernels, so that all have terms of their depth.
+override IS_CUT: bool = false;
 
 @compute @workgroup_size(THREADS)
 fn project(
@@ -49,13 +56,22 @@ fn project(
     let offset = times(rotation, world_offset(block.block, particle.local));
     let factor = camera_factor(rotation, block.block, particle.local);
     let origin = vector(block.origin_camera);
-    let kernel = Kernel(origin + offset, factor, particle.mass);
+    var kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
     let filter_kind = select(FILTER, block.filter_kind, FILTER == FILTER_ADAPTIVE);
     var out: Footprint;
-    if IS_OF_SPLATS {
+    if RULE == RULE_PEAK {
+        if IS_CUT {
+            // Without a depth of its own: where its centre lies.
+            exact[i] = ExactTerms();
+        }
         out = splat_footprint(view, kernel, particle.colour, key);
+    } else if RULE == RULE_SURFACE {
+        out = surfel(view, kernel, particle.colour, key, i);
     } else {
+        if RULE == RULE_PANE {
+            kernel.mass = kernel.mass * facing(view, kernel);
+        }
         out = footprint(view, filter_kind, kernel, particle.colour, key, i);
     }
     if view.show_choice != 0u {
@@ -146,6 +162,92 @@ fn splat_footprint(
     return out;
 }
 
+// The footprint of a surfel of an opaque surface. Its terms, if any, are those of `index`.
+fn surfel(
+    view: ViewUniform,
+    kernel: Kernel,
+    colour: array<f32, 3>,
+    key: u32,
+    index: u32,
+) -> Footprint {
+    var out = invisible(kernel, colour, key);
+    // Weights are averaged: where a kernel ends counts as a share of it.
+    let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
+    let reach = r * length3(kernel.factor.z);
+    if is_above(-reach, kernel.centre.z) {
+        return out;
+    }
+    if is_at_most(kernel.centre.z, NEAR_MARGIN * reach) && view.orthographic == 0u {
+        let found = near_surfel(kernel, IS_ONE_SIDED);
+        if !found.exists {
+            return out;
+        }
+        let x_axis = vec3<f32>(1.0, 0.0, 0.0);
+        let y_axis = vec3<f32>(0.0, 1.0, 0.0);
+        let columns = near_range(kernel, x_axis, kernel.factor.x, view, 0u, r, 0.0);
+        let rows = near_range(kernel, y_axis, kernel.factor.y, view, 1u, r, 0.0);
+        if columns != 0u && rows != 0u {
+            let place = push_at(found.terms);
+            if place == NO_PLACE {
+                return out;
+            }
+            out.columns = columns;
+            out.rows = rows;
+            out.tau = found.weight / cutoff_share(r);
+            out.cutoff_squared = r * r;
+            out.path = place << 4u | PATH_NEAR_SURFEL;
+            // No fragment of it is nearer.
+            out.depth = LARGEST;
+        }
+        return out;
+    }
+    let surfel = surfel_footprint(view, kernel, IS_ONE_SIDED, r);
+    if !surfel.exists {
+        return out;
+    }
+    let screen = surfel.screen;
+    let image = surfel.image;
+    let plane = surfel.terms;
+    affine_part(&out, screen, image, r);
+    out.path = PATH_SURFEL;
+    var middle = vec2<f32>(0.0);
+    var half_size = vec2<f32>(sqrt(image.a), sqrt(image.c)) * r;
+    if plane.homography > 0.0 {
+        let extent = exact_extent(screen, view.low_pass_variance_px2, r);
+        if !extent.exists {
+            return out;
+        }
+        middle = extent.middle;
+        half_size = extent.half_size;
+    }
+    set_bounds(view, &out, screen.centre_px + middle, half_size);
+    // The nearness within the box: no fragment of it is nearer.
+    let gradient = vec2<f32>(plane.gradient[0], plane.gradient[1]);
+    let nearest = plane.nearness + dot2(gradient, middle) + dot2(abs(gradient), half_size);
+    out.depth = nearest + plane.slack;
+    exact[index] = ExactTerms(
+        plane.gradient,
+        array<f32, 3>(plane.nearness, plane.slack, plane.homography),
+        plane.normal,
+    );
+    return out;
+}
+
+// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
+// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
+fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
+    var c = columns(kernel.factor);
+    let normal = cross3(c[0] / largest_of(c[0]), c[1] / largest_of(c[1]));
+    let u = kernel.centre;
+    let ray = select(u / largest_of(u), vec3<f32>(0.0, 0.0, 1.0), view.orthographic != 0u);
+    let across = dot3(normal, ray);
+    let lengths = length3(normal) * length3(ray);
+    if !is_above(lengths, 0.0) || (IS_ONE_SIDED && is_above(across, 0.0)) {
+        return 0.0;
+    }
+    return abs(across) / lengths;
+}
+
 // The footprint of one kernel; invisible where it reaches no pixel. Its exact terms, if any, are
 // those of `index`.
 fn footprint(
@@ -201,13 +303,26 @@ fn footprint(
         if !extent.exists {
             return out;
         }
-        exact[index] = choice.terms;
+        var terms = choice.terms;
+        if IS_CUT {
+            let depths = depth_terms(view, screen, h2, image.determinant, kernel.centre.z);
+            terms.depth_sigma = depths.sigma;
+        }
+        exact[index] = terms;
         affine_part(&out, screen, image, r);
         out.path = PATH_EXACT;
         // |D| is evaluated per pixel; |D0| goes here.
         out.tau = out.tau / screen.ray_length;
         set_bounds(view, &out, screen.centre_px + extent.middle, extent.half_size);
     } else {
+        if IS_CUT {
+            let determinant = filtered(screen, FILTER_EWA, h2).determinant;
+            let depths = depth_terms(view, screen, h2, determinant, kernel.centre.z);
+            var terms: ExactTerms;
+            terms.gradient = array<f32, 2>(depths.slope.x, depths.slope.y);
+            terms.depth_sigma = depths.sigma;
+            exact[index] = terms;
+        }
         affine_part(&out, screen, image, r);
         let half_size = vec2<f32>(sqrt(image.a), sqrt(image.c)) * r;
         set_bounds(view, &out, screen.centre_px, half_size);
@@ -258,12 +373,21 @@ const NO_PLACE: u32 = 0xffffffffu;
 
 // The path of a footprint with these terms.
 fn push(terms: NearTerms, path: u32) -> u32 {
+    let place = push_at(terms);
+    if place == NO_PLACE {
+        return NO_PLACE;
+    }
+    return place << 2u | path;
+}
+
+// The place of terms among those of near kernels.
+fn push_at(terms: NearTerms) -> u32 {
     let place = atomicAdd(&near.count, 1u);
     if place >= arrayLength(&near.terms) {
         return NO_PLACE;
     }
     near.terms[place] = terms;
-    return place * 4u + path;
+    return place;
 }
 
 // An orthographic kernel that reaches behind the eye's plane.

@@ -335,8 +335,9 @@ pub struct SurfelTerms {
     /// 1 where the footprint follows the plane's homography, Q over the square of the nearness
     /// relative to the centre's; 0 where it is affine.
     pub homography: f32,
-    /// Fills up the place of [`ExactTerms`].
-    pub unused: f32,
+    /// The unit normal, camera space, towards the eye: a whole number, as
+    /// [`pack_normal`](crate::splat::pack_normal) makes it.
+    pub normal: f32,
 }
 
 impl From<SurfelTerms> for ExactTerms {

@@ -13,7 +13,7 @@ use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUT
 use crate::cpu::{self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
-use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, Gpu};
+use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, FrameOutput, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{
     BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
@@ -341,10 +341,16 @@ impl Renderer {
             choice: choice_uniform(camera, settings),
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
+            normals: settings.normals,
             count: settings.show == Show::Count,
             background: settings.shown_background(),
         };
-        let (counts, times) = device.render(&input, &mut self.image, &mut self.depth)?;
+        let output = FrameOutput {
+            image: &mut self.image,
+            depth: &mut self.depth,
+            normals: &mut self.normals,
+        };
+        let (counts, times) = device.render(&input, output)?;
         self.counts = counts;
         self.times = StageTimes {
             frame: start.elapsed().as_secs_f64() * 1e3,

@@ -595,6 +595,7 @@ fn a_real_set_keeps_its_mass() {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
         zoom: 0.6,
+        up: DVec3::Z,
     };
     let lens = ewa_splat::view::Lens::OrthoHeight(None);
     let camera = view.camera(&renderer.boxes(), lens, [400, 300]).unwrap();

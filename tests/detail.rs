@@ -95,7 +95,9 @@ fn sums(volume: &BlockedVolume, level: u32, middle: DVec3) -> Sums {
                     let squares = factors[i].iter().map(|l| f64::from(*l).powi(2));
                     (offsets[i], squares.sum())
                 }
-                BlockedParticles::Lattice(_) => panic!("points stay points"),
+                BlockedParticles::Lattice(_) | BlockedParticles::Surfels { .. } => {
+                    panic!("points stay points")
+                }
             };
             let position = block.origin + DVec3::from(offset.map(f64::from)) - middle;
             sums.add(masses[i], position, trace, colours[i]);

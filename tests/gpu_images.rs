@@ -55,6 +55,7 @@ fn fitted(scene: &PointVolume, lens: Lens, size: [usize; 2]) -> Camera {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
         zoom: 1.0,
+        up: DVec3::Z,
     };
     viewpoint
         .camera(&renderer.visible_boxes(), lens, size)

@@ -249,6 +249,7 @@ fn compare(input: &Input, name: &str, seen: &mut Seen) {
         &input.classified,
         &input.view,
         input.rotation,
+        false,
         input.classified.len(),
     )
     .unwrap();
@@ -998,6 +999,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                 &input.classified,
                 &input.view,
                 input.rotation,
+                false,
                 count,
             )
             .unwrap();
@@ -1039,6 +1041,7 @@ fn near_kernels_beyond_the_room_are_counted_and_draw_nothing() {
             &input.classified,
             &input.view,
             input.rotation,
+            false,
             10,
         )
         .unwrap();
@@ -1137,6 +1140,7 @@ fn poison_stays_where_it_is() {
                     &input.classified,
                     &input.view,
                     input.rotation,
+                    false,
                     2000,
                 )
                 .unwrap();

@@ -82,6 +82,7 @@ fn on_gpu(
         &frame.near,
         &lists,
         chunks,
+        None,
         background,
     )
     .unwrap();
@@ -157,6 +158,7 @@ fn spec_of(frame: &Frame) -> RasterSpec {
         depth: false,
         count: false,
         linear_opacity: false,
+        surface: false,
     }
 }
 

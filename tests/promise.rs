@@ -96,6 +96,7 @@ fn fitted(renderer: &Renderer, size: usize) -> Option<(Camera, DVec3)> {
         azimuth_deg: 30.0,
         elevation_deg: 25.0,
         zoom: 1.0,
+        up: DVec3::Z,
     };
     let camera = viewpoint.camera(&boxes, LENS, [size; 2])?;
     let all = boxes

@@ -56,6 +56,7 @@ fn kernels(volume: &PointVolume) -> Vec<(DVec3, DMat3, f64)> {
             .zip(volumes)
             .map(|((p, s), v)| (*p, DMat3::from_diagonal(DVec3::splat(f64::from(*s))), v))
             .collect(),
+        Particles::Surfels { .. } => panic!("kernels of a volume expected"),
         Particles::Anisotropic { positions, factors } => positions
             .iter()
             .zip(factors)

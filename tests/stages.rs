@@ -399,6 +399,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
         &frame.near,
         &frame.bins(),
         frame.tiles[0],
+        &[],
         &mut tiles,
     );
     let mut image = ewa_splat::Image::new(camera.width, camera.height);

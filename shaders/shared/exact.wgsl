@@ -19,6 +19,39 @@ fn exact_terms(screen: ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
     return terms;
 }
 
+// How the depth of a kernel changes across its footprint (per pixel), and its standard deviation
+// along a ray; world units. `determinant`: of the low-passed footprint.
+struct DepthTerms {
+    slope: vec2<f32>,
+    sigma: f32,
+}
+
+fn depth_terms(
+    view: ViewUniform,
+    screen: ScreenFactor,
+    h2: f32,
+    determinant: f32,
+    depth: f32,
+) -> DepthTerms {
+    let x = screen.row_x;
+    let y = screen.row_y;
+    let s = screen.relative_depth;
+    let cx = dot3(x, s);
+    let cy = dot3(y, s);
+    let xx = dot3(x, x) + h2;
+    let xy = dot3(x, y);
+    let yy = dot3(y, y) + h2;
+    let inv = 1.0 / determinant;
+    let slope = vec2<f32>(yy * cx - xy * cy, xx * cy - xy * cx) * inv;
+    let volume = dot3(cross3(x, y), s);
+    let xs = cross3(x, s);
+    let ys = cross3(y, s);
+    let squares = volume * volume + h2 * (dot3(xs, xs) + dot3(ys, ys)) + h2 * h2 * dot3(s, s);
+    // `relative_depth` is relative under perspective alone.
+    let scale = select(depth, 1.0, view.orthographic != 0u);
+    return DepthTerms(slope * scale, sqrt(squares * inv) * scale);
+}
+
 // The bounding box of the cut-off ellipsoid's outline: its middle relative to the kernel's centre
 // and its half extents, pixels.
 struct Extent {

@@ -135,6 +135,14 @@ struct ExactTerms {
     depth_sigma: f32,
 }
 
+struct SurfelTerms {
+    gradient: array<f32, 2>,
+    nearness: f32,
+    slack: f32,
+    homography: f32,
+    normal: f32,
+}
+
 struct NearTerms {
     misses: array<array<f32, 3>, 5>,
     minors: array<array<f32, 3>, 10>,

@@ -219,7 +219,7 @@ struct Cut<'a> {
 
 /// From this many standard deviations on, a kernel lies on one side: what is left is below f32's
 /// rounding of the other side.
-const ONE_SIDED: f32 = 5.5;
+pub(crate) const ONE_SIDED: f32 = 5.5;
 
 impl Kernel for Cut<'_> {
     type Output = u32;
@@ -350,8 +350,10 @@ fn near_cut(
     let sigma = terms.sigma.max(f32::MIN_POSITIVE);
     let behind_eye = normal_cdf(-z / sigma);
     let share = (normal_cdf((at - z) / sigma) - behind_eye) / (1.0 - behind_eye);
-    // `max` takes the other argument when one is NaN.
-    share.max(0.0).min(1.0)
+    if share.is_nan() {
+        return 0.0;
+    }
+    share.clamp(0.0, 1.0)
 }
 
 /// Puts an opacity behind what a pixel has; counts it, where pixels count kernels.

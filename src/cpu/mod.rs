@@ -44,7 +44,11 @@ pub use amplitude::{AmplitudeSummary, count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
 pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
+#[cfg(feature = "gpu")]
+pub(crate) use hybrid::ONE_SIDED;
 pub use lanes::{SimdLevel, Tile};
+#[cfg(feature = "gpu")]
+pub(crate) use project::Rule;
 pub use project::{ProjectOutput, project};
 pub use rasterise::{RasteriseSettings, rasterise};
 pub use resolve::{resolve, resolve_depth, resolve_normals};

@@ -140,8 +140,8 @@ pub fn project(
 }
 
 /// By what rule a volume's particles are drawn.
-#[derive(Debug, Clone, Copy)]
-enum Rule {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Rule {
     /// As kernels that absorb light.
     Kernel,
     /// As splats that state their opacity.
@@ -153,7 +153,7 @@ enum Rule {
 }
 
 impl Rule {
-    fn of(volume: &BlockedVolume) -> Self {
+    pub(crate) fn of(volume: &BlockedVolume) -> Self {
         let is_one_sided = matches!(
             volume.particles,
             BlockedParticles::Surfels {
@@ -399,6 +399,10 @@ fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
 }
 
 /// The footprint of one kernel; invisible where it reaches no pixel.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what one kernel's footprint depends on, and where its terms go"
+)]
 #[inline]
 pub(crate) fn footprint(
     view: &ViewUniform,

@@ -20,6 +20,7 @@ use crate::constants::{
     COVERAGE_FULL, SURFACE_LAYERS, TERMINATION_INTERVAL, TILE_PIXELS, TILE_SIZE,
 };
 use crate::layout::{ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
+use crate::splat::unpack_normal;
 
 /// One float per pixel of a tile.
 type Plane = [f32; TILE_PIXELS];
@@ -168,7 +169,6 @@ pub fn rasterise_surface(
             let splat_pixels = run_at(level, raster);
             resolve_layers(view, layers, tile, has_normals.then_some(normals));
             if is_count {
-                tile.alpha.fill(1.0);
                 for plane in [&mut tile.red, &mut tile.green, &mut tile.blue] {
                     plane.copy_from_slice(&**counts);
                 }
@@ -281,7 +281,7 @@ impl SurfaceRaster<'_> {
         let mut limits = [-1.0; TILE_SIZE];
         limits[columns[0]..columns[1]].fill(footprint.cutoff_squared);
         let normal = if self.has_normals {
-            self.normal(footprint, terms)
+            unpack_normal(terms.normal).into()
         } else {
             [0.0; 3]
         };
@@ -403,21 +403,6 @@ impl SurfaceRaster<'_> {
                 insert(self.layers, y * TILE_SIZE + x, &fragment);
             }
         }
-    }
-
-    /// The unit normal of a surfel's plane, camera space, towards the eye: the plane follows from
-    /// how its nearness changes.
-    fn normal(&self, footprint: &Footprint, terms: &SurfelTerms) -> [f32; 3] {
-        let focal = Vec2::from(self.view.focal_px);
-        let across = Vec2::from(terms.gradient) * focal;
-        let normal = if self.view.orthographic != 0 {
-            // z = -nearness: the plane z + gradient . (x, y) = constant.
-            -across.extend(1.0)
-        } else {
-            let slope = (Vec2::from(footprint.centre_px) - Vec2::from(self.view.centre_px)) / focal;
-            -across.extend(terms.nearness - slope.dot(across))
-        };
-        normal.normalize_or_zero().into()
     }
 }
 

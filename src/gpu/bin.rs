@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use bytemuck::{Zeroable, bytes_of, cast_slice};
 
 use super::device::Gpu;
-use super::gather::{BoundGather, Gather};
+use super::gather::{BoundGather, Gather, Terms};
 use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::radix::{BoundRadixSort, RadixSort};
 use super::scan::{BoundScan, Scan};
@@ -212,8 +212,13 @@ pub fn bin(
     let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
     let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
     let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
-    let gather =
-        Gather::new(gpu, has_exact).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
+    let gather = Gather::new(gpu, Terms::exact(has_exact)).bind(
+        gpu,
+        &uniform,
+        &sort,
+        &gathered,
+        chunk_capacity,
+    )?;
     let bin =
         Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
 

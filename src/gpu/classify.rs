@@ -144,7 +144,7 @@ pub(super) fn upload_views(
     capacity: u32,
     part_bytes: u64,
 ) -> Result<Uploaded> {
-    let scene = Scene::new(gpu, std::slice::from_ref(volume), part_bytes)?;
+    let scene = Scene::new(gpu, std::slice::from_ref(volume), |_| true, part_bytes)?;
     let mut uploaded = Uploaded {
         scene,
         buffers: Vec::new(),

@@ -240,7 +240,7 @@ pub fn cull(
     cameras: &[CameraUniform],
     part_bytes: u64,
 ) -> Result<Vec<CullOutput>> {
-    let scene = Scene::new(gpu, volumes, part_bytes)?;
+    let scene = Scene::new(gpu, volumes, |_| true, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
     let buffers = scene
         .parts

@@ -8,6 +8,26 @@ use super::sort::BoundSort;
 use crate::error::Result;
 use crate::layout::{ChunkState, ExactTerms, Footprint};
 
+/// Which footprints have [`ExactTerms`], or what lies in their place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Terms {
+    None,
+    /// Those on the exact path.
+    OfExact,
+    OfAll,
+}
+
+impl Terms {
+    /// Those of the exact path, where footprints may be on it.
+    pub(super) fn exact(may_be_exact: bool) -> Self {
+        if may_be_exact {
+            Self::OfExact
+        } else {
+            Self::None
+        }
+    }
+}
+
 /// The pipelines of the stage.
 #[derive(Debug)]
 pub(super) struct Gather {
@@ -31,14 +51,18 @@ pub(super) struct BoundGather {
 }
 
 impl Gather {
-    /// `exact`: whether footprints have exact terms.
-    pub(super) fn new(gpu: &Gpu, exact: bool) -> Self {
+    /// `terms`: which footprints have exact terms.
+    pub(super) fn new(gpu: &Gpu, terms: Terms) -> Self {
         use Access::{Read, Uniform, Write};
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
             gpu.kernel(&shaders::GATHER, entry, bindings, constants)
         };
         let bindings = [Uniform, Uniform, Read, Read, Read, Read, Read, Write, Write];
-        let exact = [("EXACT", f64::from(u8::from(exact)))];
+        let flag = |is: bool| f64::from(u8::from(is));
+        let exact = [
+            ("EXACT", flag(terms != Terms::None)),
+            ("IS_OF_ALL", flag(terms == Terms::OfAll)),
+        ];
         Self {
             prepare: kernel("gather_prepare", &[Uniform, Read, Write, Write], &[]),
             gather: kernel("gather", &bindings, &exact),

@@ -14,12 +14,16 @@
 //! | `gather.rs` | order, footprints | a chunk of them side by side, in order |
 //! | `bin.rs` | the chunk | lists per tile |
 //! | `rasterise.rs` | lists, the chunk | pixels |
+//! | `surface.rs` | lists, the chunk, of opaque surfels | pixels of the surface |
+//! | `compose.rs` | pixels, the surface's | pixels with the surface behind them |
 //! | `resolve.rs` | pixels | pixels before a background |
 //!
 //! | file | subject |
 //! |---|---|
 //! | `scene.rs`, `particles.rs` | the upload: a volume as parts |
-//! | `frame.rs` | the stages one after the other; how much room they have |
+//! | `frame.rs` | a frame: its passes, and the way back |
+//! | `pass.rs` | the stages of a pass one after the other; how much room they have |
+//! | `tile.rs` | what both rasterisers share |
 //! | `radix.rs`, `scan.rs` | a stable sort of pairs and prefix sums, which several stages need |
 //! | `f64.rs` | double precision in integers, for its test |
 //! | `merged.rs` | numbers that merged particles need, for their test |
@@ -38,6 +42,7 @@
 
 mod bin;
 mod classify;
+mod compose;
 mod cull;
 mod device;
 mod f64;
@@ -47,6 +52,7 @@ mod kernel;
 mod memory;
 mod merged;
 mod particles;
+mod pass;
 mod project;
 mod radix;
 mod rasterise;
@@ -58,6 +64,8 @@ mod scene;
 mod shade;
 mod shaders;
 mod sort;
+mod surface;
+mod tile;
 mod timer;
 
 pub use bin::{ChunkBins, MAX_BAND_TILES, bin};
@@ -65,7 +73,7 @@ pub use classify::{Classified, classify};
 pub use cull::{CullOutput, camera_uniform, cull};
 pub use device::{AdapterChoice, Gpu};
 pub use f64::{F64Results, f64_operations};
-pub use frame::{DeviceScene, FrameInput};
+pub use frame::{DeviceScene, FrameInput, FrameOutput};
 pub use merged::{MergedNumbers, merged_numbers};
 pub use project::{Projected, project};
 pub use rasterise::{RasterSpec, rasterise};
@@ -73,3 +81,4 @@ pub use scan::exclusive_scan;
 pub use shade::shade;
 pub use shaders::{Shader, prelude};
 pub use sort::sort;
+pub use surface::{SurfacePixels, SurfaceSpec, rasterise_surface};

@@ -8,9 +8,16 @@ use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
 use super::scene::Kinds;
 use super::shaders;
 use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::cpu::Rule;
 use crate::error::Result;
 use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::splat::Filter;
+
+/// [`Rule`]s as the shader numbers them.
+pub(super) const RULE_KERNEL: u32 = 0;
+pub(super) const RULE_PEAK: u32 = 1;
+pub(super) const RULE_SURFACE: u32 = 2;
+pub(super) const RULE_PANE: u32 = 3;
 
 /// What a projection's pipeline is compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,8 +25,9 @@ pub(super) struct ProjectSpec {
     pub(super) particles: ParticleKind,
     pub(super) filter: Filter,
     pub(super) is_orthographic: bool,
-    /// For splats that state their opacity: whether they are made for anti-aliasing.
-    pub(super) splats: Option<bool>,
+    pub(super) rule: Rule,
+    /// Whether opaque surfaces may cut kernels.
+    pub(super) is_cut: bool,
     /// Which word of the counts says how many particles are classified.
     pub(super) count_index: u32,
 }
@@ -27,22 +35,28 @@ pub(super) struct ProjectSpec {
 impl ProjectSpec {
     /// For a part under a view.
     ///
+    /// - `is_cut`: whether opaque surfaces may cut its kernels.
     /// - `count_index`: which word of the counts is the part's.
-    pub(super) fn new(kinds: &Kinds, view: &ViewUniform, count_index: u32) -> Self {
+    pub(super) fn new(kinds: &Kinds, view: &ViewUniform, is_cut: bool, count_index: u32) -> Self {
         Self {
             particles: kinds.particles,
             filter: Filter::ALL[view.filter_kind as usize],
             is_orthographic: view.orthographic != 0,
-            splats: kinds.splats,
+            rule: kinds.rule,
+            is_cut,
             count_index,
         }
     }
 
-    /// Whether any of its footprints may be on the exact path.
-    pub(super) fn may_be_exact(&self) -> bool {
-        matches!(self.filter, Filter::Adaptive | Filter::Exact)
-            && !self.is_orthographic
-            && self.splats.is_none()
+    /// Whether any of its footprints may have terms: on the exact path, of a surfel, or to be cut.
+    pub(super) fn has_terms(&self) -> bool {
+        let may_be_exact =
+            matches!(self.filter, Filter::Adaptive | Filter::Exact) && !self.is_orthographic;
+        match self.rule {
+            Rule::Surface { .. } => true,
+            Rule::Peak { .. } => self.is_cut,
+            Rule::Kernel | Rule::Pane { .. } => self.is_cut || may_be_exact,
+        }
     }
 }
 
@@ -69,7 +83,7 @@ pub(super) struct ProjectBuffers<'a> {
     pub(super) views: &'a wgpu::Buffer,
     pub(super) classified: &'a wgpu::Buffer,
     pub(super) footprints: &'a wgpu::Buffer,
-    /// As many as footprints; one is enough where none may be exact.
+    /// As many as footprints; one is enough where none has terms.
     pub(super) exact: &'a wgpu::Buffer,
     /// A counter, zero at the beginning of a frame, and room for [`NearTerms`]: at least one.
     pub(super) near: &'a wgpu::Buffer,
@@ -84,6 +98,12 @@ impl Project {
             ParticleKind::Surfels => &shaders::PROJECT_SURFELS,
         };
         let flag = |is: bool| f64::from(u8::from(is));
+        let (rule, is_anti_aliased, is_one_sided) = match spec.rule {
+            Rule::Kernel => (RULE_KERNEL, false, false),
+            Rule::Peak { is_anti_aliased } => (RULE_PEAK, is_anti_aliased, false),
+            Rule::Surface { is_one_sided } => (RULE_SURFACE, false, is_one_sided),
+            Rule::Pane { is_one_sided } => (RULE_PANE, false, is_one_sided),
+        };
         let kernel = gpu.kernel(
             shader,
             "project",
@@ -103,8 +123,10 @@ impl Project {
                 ("COUNT_INDEX", f64::from(spec.count_index)),
                 ("FILTER", f64::from(spec.filter as u32)),
                 ("IS_ORTHOGRAPHIC", flag(spec.is_orthographic)),
-                ("IS_OF_SPLATS", flag(spec.splats.is_some())),
-                ("IS_ANTI_ALIASED", flag(spec.splats == Some(true))),
+                ("RULE", f64::from(rule)),
+                ("IS_ANTI_ALIASED", flag(is_anti_aliased)),
+                ("IS_ONE_SIDED", flag(is_one_sided)),
+                ("IS_CUT", flag(spec.is_cut)),
             ],
         );
         Self { kernel }
@@ -145,7 +167,8 @@ pub(super) fn near_bytes(capacity: usize) -> u64 {
 pub struct Projected {
     /// One per classified particle.
     pub footprints: Vec<Footprint>,
-    /// As many, where a filter may ask for them; meant where a footprint is on the exact path.
+    /// As many, where any may have terms; meant where a footprint is on the exact path, is a
+    /// surfel's of an opaque surface or may be cut.
     pub exact: Vec<ExactTerms>,
     /// Terms of the kernels that cross the camera plane, in no particular order.
     pub near: Vec<NearTerms>,
@@ -156,8 +179,14 @@ pub struct Projected {
 /// Projects every particle of `classified`, as [`cpu::project`](crate::cpu::project) does, with room
 /// for `near_capacity` kernels (at least one) that cross the camera plane: those that find none draw nothing.
 ///
+/// - `is_cut`: whether opaque surfaces may cut kernels.
+///
 /// # Errors
 /// No memory, or a lost device.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a stage takes the slices it reads and writes"
+)]
 pub fn project(
     gpu: &Gpu,
     volume: &BlockedVolume,
@@ -165,6 +194,7 @@ pub fn project(
     classified: &[ClassifiedParticle],
     view: &ViewUniform,
     rotation: Mat3,
+    is_cut: bool,
     near_capacity: usize,
 ) -> Result<Projected> {
     if classified.is_empty() {
@@ -177,7 +207,7 @@ pub fn project(
         _ => gpu.upload("blocks", &pack_blocks(volume, all.clone(), None))?,
     };
     let mut shapes = pack_shapes(volume, all);
-    let spec = ProjectSpec::new(&Kinds::of(volume), view, 0);
+    let spec = ProjectSpec::new(&Kinds::of(volume), view, is_cut, 0);
     // A binding holds one element at least.
     shapes.resize(
         shapes.len().max(spec.particles.words_per_particle().max(3)),
@@ -185,7 +215,7 @@ pub fn project(
     );
     let shapes = gpu.upload("shapes", &shapes)?;
     let count = classified.len();
-    let exact_count = if spec.may_be_exact() { count } else { 0 };
+    let exact_count = if spec.has_terms() { count } else { 0 };
     let bytes = |count: usize, each: usize| (count.max(1) * each) as u64;
     let footprints = gpu.buffer("footprints", bytes(count, size_of::<Footprint>()))?;
     let exact = gpu.buffer("exact terms", bytes(exact_count, size_of::<ExactTerms>()))?;

@@ -1,15 +1,18 @@
 //! Stage: from lists of footprints to pixels, front to back. Twin: [`crate::cpu::rasterise`].
 
-use bytemuck::{Pod, Zeroable};
-
+use super::compose::Compose;
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel};
+use super::kernel::{Access, Kernel};
 use super::resolve::{Background, Resolve};
 use super::shaders;
+use super::tile::{
+    BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice, upload_lists,
+    word_of_depth,
+};
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
-use crate::layout::{ChunkUniform, ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
 
 /// What specialises the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -25,42 +28,21 @@ pub struct RasterSpec {
     pub count: bool,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats have it anyway.
     pub linear_opacity: bool,
+    /// Whether opaque surfaces lie among the kernels.
+    pub surface: bool,
 }
 
-/// What a tile carries from one chunk of footprints to the next.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct TileProgress {
-    pub(super) drawn: u32,
-    pub(super) is_done: u32,
-    pub(super) splat_pixels: [u32; 2],
-}
-
-impl TileProgress {
-    /// Kernels evaluated within their cut-off.
-    pub(super) fn splat_pixels(&self) -> u64 {
-        u64::from(self.splat_pixels[0]) | u64::from(self.splat_pixels[1]) << 32
+impl RasterSpec {
+    /// Words of a pixel on the device; of the picture they are the first.
+    pub(super) fn pixel_words(&self) -> u64 {
+        let words = picture_words(self.depth);
+        if self.surface { 2 * words } else { words }
     }
 }
 
-/// Words of a pixel on the device.
-pub(super) fn pixel_words(depth: bool) -> u64 {
+/// Words of a pixel of the picture.
+pub(super) fn picture_words(depth: bool) -> u64 {
     if depth { 5 } else { 4 }
-}
-
-/// The buffers that the rasteriser reads and writes.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RasterBuffers<'a> {
-    /// A uniform [`ChunkUniform`], whose band is as wide as the image.
-    pub(super) chunk: &'a wgpu::Buffer,
-    pub(super) view: &'a wgpu::Buffer,
-    pub(super) tile_ranges: &'a wgpu::Buffer,
-    pub(super) tile_lists: &'a wgpu::Buffer,
-    pub(super) footprints: &'a wgpu::Buffer,
-    pub(super) exact: &'a wgpu::Buffer,
-    pub(super) near: &'a wgpu::Buffer,
-    pub(super) pixels: &'a wgpu::Buffer,
-    pub(super) progress: &'a wgpu::Buffer,
 }
 
 /// The rasteriser's pipeline.
@@ -70,47 +52,42 @@ pub(super) struct Rasterise {
     slice: u32,
 }
 
-/// The rasteriser with its buffers.
-#[derive(Debug)]
-pub(super) struct BoundRasterise {
-    kernel: BoundKernel,
-    slice: u32,
-}
-
-/// Entries of a list that a dispatch draws at most: all.
-const WHOLE_LIST: u32 = u32::MAX;
-/// The same on a software adapter: llvmpipe ends all loops of a thread, without a word, after
-/// 65,535 rounds. An entry takes one and a share of its batch's.
-const SHORT_LIST: u32 = 60_000;
-/// The same where kernels may be near, whose columns and their pairs take rounds of their own.
-const SHORT_NEAR_LIST: u32 = 3_000;
+/// Rounds of a kernel that may be near: its five columns and their ten pairs, and the pairs once more
+/// where a surface cuts it.
+const NEAR_ROUNDS: u32 = 25;
 
 impl Rasterise {
     pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
         use Access::{Read, Uniform, Write};
-        let flag = f64::from;
-        let slice = match (gpu.is_software(), spec.near) {
-            (false, _) => WHOLE_LIST,
-            (true, false) => SHORT_LIST,
-            (true, true) => SHORT_NEAR_LIST,
-        };
+        let flag = |is: bool| f64::from(u8::from(is));
+        let slice = slice(gpu, if spec.near { NEAR_ROUNDS } else { 0 });
         let kernel = gpu.kernel(
             &shaders::RASTERISE,
             "rasterise",
-            &[Uniform, Read, Write, Read, Read, Read, Read, Write, Write],
             &[
-                ("HAS_EXACT", flag(u8::from(spec.exact))),
-                ("HAS_NEAR", flag(u8::from(spec.near))),
-                ("HAS_DEPTH", flag(u8::from(spec.depth))),
-                ("IS_COUNT", flag(u8::from(spec.count))),
-                ("IS_LINEAR", flag(u8::from(spec.linear_opacity))),
+                Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
+            ],
+            &[
+                ("HAS_EXACT", flag(spec.exact)),
+                ("HAS_NEAR", flag(spec.near)),
+                ("HAS_DEPTH", flag(spec.depth)),
+                ("IS_COUNT", flag(spec.count)),
+                ("IS_LINEAR", flag(spec.linear_opacity)),
+                ("HAS_SURFACE", flag(spec.surface)),
                 ("SLICE", f64::from(slice)),
             ],
         );
         Self { kernel, slice }
     }
 
-    pub(super) fn bind(&self, gpu: &Gpu, b: &RasterBuffers<'_>) -> BoundRasterise {
+    /// - `surface`: its pixels; of any buffer where there is none.
+    pub(super) fn bind(
+        &self,
+        gpu: &Gpu,
+        b: &TileBuffers<'_>,
+        pixels: &wgpu::Buffer,
+        surface: &wgpu::Buffer,
+    ) -> BoundTiles {
         let kernel = self.kernel.bind(
             gpu,
             &[
@@ -119,38 +96,18 @@ impl Rasterise {
                 b.tile_ranges,
                 b.tile_lists,
                 b.footprints,
-                b.exact,
+                b.terms,
                 b.near,
-                b.pixels,
+                pixels,
                 b.progress,
+                surface,
             ],
         );
-        BoundRasterise {
+        BoundTiles {
             kernel,
             slice: self.slice,
         }
     }
-}
-
-impl BoundRasterise {
-    /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
-    ///
-    /// The tiles' progress must be cleared before a frame's first lists.
-    ///
-    /// - `tiles`: of the band.
-    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
-        for _ in 0..longest.div_ceil(self.slice).max(1) {
-            self.kernel.dispatch(pass, tiles);
-        }
-    }
-}
-
-/// The near terms as the device keeps them: their number, then the terms, room for one at least.
-fn near_words(near: &[NearTerms]) -> Vec<u32> {
-    let mut words = vec![near.len() as u32];
-    words.extend_from_slice(bytemuck::cast_slice(near));
-    words.resize(words.len().max(1 + size_of::<NearTerms>() / 4), 0);
-    words
 }
 
 /// Draws all tiles of an image: what [`crate::cpu::rasterise`] and [`crate::cpu::resolve`] do
@@ -158,6 +115,7 @@ fn near_words(near: &[NearTerms]) -> Vec<u32> {
 ///
 /// - `lists`: the footprints of each tile, front to back.
 /// - `chunks`: into how many depth chunks the lists are cut, as a frame of many footprints is.
+/// - `surface`: opaque surfaces among them, where the specialisation says so.
 ///
 /// Returns the image, depths where asked for, and the number of splat-pixels.
 ///
@@ -176,61 +134,53 @@ pub fn rasterise(
     near: &[NearTerms],
     lists: &[Vec<u32>],
     chunks: usize,
+    surface: Option<(&Image, &DepthImage)>,
     background: Option<[f32; 3]>,
 ) -> Result<(Image, Option<DepthImage>, u64)> {
     let [width, height] = view.size.map(|n| n as usize);
-    let columns = width.div_ceil(TILE_SIZE) as u32;
-    let rows = height.div_ceil(TILE_SIZE) as u32;
+    let tiles = view.size.map(|n| n.div_ceil(TILE_SIZE as u32));
     let kernel = Rasterise::new(gpu, spec);
-    let view = gpu.upload("view", &[*view])?;
-    let longest = lists.iter().map(Vec::len).max().unwrap_or(0) as u32;
+    let view = gpu.uniform("view", view)?;
     let footprints = gpu.upload("footprints", footprints)?;
     let exact = gpu.upload("exact terms", exact)?;
     let near = gpu.upload("near terms", &near_words(near))?;
     let count = width * height;
-    let words = count * pixel_words(spec.depth) as usize;
-    let pixels = gpu.buffer("pixels", 4 * words as u64)?;
+    let pixels = gpu.buffer("pixels", 4 * spec.pixel_words() * count as u64)?;
     let progress = gpu.buffer(
         "tiles",
         lists.len() as u64 * size_of::<TileProgress>() as u64,
     )?;
-    for chunk in 0..chunks {
-        let mut ranges = Vec::new();
-        let mut entries = Vec::new();
-        for list in lists {
-            let cut = |n: usize| list.len() * n / chunks;
-            let first = entries.len() as u32;
-            entries.extend_from_slice(&list[cut(chunk)..cut(chunk + 1)]);
-            ranges.push([first, entries.len() as u32]);
-        }
-        let band = ChunkUniform {
-            start: 0,
-            capacity: longest,
-            band_first: [0; 2],
-            band_size: [columns, rows],
-        };
-        let bound = kernel.bind(
-            gpu,
-            &RasterBuffers {
-                chunk: &gpu.uniform("chunk", &band)?,
-                view: &view,
-                tile_ranges: &gpu.upload("tile ranges", &ranges)?,
-                tile_lists: &gpu.upload("tile lists", &entries)?,
-                footprints: &footprints,
-                exact: &exact,
-                near: &near,
-                pixels: &pixels,
-                progress: &progress,
-            },
-        );
-        gpu.run(|pass| bound.encode(pass, columns * rows, longest));
+    let mut of_surface = Vec::new();
+    if let Some((image, depth)) = surface {
+        of_surface.extend(image.pixels.as_flattened());
+        of_surface.extend(depth.depths.iter().copied().map(word_of_depth));
     }
-    if let Some(colour) = background {
-        let background = gpu.uniform("background", &Background::new(colour, count as u32))?;
-        let resolve = Resolve::new(gpu).bind(gpu, &background, &pixels);
+    let of_surface = gpu.upload("surface", &of_surface)?;
+    for [chunk, tile_ranges, tile_lists] in &upload_lists(gpu, lists, tiles, chunks)? {
+        let buffers = TileBuffers {
+            chunk,
+            view: &view,
+            tile_ranges,
+            tile_lists,
+            footprints: &footprints,
+            terms: &exact,
+            near: &near,
+            progress: &progress,
+        };
+        let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface);
+        gpu.run(|pass| bound.encode(pass, tiles[0] * tiles[1], longest(lists)));
+    }
+    let colour = background.unwrap_or([0.0; 3]);
+    let uniform = gpu.uniform("background", &Background::new(colour, count as u32))?;
+    if spec.surface {
+        let compose = Compose::new(gpu, spec).bind(gpu, &uniform, &pixels, &of_surface);
+        gpu.run(|pass| compose.dispatch(pass, Resolve::groups(count as u32)));
+    }
+    if background.is_some() {
+        let resolve = Resolve::new(gpu).bind(gpu, &uniform, &pixels);
         gpu.run(|pass| resolve.dispatch(pass, Resolve::groups(count as u32)));
     }
-    let words: Vec<f32> = gpu.read(&pixels, words)?;
+    let words: Vec<f32> = gpu.read(&pixels, count * picture_words(spec.depth) as usize)?;
     let progress: Vec<TileProgress> = gpu.read(&progress, lists.len())?;
     let (colours, depths) = words.split_at(4 * count);
     let image = Image {
@@ -245,9 +195,4 @@ pub fn rasterise(
     });
     let splat_pixels = progress.iter().map(TileProgress::splat_pixels).sum();
     Ok((image, depth, splat_pixels))
-}
-
-/// The device writes a negative number where there is no depth.
-pub(super) fn depth_of_word(word: f32) -> f32 {
-    if word < 0.0 { f32::INFINITY } else { word }
 }

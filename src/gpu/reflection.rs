@@ -5,14 +5,14 @@ use std::mem::{offset_of, size_of};
 
 use super::cull::CullGroup;
 use super::radix::{RadixPlan, RadixState};
-use super::rasterise::TileProgress;
 use super::resolve::Background;
 use super::shaders::Shader;
+use super::tile::TileProgress;
 use crate::blocks::MergeBounds;
 use crate::layout::{
     BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
     ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
-    MergedBlock, NearTerms, PartIndex, PartRange, PartState, SortState, ViewUniform,
+    MergedBlock, NearTerms, PartIndex, PartRange, PartState, SortState, SurfelTerms, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -184,6 +184,13 @@ fn structs_are_laid_out_alike() {
         hessian,
         depth_sigma
     });
+    check_layout!(SurfelTerms {
+        gradient,
+        nearness,
+        slack,
+        homography,
+        normal,
+    });
     check_layout!(NearTerms {
         misses,
         minors,
@@ -228,7 +235,7 @@ fn structs_are_laid_out_alike() {
     });
     check_layout!(TileProgress {
         drawn,
-        is_done,
+        hidden,
         splat_pixels,
     });
     check_layout!(Background { colour, pixels });

@@ -11,6 +11,7 @@ use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
 use super::project::rotation_uniform;
 use crate::blocks::{BlockedParticles, BlockedVolume, MergedTransfer};
 use crate::constants::BLOCK_CAPACITY;
+use crate::cpu::Rule;
 use crate::error::{Error, Result};
 use crate::layout::{
     BlockView, BrickUniform, CameraUniform, ClassifiedParticle, DeviceBlock, Footprint, FrameState,
@@ -62,8 +63,7 @@ pub(super) enum ColourKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Kinds {
     pub(super) particles: ParticleKind,
-    /// For splats that state their opacity: whether they are made for anti-aliasing.
-    pub(super) splats: Option<bool>,
+    pub(super) rule: Rule,
     pub(super) values: ValueKind,
     pub(super) strength: StrengthKind,
     pub(super) colour: ColourKind,
@@ -81,12 +81,7 @@ impl Kinds {
             || volume.colour == Colour::Classified;
         Self {
             particles: ParticleKind::of(&volume.particles),
-            splats: match volume.strength {
-                Strength::PeakOpacity {
-                    is_anti_aliased, ..
-                } => Some(is_anti_aliased),
-                _ => None,
-            },
+            rule: Rule::of(volume),
             values: match &volume.values {
                 Some(_) if is_classified && volume.merged.is_some() => ValueKind::Spread,
                 Some(Values::U8(_)) if is_classified => ValueKind::U8,
@@ -187,16 +182,28 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// Uploads the volumes, each with its levels of detail after it, in parts whose buffers have at
+    /// Uploads volumes, each with its levels of detail after it, in parts whose buffers have at
     /// most `part_bytes`, and at most what a binding may have.
+    ///
+    /// - `is_drawn`: whether the scene has a volume; its levels of detail follow it.
     ///
     /// # Errors
     /// No memory, or what only the CPU draws: harmonics on a lattice.
-    pub(super) fn new(gpu: &Gpu, volumes: &[BlockedVolume], part_bytes: u64) -> Result<Self> {
+    pub(super) fn new(
+        gpu: &Gpu,
+        volumes: &[BlockedVolume],
+        is_drawn: impl Fn(&BlockedVolume) -> bool,
+        part_bytes: u64,
+    ) -> Result<Self> {
         let part_bytes = part_bytes.min(gpu.max_binding_bytes());
         let mut parts = Vec::new();
         let mut place = Place::default();
         for family in volumes.chunk_by(|_, next| next.merged.is_some()) {
+            if !is_drawn(&family[0]) {
+                place.volume += family.len();
+                place.family += 1;
+                continue;
+            }
             let tables = Tables::new(gpu, family)?;
             let is_merged = family.iter().any(|v| v.merged.is_some());
             place.parents = is_merged.then_some(place.first_merged);

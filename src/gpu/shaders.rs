@@ -4,17 +4,20 @@
 use std::fmt::Write as _;
 
 use super::kernel::{MAX_GROUPS, THREADS};
+use super::project::{RULE_KERNEL, RULE_PANE, RULE_PEAK, RULE_SURFACE};
 use super::radix;
 use super::scan::SCAN_RUN;
 use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS, ValueKind};
+use super::tile::NO_DEPTH;
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
-    BRICK, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN, TERMINATION_INTERVAL,
-    TERMINATION_SHARE, TILE_SIZE,
+    BRICK, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN,
+    SURFACE_LAYERS, TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
 };
+use crate::cpu::ONE_SIDED;
 use crate::layout::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
-    PATH_PEAK,
+    PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL,
 };
 use crate::math::{
     E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
@@ -26,7 +29,8 @@ use crate::splat::budget::{
     MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD, MIXED_SHARE, OVERLAP, TREND,
 };
 use crate::splat::{
-    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, JACOBIAN_MARGIN, SPLAT_LOW_PASS_PX2,
+    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, GRAZING, JACOBIAN_MARGIN, NORMAL_STEPS,
+    PERSPECTIVE_FROM, SLACK_LOW_PASS, SLACK_SIGMAS, SPLAT_LOW_PASS_PX2,
 };
 
 /// A shader's name and the files it is composed of.
@@ -66,12 +70,19 @@ impl Shader {
         GATHER,
         BIN,
         RASTERISE,
+        COMPOSE,
+        SURFACE,
         RESOLVE,
     ];
 }
 
 const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
+
+/// Unit vectors in a word.
+const NORMAL: &str = include_str!("../../shaders/shared/normal.wgsl");
+/// A tile's pixels and its progress.
+const TILE: &str = include_str!("../../shaders/shared/tile.wgsl");
 
 const EXPONENTIAL: &str = include_str!("../../shaders/shared/exponential.wgsl");
 
@@ -88,7 +99,27 @@ pub(super) const RASTERISE: Shader = Shader {
         DISPATCH,
         STRUCTS,
         EXPONENTIAL,
+        TILE,
         include_str!("../../shaders/rasterise.wgsl"),
+    ],
+};
+
+/// Surfaces behind what lies in front of them.
+pub(super) const COMPOSE: Shader = Shader {
+    name: "compose",
+    parts: &[DISPATCH, include_str!("../../shaders/compose.wgsl")],
+};
+
+/// Tiles of opaque surfaces.
+pub(super) const SURFACE: Shader = Shader {
+    name: "surface",
+    parts: &[
+        DISPATCH,
+        STRUCTS,
+        EXPONENTIAL,
+        TILE,
+        NORMAL,
+        include_str!("../../shaders/surface.wgsl"),
     ],
 };
 
@@ -180,6 +211,8 @@ macro_rules! project_parts {
             include_str!("../../shaders/shared/cutoff.wgsl"),
             include_str!("../../shaders/shared/peak.wgsl"),
             include_str!("../../shaders/shared/near.wgsl"),
+            NORMAL,
+            include_str!("../../shaders/shared/surfel.wgsl"),
             include_str!("../../shaders/project.wgsl"),
         ]
     };
@@ -301,6 +334,13 @@ pub fn prelude() -> String {
         ("PATH_EXACT", PATH_EXACT),
         ("PATH_NEAR", PATH_NEAR),
         ("PATH_HALF_LINE", PATH_HALF_LINE),
+        ("PATH_SURFEL", PATH_SURFEL),
+        ("PATH_NEAR_SURFEL", PATH_NEAR_SURFEL),
+        ("RULE_KERNEL", RULE_KERNEL),
+        ("RULE_PEAK", RULE_PEAK),
+        ("RULE_SURFACE", RULE_SURFACE),
+        ("RULE_PANE", RULE_PANE),
+        ("SURFACE_LAYERS", SURFACE_LAYERS as u32),
         ("MERGED_OPEN", MERGED_OPEN),
         ("MERGED_UNSEEN", MERGED_UNSEEN),
         ("MERGED_FITS", MERGED_FITS),
@@ -318,6 +358,14 @@ pub fn prelude() -> String {
         ("NEAR_MARGIN", NEAR_MARGIN),
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
+        ("COVERAGE_FULL", COVERAGE_FULL),
+        ("SLACK_SIGMAS", SLACK_SIGMAS),
+        ("SLACK_LOW_PASS", SLACK_LOW_PASS),
+        ("GRAZING", GRAZING),
+        ("PERSPECTIVE_FROM", PERSPECTIVE_FROM),
+        ("NORMAL_STEPS", NORMAL_STEPS),
+        ("ONE_SIDED", ONE_SIDED),
+        ("NO_DEPTH", NO_DEPTH),
         ("SMALLEST", f32::MIN_POSITIVE),
         ("LARGEST", f32::MAX),
         ("LN_2", std::f32::consts::LN_2),

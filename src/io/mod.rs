@@ -13,6 +13,7 @@ mod csv;
 mod dataset;
 mod file;
 mod gltf;
+mod gltf_splats;
 mod hdf5;
 mod image_file;
 mod mesh;
@@ -29,6 +30,7 @@ mod smoothing;
 mod splat;
 mod splats;
 mod spz;
+mod spz_write;
 mod table;
 mod texture;
 mod vti;
@@ -44,6 +46,7 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod write_splats;
 
 use std::path::{Path, PathBuf};
 
@@ -62,7 +65,9 @@ pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, Textu
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
+pub(crate) use splats::constant_of_colour;
 pub(crate) use vtk_grid::check as check_cells;
+pub use write_splats::{FLAT_SHARE, PlyForm, WrittenSplats, check_splats_path, write_splats};
 
 use crate::error::{Error, Result};
 
@@ -158,6 +163,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
+/// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
 /// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
@@ -198,6 +204,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     if extension == "splat" {
         return splat::read(path);
+    }
+    // Before the meshes of glTF files, which may hold both.
+    if gltf_splats::looks_like(path, &head) {
+        return gltf_splats::read(path);
     }
     if head.starts_with(npz::MAGIC) {
         return npz::read(path);

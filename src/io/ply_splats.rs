@@ -1,8 +1,12 @@
-//! The splat layout of PLY files (INRIA's): what its properties mean. `ply.rs` has the table.
+//! The splat layout of PLY files (INRIA's): what its properties mean, and how it is written.
+//! `ply.rs` has the table.
+
+use std::path::Path;
 
 use super::dataset::Dataset;
 use super::ply::Table;
 use super::splats::{SplatCloud, sigmoid};
+use super::write_splats::{Encoded, PlyForm, single_precision_quantum};
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
@@ -108,4 +112,93 @@ pub(super) fn splats(
         positions,
     };
     cloud.dataset(path, SPLAT_FORMAT, table.fields(&used)?)
+}
+
+/// Opacities are written as logits no farther from 0 than this: 3.1e-7 from 0 and from 1.
+const GREATEST_LOGIT: f64 = 15.0;
+
+/// A file of splats: binary, little-endian, normals of zeros as the layout has them.
+pub(super) fn encode(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<Encoded> {
+    let count = cloud.positions.len();
+    let is_flat = form == PlyForm::Surfels;
+    let thick = || cloud.scales.iter().position(|s| s[2] > 0.0);
+    if let (true, Some(i)) = (is_flat, thick()) {
+        return Err(Error::format(
+            path,
+            format!("splat {i}"),
+            "a flat splat, its third scale 0",
+            cloud.scales[i][2].to_string(),
+            "write the form with three scales",
+        ));
+    }
+    let rest = harmonics_count(cloud.harmonics_degree) - 1;
+    let mode = match (is_flat, cloud.is_anti_aliased) {
+        (true, _) => "2dgs",
+        (false, true) => "mip",
+        (false, false) => "default",
+    };
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: {mode}\n{}\
+         element vertex {count}\n",
+        // The mode of surfels has no room for it.
+        if is_flat && cloud.is_anti_aliased {
+            "comment antialiased 1\n"
+        } else {
+            ""
+        },
+    );
+    let numbered =
+        |name: &str, count: usize| (0..count).map(move |i| format!("{name}_{i}")).collect();
+    let names: [Vec<String>; 6] = [
+        ["x", "y", "z", "nx", "ny", "nz"].map(str::to_owned).into(),
+        numbered("f_dc", 3),
+        numbered("f_rest", 3 * rest),
+        vec!["opacity".to_owned()],
+        numbered("scale", if is_flat { 2 } else { 3 }),
+        numbered("rot", 4),
+    ];
+    let names = names.concat();
+    for name in &names {
+        bytes += &format!("property float {name}\n");
+    }
+    bytes += "end_header\n";
+    let mut bytes = bytes.into_bytes();
+    bytes.reserve_exact(4 * names.len() * count);
+    for i in 0..count {
+        let mut put = |value: f32| bytes.extend(value.to_le_bytes());
+        let position = cloud.positions[i].as_vec3().to_array();
+        position.into_iter().chain([0.0; 3]).for_each(&mut put);
+        let coefficients = cloud.coefficients(i);
+        coefficients[..3].iter().copied().for_each(&mut put);
+        for channel in 0..3 {
+            let others = coefficients[3..].iter().skip(channel).step_by(3);
+            others.copied().for_each(&mut put);
+        }
+        let opacity = f64::from(cloud.opacities[i]);
+        let logit = (opacity / (1.0 - opacity)).ln();
+        put(narrowed(logit.clamp(-GREATEST_LOGIT, GREATEST_LOGIT)));
+        let scales = if is_flat {
+            cloud.scales[i]
+        } else {
+            cloud.thick_scales(i)
+        };
+        for scale in &scales[..if is_flat { 2 } else { 3 }] {
+            put(narrowed(f64::from(*scale).ln()));
+        }
+        cloud
+            .unit_rotation(i)
+            .map(narrowed)
+            .into_iter()
+            .for_each(put);
+    }
+    Ok(Encoded {
+        bytes,
+        position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
+        notes: Vec::new(),
+    })
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+fn narrowed(x: f64) -> f32 {
+    x as f32
 }

@@ -18,7 +18,9 @@ use glam::DVec3;
 use super::dataset::Dataset;
 use super::file::read_all;
 use super::splats::{SplatCloud, constant_of_colour};
+use super::write_splats::{Encoded, byte, note_cut, single_precision_quantum};
 use crate::error::{Error, Result};
+use crate::math::HARMONIC_0;
 
 /// Bytes of a splat.
 const RECORD: usize = 32;
@@ -65,4 +67,63 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
         }));
     }
     cloud.dataset(path, "splat records", Vec::new())
+}
+
+/// A file of splats, the important ones first: by size times opacity, as the format's first tool
+/// orders them for viewers that draw while they load.
+pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
+    let importance = |i: usize| {
+        let volume: f64 = cloud.thick_scales(i).map(f64::from).iter().product();
+        volume * f64::from(cloud.opacities[i])
+    };
+    let mut order: Vec<(f64, usize)> = (0..cloud.positions.len())
+        .map(|i| (importance(i), i))
+        .collect();
+    order.sort_by(|a, b| b.0.total_cmp(&a.0));
+
+    let mut bytes = Vec::with_capacity(RECORD * order.len());
+    let [mut cut_colours, mut faint] = [0; 2];
+    for (_, i) in order {
+        let floats = cloud.positions[i].as_vec3().to_array();
+        for value in floats.into_iter().chain(cloud.thick_scales(i)) {
+            bytes.extend(value.to_le_bytes());
+        }
+        for c in &cloud.coefficients(i)[..3] {
+            let code = 0.5 + f64::from(HARMONIC_0) * f64::from(*c);
+            bytes.push(byte(255.0 * code, &mut cut_colours));
+        }
+        let opacity = byte(255.0 * f64::from(cloud.opacities[i]), &mut 0);
+        faint += usize::from(opacity == 0 && cloud.opacities[i] > 0.0);
+        bytes.push(opacity);
+        // q and -q are one rotation. A byte reaches -1 but not 1: the largest component is
+        // negative.
+        let q = cloud.unit_rotation(i);
+        let largest = q
+            .into_iter()
+            .fold(0.0_f64, |m, c| if c.abs() > m.abs() { c } else { m });
+        let sign = -largest.signum();
+        bytes.extend(q.map(|c| byte(128.0 + 128.0 * sign * c, &mut 0)));
+    }
+    let mut notes = Vec::new();
+    if cloud.harmonics_degree > 0 {
+        notes.push("colours that depend on the view are lost: the format has none".into());
+    }
+    if cloud.is_anti_aliased {
+        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
+    }
+    note_cut(
+        &mut notes,
+        cut_colours,
+        "colour channels outside 0 to 1 are cut",
+    );
+    note_cut(
+        &mut notes,
+        faint,
+        "opacities are below half of 1/255 and written as 0",
+    );
+    Encoded {
+        bytes,
+        position_quantum: single_precision_quantum(cloud.positions.iter().copied()),
+        notes,
+    }
 }

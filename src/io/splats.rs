@@ -48,6 +48,37 @@ impl SplatCloud {
     pub fn harmonics_stride(&self) -> usize {
         3 * harmonics_count(self.harmonics_degree)
     }
+
+    /// Adds the splats of another cloud behind these; coefficients that one of the two does not have
+    /// are 0. The mark of anti-aliased splats stays as it was, unless there were none yet.
+    pub fn append(&mut self, mut other: Self) {
+        if self.positions.is_empty() {
+            *self = other;
+            return;
+        }
+        let degree = self.harmonics_degree.max(other.harmonics_degree);
+        self.raise_degree(degree);
+        other.raise_degree(degree);
+        self.positions.append(&mut other.positions);
+        self.scales.append(&mut other.scales);
+        self.rotations.append(&mut other.rotations);
+        self.opacities.append(&mut other.opacities);
+        self.harmonics.append(&mut other.harmonics);
+    }
+
+    fn raise_degree(&mut self, degree: u8) {
+        let (from, to) = (self.harmonics_stride(), 3 * harmonics_count(degree));
+        if from == to {
+            return;
+        }
+        let mut raised = Vec::with_capacity(self.positions.len() * to);
+        for set in self.harmonics.chunks_exact(from) {
+            raised.extend(set);
+            raised.resize(raised.len() + to - from, 0.0);
+        }
+        self.harmonics = raised;
+        self.harmonics_degree = degree;
+    }
 }
 
 impl SplatCloud {

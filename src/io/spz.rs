@@ -19,7 +19,7 @@
 //!
 //! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
-//! harmonics that are odd under this turn.
+//! harmonics that are odd under this turn. `spz_write.rs` writes version 3.
 
 use std::array;
 use std::io::Read;
@@ -31,10 +31,11 @@ use glam::DVec3;
 use super::dataset::Dataset;
 use super::file::open_regular;
 use super::splats::SplatCloud;
+pub(super) use super::spz_write::encode;
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
-const MAGIC: &[u8; 4] = b"NGSP";
+pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
 
 /// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
@@ -42,7 +43,7 @@ const HEADER: usize = 16;
 const GREATEST_RATIO: u64 = 1032;
 
 /// The signs that the harmonics take under half a turn about x: (x, y, z) to (x, -y, -z).
-const TURNED: [f32; 16] = [
+pub(super) const TURNED: [f32; 16] = [
     1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0,
 ];
 

@@ -2,7 +2,7 @@
 
 use std::array;
 
-use glam::Vec3;
+use glam::{DMat3, DVec3, Vec3};
 
 /// The constant harmonic, 1 / (2 sqrt(pi)).
 pub const HARMONIC_0: f32 = 0.282_094_8;
@@ -66,9 +66,99 @@ pub fn harmonics_sum(coefficients: &[f32], basis: &[f32; 16]) -> [f32; 3] {
     sum
 }
 
+/// What becomes of coefficients when what they colour is moved by a linear map.
+///
+/// A colour seen along d in the world is the one that the coefficients give for the direction A⁻¹ d,
+/// A the map from their space to the world. For rotations and uniform scales the result is exact;
+/// others bend the harmonics into ones of all degrees, of which the nearest of the same degree is
+/// kept (least squares over the sphere).
+#[derive(Debug, Clone)]
+pub(crate) struct HarmonicsTransform([[f64; 16]; 16]);
+
+impl HarmonicsTransform {
+    /// - `source_from_world`: directions of the world to those of the coefficients, of any length.
+    pub(crate) fn new(source_from_world: DMat3) -> Self {
+        /// Zeros of the Legendre polynomial of degree 4, and their weights: with eight angles, exact
+        /// for polynomials of degree 7, of which products of two harmonics have 6.
+        const NODES: [(f64, f64); 4] = [
+            (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+            (-0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
+            (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
+            (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+        ];
+        let mut matrix = [[0.0; 16]; 16];
+        for (z, weight) in NODES {
+            let r = (1.0 - z * z).sqrt();
+            for k in 0..8 {
+                let angle = std::f64::consts::TAU * f64::from(k) / 8.0;
+                let d = DVec3::new(r * angle.cos(), r * angle.sin(), z);
+                let source = (source_from_world * d).normalize_or_zero();
+                let basis = harmonics(d.as_vec3()).map(f64::from);
+                let seen = harmonics(source.as_vec3()).map(f64::from);
+                let weight = weight * std::f64::consts::TAU / 8.0;
+                for (row, y) in matrix.iter_mut().zip(basis) {
+                    for (cell, s) in row.iter_mut().zip(seen) {
+                        *cell += weight * y * s;
+                    }
+                }
+            }
+        }
+        Self(matrix)
+    }
+
+    /// Moves the coefficients of one particle: R, G and B of each harmonic.
+    pub(crate) fn apply(&self, coefficients: &mut [f32]) {
+        let mut moved = [[0.0; 3]; 16];
+        let count = coefficients.len() / 3;
+        for (sum, row) in moved.iter_mut().zip(&self.0) {
+            for (rgb, factor) in coefficients.chunks_exact(3).zip(row) {
+                *sum = array::from_fn(|c| sum[c] + factor * f64::from(rgb[c]));
+            }
+        }
+        for (rgb, sum) in coefficients
+            .chunks_exact_mut(3)
+            .zip(&moved[..count.min(16)])
+        {
+            #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+            for (c, sum) in rgb.iter_mut().zip(sum) {
+                *c = *sum as f32;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
+
+    #[test]
+    fn moved_coefficients_show_the_same_colours() {
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(0.3, -0.5, 0.1, 0.8).normalize());
+        for degree in 0..=MAX_HARMONICS_DEGREE {
+            let count = 3 * harmonics_count(degree);
+            let coefficients: Vec<f32> = (0..count)
+                .map(|i| ((7 * i) % 11) as f32 / 11.0 - 0.4)
+                .collect();
+            for scale in [1.0, 2.5] {
+                let transform = HarmonicsTransform::new((rotation * scale).inverse());
+                let mut moved = coefficients.clone();
+                transform.apply(&mut moved);
+                for d in [
+                    DVec3::X,
+                    DVec3::new(0.48, -0.6, 0.64),
+                    DVec3::new(-0.8, 0.0, 0.6),
+                ] {
+                    let before = harmonics_sum(&coefficients, &harmonics(d.as_vec3()));
+                    let after = harmonics_sum(&moved, &harmonics((rotation * d).as_vec3()));
+                    for (a, b) in before.into_iter().zip(after) {
+                        // Sixteen products of f32 harmonics on either side.
+                        assert!((a - b).abs() < 5e-6, "degree {degree}: {a} and {b}");
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_basis_is_orthonormal() {

@@ -3,6 +3,7 @@
 
 mod ein;
 mod factor;
+mod flatten;
 mod harmonics;
 mod normal;
 mod variance;
@@ -11,6 +12,8 @@ mod variance;
 pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, EULER};
 pub use ein::{ein, ein_share};
 pub use factor::Factor;
+pub use flatten::{flatten, tangents_of};
+pub(crate) use harmonics::HarmonicsTransform;
 pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count, harmonics_sum};
 #[cfg(feature = "gpu")]
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
@@ -18,4 +21,6 @@ pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 pub(crate) use normal::ERFC_SERIES;
 pub use normal::{normal_cdf, normal_density_and_cdf};
 pub use variance::lower_factor;
-pub(crate) use variance::{eigen, factor_of_variance, from_eigen, principal_sigmas};
+pub(crate) use variance::{
+    eigen, factor_of_variance, from_eigen, principal_sigmas, scales_and_rotation,
+};

@@ -1,6 +1,6 @@
 //! Lower-triangular factors of variances in f64, principal axes.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 /// The lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22, its diagonal not
 /// negative.
@@ -138,13 +138,19 @@ pub(crate) fn from_eigen(eigenvalues: DVec3, axes: DMat3) -> [f64; 6] {
 
 /// The standard deviations along the principal axes of L Lᵀ, greatest first.
 pub(crate) fn principal_sigmas([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> [f64; 3] {
-    // One-sided Jacobi on the columns: rotates pairs until they are perpendicular, then their
-    // lengths are the singular values (Golub and Van Loan, Matrix Computations, 8.6).
-    let mut columns = [
+    principal_axes(DMat3::from_cols(
         DVec3::new(l00, l10, l20),
         DVec3::new(0.0, l11, l21),
         DVec3::new(0.0, 0.0, l22),
-    ];
+    ))
+    .map(DVec3::length)
+}
+
+/// The principal axes of F Fᵀ, each as long as its standard deviation, longest first.
+pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
+    // One-sided Jacobi on the columns: rotates pairs until they are perpendicular, then their
+    // lengths are the singular values (Golub and Van Loan, Matrix Computations, 8.6).
+    let mut columns = [f.x_axis, f.y_axis, f.z_axis];
     // Converges quadratically; six sweeps leave rounding only.
     for _ in 0..6 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
@@ -160,9 +166,25 @@ pub(crate) fn principal_sigmas([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> [f64
             columns[q] = (a * t + b) * c;
         }
     }
-    let mut sigmas = columns.map(DVec3::length);
-    sigmas.sort_unstable_by(|a, b| b.total_cmp(a));
-    sigmas
+    columns.sort_unstable_by(|a, b| b.length().total_cmp(&a.length()));
+    columns
+}
+
+/// Standard deviations along a kernel's own axes, greatest first, and the rotation that turns x, y,
+/// z to these axes: F Fᵀ = R diag(sigmas)² Rᵀ.
+///
+/// Where axes have no length (surfels, needles) the frame is completed by perpendicular ones.
+pub(crate) fn scales_and_rotation(f: DMat3) -> ([f64; 3], DQuat) {
+    let axes = principal_axes(f);
+    let sigmas = axes.map(DVec3::length);
+    let x = axes[0].try_normalize().unwrap_or(DVec3::X);
+    // Perpendicular to the first beyond rounding, however short it is.
+    let y = axes[1]
+        .try_normalize()
+        .and_then(|y| (y - x * x.dot(y)).try_normalize());
+    let y = y.unwrap_or_else(|| x.any_orthonormal_vector());
+    let rotation = DMat3::from_cols(x, y, x.cross(y));
+    (sigmas, DQuat::from_mat3(&rotation))
 }
 
 #[cfg(test)]
@@ -201,6 +223,20 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn scales_and_rotation_reproduce_the_variance(f in matrices()) {
+            let (sigmas, rotation) = scales_and_rotation(f);
+            let r = DMat3::from_quat(rotation);
+            let turned = r * DMat3::from_diagonal(DVec3::from(sigmas));
+            let v = f * f.transpose();
+            let trace = v.x_axis.x + v.y_axis.y + v.z_axis.z;
+            // Some fifty f64 roundings, and a quaternion's.
+            prop_assert!(gap(turned * turned.transpose(), v) <= 1e-13 * trace);
+            prop_assert!(sigmas[0] >= sigmas[1] && sigmas[1] >= sigmas[2]);
+            prop_assert!(gap(r * r.transpose(), DMat3::IDENTITY) <= 1e-14);
+            prop_assert!(r.determinant() > 0.0);
+        }
+
         #[test]
         fn factors_reproduce_the_variance(f in matrices()) {
             let lower = lower_factor(f);

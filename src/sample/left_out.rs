@@ -22,7 +22,10 @@ pub(super) enum LeftOut {
 }
 
 impl LeftOut {
-    const ALL: [Self; 14] = [
+    /// How many reasons there are.
+    pub(super) const COUNT: usize = 14;
+
+    pub(super) const ALL: [Self; Self::COUNT] = [
         Self::Position,
         Self::Value,
         Self::Blanked,

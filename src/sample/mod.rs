@@ -3,11 +3,14 @@
 
 mod blanking;
 mod cells;
+mod convert;
 mod curvilinear;
 mod factor;
+mod flatten;
 mod kernels;
 mod lattice;
 mod left_out;
+pub mod mesh;
 mod neighbours;
 mod points;
 mod positions;
@@ -18,7 +21,7 @@ mod splats;
 mod statistics;
 mod yu_turk;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::io::{Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel};
@@ -26,7 +29,9 @@ use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
 
+pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 use kernels::Kernels;
+use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 
@@ -64,6 +69,14 @@ pub struct SampleOptions {
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
     pub for_columns: bool,
+    /// A value of the field whose iso-surface is drawn by surfels ([`scene`]): the samples of a
+    /// lattice through whose cells it passes, where the gradient is strong, are flattened along
+    /// the gradient.
+    pub flatten: Option<f64>,
+    /// Meshes: how many surfels.
+    pub spread: Spread,
+    /// Meshes: another number gives another spread of surfels, as even.
+    pub seed: u64,
 }
 
 /// The shape of kernels whose particles state a length at most.
@@ -93,6 +106,9 @@ impl Default for SampleOptions {
             shape: ParticleShape::Automatic,
             shepard_passes: 0,
             for_columns: false,
+            flatten: None,
+            spread: Spread::Automatic,
+            seed: 0,
         }
     }
 }
@@ -115,6 +131,66 @@ pub struct Sampled {
     pub volume: PointVolume,
     /// What was chosen and what was left out.
     pub report: SampleReport,
+}
+
+/// The volumes of a data set and how they came about.
+#[derive(Debug, Clone)]
+pub struct SampledScene {
+    /// At least one; a mesh gives one for each kind of surface it has, a flattened lattice a second
+    /// one.
+    pub volumes: Vec<PointVolume>,
+    /// What was chosen and what was left out.
+    pub report: SampleReport,
+}
+
+/// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
+/// of all others ([`volume`]).
+///
+/// # Errors
+/// Those of the two.
+pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
+    let Geometry::Mesh(mesh) = &dataset.geometry else {
+        let Sampled { mut volume, report } = volume(dataset, options)?;
+        let surface = match options.flatten {
+            Some(value) => flatten::take_surface(&mut volume, value)?,
+            None => None,
+        };
+        let volumes = std::iter::once(volume).chain(surface).collect();
+        return Ok(SampledScene { volumes, report });
+    };
+    let mesh_options = MeshOptions {
+        spread: options.spread,
+        kernel_width: options.kernel_width,
+        seed: options.seed,
+    };
+    let SampledMesh { volumes, report } =
+        mesh::surfels(mesh, &mesh_options).map_err(|error| named(error, &dataset.path))?;
+    Ok(SampledScene {
+        volumes,
+        report: SampleReport {
+            sample_count: report.triangle_count,
+            particle_count: report.surfel_count,
+            findings: report.findings.clone(),
+            mesh: Some(report),
+            ..SampleReport::default()
+        },
+    })
+}
+
+/// An error of the mesh itself with the name of its file.
+fn named(error: Error, file: &Path) -> Error {
+    match error {
+        Error::Format {
+            path,
+            place,
+            expected,
+            found,
+            advice,
+        } if path == Path::new(mesh::THE_MESH) => {
+            Error::format(file, place, expected, found, advice)
+        }
+        other => other,
+    }
 }
 
 /// Makes a point volume of a data set; values are moved, not copied, and keep their type.
@@ -170,7 +246,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
             "mesh",
             "a volume or particles",
             "a mesh",
-            "sample it into surfels",
+            "sample it into surfels, by `sample::scene`",
         )),
     }?;
     if options.shepard_passes > 0 {

@@ -122,6 +122,17 @@ impl<'a> PointIndex<'a> {
             .filter_map(|found| Some((usize::try_from(found.item).ok()?, found.distance)))
     }
 
+    /// The point nearest to a finite position; the first of those at one place.
+    pub(super) fn nearest_to(&self, position: DVec3) -> Option<u32> {
+        let found = self
+            .tree
+            .query(&(self.turn * (position - self.origin)).to_array())
+            .nearest_n::<SquaredEuclidean<f64>>(NonZero::<usize>::MIN)
+            .execute();
+        let group = usize::try_from(found.into_iter().next()?.item).ok()?;
+        self.group(group).first().copied()
+    }
+
     /// One number per group, spread to its points; NaN for points that are not finite.
     fn spread<T: Copy + Send>(&self, of_groups: &[T], missing: T) -> Vec<T> {
         let mut of_points = vec![missing; self.positions.len()];

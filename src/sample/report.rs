@@ -1,5 +1,7 @@
 //! What was chosen and what was left out.
 
+use super::mesh::MeshReport;
+
 /// How a data set was sampled.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SampleReport {
@@ -11,12 +13,14 @@ pub struct SampleReport {
     pub unit_distance: f64,
     /// What the particles' lengths are taken for, in words; `None` where there are none.
     pub lengths: Option<String>,
-    /// Samples in the file.
+    /// Samples in the file; triangles of a mesh.
     pub sample_count: usize,
     /// Particles made of them.
     pub particle_count: usize,
     /// What was found on the way, in the order of the work.
     pub findings: Vec<Finding>,
+    /// How evenly surfels are spread, of a mesh.
+    pub mesh: Option<MeshReport>,
 }
 
 /// Samples with something about them.
@@ -62,10 +66,14 @@ impl SampleReport {
 
     /// One line for each finding, for people.
     pub fn warnings(&self) -> Vec<String> {
-        let line = |f: &Finding| {
-            let left_out = if f.left_out { " left out" } else { "" };
-            format!("{} {}{left_out}: {}", f.count, f.noun, f.reason)
-        };
-        self.findings.iter().map(line).collect()
+        self.findings.iter().map(Finding::line).collect()
+    }
+}
+
+impl Finding {
+    /// In a line for people.
+    pub(super) fn line(&self) -> String {
+        let left_out = if self.left_out { " left out" } else { "" };
+        format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)
     }
 }

@@ -102,7 +102,11 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 }
 
 /// The factor of splat `i`, or why it cannot be drawn.
-fn factor(cloud: &SplatCloud, values: Option<&Values>, i: usize) -> Result<[f32; 6], LeftOut> {
+pub(super) fn factor(
+    cloud: &SplatCloud,
+    values: Option<&Values>,
+    i: usize,
+) -> Result<[f32; 6], LeftOut> {
     let missing = |sound: bool, reason| if sound { Ok(()) } else { Err(reason) };
     missing(cloud.positions[i].is_finite(), LeftOut::Position)?;
     let factor = factor_of_scales(cloud.scales[i], cloud.rotations[i])?.map(narrowed);
@@ -118,7 +122,7 @@ fn factor(cloud: &SplatCloud, values: Option<&Values>, i: usize) -> Result<[f32;
 }
 
 /// The kept sets of `stride` entries each: moved where all are kept.
-fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
+pub(super) fn picked<T: Copy>(all: Vec<T>, kept: &[u32], stride: usize) -> Vec<T> {
     if kept.len() * stride == all.len() {
         return all;
     }

@@ -105,10 +105,11 @@ pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
     let mean = along / across;
     let behind_eye = normal_cdf(-mean * per_sigma);
     let up_to = normal_cdf((at / terms.half_line[0] - mean) * per_sigma);
-    // `max` takes the other argument when one is NaN.
-    ((up_to - behind_eye) / (1.0 - behind_eye))
-        .max(0.0)
-        .min(1.0)
+    let share = (up_to - behind_eye) / (1.0 - behind_eye);
+    if share.is_nan() {
+        return 0.0;
+    }
+    share.clamp(0.0, 1.0)
 }
 
 /// For an orthographic camera: the kernel's depth along the ray at offset d is

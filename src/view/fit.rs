@@ -1,6 +1,6 @@
 //! A camera fitted to the data's bounds.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::camera::Camera;
 
@@ -13,15 +13,18 @@ pub enum Lens {
     OrthoHeight(Option<f64>),
 }
 
-/// The side from which a fitted camera looks at the centre of the data, z up.
+/// The side from which a fitted camera looks at the centre of the data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viewpoint {
-    /// Degrees around z: 0 looks along +y, 90 along -x.
+    /// Degrees around the axis that points up: with z up 0 looks along +y, 90 along -x; with y up 0
+    /// looks along -z, at the front of a glTF scene, 90 along -x.
     pub azimuth_deg: f64,
     /// Degrees above the horizon.
     pub elevation_deg: f64,
     /// 1 fits the data into the image; larger brings it nearer by a longer focal length.
     pub zoom: f64,
+    /// What points up in the picture: unit length.
+    pub up: DVec3,
 }
 
 /// The share of the image that fitted data may fill.
@@ -53,6 +56,8 @@ impl Viewpoint {
             azimuth.cos() * elevation.sin(),
             elevation.cos(),
         );
+        let upright = DQuat::from_rotation_arc(DVec3::Z, self.up);
+        let (forward, up) = (upright * forward, upright * up);
         let (right, down) = (forward.cross(up), -up);
         // Least and greatest n . p over all boxes.
         let extent = |n: DVec3| {
@@ -128,6 +133,7 @@ mod tests {
                     azimuth_deg,
                     elevation_deg,
                     zoom: 1.0,
+                    up: DVec3::Z,
                 };
                 let camera = view.camera(&boxes, lens, [300, 200]).unwrap();
                 let (mut lower, mut upper) = (glam::DVec2::INFINITY, glam::DVec2::NEG_INFINITY);
@@ -151,11 +157,47 @@ mod tests {
     }
 
     #[test]
+    fn what_points_up_is_up() {
+        for up in [
+            DVec3::Z,
+            DVec3::Y,
+            DVec3::new(1.0, -2.0, 0.5).normalize(),
+            -DVec3::Z,
+        ] {
+            let view = Viewpoint {
+                azimuth_deg: 40.0,
+                elevation_deg: 25.0,
+                zoom: 1.0,
+                up,
+            };
+            let boxes = [(DVec3::ZERO, DVec3::ONE)];
+            let camera = view.camera(&boxes, Lens::FovDeg(40.0), [64; 2]).unwrap();
+            let [middle, above] = [DVec3::ZERO, up].map(|p| camera.project(p).unwrap());
+            // Rows run down: straight up in the picture, by the cosine of the elevation at least.
+            assert!(
+                (above.x - middle.x).abs() < 1e-9 && above.y < middle.y - 5.0,
+                "{up}"
+            );
+        }
+        // With y up a camera without azimuth looks along -z.
+        let view = Viewpoint {
+            azimuth_deg: 0.0,
+            elevation_deg: 0.0,
+            zoom: 1.0,
+            up: DVec3::Y,
+        };
+        let boxes = [(DVec3::ZERO, DVec3::ONE)];
+        let camera = view.camera(&boxes, Lens::FovDeg(40.0), [64; 2]).unwrap();
+        assert!(camera.eye.z > 1.0 && camera.eye.truncate().length() < 1e-9);
+    }
+
+    #[test]
     fn a_point_is_seen_and_nothing_gives_no_camera() {
         let view = Viewpoint {
             azimuth_deg: 10.0,
             elevation_deg: 20.0,
             zoom: 2.0,
+            up: DVec3::Z,
         };
         for lens in [Lens::FovDeg(30.0), Lens::OrthoHeight(None)] {
             let point = DVec3::new(1e7, 5.0, -3.0);

@@ -646,7 +646,8 @@ pub mod frame {
             let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];
             cpu::classify(&volume, &views, &mut classified);
             let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
-                && camera.projection == Projection::Perspective;
+                && camera.projection == Projection::Perspective
+                || volume.is_surface();
             let mut frame = Self {
                 footprints: vec![bytemuck::Zeroable::zeroed(); total],
                 exact: vec![ExactTerms::default(); if may_be_exact { total } else { 0 }],

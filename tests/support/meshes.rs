@@ -164,7 +164,8 @@ pub(crate) fn rich_gltf() -> Gltf {
     let indices = file.accessor("SCALAR", U16, false, &[0., 1., 2., 0., 2., 3.]);
     let strip = file.accessor("SCALAR", U8, false, &[0., 1., 3., 2.]);
     let joints = file.accessor("VEC4", U8, false, &[0., 1., 0., 0.].repeat(4));
-    let weights = file.floats("VEC4", &[0.5, 0.5, 0., 0.].repeat(4));
+    // Weights need not sum to 1.
+    let weights = file.floats("VEC4", &[0.25, 0.25, 0., 0.].repeat(4));
     let one = [
         1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.,
     ];

@@ -6,7 +6,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
-use super::splats::{Element, Ply, some_splats, splat_ply, splat_records, spz};
+use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
@@ -106,6 +106,11 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
             }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
+            for degree in 0..2 {
+                for _ in 0..4 {
+                    seeds.push(("a.glb".into(), glb_splats(&some_splats(3, degree))));
+                }
+            }
         }
         let mut image = rich_gltf();
         image.json["images"][0] = serde_json::json!({

@@ -1,4 +1,4 @@
-//! PLY, .splat and SPZ files.
+//! PLY, .splat, SPZ and glTF files.
 
 use std::io::Write;
 
@@ -235,4 +235,83 @@ pub(crate) fn spz_unpacked(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8>
 
 pub(crate) fn spz(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
     gzip(&spz_unpacked(version, flags, splats))
+}
+
+/// A .glb file.
+pub(crate) fn glb(json: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
+    let mut json = json.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let mut binary = binary.to_vec();
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let len = 28 + json.len() + binary.len();
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let head = [
+        &b"glTF"[..],
+        &word(2),
+        &word(len),
+        &word(json.len()),
+        b"JSON",
+    ]
+    .concat();
+    [
+        head,
+        json,
+        word(binary.len()).to_vec(),
+        b"BIN\0".to_vec(),
+        binary,
+    ]
+    .concat()
+}
+
+/// Splats of degree 0 or 1 under a node that turns and stretches them.
+pub(crate) fn glb_splats(splats: &[Splat]) -> Vec<u8> {
+    let mut binary = Vec::new();
+    let (mut accessors, mut views) = (Vec::new(), Vec::new());
+    let mut attributes = serde_json::Map::new();
+    let mut push = |name: String, kind: &str, values: Vec<f64>| {
+        let bytes: Vec<u8> = values
+            .iter()
+            .flat_map(|x| (*x as f32).to_le_bytes())
+            .collect();
+        attributes.insert(name, accessors.len().into());
+        accessors.push(
+            serde_json::json!({ "bufferView": views.len(), "componentType": 5126,
+                                           "count": splats.len(), "type": kind }),
+        );
+        views.push(serde_json::json!({ "buffer": 0, "byteOffset": binary.len(),
+                                       "byteLength": bytes.len() }));
+        binary.extend(bytes);
+    };
+    let name = |n: &str| format!("KHR_gaussian_splatting:{n}");
+    let all = |of: &dyn Fn(&Splat) -> Vec<f64>| splats.iter().flat_map(of).collect::<Vec<f64>>();
+    push("POSITION".into(), "VEC3", all(&|s| s.position.to_vec()));
+    push(name("SCALE"), "VEC3", all(&|s| s.scales.clone()));
+    let rotation = |s: &Splat| {
+        let [w, x, y, z] = s.rotation;
+        vec![x, y, z, w]
+    };
+    push(name("ROTATION"), "VEC4", all(&rotation));
+    push(name("OPACITY"), "SCALAR", all(&|s| vec![s.opacity]));
+    for k in 0..splats[0].harmonics.len() {
+        let (degree, n) = if k == 0 { (0, 0) } else { (1, k - 1) };
+        let rgb = |s: &Splat| s.harmonics[k].to_vec();
+        push(
+            name(&format!("SH_DEGREE_{degree}_COEF_{n}")),
+            "VEC3",
+            all(&rgb),
+        );
+    }
+    let json = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "children": [1], "rotation": [0.5, 0.5, 0.5, 0.5] },
+                  { "mesh": 0, "scale": [1.0, 2.0, 0.5], "translation": [1.0, 0.0, 0.0] }],
+        "meshes": [{ "primitives": [{ "mode": 0, "attributes": attributes,
+            "extensions": { "KHR_gaussian_splatting": { "kernel": "ellipse" } } }] }],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    glb(&json, &binary)
 }

@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
+use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
+use ewa_splat::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
-use crate::parse;
+use crate::parse::{self, Spacing};
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -49,13 +50,19 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
+    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
+    #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
+    pub(crate) density: Option<f64>,
+    /// Grids: draw the iso-surface of this value by surfels, kernels flattened along the gradient
+    #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
+    pub(crate) flatten: Option<f64>,
     /// Raw volume: samples along x, y, z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[usize; 3]>,
-    /// Raw volume: distance between samples
-    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
-          default_value = "1,1,1", allow_hyphen_values = true)]
-    pub(crate) spacing: DVec3,
+    /// Raw volume: distance between samples, one for all axes or three [default: 1]. Meshes: mean
+    /// distance between surfels, one number
+    #[arg(long, value_name = "D|x,y,z", value_parser = parse::spacing, allow_hyphen_values = true)]
+    pub(crate) spacing: Option<Spacing>,
     /// Raw volume: position of the first sample
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
           default_value = "0,0,0", allow_hyphen_values = true)]
@@ -73,6 +80,8 @@ pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
+    /// What points up: y where all are meshes, as their formats have it, z otherwise.
+    pub(crate) up: DVec3,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -132,9 +141,14 @@ pub(crate) enum Endian {
 
 impl DataOptions {
     pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
+        self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
             dims,
-            spacing: self.spacing,
+            spacing: match self.spacing {
+                None => DVec3::ONE,
+                Some(Spacing::Even(distance)) => DVec3::splat(distance),
+                Some(Spacing::Axes(axes)) => axes,
+            },
             origin: self.origin,
             scalar: match self.scalar {
                 Scalar::U8 => RawType::U8,
@@ -154,6 +168,26 @@ impl DataOptions {
         )
     }
 
+    /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
+    fn check_spacing(&self) -> Result<()> {
+        let fault = |expected: &str, found: String, advice: &str| {
+            Err(Error::format("--spacing", "value", expected, found, advice))
+        };
+        match (self.dims, self.spacing, self.density) {
+            (None, Some(Spacing::Axes(axes)), _) => fault(
+                "one number for meshes, or --dims X,Y,Z beside three",
+                format!("{},{},{} without --dims", axes.x, axes.y, axes.z),
+                "add --dims, or give one number",
+            ),
+            (None, Some(Spacing::Even(_)), Some(density)) => fault(
+                "either a spacing of surfels or their density",
+                format!("--density {density}, too"),
+                "leave one of them out",
+            ),
+            _ => Ok(()),
+        }
+    }
+
     /// Reads and samples all of a scene, and says what was left out.
     pub(crate) fn scene(
         &self,
@@ -164,19 +198,26 @@ impl DataOptions {
         let mut scene = Scene {
             volumes: Vec::new(),
             grids_only: true,
+            up: DVec3::Y,
         };
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
-            scene.grids_only &= !matches!(dataset.geometry, Geometry::Points { .. });
+            scene.grids_only &= !matches!(
+                dataset.geometry,
+                Geometry::Points { .. } | Geometry::Mesh(_)
+            );
+            if !matches!(dataset.geometry, Geometry::Mesh(_)) {
+                scene.up = DVec3::Z;
+            }
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
-            let sampled = ewa_splat::sample::volume(dataset, options)?;
+            let sampled = ewa_splat::sample::scene(dataset, options)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }
-            scene.volumes.push(sampled.volume);
+            scene.volumes.extend(sampled.volumes);
         }
         Ok(scene)
     }
@@ -191,11 +232,11 @@ impl DataOptions {
             kernel_width,
             ..self.sample_options()
         };
-        let volume = |path| {
-            let sampled = ewa_splat::sample::volume(self.open(path)?, &options)?;
-            Ok(sampled.volume)
-        };
-        inputs.iter().map(|path| volume(path)).collect()
+        let mut volumes = Vec::new();
+        for path in inputs {
+            volumes.extend(ewa_splat::sample::scene(self.open(path)?, &options)?.volumes);
+        }
+        Ok(volumes)
     }
 
     /// Standard deviation of a kernel over the spacing.
@@ -244,6 +285,13 @@ impl DataOptions {
             },
             shepard_passes: self.shepard,
             for_columns: false,
+            flatten: self.flatten,
+            spread: match (self.density, self.spacing) {
+                (Some(density), _) => Spread::Density(density),
+                (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
+                (None, _) => Spread::Automatic,
+            },
+            seed: 0,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The command line: `render`, `info`, `compare`, `measure`.
+//! The command line: `render`, `info`, `convert`, `compare`, `measure`.
 
 /// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
 macro_rules! say {
@@ -14,6 +14,7 @@ pub(crate) use say;
 
 mod column;
 mod compare;
+mod convert;
 mod count;
 mod info;
 mod input;
@@ -42,6 +43,8 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Say what a file holds and what rendering it requires
     Info(Box<info::Arguments>),
+    /// Turn data into a file of splats for viewers of radiance fields
+    Convert(Box<convert::Arguments>),
     /// Print how far one image is from another
     Compare(compare::Arguments),
     /// Measure speed against accuracy: table, plots and what each approximation costs
@@ -52,6 +55,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
     };

@@ -76,6 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut renderer = Renderer::new(scene.volumes.clone())?;
     let camera = arguments.camera.camera(
         &renderer.visible_boxes(),
+        scene.up,
         arguments.size,
         DEFAULT_SIZE,
         DEFAULT_LENS,

@@ -7,6 +7,31 @@ pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
     numbers(text).map(DVec3::from)
 }
 
+/// `x,y,z` of a direction, as a unit vector.
+pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
+    vector(text)?
+        .try_normalize()
+        .ok_or_else(|| "three numbers that are not all zero, such as 0,0,1".into())
+}
+
+/// The value of `--spacing`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Spacing {
+    /// One number: of meshes' surfels, or the same along each axis of a raw volume.
+    Even(f64),
+    /// `x,y,z` of a raw volume.
+    Axes(DVec3),
+}
+
+/// `D` or `x,y,z`
+pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
+    if text.contains(',') {
+        vector(text).map(Spacing::Axes)
+    } else {
+        positive(text).map(Spacing::Even)
+    }
+}
+
 /// `r,g,b`
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     Ok(DVec3::from(numbers(text)?).as_vec3().into())

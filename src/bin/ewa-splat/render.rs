@@ -165,10 +165,9 @@ struct Output {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_image_path(&arguments.out)?;
-    for path in [&arguments.output.depth, &arguments.output.normals] {
-        if let Some(path) = path {
-            check_depth_path(path)?;
-        }
+    let layers = [&arguments.output.depth, &arguments.output.normals];
+    for path in layers.into_iter().flatten() {
+        check_depth_path(path)?;
     }
     if let Some(path) = &arguments.output.stats {
         check_folder(path)?;
@@ -192,8 +191,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, &progress)?
-        .volumes;
+        .scene(&arguments.inputs, &options, &progress)?;
+    let (scene, up) = (scene.volumes, scene.up);
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -216,7 +215,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let camera = arguments
         .camera
-        .camera(&boxes, arguments.size, DEFAULT_SIZE, lens)?;
+        .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
     if is_column {
         return arguments.draw_column(&mut renderer, &camera, prepared, &progress);
     }

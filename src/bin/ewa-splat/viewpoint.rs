@@ -33,9 +33,8 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           requires = "eye")]
     target: Option<DVec3>,
-    /// Direction that points up in the image [default: 0,0,1]
-    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
-          requires = "eye")]
+    /// Direction that points up in the image [default: 0,0,1; of meshes alone 0,1,0]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::direction, allow_hyphen_values = true)]
     up: Option<DVec3>,
     /// Vertical field of view in degrees, 1 to 179 [default: 35]
     #[arg(long, value_name = "DEG", value_parser = parse::fov)]
@@ -43,7 +42,8 @@ pub(crate) struct CameraOptions {
     /// Orthographic projection of this height in world units [column densities: fitted]
     #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
     ortho: Option<f64>,
-    /// Fitted camera: degrees around z; 0 looks along +y [default: 30]
+    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z
+    /// [default: 30]
     #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
     azimuth: Option<f64>,
     /// Fitted camera: degrees above the horizon [default: 25]
@@ -57,10 +57,12 @@ pub(crate) struct CameraOptions {
 impl CameraOptions {
     /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_size`
     /// holds where neither `size` nor a camera's file says another. A fitted camera
-    /// has `default_lens` where no option gives one.
+    /// has `default_lens` where no option gives one; `default_up` points up where no option says
+    /// what does.
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
+        default_up: DVec3,
         size: Option<[usize; 2]>,
         default_size: [usize; 2],
         default_lens: Lens,
@@ -70,6 +72,7 @@ impl CameraOptions {
         }
         let size = size.unwrap_or(default_size);
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
+        let up = self.up.unwrap_or(default_up);
         if let Some(eye) = self.eye {
             let all = boxes
                 .iter()
@@ -77,7 +80,6 @@ impl CameraOptions {
             let all = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
             let centre = all.map_or(eye + DVec3::Y, |(lower, upper)| (lower + upper) / 2.0);
             let target = self.target.unwrap_or(centre);
-            let up = self.up.unwrap_or(DVec3::Z);
             return Ok(match self.ortho {
                 Some(height) => Camera::orthographic(eye, target, up, height, size),
                 None => Camera::perspective(eye, target, up, fov, size),
@@ -87,6 +89,7 @@ impl CameraOptions {
             azimuth_deg: self.azimuth.unwrap_or(30.0),
             elevation_deg: self.elevation.unwrap_or(25.0),
             zoom: self.zoom.unwrap_or(1.0),
+            up,
         };
         let lens = match (self.ortho, self.fov) {
             (Some(height), _) => Lens::OrthoHeight(Some(height)),

@@ -1,0 +1,220 @@
+//! `ewa-splat convert`
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use ewa_splat::io::{Dataset, Geometry, PlyForm, SplatCloud, check_splats_path, write_splats};
+use ewa_splat::sample::mesh::MeshReport;
+use ewa_splat::sample::{ConversionReport, Finding, scene, sound_splats, splat_cloud};
+use ewa_splat::{Error, Result};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use crate::input::DataOptions;
+use crate::outputs::check_collisions;
+use crate::progress;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to convert into one
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// File of splats to write: ply, splat, spz or glb
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// PLY without a third scale, as 2-D Gaussian splatting stores surfels; all splats must be flat
+    #[arg(long)]
+    surfels: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    data: DataOptions,
+}
+
+/// Splats of all inputs so far.
+#[derive(Default)]
+struct Converted {
+    cloud: SplatCloud,
+    report: ConversionReport,
+    /// What was made of each mesh.
+    meshes: Vec<Value>,
+    notes: Vec<String>,
+}
+
+/// # Errors
+/// What reading, sampling, converting and writing say; an output that is an input.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    check_splats_path(&arguments.out)?;
+    check_collisions(&arguments.inputs, std::iter::once(&arguments.out))?;
+    let bar = progress::bar(arguments.inputs.len() as u64 + 1);
+    let mut converted = Converted::default();
+    for path in &arguments.inputs {
+        bar.set_message(format!("converting {}", path.display()));
+        let dataset = arguments.data.open(path)?;
+        for note in &dataset.notes {
+            converted.notes.push(format!("{}: {note}", path.display()));
+        }
+        converted.add(dataset, &arguments.data, &bar)?;
+        bar.inc(1);
+    }
+    bar.set_message("writing");
+    let Converted {
+        cloud,
+        report,
+        meshes,
+        notes,
+    } = &mut converted;
+    let form = if arguments.surfels {
+        PlyForm::Surfels
+    } else {
+        PlyForm::Volumetric
+    };
+    let written = write_splats(&arguments.out, cloud, form)?;
+    bar.finish_and_clear();
+    notes.extend(written.notes.iter().cloned());
+    let findings = |left_out: bool| {
+        let of = report
+            .findings
+            .iter()
+            .filter(move |f| f.left_out == left_out);
+        of.map(finding).collect::<Vec<_>>()
+    };
+    let summary = json!({
+        "out": arguments.out.display().to_string(),
+        "particles": report.particle_count,
+        "splats": report.splat_count,
+        "left_out": findings(true),
+        "findings": findings(false),
+        "meshes": meshes,
+        "degree": cloud.harmonics_degree,
+        "anti_aliased": cloud.is_anti_aliased,
+        "bytes": written.bytes,
+        "position_quantum": written.position_quantum,
+        "notes": notes,
+    });
+    if arguments.json {
+        crate::say!("{summary:#}");
+    } else {
+        print(&summary);
+    }
+    Ok(())
+}
+
+fn finding(finding: &Finding) -> Value {
+    json!({ "count": finding.count, "noun": finding.noun, "reason": finding.reason })
+}
+
+/// What was made of a mesh.
+fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
+    json!({
+        "file": path.display().to_string(),
+        "triangles": report.triangle_count,
+        "surfels": report.surfel_count,
+        "area": report.area,
+        "spacing": report.spacing,
+        "ripple": report.ripple,
+        "greatest_ripple": report.greatest_ripple,
+        "left_out": report.findings.iter().map(finding).collect::<Vec<_>>(),
+    })
+}
+
+impl Converted {
+    /// Adds the splats of a data set.
+    fn add(&mut self, dataset: Dataset, options: &DataOptions, bar: &ProgressBar) -> Result<()> {
+        let path = dataset.path.clone();
+        let (cloud, report) = match dataset.geometry {
+            // As they are; a named field replaces colours and goes the other way.
+            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud),
+            _ => {
+                let sampled = scene(dataset, &options.sample_options())?;
+                match sampled.report.mesh {
+                    Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
+                    None => {
+                        for line in sampled.report.warnings() {
+                            bar.suspend(|| eprintln!("{}: {line}", path.display()));
+                        }
+                    }
+                }
+                splat_cloud(&sampled.volumes).map_err(|e| in_file(e, &path))?
+            }
+        };
+        if !self.cloud.positions.is_empty() && self.cloud.is_anti_aliased != cloud.is_anti_aliased {
+            self.notes.push(format!(
+                "{}: splats made for another low-pass filter than those before are marked as those",
+                path.display()
+            ));
+        }
+        self.cloud.append(cloud);
+        self.report.append(report);
+        Ok(())
+    }
+}
+
+/// The error with the file's name in place of the scene's.
+fn in_file(error: Error, path: &Path) -> Error {
+    match error {
+        Error::Format {
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        } => Error::format(path, place, expected, found, advice),
+        other => other,
+    }
+}
+
+fn print(summary: &Value) {
+    let row = |name: &str, value: String| crate::say!("{name:<18} {value}");
+    let text = |value: &Value| {
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned)
+    };
+    row("file", text(&summary["out"]));
+    row("particles", text(&summary["particles"]));
+    row("splats", text(&summary["splats"]));
+    for (key, name) in [("left_out", "left out"), ("findings", "note")] {
+        for f in summary[key].as_array().into_iter().flatten() {
+            let line = format!(
+                "{} {}: {}",
+                f["count"],
+                text(&f["noun"]),
+                text(&f["reason"])
+            );
+            row(name, line);
+        }
+    }
+    for mesh in summary["meshes"].as_array().into_iter().flatten() {
+        row(
+            "mesh",
+            format!(
+                "{}: {} triangles of area {} to {} surfels, spacing {}; weights sum to 1 within {} \
+                 (rms; {} at most)",
+                text(&mesh["file"]),
+                mesh["triangles"],
+                mesh["area"],
+                mesh["surfels"],
+                mesh["spacing"],
+                mesh["ripple"],
+                mesh["greatest_ripple"],
+            ),
+        );
+        for f in mesh["left_out"].as_array().into_iter().flatten() {
+            let line = format!(
+                "{} {}: {}",
+                f["count"],
+                text(&f["noun"]),
+                text(&f["reason"])
+            );
+            row("left out", line);
+        }
+    }
+    row("harmonics", format!("degree {}", summary["degree"]));
+    row("bytes", text(&summary["bytes"]));
+    row("position quantum", text(&summary["position_quantum"]));
+    for note in summary["notes"].as_array().into_iter().flatten() {
+        row("note", text(note));
+    }
+}

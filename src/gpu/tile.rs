@@ -1,0 +1,143 @@
+//! What the rasterisers of kernels and of surfels share: tiles drawn slice by slice, whose pixels are
+//! carried from one chunk of footprints to the next.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::device::Gpu;
+use super::kernel::BoundKernel;
+use crate::error::Result;
+use crate::layout::{ChunkUniform, NearTerms};
+
+/// What a tile carries from one chunk of footprints to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct TileProgress {
+    pub(super) drawn: u32,
+    pub(super) hidden: u32,
+    pub(super) splat_pixels: [u32; 2],
+}
+
+impl TileProgress {
+    /// Kernels evaluated within their cut-off.
+    pub(super) fn splat_pixels(&self) -> u64 {
+        u64::from(self.splat_pixels[0]) | u64::from(self.splat_pixels[1]) << 32
+    }
+}
+
+/// What the device writes where there is no depth: WGSL has no infinity to write down.
+pub(super) const NO_DEPTH: f32 = f32::MIN;
+
+/// A depth from the device.
+pub(super) fn depth_of_word(word: f32) -> f32 {
+    if word <= NO_DEPTH {
+        f32::INFINITY
+    } else {
+        word
+    }
+}
+
+/// A depth for the device.
+pub(super) fn word_of_depth(depth: f32) -> f32 {
+    if depth == f32::INFINITY {
+        NO_DEPTH
+    } else {
+        depth
+    }
+}
+
+/// Entries of a list that a dispatch draws at most: all.
+const WHOLE_LIST: u32 = u32::MAX;
+/// The same on a software adapter: llvmpipe ends all loops of a thread, without a word, after
+/// 65,535 rounds. An entry takes one and a share of its batch's.
+const SHORT_LIST: u32 = 60_000;
+
+/// Entries of a list that a dispatch draws at most.
+///
+/// - `rounds`: of loops that an entry may take besides its own.
+pub(super) fn slice(gpu: &Gpu, rounds: u32) -> u32 {
+    if gpu.is_software() {
+        SHORT_LIST / (1 + rounds)
+    } else {
+        WHOLE_LIST
+    }
+}
+
+/// A rasteriser with its buffers.
+#[derive(Debug)]
+pub(super) struct BoundTiles {
+    pub(super) kernel: BoundKernel,
+    pub(super) slice: u32,
+}
+
+impl BoundTiles {
+    /// Draws lists of at most `longest` entries, in one dispatch where the adapter has no limit.
+    ///
+    /// The tiles' progress must be cleared before a frame's first lists.
+    ///
+    /// - `tiles`: of the band.
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, tiles: u32, longest: u32) {
+        for _ in 0..longest.div_ceil(self.slice).max(1) {
+            self.kernel.dispatch(pass, tiles);
+        }
+    }
+}
+
+/// The buffers that both rasterisers read and write.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TileBuffers<'a> {
+    /// A uniform [`ChunkUniform`], whose band is as wide as the image.
+    pub(super) chunk: &'a wgpu::Buffer,
+    /// A uniform [`ViewUniform`](crate::layout::ViewUniform).
+    pub(super) view: &'a wgpu::Buffer,
+    pub(super) tile_ranges: &'a wgpu::Buffer,
+    pub(super) tile_lists: &'a wgpu::Buffer,
+    pub(super) footprints: &'a wgpu::Buffer,
+    pub(super) terms: &'a wgpu::Buffer,
+    pub(super) near: &'a wgpu::Buffer,
+    pub(super) progress: &'a wgpu::Buffer,
+}
+
+/// The near terms as the device keeps them: their number, then the terms, room for one at least.
+pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
+    let mut words = vec![near.len() as u32];
+    words.extend_from_slice(bytemuck::cast_slice(near));
+    words.resize(words.len().max(1 + size_of::<NearTerms>() / 4), 0);
+    words
+}
+
+/// Lists of the tiles of a whole image, cut into depth chunks as a frame of many footprints is: for
+/// each chunk its uniform, the tiles' ranges and their entries.
+pub(super) fn upload_lists(
+    gpu: &Gpu,
+    lists: &[Vec<u32>],
+    tiles: [u32; 2],
+    chunks: usize,
+) -> Result<Vec<[wgpu::Buffer; 3]>> {
+    let band = ChunkUniform {
+        start: 0,
+        capacity: longest(lists),
+        band_first: [0; 2],
+        band_size: tiles,
+    };
+    let chunk = |chunk: usize| {
+        let mut ranges = Vec::new();
+        let mut entries = Vec::new();
+        for list in lists {
+            let cut = |n: usize| list.len() * n / chunks;
+            let first = entries.len() as u32;
+            entries.extend_from_slice(&list[cut(chunk)..cut(chunk + 1)]);
+            ranges.push([first, entries.len() as u32]);
+        }
+        Ok([
+            gpu.uniform("chunk", &band)?,
+            gpu.upload("tile ranges", &ranges)?,
+            gpu.upload("tile lists", &entries)?,
+        ])
+    };
+    (0..chunks).map(chunk).collect()
+}
+
+/// Entries of the longest list.
+pub(super) fn longest(lists: &[Vec<u32>]) -> u32 {
+    lists.iter().map(Vec::len).max().unwrap_or(0) as u32
+}

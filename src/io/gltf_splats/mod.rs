@@ -1,0 +1,250 @@
+//! Splats in glTF 2.0 files, by the extension
+//! [`KHR_gaussian_splatting`](https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Khronos/KHR_gaussian_splatting).
+//!
+//! A primitive of points is splats where its `extensions` name it; per point it has
+//!
+//! | attribute | type | what |
+//! |---|---|---|
+//! | `POSITION` | VEC3 | centre |
+//! | `KHR_gaussian_splatting:SCALE` | VEC3 | standard deviations, linear (drafts until 2026 had logarithms) |
+//! | `KHR_gaussian_splatting:ROTATION` | VEC4 | quaternion x, y, z, w |
+//! | `KHR_gaussian_splatting:OPACITY` | SCALAR | peak opacity, 0 to 1 |
+//! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | VEC3 | R, G, B of harmonic n = 0 to 2 l of degree l |
+//!
+//! Nodes move splats: rotations and uniform scales exactly, harmonics with them. Where a node
+//! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
+//! other kinds are not read.
+//!
+//! The `gltf` crate does not know attributes of such names, hence a reader of the JSON.
+
+mod document;
+mod nodes;
+mod write;
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use self::document::{Document, Primitive};
+use super::dataset::Dataset;
+use super::splats::{SplatCloud, constant_of_colour};
+use crate::error::{Error, Result};
+use crate::image::srgb_from_linear;
+use crate::math::{
+    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, scales_and_rotation,
+};
+
+pub(super) use self::document::looks_like;
+pub(super) use self::write::encode;
+
+const EXTENSION: &str = "KHR_gaussian_splatting";
+
+/// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
+/// eight bytes.
+const MOST_OF_ANY_FILE: u64 = 1 << 17;
+
+/// The attribute of a harmonic.
+fn harmonic_name(degree: u8, n: usize) -> String {
+    format!("SH_DEGREE_{degree}_COEF_{n}")
+}
+
+/// Reads the splats of a file's scene.
+///
+/// # Errors
+/// JSON, containers, accessors or buffers that break glTF's rules or hold less than they say; an
+/// attribute that is missing; splats packed by a further extension.
+pub(super) fn read(path: &Path) -> Result<Dataset> {
+    let mut document = Document::open(path)?;
+    let placed = nodes::placed_meshes(path, &document.root)?;
+    let mut notes = Vec::new();
+    let mut cloud = SplatCloud::default();
+    let mut others = 0_usize;
+    // A file may show one mesh many times, but not make gigabytes of a kilobyte.
+    let most = (document.len / 8).max(MOST_OF_ANY_FILE);
+    let meshes = std::mem::take(&mut document.root.meshes);
+    for (mesh, world_from_mesh) in placed {
+        for primitive in &meshes[mesh].primitives {
+            let Some(extension) = &primitive.extensions.splats else {
+                others += 1;
+                continue;
+            };
+            let linear = extension.color_space.as_deref() == Some("lin_rec709_display");
+            let mut part = read_primitive(&mut document, primitive)?;
+            if linear {
+                encode_colours(&mut part, &mut notes);
+            }
+            if let Some(kernel) = extension.kernel.as_deref().filter(|k| *k != "ellipse") {
+                note_once(
+                    &mut notes,
+                    format!("kernel `{kernel}` is taken for `ellipse`"),
+                );
+            }
+            transform(&mut part, world_from_mesh);
+            if (cloud.positions.len() + part.positions.len()) as u64 > most {
+                return Err(Error::format(
+                    path,
+                    "nodes",
+                    format!("at most {most} splats in a file of {} bytes", document.len),
+                    "more, by nodes that repeat meshes",
+                    "show each mesh fewer times",
+                ));
+            }
+            cloud.append(part);
+        }
+    }
+    if others > 0 {
+        notes.push(format!(
+            "{others} primitives that are no splats are not read"
+        ));
+    }
+    let mut data = cloud.dataset(path, "glTF splats", Vec::new())?;
+    data.notes = notes;
+    Ok(data)
+}
+
+fn note_once(notes: &mut Vec<String>, note: String) {
+    if !notes.contains(&note) {
+        notes.push(note);
+    }
+}
+
+/// The splats of a primitive in its own space.
+fn read_primitive(document: &mut Document<'_>, primitive: &Primitive) -> Result<SplatCloud> {
+    let path = document.path;
+    let positions = document.floats::<3>(primitive, "POSITION")?;
+    let count = positions.len();
+    let mut harmonics: Vec<Vec<[f32; 3]>> = Vec::new();
+    let mut degree = 0;
+    for l in 0..=MAX_HARMONICS_DEGREE {
+        let is_there = primitive
+            .attributes
+            .contains_key(&format!("{EXTENSION}:{}", harmonic_name(l, 0)));
+        if l > 0 && !is_there {
+            break;
+        }
+        degree = l;
+        for n in 0..=2 * usize::from(l) {
+            let name = format!("{EXTENSION}:{}", harmonic_name(l, n));
+            harmonics.push(document.floats::<3>(primitive, &name)?);
+        }
+    }
+    let scales = document.floats::<3>(primitive, &format!("{EXTENSION}:SCALE"))?;
+    let rotations = document.floats::<4>(primitive, &format!("{EXTENSION}:ROTATION"))?;
+    let opacities = document.floats::<1>(primitive, &format!("{EXTENSION}:OPACITY"))?;
+    let lengths = [scales.len(), rotations.len(), opacities.len()];
+    let lengths = lengths.into_iter().chain(harmonics.iter().map(Vec::len));
+    if let Some(len) = lengths.into_iter().find(|&len| len != count) {
+        return Err(Error::format(
+            path,
+            "attributes",
+            format!("{count} of each, as of POSITION"),
+            len.to_string(),
+            "the file is damaged: get it again",
+        ));
+    }
+    let mut coefficients = Vec::with_capacity(count * 3 * harmonics_count(degree));
+    for i in 0..count {
+        coefficients.extend(harmonics.iter().flat_map(|rgb| rgb[i]));
+    }
+    Ok(SplatCloud {
+        positions: positions
+            .into_iter()
+            .map(|p| DVec3::from(p.map(f64::from)))
+            .collect(),
+        scales,
+        rotations: rotations
+            .into_iter()
+            .map(|[x, y, z, w]| [w, x, y, z])
+            .collect(),
+        opacities: opacities.into_iter().map(|[a]| a).collect(),
+        harmonics_degree: degree,
+        harmonics: coefficients,
+        is_anti_aliased: false,
+    })
+}
+
+/// Colours in linear light to the encoded ones that splats have here.
+fn encode_colours(cloud: &mut SplatCloud, notes: &mut Vec<String>) {
+    if cloud.harmonics_degree > 0 {
+        let note = "harmonics in linear light are not read: colours do not depend on the view";
+        note_once(notes, note.into());
+        let stride = cloud.harmonics_stride();
+        let constants = cloud
+            .harmonics
+            .chunks_exact(stride)
+            .flat_map(|set| &set[..3]);
+        cloud.harmonics = constants.copied().collect();
+        cloud.harmonics_degree = 0;
+    }
+    for c in &mut cloud.harmonics {
+        *c = constant_of_colour(srgb_from_linear(0.5 + HARMONIC_0 * *c));
+    }
+}
+
+/// Moves splats to the world.
+fn transform(cloud: &mut SplatCloud, world_from_mesh: DAffine3) {
+    if world_from_mesh == DAffine3::IDENTITY {
+        return;
+    }
+    for p in &mut cloud.positions {
+        *p = world_from_mesh.transform_point3(*p);
+    }
+    let linear = world_from_mesh.matrix3;
+    if linear == DMat3::IDENTITY {
+        return;
+    }
+    let similarity = as_similarity(linear);
+    for (scales, rotation) in cloud.scales.iter_mut().zip(&mut cloud.rotations) {
+        let [w, x, y, z] = rotation.map(f64::from);
+        let local = DQuat::from_xyzw(x, y, z, w);
+        let length = local.length();
+        if !(length > 0.0 && length.is_finite()) {
+            // Left out later, and counted.
+            continue;
+        }
+        let local = local * (1.0 / length);
+        let (sigmas, turned) = match similarity {
+            Some((scale, turn)) => (scales.map(|s| f64::from(s) * scale), turn * local),
+            None => {
+                let sigmas = DVec3::from(scales.map(f64::from));
+                let factor = DMat3::from_quat(local) * DMat3::from_diagonal(sigmas);
+                scales_and_rotation(linear * factor)
+            }
+        };
+        *scales = sigmas.map(narrowed);
+        *rotation = [turned.w, turned.x, turned.y, turned.z].map(narrowed);
+    }
+    if cloud.harmonics_degree > 0 {
+        let moved = HarmonicsTransform::new(linear.inverse());
+        let stride = cloud.harmonics_stride();
+        for set in cloud.harmonics.chunks_exact_mut(stride) {
+            moved.apply(set);
+        }
+    }
+}
+
+/// The scale and the rotation of a matrix that has nothing else but a mirror image, which Gaussians
+/// do not show.
+fn as_similarity(m: DMat3) -> Option<(f64, DQuat)> {
+    // What four f32 products in a file's matrices leave.
+    const ROUNDING: f64 = 1e-6;
+    let gram = m.transpose() * m;
+    let mean = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
+    let apart = gram - DMat3::from_diagonal(DVec3::splat(mean));
+    let apart = apart
+        .to_cols_array()
+        .into_iter()
+        .fold(0.0_f64, |a, b| a.max(b.abs()));
+    // Phrased so that NaN is none.
+    if !(apart <= ROUNDING * mean && mean > 0.0) {
+        return None;
+    }
+    let scale = mean.sqrt();
+    let sign = m.determinant().signum();
+    Some((scale, DQuat::from_mat3(&(m * (sign / scale))).normalize()))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+fn narrowed(x: f64) -> f32 {
+    x as f32
+}

@@ -1,0 +1,138 @@
+//! SPZ, version 3: the layout is that of `spz.rs`.
+
+use std::io::Write;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use super::splats::SplatCloud;
+use super::spz::{MAGIC, TURNED};
+use super::write_splats::{Encoded, byte, note_cut};
+use crate::error::{Error, Result};
+
+/// Positions are counted in steps up to this many, with a sign.
+const MOST_STEPS: f64 = ((1 << 23) - 1) as f64;
+
+/// The most fractional bits that readers take.
+const MOST_FRACTION_BITS: u8 = 24;
+
+/// A packed file of splats.
+pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
+    let count = cloud.positions.len();
+    let Ok(count_u32) = u32::try_from(count) else {
+        return Err(Error::format(
+            path,
+            "splats",
+            "fewer than 2^32",
+            count.to_string(),
+            "split the scene",
+        ));
+    };
+    let greatest = cloud
+        .positions
+        .iter()
+        .fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+    let fits = |bits: &u8| (greatest * f64::from(*bits).exp2()).round() <= MOST_STEPS;
+    let Some(fraction_bits) = (0..=MOST_FRACTION_BITS).rev().find(fits) else {
+        return Err(Error::format(
+            path,
+            "positions",
+            "coordinates up to 8388607",
+            greatest.to_string(),
+            "move the scene to the origin, scale it, or write another format",
+        ));
+    };
+    let per_unit = f64::from(fraction_bits).exp2();
+
+    let [mut scales, mut colours, mut coefficients, mut faint] = [0; 4];
+    let mut body = Vec::new();
+    body.extend(MAGIC);
+    body.extend(3_u32.to_le_bytes());
+    body.extend(count_u32.to_le_bytes());
+    let flags = u8::from(cloud.is_anti_aliased);
+    body.extend([cloud.harmonics_degree, fraction_bits, flags, 0]);
+    for p in &cloud.positions {
+        for x in [p.x, -p.y, -p.z] {
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "24 bits hold it, by `fits`"
+            )]
+            let steps = (x * per_unit).round() as i32;
+            body.extend(&steps.to_le_bytes()[..3]);
+        }
+    }
+    for &opacity in &cloud.opacities {
+        let code = byte(255.0 * f64::from(opacity), &mut 0);
+        faint += usize::from(code == 0 && opacity > 0.0);
+        body.push(code);
+    }
+    for i in 0..count {
+        let constant = &cloud.coefficients(i)[..3];
+        let code = |c: &f32| byte(255.0 * (0.5 + 0.15 * f64::from(*c)), &mut colours);
+        body.extend(constant.iter().map(code));
+    }
+    for i in 0..count {
+        let code = |s: f32| byte(16.0 * (f64::from(s).ln() + 10.0), &mut scales);
+        body.extend(cloud.thick_scales(i).map(code));
+    }
+    for i in 0..count {
+        let [w, x, y, z] = cloud.unit_rotation(i);
+        body.extend(smallest_three([x, -y, -z, w]).to_le_bytes());
+    }
+    for i in 0..count {
+        let others = cloud.coefficients(i)[3..].chunks_exact(3);
+        for (rgb, sign) in others.zip(&TURNED[1..]) {
+            let code = |c: &f32| byte(128.0 + 128.0 * f64::from(sign * c), &mut coefficients);
+            body.extend(rgb.iter().map(code));
+        }
+    }
+    let mut packed = GzEncoder::new(Vec::new(), Compression::default());
+    let bytes = packed.write_all(&body).and_then(|()| packed.finish());
+    let bytes = bytes.map_err(|e| Error::io(path, "packing", e, "free some memory"))?;
+
+    let mut notes = Vec::new();
+    note_cut(&mut notes, scales, "scales outside 4.5e-5 to 380 are cut");
+    note_cut(
+        &mut notes,
+        colours,
+        "constant colour coefficients outside -3.3 to 3.3 are cut",
+    );
+    note_cut(
+        &mut notes,
+        coefficients,
+        "colour coefficients outside -1 to 1 are cut",
+    );
+    note_cut(
+        &mut notes,
+        faint,
+        "opacities are below half of 1/255 and written as 0",
+    );
+    Ok(Encoded {
+        bytes,
+        position_quantum: 1.0 / per_unit,
+        notes,
+    })
+}
+
+/// A unit quaternion x, y, z, w as 32 bits: the number of its largest component, then the others,
+/// each a sign and a magnitude in units of 1 / (511 sqrt 2).
+fn smallest_three(q: [f64; 4]) -> u32 {
+    let largest = (1..4).fold(0, |m, i| if q[i].abs() > q[m].abs() { i } else { m });
+    // q and -q are one rotation: what is left out is positive.
+    let sign = q[largest].signum();
+    let mut packed = u32::try_from(largest).unwrap_or(0);
+    for (_, c) in q.iter().enumerate().filter(|(i, _)| *i != largest) {
+        let c = c * sign;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at most 511"
+        )]
+        let magnitude = (511.0 * std::f64::consts::SQRT_2 * c.abs())
+            .round()
+            .min(511.0) as u32;
+        packed = packed << 10 | u32::from(c < 0.0) << 9 | magnitude;
+    }
+    packed
+}

@@ -1,0 +1,250 @@
+//! Splats to files, whole or not at all.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::atomic::write_bytes_atomically;
+use super::image_file::check_folder;
+use super::splats::SplatCloud;
+use super::{extension, gltf_splats, ply_splats, splat, spz};
+use crate::error::{Error, Result};
+
+/// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
+/// larger one.
+///
+/// Logarithms have no zero, and viewers that form the variance in f32 keep ratios up to some 1:4000.
+/// Seen from its edge such a splat is a hundredth as wide as from its face: below a pixel's
+/// low-pass filter, .5 px, unless its face is 50 px across.
+pub const FLAT_SHARE: f32 = 0.01;
+
+/// Which of PLY's two forms is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PlyForm {
+    /// With `scale_2`, as viewers read it.
+    #[default]
+    Volumetric,
+    /// Without `scale_2`, marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting
+    /// stores them.
+    Surfels,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WrittenSplats {
+    /// Size of the file.
+    pub bytes: usize,
+    /// The greatest distance between neighbouring positions that the file can tell apart along an
+    /// axis, world units.
+    pub position_quantum: f64,
+    /// What was lost, one sentence each, for people.
+    pub notes: Vec<String>,
+}
+
+/// A file's bytes before they are written.
+pub(super) struct Encoded {
+    pub(super) bytes: Vec<u8>,
+    pub(super) position_quantum: f64,
+    pub(super) notes: Vec<String>,
+}
+
+/// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
+///
+/// # Errors
+/// Another extension than `ply`, `splat`, `spz` and `glb`, or a missing folder.
+pub fn check_splats_path(path: &Path) -> Result<()> {
+    let extension = extension(path);
+    if matches!(extension.as_str(), "ply" | "splat" | "spz" | "glb") {
+        return check_folder(path);
+    }
+    Err(Error::format(
+        path,
+        "output",
+        "a name that ends in .ply, .splat, .spz or .glb",
+        if extension.is_empty() {
+            "no extension".into()
+        } else {
+            format!("`.{extension}`")
+        },
+        "choose one of these",
+    ))
+}
+
+/// Writes splats in the format that the extension names.
+///
+/// | | `.ply` | `.splat` | `.spz` (version 3) | `.glb` (`KHR_gaussian_splatting`) |
+/// |---|---|---|---|---|
+/// | position | f32 | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin |
+/// | scales | f32 logarithm | f32 | 8 bits: 3 % | f32 |
+/// | rotation | f32 | 8 bits: .004 | 10 bits: .001 | f32 |
+/// | opacity | f32 logit | 8 bits | 8 bits | f32 |
+/// | constant colour | f32 | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 |
+/// | harmonics | f32 | lost | 8 bits: .004, -1 to 1 | f32 |
+/// | anti-aliasing mark | kept | lost | kept | lost |
+/// | order | kept | by size times opacity | kept | kept |
+///
+/// Errors are the greatest ones, of rotations in a component of the unit quaternion, of colours in a
+/// coefficient; what lies outside a range is clamped and counted in the notes. In all formats but
+/// the flat form of PLY an axis of length 0 becomes [`FLAT_SHARE`] of the next larger; in PLY an
+/// opacity keeps 3.1e-7 from 0 and 1, because a logit is finite.
+///
+/// World coordinates are kept: a scene lies in one place whatever its format, as the readers have
+/// it. SPZ files are turned to that format's axes, which reading undoes. PLY files of training
+/// scenes have y down, glTF's y points up: nothing is turned between the two.
+///
+/// # Errors
+/// Another extension, no splats, a number that no file should hold (not finite, an opacity outside 0
+/// to 1, a negative scale or three zeros, a quaternion of zeros), splats with volume in the flat
+/// form, positions or counts beyond the format, a folder that is missing.
+pub fn write_splats(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<WrittenSplats> {
+    check_splats_path(path)?;
+    cloud.check(path)?;
+    let extension = extension(path);
+    if form == PlyForm::Surfels && extension != "ply" {
+        return Err(Error::format(
+            path,
+            "form",
+            "a .ply file for surfels without thickness",
+            format!("`.{extension}`"),
+            "write a .ply file, or splats with a thin third axis",
+        ));
+    }
+    let mut encoded = match extension.as_str() {
+        "ply" => ply_splats::encode(path, cloud, form)?,
+        "splat" => splat::encode(cloud),
+        "spz" => spz::encode(path, cloud)?,
+        _ => gltf_splats::encode(path, cloud)?,
+    };
+    // A tenth of a splat is seen.
+    let size = median_size(cloud);
+    if encoded.position_quantum > 0.1 * size {
+        encoded.notes.push(format!(
+            "positions are rounded to steps of {:.2e}, half of all splats are smaller than {size:.2e}: \
+             move the scene to the origin, or scale it",
+            encoded.position_quantum
+        ));
+    }
+    write_bytes_atomically(path, &encoded.bytes)?;
+    Ok(WrittenSplats {
+        bytes: encoded.bytes.len(),
+        position_quantum: encoded.position_quantum,
+        notes: encoded.notes,
+    })
+}
+
+/// The median of the splats' middle scales.
+fn median_size(cloud: &SplatCloud) -> f64 {
+    let middle = |s: &[f32; 3]| s[0].max(s[1]).min(s[0].min(s[1]).max(s[2]));
+    let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
+    let half = sizes.len() / 2;
+    f64::from(*sizes.select_nth_unstable_by(half, f32::total_cmp).1)
+}
+
+/// The step between neighbouring f32 numbers at the greatest coordinate.
+pub(super) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -> f64 {
+    let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+    let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
+    (exponent - 23.0).exp2()
+}
+
+/// Counts numbers that a format's range cuts.
+pub(super) fn note_cut(notes: &mut Vec<String>, count: usize, what: &str) {
+    if count > 0 {
+        notes.push(format!("{count} {what}"));
+    }
+}
+
+/// `round(x)` as a byte, and whether the range cut it by more than rounding does.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to a byte first"
+)]
+pub(super) fn byte(x: f64, cut: &mut usize) -> u8 {
+    if !(-0.5..255.5).contains(&x) {
+        *cut += 1;
+    }
+    x.round().clamp(0.0, 255.0) as u8
+}
+
+impl SplatCloud {
+    /// Whether every number may stand in a file.
+    fn check(&self, path: &Path) -> Result<()> {
+        let count = self.positions.len();
+        let fault = |place: String, expected: &str, found: String| {
+            Err(Error::format(
+                path,
+                place,
+                expected,
+                found,
+                "leave such splats out before writing",
+            ))
+        };
+        if count == 0 {
+            return fault("splats".into(), "at least one", "none".into());
+        }
+        let lengths = [
+            self.scales.len(),
+            self.rotations.len(),
+            self.opacities.len(),
+            self.harmonics.len() / self.harmonics_stride(),
+        ];
+        let is_whole = self.harmonics.len().is_multiple_of(self.harmonics_stride());
+        if !is_whole || lengths.iter().any(|&len| len != count) {
+            let found = format!("scales, rotations, opacities, colours: {lengths:?}");
+            return fault("splats".into(), &format!("{count} of each array"), found);
+        }
+        for i in 0..count {
+            let place = || format!("splat {i}");
+            let p = self.positions[i];
+            if !(p.is_finite() && p.as_vec3().is_finite()) {
+                return fault(place(), "a position in single precision", p.to_string());
+            }
+            let s = self.scales[i];
+            let is_size = s.iter().all(|&s| s >= 0.0 && s.is_finite());
+            if !(is_size && s.iter().any(|&s| s > 0.0)) {
+                return fault(place(), "scales from 0 up, one above 0", format!("{s:?}"));
+            }
+            let q = self.rotations[i];
+            if !(q.iter().all(|q| q.is_finite()) && q.iter().any(|&q| q != 0.0)) {
+                return fault(place(), "a quaternion", format!("{q:?}"));
+            }
+            let a = self.opacities[i];
+            if !(0.0..=1.0).contains(&a) {
+                return fault(place(), "an opacity from 0 to 1", a.to_string());
+            }
+            if !self.coefficients(i).iter().all(|c| c.is_finite()) {
+                return fault(place(), "a finite colour", "another".into());
+            }
+        }
+        Ok(())
+    }
+
+    /// The coefficients of splat `i`.
+    pub(super) fn coefficients(&self, i: usize) -> &[f32] {
+        let stride = self.harmonics_stride();
+        &self.harmonics[i * stride..][..stride]
+    }
+
+    /// The scales of splat `i`, none of them 0: see [`FLAT_SHARE`].
+    pub(super) fn thick_scales(&self, i: usize) -> [f32; 3] {
+        let mut scales = self.scales[i];
+        let positive = scales.into_iter().filter(|s| *s > 0.0);
+        let mut least = positive.fold(f32::MAX, f32::min);
+        // The last axes first to be found flat are the middle one of a needle, then the shortest.
+        for scale in &mut scales {
+            if !(*scale > 0.0) {
+                least = (least * FLAT_SHARE).max(f32::MIN_POSITIVE);
+                *scale = least;
+            }
+        }
+        scales
+    }
+
+    /// The quaternion w, x, y, z of splat `i`, of length 1.
+    pub(super) fn unit_rotation(&self, i: usize) -> [f64; 4] {
+        let q = self.rotations[i].map(f64::from);
+        let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+        q.map(|c| c / length)
+    }
+}

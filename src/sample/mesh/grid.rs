@@ -1,0 +1,137 @@
+//! Pieces by the cube of a lattice in which they lie, and the cubes around each.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::index_u32;
+
+/// The cubes of a lattice that hold anything.
+#[derive(Debug)]
+pub(super) struct Cubes {
+    side: f64,
+    /// Where each cube's points begin, in the order that [`Cubes::new`] gives; one more at the end.
+    starts: Vec<u32>,
+    by_key: HashMap<u64, u32, BuildHasherDefault<KeyHasher>>,
+    /// The cubes around each, itself included, one cube after another.
+    around: Vec<u32>,
+    around_starts: Vec<u32>,
+}
+
+impl Cubes {
+    /// Cubes of a lattice by their points, and the order in which the points lie in them.
+    pub(super) fn new(points: &[DVec3], side: f64) -> (Self, Vec<u32>) {
+        let mut keys: Vec<(u64, u32)> = points
+            .par_iter()
+            .enumerate()
+            .map(|(i, &p)| (key(cube(p, side)), index_u32(i)))
+            .collect();
+        keys.par_sort_unstable();
+        let mut starts = vec![0];
+        let mut by_key = HashMap::default();
+        let mut cubes = Vec::new();
+        for (i, (key, first)) in keys.iter().enumerate() {
+            if i == 0 || keys[i - 1].0 != *key {
+                if i > 0 {
+                    starts.push(index_u32(i));
+                }
+                by_key.insert(*key, index_u32(cubes.len()));
+                cubes.push(cube(points[*first as usize], side));
+            }
+        }
+        starts.push(index_u32(keys.len()));
+        let order = keys.into_iter().map(|(_, i)| i).collect();
+        let neighbours = |cube: &[i64; 3]| {
+            let mut found: Vec<u32> = Vec::new();
+            for shift in 0..27 {
+                let shifts = [shift % 3 - 1, shift / 3 % 3 - 1, shift / 9 - 1];
+                let beside: [i64; 3] = std::array::from_fn(|i| cube[i].saturating_add(shifts[i]));
+                found.extend(by_key.get(&key(beside)));
+            }
+            found
+        };
+        let lists: Vec<Vec<u32>> = cubes.par_iter().map(neighbours).collect();
+        let mut around = Vec::new();
+        let mut around_starts = vec![0];
+        for list in lists {
+            around.extend(list);
+            around_starts.push(index_u32(around.len()));
+        }
+        let cubes = Self {
+            side,
+            starts,
+            by_key,
+            around,
+            around_starts,
+        };
+        (cubes, order)
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Positions in the order of the points.
+    pub(super) fn points(&self, cube: usize) -> Range<usize> {
+        self.starts[cube] as usize..self.starts[cube + 1] as usize
+    }
+
+    /// The cube in which a point lies, if that holds anything.
+    pub(super) fn at(&self, point: DVec3) -> Option<usize> {
+        self.by_key
+            .get(&key(cube(point, self.side)))
+            .map(|&c| c as usize)
+    }
+
+    /// The cubes whose points are less than a side away from some point of this one, and itself.
+    pub(super) fn around(&self, cube: usize) -> &[u32] {
+        &self.around[self.around_starts[cube] as usize..self.around_starts[cube + 1] as usize]
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates far out, where cubes may share a key"
+)]
+fn cube(point: DVec3, side: f64) -> [i64; 3] {
+    (point / side).to_array().map(|x| x.floor() as i64)
+}
+
+/// The lowest 21 bits of each coordinate, interleaved. Cubes two million apart share a key; what
+/// is found there is far away and loses to anything near.
+fn key(cube: [i64; 3]) -> u64 {
+    let spread = |x: i64| {
+        let mut x = x.cast_unsigned() & 0x1f_ffff;
+        x = (x | x << 32) & 0x001f_0000_0000_ffff;
+        x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+        x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+        x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+        (x | x << 2) & 0x1249_2492_4924_9249
+    };
+    let [x, y, z] = cube.map(spread);
+    x | y << 1 | z << 2
+}
+
+/// Fibonacci hashing: keys are made here, by no adversary's choice worth guarding against.
+#[derive(Debug, Default)]
+struct KeyHasher(u64);
+
+impl Hasher for KeyHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(u64::from(byte));
+        }
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        let mixed = (self.0 ^ key).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = mixed ^ mixed >> 29;
+    }
+}

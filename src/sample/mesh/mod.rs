@@ -1,0 +1,337 @@
+//! Meshes as surfels: spread evenly over the surface, each with the shape of its cell and the
+//! colour of the texture under it.
+//!
+//! 1. Triangles are cut into pieces, small against the distance between surfels.
+//! 2. As many sites as surfels are wanted are put along a curve through the pieces, one in each
+//!    stretch of equal area.
+//! 3. Pieces go to their nearest site and sites to their pieces' centroid, some times over (Lloyd's
+//!    relaxation). A site across a sharp edge, on the back of a sheet or on another component counts
+//!    as far away.
+//! 4. The pieces of a site are its cell, and the cell gives the surfel: at its centroid, in the
+//!    plane of its mean normal, with the cell's variance and some blur, area the sum.
+//!
+//! Every piece belongs to one cell, so that no triangle vanishes, however small, and the areas of
+//! all cells add up to that of the mesh. Meshes finer than the surfels are averaged like textures.
+
+mod cells;
+mod coverage;
+mod grid;
+mod paint;
+mod pieces;
+mod spread;
+mod surface;
+mod surfels;
+mod texture;
+
+use super::{Finding, narrowed};
+use crate::error::{Error, Result};
+use crate::io::Mesh;
+use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
+
+use cells::Cells;
+use coverage::Ripple;
+use paint::Paints;
+use surface::{Kind, Surface, area};
+use surfels::{FAINTEST, Surfel};
+
+/// Standard deviation of a surfel over the spacing, where nothing else is asked for.
+pub const SURFEL_WIDTH: f64 = 0.6;
+
+/// Surfels of a mesh at most. Sampling takes some 400 bytes for each while it works.
+pub const MOST_SURFELS: usize = 200_000_000;
+
+/// What errors name instead of a file, which is not known here.
+pub(super) const THE_MESH: &str = "mesh";
+
+/// Points at which the evenness of a mesh's surfels is looked at.
+const RIPPLE_POINTS: usize = 1 << 14;
+
+/// How to spread surfels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeshOptions {
+    /// How many.
+    pub spread: Spread,
+    /// Standard deviation over spacing; see [`SURFEL_WIDTH`].
+    pub kernel_width: f64,
+    /// Another number gives another spread, as even; the same gives the same.
+    pub seed: u64,
+}
+
+impl Default for MeshOptions {
+    fn default() -> Self {
+        Self {
+            spread: Spread::Automatic,
+            kernel_width: SURFEL_WIDTH,
+            seed: 0,
+        }
+    }
+}
+
+/// How many surfels a surface gets.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Spread {
+    /// One for each texel of the finest texture, by texels per area; no further apart than 1/1000
+    /// of the bounding box's diagonal, and four million at most.
+    #[default]
+    Automatic,
+    /// Surfels per unit area \[1/length²\].
+    Density(f64),
+    /// The root of the area for each \[length\].
+    Spacing(f64),
+    /// So many on the whole mesh.
+    Count(usize),
+}
+
+/// Surfels of a mesh, and how they came about.
+#[derive(Debug, Clone)]
+pub struct SampledMesh {
+    /// One volume for each kind of surface that occurs: opaque or translucent, seen from one side
+    /// or from both.
+    pub volumes: Vec<PointVolume>,
+    /// What was made of what.
+    pub report: MeshReport,
+}
+
+/// How a mesh was sampled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshReport {
+    /// Triangles in the file.
+    pub triangle_count: usize,
+    /// Surfels made of them.
+    pub surfel_count: usize,
+    /// Of all triangles \[length²\].
+    pub area: f64,
+    /// The root of the mean area of a surfel \[length\].
+    pub spacing: f64,
+    /// How far sums of weights at points of the surface are from 1: root mean square.
+    pub ripple: f64,
+    /// The same, at most.
+    pub greatest_ripple: f64,
+    /// What was found on the way, in the order of the work.
+    pub findings: Vec<Finding>,
+}
+
+impl MeshReport {
+    /// One line for each finding, for people.
+    pub fn warnings(&self) -> Vec<String> {
+        self.findings.iter().map(Finding::line).collect()
+    }
+
+    /// What was made, in a line for people.
+    pub fn summary(&self) -> String {
+        format!(
+            "{} surfels {:.3e} apart on an area of {:.6e}, weights even to {:.1} %",
+            self.surfel_count,
+            self.spacing,
+            self.area,
+            100.0 * self.ripple
+        )
+    }
+
+    fn find(&mut self, count: usize, noun: &'static str, reason: &'static str) {
+        if count > 0 {
+            self.findings.push(Finding {
+                count,
+                noun,
+                reason,
+                left_out: true,
+            });
+        }
+    }
+}
+
+/// Spreads surfels over a mesh.
+///
+/// - Opaque materials: [`Strength::Surface`], alpha does not count. With a mask, the area is that
+///   part of the cell where alpha reaches the cut-off (alpha of the texture and the material;
+///   that of corners does not count here).
+/// - Blended materials: [`Strength::Pane`], area x -ln(1 - opacity), the opacity the mean of the
+///   cell, held to [`MAX_OPACITY`].
+/// - Colours are linear: the means over the cells, of what is there. What a material emits is added.
+///
+/// Texture lookups are Gaussian averages over each piece (EWA, Heckbert 1989), so that a
+/// texture finer than the surfels is filtered and not picked at points.
+///
+/// The same for a seed, however many threads there are.
+///
+/// # Errors
+/// No triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`].
+pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
+    if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
+        return Err(Error::format(
+            "--kernel-width",
+            "value",
+            "a positive number",
+            options.kernel_width.to_string(),
+            format!("{SURFEL_WIDTH} is the default for surfels"),
+        ));
+    }
+    check_size(mesh)?;
+    let mut surface = Surface::new(mesh);
+    let whole = surface.area();
+    if !(whole > 0.0) {
+        return Err(Error::format(
+            THE_MESH,
+            "triangles",
+            "at least one with an area",
+            format!("{} without", mesh.triangle_count()),
+            "look at the file with `ewa-splat info`",
+        ));
+    }
+    let count = spread::count(&surface, options.spread)?;
+    // From here on lengths are in spacings.
+    surface.measure_in(surface.unit * (whole / count as f64).sqrt());
+    let whole = surface.area();
+    let mut report = MeshReport {
+        triangle_count: mesh.triangle_count(),
+        surfel_count: 0,
+        area: whole * surface.unit * surface.unit,
+        spacing: 0.0,
+        ripple: 0.0,
+        greatest_ripple: 0.0,
+        findings: Vec::new(),
+    };
+    let faults = surface.faults;
+    report.find(
+        faults.missing,
+        "triangles",
+        "a corner or the material does not exist",
+    );
+    report.find(faults.not_finite, "triangles", "a corner is not finite");
+    report.find(faults.empty, "triangles", "without area");
+
+    let mut is_used = vec![false; mesh.materials.len()];
+    for triangle in surface.kinds.iter().flatten() {
+        is_used[mesh.parts[triangle.part as usize].material] = true;
+    }
+    let paints = Paints::new(mesh, &is_used);
+    let mut volumes = Vec::new();
+    let mut ripple = Ripple::default();
+    let mut losses = Losses::default();
+    for (kind, triangles) in Kind::ALL.into_iter().zip(&surface.kinds) {
+        if triangles.is_empty() {
+            continue;
+        }
+        let share = area(triangles) / whole;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of a count"
+        )]
+        let wanted = ((count as f64 * share).round() as usize).max(1);
+        let cells = Cells::new(&surface, triangles, wanted, options.seed);
+        let width = options.kernel_width;
+        let surfels = surfels::surfels(&surface, triangles, &cells, &paints, width);
+        let points = coverage::points(&cells.pieces, triangles, RIPPLE_POINTS);
+        drop(cells);
+        let of_kind = Ripple::of(&surfels, &points);
+        ripple.count += of_kind.count;
+        ripple.squares += of_kind.squares;
+        ripple.greatest = ripple.greatest.max(of_kind.greatest);
+        let volume = volume(&surface, kind, &surfels, &mut losses);
+        report.surfel_count += volume.particles.len();
+        volumes.push(volume);
+    }
+    report.find(losses.colourless, "surfels", "colour not finite");
+    report.find(losses.faint, "surfels", "less than 1/255 of them is there");
+    report.find(
+        losses.out_of_range,
+        "surfels",
+        "beyond single precision; rescale",
+    );
+    volumes.retain(|v| !v.particles.is_empty());
+    if volumes.is_empty() {
+        return Err(Error::format(
+            THE_MESH,
+            "surfels",
+            "at least one that can be drawn",
+            report.warnings().join(", "),
+            "look at the file with `ewa-splat info`",
+        ));
+    }
+    report.spacing = (report.area / report.surfel_count as f64).sqrt();
+    report.ripple = (ripple.squares / ripple.count.max(1) as f64).sqrt();
+    report.greatest_ripple = ripple.greatest;
+    Ok(SampledMesh { volumes, report })
+}
+
+/// Surfels that cannot be drawn.
+#[derive(Debug, Default)]
+struct Losses {
+    colourless: usize,
+    faint: usize,
+    out_of_range: usize,
+}
+
+/// Corners and triangles have 32-bit indices.
+fn check_size(mesh: &Mesh) -> Result<()> {
+    let corners: usize = mesh.parts.iter().map(|part| part.positions.len()).sum();
+    let greatest = corners.max(mesh.triangle_count());
+    if u32::try_from(greatest).is_ok() {
+        return Ok(());
+    }
+    Err(Error::format(
+        THE_MESH,
+        "corners and triangles",
+        "fewer than 2^32",
+        greatest.to_string(),
+        "split the mesh",
+    ))
+}
+
+/// The surfels in world units, narrowed to what the scene stores.
+fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses) -> PointVolume {
+    let mut positions = Vec::with_capacity(surfels.len());
+    let mut tangents = Vec::with_capacity(surfels.len());
+    let mut strengths = Vec::with_capacity(surfels.len());
+    let mut colours = Vec::with_capacity(surfels.len());
+    for surfel in surfels {
+        if surfel.unpainted >= surfel.area {
+            losses.colourless += 1;
+            continue;
+        }
+        if !(surfel.share >= FAINTEST) {
+            losses.faint += 1;
+            continue;
+        }
+        let area = surfel.area * surface.unit * surface.unit;
+        let strength = if kind.is_pane {
+            -(-surfel.share.min(MAX_OPACITY)).ln_1p() * area
+        } else {
+            surfel.share * area
+        };
+        let strength = narrowed(strength);
+        let [t1, t2] = surfel.tangents.map(|t| (t * surface.unit).as_vec3());
+        let colour = surfel.colour.map(narrowed);
+        let is_sound = |x: &f32| x.is_finite();
+        let shape = [t1.x, t1.y, t1.z, t2.x, t2.y, t2.z];
+        if !(strength >= f32::MIN_POSITIVE
+            && strength.is_finite()
+            && shape.iter().all(is_sound)
+            && colour.iter().all(is_sound)
+            && t1.length_squared().min(t2.length_squared()) >= f32::MIN_POSITIVE)
+        {
+            losses.out_of_range += 1;
+            continue;
+        }
+        positions.push(surface.world(surfel.centre));
+        tangents.push(shape);
+        strengths.push(strength);
+        colours.push(colour);
+    }
+    PointVolume {
+        particles: Particles::Surfels {
+            positions,
+            tangents,
+            is_one_sided: kind.is_one_sided,
+        },
+        strength: if kind.is_pane {
+            Strength::Pane(strengths)
+        } else {
+            Strength::Surface(strengths)
+        },
+        colour: Colour::PerParticle(colours),
+        values: None,
+        transfer_function: None,
+    }
+}

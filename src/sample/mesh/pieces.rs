@@ -1,0 +1,170 @@
+//! Triangles cut into pieces that are small against a surfel's cell.
+
+use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::super::index_u32;
+use super::surface::{Surface, Triangle};
+
+/// Pieces of all triangles together at most: this many for each cell, and some for each triangle,
+const MOST_PER_CELL: f64 = 40.0;
+const MOST_PER_TRIANGLE: f64 = 4.0;
+
+/// or so many: half a gigabyte.
+const MANY: f64 = 16e6;
+
+/// A part of a triangle, by repeated halving.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece {
+    /// Centroid, in the surface's frame.
+    pub(super) centre: DVec3,
+    /// Index into the triangles that were cut.
+    pub(super) triangle: u32,
+    /// Which half was taken, one bit for each cut, the first cut highest, after a leading one.
+    path: u32,
+}
+
+/// Cuts between the triangle and the piece at most: a bit of `path` is the leading one.
+const MOST_CUTS: u32 = 31;
+
+/// The metric of a triangle in barycentric coordinates (b1, b2) along its two edges.
+#[derive(Debug, Clone, Copy)]
+struct Metric {
+    e11: f64,
+    e12: f64,
+    e22: f64,
+}
+
+impl Metric {
+    fn new(e1: DVec3, e2: DVec3) -> Self {
+        Self {
+            e11: e1.length_squared(),
+            e12: e1.dot(e2),
+            e22: e2.length_squared(),
+        }
+    }
+
+    fn length_squared(&self, d: DVec2) -> f64 {
+        self.e11 * d.x * d.x + 2.0 * self.e12 * d.x * d.y + self.e22 * d.y * d.y
+    }
+
+    /// The longest side, squared, and the corner opposite to it; the first of equals.
+    fn longest(&self, corners: &[DVec2; 3]) -> (f64, usize) {
+        let side = |i: usize| self.length_squared(corners[(i + 2) % 3] - corners[(i + 1) % 3]);
+        let [a, b, c] = [side(0), side(1), side(2)];
+        if a >= b && a >= c {
+            (a, 0)
+        } else if b >= c {
+            (b, 1)
+        } else {
+            (c, 2)
+        }
+    }
+}
+
+/// The half of a triangle that `bit` names, cut from the middle of the longest side to the
+/// corner opposite. Corners keep their sense of rotation.
+fn half(corners: &[DVec2; 3], apex: usize, bit: u32) -> [DVec2; 3] {
+    let (next, last) = (corners[(apex + 1) % 3], corners[(apex + 2) % 3]);
+    let middle = 0.5 * (next + last);
+    if bit == 0 {
+        [corners[apex], next, middle]
+    } else {
+        [corners[apex], middle, last]
+    }
+}
+
+const WHOLE: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::Y];
+
+impl Piece {
+    /// The piece's share of its triangle: a power of a half.
+    pub(super) fn share(&self) -> f64 {
+        let cuts = MOST_CUTS - self.path.leading_zeros();
+        1.0 / f64::from(1_u32 << cuts)
+    }
+
+    /// Barycentric coordinates of its corners along the edges `e1` and `e2` of the triangle.
+    pub(super) fn corners(&self, e1: DVec3, e2: DVec3) -> [DVec2; 3] {
+        let metric = Metric::new(e1, e2);
+        let mut corners = WHOLE;
+        let cuts = MOST_CUTS - self.path.leading_zeros();
+        for cut in (0..cuts).rev() {
+            let (_, apex) = metric.longest(&corners);
+            corners = half(&corners, apex, self.path >> cut & 1);
+        }
+        corners
+    }
+}
+
+/// The variance of a triangle about its centroid, from its three corners relative to that.
+pub(super) fn variance(corners: [DVec3; 3]) -> DMat3 {
+    let square = |d: DVec3| DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+    corners.into_iter().map(square).sum::<DMat3>() * (1.0 / 12.0)
+}
+
+/// Cuts triangles until no side is longer than `longest`, or longer where that would give too
+/// many pieces for `cell_count` cells (long slivers).
+pub(super) fn cut(
+    surface: &Surface,
+    triangles: &[Triangle],
+    longest: f64,
+    cell_count: usize,
+) -> Vec<Piece> {
+    let most = MOST_PER_CELL * cell_count as f64 + MOST_PER_TRIANGLE * triangles.len() as f64;
+    let most = most.max(MANY);
+    let mut limit = longest;
+    while estimate(surface, triangles, limit) > most {
+        limit *= 1.25;
+    }
+    let limit_squared = limit * limit;
+    (0..triangles.len())
+        .into_par_iter()
+        .flat_map_iter(|i| {
+            let [origin, e1, e2] = surface.edges_of(&triangles[i]);
+            let mut pieces = Vec::new();
+            cut_one(e1, e2, limit_squared, |path, corners| {
+                let b = (corners[0] + corners[1] + corners[2]) / 3.0;
+                pieces.push(Piece {
+                    centre: origin + e1 * b.x + e2 * b.y,
+                    triangle: index_u32(i),
+                    path,
+                });
+            });
+            pieces
+        })
+        .collect()
+}
+
+/// About how many pieces there will be, rather too many: halves of right isosceles triangles
+/// have an eighth of the squared limit at least, and slivers are cut along their length.
+fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
+    let of = |t: &Triangle| {
+        let [_, e1, e2] = surface.edges_of(t);
+        let (longest, _) = Metric::new(e1, e2).longest(&WHOLE);
+        let is_whole = longest <= limit * limit;
+        let cuts = 8.0 * t.area / (limit * limit) + 3.0 * longest.sqrt() / limit;
+        1.0 + if is_whole { 0.0 } else { cuts }
+    };
+    // In whole numbers, whose sum does not depend on its order.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates, and is compared only"
+    )]
+    let whole = |t: &Triangle| (of(t) as u64).min(1 << 40);
+    triangles.par_iter().map(whole).sum::<u64>() as f64
+}
+
+fn cut_one(e1: DVec3, e2: DVec3, limit_squared: f64, mut found: impl FnMut(u32, &[DVec2; 3])) {
+    let metric = Metric::new(e1, e2);
+    let mut waiting = vec![(1_u32, WHOLE)];
+    while let Some((path, corners)) = waiting.pop() {
+        let (longest, apex) = metric.longest(&corners);
+        if !(longest > limit_squared) || path.leading_zeros() == 0 {
+            found(path, &corners);
+            continue;
+        }
+        waiting.push((path << 1 | 1, half(&corners, apex, 1)));
+        waiting.push((path << 1, half(&corners, apex, 0)));
+    }
+}
