@@ -37,6 +37,7 @@
 //!
 //! [`io::open`] reads a file into a [`io::Dataset`], [`sample::volume`] turns that and a field
 //! into a [`scene::PointVolume`], [`Renderer`] draws it, [`io::write_image`] writes the picture.
+//! [`sample::scene`] does so for meshes, too, which become surfels: [`sample::mesh`].
 //!
 //! # Column densities
 //!

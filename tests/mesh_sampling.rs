@@ -367,7 +367,7 @@ fn no_triangle_vanishes() {
         .flatten()
         .map(|&c| part.positions[c as usize])
         .collect();
-    let is_red = |t: usize| (t * 7919) % 100 == 0;
+    let is_red = |t: usize| (t * 7919).is_multiple_of(100);
     let count = part.triangles.len();
     part.triangles = (0..count as u32)
         .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])

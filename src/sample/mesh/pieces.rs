@@ -27,31 +27,27 @@ pub(super) struct Piece {
 /// Cuts between the triangle and the piece at most: a bit of `path` is the leading one.
 const MOST_CUTS: u32 = 31;
 
-/// The metric of a triangle in barycentric coordinates (b1, b2) along its two edges.
+/// A triangle within another.
 #[derive(Debug, Clone, Copy)]
-struct Metric {
-    e11: f64,
-    e12: f64,
-    e22: f64,
+struct Part {
+    /// Barycentric coordinates along the two edges of the whole.
+    corners: [DVec2; 3],
+    /// Squared lengths of the sides opposite to them.
+    sides: [f64; 3],
 }
 
-impl Metric {
-    fn new(e1: DVec3, e2: DVec3) -> Self {
+impl Part {
+    /// All of the triangle between these edges.
+    fn whole(e1: DVec3, e2: DVec3) -> Self {
         Self {
-            e11: e1.length_squared(),
-            e12: e1.dot(e2),
-            e22: e2.length_squared(),
+            corners: [DVec2::ZERO, DVec2::X, DVec2::Y],
+            sides: [e1 - e2, e2, e1].map(|side| side.length_squared()),
         }
     }
 
-    fn length_squared(&self, d: DVec2) -> f64 {
-        self.e11 * d.x * d.x + 2.0 * self.e12 * d.x * d.y + self.e22 * d.y * d.y
-    }
-
     /// The longest side, squared, and the corner opposite to it; the first of equals.
-    fn longest(&self, corners: &[DVec2; 3]) -> (f64, usize) {
-        let side = |i: usize| self.length_squared(corners[(i + 2) % 3] - corners[(i + 1) % 3]);
-        let [a, b, c] = [side(0), side(1), side(2)];
+    fn longest(&self) -> (f64, usize) {
+        let [a, b, c] = self.sides;
         if a >= b && a >= c {
             (a, 0)
         } else if b >= c {
@@ -60,21 +56,28 @@ impl Metric {
             (c, 2)
         }
     }
-}
 
-/// The half of a triangle that `bit` names, cut from the middle of the longest side to the
-/// corner opposite. Corners keep their sense of rotation.
-fn half(corners: &[DVec2; 3], apex: usize, bit: u32) -> [DVec2; 3] {
-    let (next, last) = (corners[(apex + 1) % 3], corners[(apex + 2) % 3]);
-    let middle = 0.5 * (next + last);
-    if bit == 0 {
-        [corners[apex], next, middle]
-    } else {
-        [corners[apex], middle, last]
+    /// The half that `bit` names, cut from the middle of the longest side to the corner opposite,
+    /// its first. Corners keep their sense of rotation.
+    fn half(&self, bit: u32) -> Self {
+        let (longest, apex) = self.longest();
+        let (next, last) = ((apex + 1) % 3, (apex + 2) % 3);
+        let middle = 0.5 * (self.corners[next] + self.corners[last]);
+        // Apollonius: the cut is a median.
+        let cut = 0.5 * (self.sides[next] + self.sides[last]) - 0.25 * longest;
+        if bit == 0 {
+            Self {
+                corners: [self.corners[apex], self.corners[next], middle],
+                sides: [0.25 * longest, cut, self.sides[last]],
+            }
+        } else {
+            Self {
+                corners: [self.corners[apex], middle, self.corners[last]],
+                sides: [0.25 * longest, self.sides[next], cut],
+            }
+        }
     }
 }
-
-const WHOLE: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::Y];
 
 impl Piece {
     /// The piece's share of its triangle: a power of a half.
@@ -85,14 +88,10 @@ impl Piece {
 
     /// Barycentric coordinates of its corners along the edges `e1` and `e2` of the triangle.
     pub(super) fn corners(&self, e1: DVec3, e2: DVec3) -> [DVec2; 3] {
-        let metric = Metric::new(e1, e2);
-        let mut corners = WHOLE;
         let cuts = MOST_CUTS - self.path.leading_zeros();
-        for cut in (0..cuts).rev() {
-            let (_, apex) = metric.longest(&corners);
-            corners = half(&corners, apex, self.path >> cut & 1);
-        }
-        corners
+        let whole = Part::whole(e1, e2);
+        let half = |part: Part, cut: u32| part.half(self.path >> cut & 1);
+        (0..cuts).rev().fold(whole, half).corners
     }
 }
 
@@ -140,7 +139,7 @@ pub(super) fn cut(
 fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
     let of = |t: &Triangle| {
         let [_, e1, e2] = surface.edges_of(t);
-        let (longest, _) = Metric::new(e1, e2).longest(&WHOLE);
+        let (longest, _) = Part::whole(e1, e2).longest();
         let is_whole = longest <= limit * limit;
         let cuts = 8.0 * t.area / (limit * limit) + 3.0 * longest.sqrt() / limit;
         1.0 + if is_whole { 0.0 } else { cuts }
@@ -156,15 +155,14 @@ fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
 }
 
 fn cut_one(e1: DVec3, e2: DVec3, limit_squared: f64, mut found: impl FnMut(u32, &[DVec2; 3])) {
-    let metric = Metric::new(e1, e2);
-    let mut waiting = vec![(1_u32, WHOLE)];
-    while let Some((path, corners)) = waiting.pop() {
-        let (longest, apex) = metric.longest(&corners);
+    let mut waiting = vec![(1_u32, Part::whole(e1, e2))];
+    while let Some((path, part)) = waiting.pop() {
+        let (longest, _) = part.longest();
         if !(longest > limit_squared) || path.leading_zeros() == 0 {
-            found(path, &corners);
+            found(path, &part.corners);
             continue;
         }
-        waiting.push((path << 1 | 1, half(&corners, apex, 1)));
-        waiting.push((path << 1, half(&corners, apex, 0)));
+        waiting.push((path << 1 | 1, part.half(1)));
+        waiting.push((path << 1, part.half(0)));
     }
 }

@@ -56,7 +56,15 @@ pub(super) struct Surface<'a> {
     pub(super) faults: Faults,
 }
 
-/// Triangles that give nothing.
+/// Why a triangle gives nothing.
+#[derive(Debug, Clone, Copy)]
+enum Fault {
+    Missing,
+    NotFinite,
+    Empty,
+}
+
+/// How many triangles give nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Faults {
     /// A corner or the material does not exist.
@@ -107,7 +115,9 @@ impl<'a> Surface<'a> {
                         normal,
                         area,
                     }),
-                    Err(count) => *count(&mut surface.faults) += 1,
+                    Err(Fault::Missing) => surface.faults.missing += 1,
+                    Err(Fault::NotFinite) => surface.faults.not_finite += 1,
+                    Err(Fault::Empty) => surface.faults.empty += 1,
                 }
             }
             first_corner += p.positions.len();
@@ -115,28 +125,24 @@ impl<'a> Surface<'a> {
         surface
     }
 
-    /// Normal and area, or which fault to count.
-    fn triangle(
-        &self,
-        part: usize,
-        index: usize,
-    ) -> Result<(Vec3, f64), fn(&mut Faults) -> &mut usize> {
+    /// Normal and area.
+    fn triangle(&self, part: usize, index: usize) -> Result<(Vec3, f64), Fault> {
         let corners = self.mesh.parts[part].triangles[index];
         let count = self.mesh.parts[part].positions.len();
         if corners.iter().any(|&c| c as usize >= count) {
-            return Err(|faults| &mut faults.missing);
+            return Err(Fault::Missing);
         }
         let [_, e1, e2] = self.edges(part, index);
         let cross = e1.cross(e2);
         let length = cross.length();
         if !(length.is_finite() && e1.is_finite() && e2.is_finite()) {
-            return Err(|faults| &mut faults.not_finite);
+            return Err(Fault::NotFinite);
         }
         // Slivers far below rounding have a direction all the same: normalised before squaring.
         let normal = (cross / cross.abs().max_element()).try_normalize();
         match normal {
             Some(normal) if length > 0.0 => Ok((normal.as_vec3(), 0.5 * length)),
-            _ => Err(|faults| &mut faults.empty),
+            _ => Err(Fault::Empty),
         }
     }
 
