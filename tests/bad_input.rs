@@ -19,6 +19,7 @@ use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_ima
 use proptest::prelude::*;
 use support::VtkEncoding;
 use support::damage::{apply, damage};
+use support::meshes::{RICH_MTL, RICH_OBJ, jpeg, png, rich_gltf};
 use support::seeds::{legacy_vtk, seeds, vtk_grids};
 use support::splats::{Ply, gzip, some_splats, splat_ply, splat_records, spz_unpacked};
 
@@ -313,5 +314,59 @@ fn legacy_files_with_wrong_counts_are_answered_at_once() {
                 check(open(&path, &OpenOptions::default()).map(drop));
             }
         }
+    }
+}
+
+/// Meshes, their materials and their images, cut at every byte and with every byte changed;
+/// one byte in sixteen of those that are long.
+#[test]
+fn mesh_files_of_every_length_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let image = png(2, &[[255, 0, 0, 255], [0, 255, 0, 128]].repeat(2));
+    let file = rich_gltf();
+    write("a.mtl", RICH_MTL.as_bytes());
+    write("a.png", &image);
+    write("b.obj", RICH_OBJ.as_bytes());
+    write(
+        "c.mtl",
+        b"newmtl red paint\nKd .5 .5 .5\nmap_Kd c.jpg\nmap_d a.png\n",
+    );
+    write("c.obj", RICH_OBJ.replace("a.mtl", "c.mtl").as_bytes());
+    for (damaged, opened, bytes) in [
+        ("a.obj", "a.obj", RICH_OBJ.as_bytes()),
+        ("a.mtl", "b.obj", RICH_MTL.as_bytes()),
+        ("a.png", "b.obj", &image),
+        ("c.jpg", "c.obj", &jpeg(9, [1, 200, 99])),
+        ("a.glb", "a.glb", &file.glb()),
+        ("a.gltf", "a.gltf", &file.text()),
+    ] {
+        let answer = |bytes: &[u8]| {
+            write(damaged, bytes);
+            let answer = open(&folder.path().join(opened), &OpenOptions::default());
+            let is_read = answer.is_ok();
+            check(answer.map(drop));
+            is_read
+        };
+        assert!(answer(bytes), "{damaged}");
+        let step = if bytes.len() > 300 { 16 } else { 1 };
+        let places = (0..bytes.len()).step_by(step);
+        let cut = places.clone().filter(|&n| answer(&bytes[..n])).count();
+        let mut changed = bytes.to_vec();
+        let mut read = 0;
+        for i in places.clone() {
+            for byte in [0xff, bytes[i] ^ 1, b'9'] {
+                changed[i] = byte;
+                read += usize::from(answer(&changed));
+            }
+            changed[i] = bytes[i];
+        }
+        let count = places.len();
+        println!("{damaged}: {cut} of {count} cut and {read} changed ones are read");
+        write(damaged, bytes);
+        // Materials and images may be missing; meshes may not.
+        let is_mesh = damaged == opened;
+        assert!(is_mesh || cut == count, "{damaged}: {cut}");
+        assert!(is_mesh || read == 3 * count, "{damaged}: {read}");
     }
 }

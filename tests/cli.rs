@@ -345,6 +345,43 @@ fn info_tells_what_is_there() {
     assert!(String::from_utf8_lossy(&table.stdout).contains("bytes per particle"));
 }
 
+#[test]
+fn info_describes_meshes() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, format) in [
+        ("vase.glb", "glTF mesh"),
+        ("vase.obj", "Wavefront OBJ mesh"),
+    ] {
+        let output = run(folder.path(), &["info", &fixture(name), "--json"]);
+        let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(info["format"], format);
+        assert_eq!(info["geometry"]["triangles"], 1800);
+        let material = &info["geometry"]["materials"][0];
+        assert_eq!(material["name"], "glaze");
+        assert_eq!(material["base_texture"], serde_json::json!([64, 64]));
+        assert_eq!(info["notes"], serde_json::json!([]));
+        let output = run(folder.path(), &["info", &fixture(name)]);
+        let table = String::from_utf8_lossy(&output.stdout).into_owned();
+        let line = "1800 triangles, \"glaze\", opaque, one-sided, texture 64 x 64";
+        assert!(table.contains(line), "{table}");
+    }
+    // The mesh alone, with an image named by hand.
+    let mesh = std::fs::read_to_string(fixture("vase.obj")).unwrap();
+    let plain = mesh.replace("mtllib vase.mtl", "");
+    std::fs::write(folder.path().join("plain.obj"), plain).unwrap();
+    let arguments = [
+        "info",
+        "plain.obj",
+        "--json",
+        "--texture",
+        &fixture("vase.png"),
+    ];
+    let output = run(folder.path(), &arguments);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let texture = &info["geometry"]["materials"][0]["base_texture"];
+    assert_eq!(*texture, serde_json::json!([64, 64]));
+}
+
 /// A file of one splat, from its bytes to its pixel.
 #[test]
 fn a_splat_file_is_described_and_rendered() {

@@ -145,7 +145,7 @@ impl Gltf {
         let mut json = self.json.clone();
         let data = base64::engine::general_purpose::STANDARD.encode(&self.bin);
         json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{data}"));
-        serde_json::to_vec_pretty(&json).unwrap()
+        serde_json::to_vec(&json).unwrap()
     }
 }
 
@@ -164,7 +164,8 @@ pub(crate) fn rich_gltf() -> Gltf {
     let indices = file.accessor("SCALAR", U16, false, &[0., 1., 2., 0., 2., 3.]);
     let strip = file.accessor("SCALAR", U8, false, &[0., 1., 3., 2.]);
     let joints = file.accessor("VEC4", U8, false, &[0., 1., 0., 0.].repeat(4));
-    let weights = file.floats("VEC4", &[0.5, 0.5, 0., 0.].repeat(4));
+    // Weights need not sum to 1.
+    let weights = file.floats("VEC4", &[0.25, 0.25, 0., 0.].repeat(4));
     let one = [
         1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.,
     ];

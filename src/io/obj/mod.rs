@@ -363,8 +363,15 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
-/// What makes a texture: colour map, opacity map, whether it is clamped.
-type TextureMaps = (Option<String>, Option<String>, bool);
+/// What a texture is made of: two textures of one key are one.
+#[derive(PartialEq, Eq, Hash)]
+struct TextureKey {
+    /// The file of its colour; without it, it is white.
+    colour: Option<String>,
+    /// The file of its opacity.
+    opacity: Option<String>,
+    is_clamped: bool,
+}
 
 /// Textures, each decoded once.
 struct Images {
@@ -372,8 +379,8 @@ struct Images {
     budget: ImageBudget,
     decoded: HashMap<String, Option<Arc<TextureImage>>>,
     textures: Vec<Texture>,
-    /// Textures and whether they cut out.
-    made: HashMap<TextureMaps, (usize, bool)>,
+    /// Textures, and whether they cut out.
+    made: HashMap<TextureKey, (usize, bool)>,
     notes: Vec<String>,
 }
 
@@ -477,11 +484,11 @@ impl Images {
         let placing = colour.or(opacity)?;
         let image = self.decode(&placing.file)?;
         let opacity = opacity.and_then(|map| Some((map, self.decode(&map.file)?)));
-        let key = (
-            colour.map(|map| map.file.clone()),
-            opacity.as_ref().map(|(map, _)| map.file.clone()),
-            placing.is_clamped,
-        );
+        let key = TextureKey {
+            colour: colour.map(|map| map.file.clone()),
+            opacity: opacity.as_ref().map(|(map, _)| map.file.clone()),
+            is_clamped: placing.is_clamped,
+        };
         let (texture, is_cut_out) = match self.made.get(&key) {
             Some(&known) => known,
             None => {
@@ -497,22 +504,17 @@ impl Images {
                         *pixel = [255, 255, 255, pixel[3]];
                     }
                 }
-                self.push(key, image, placing.is_clamped)
+                self.push(key, image)
             }
         };
         Some((placed(texture, placing), is_cut_out))
     }
 
-    fn push(
-        &mut self,
-        key: (Option<String>, Option<String>, bool),
-        image: TextureImage,
-        is_clamped: bool,
-    ) -> (usize, bool) {
+    fn push(&mut self, key: TextureKey, image: TextureImage) -> (usize, bool) {
         let is_cut_out = image.pixels.iter().all(|p| matches!(p[3], 0 | 255));
         self.textures.push(Texture {
             image: Arc::new(image),
-            wrap: [if is_clamped {
+            wrap: [if key.is_clamped {
                 Wrap::ClampToEdge
             } else {
                 Wrap::Repeat
