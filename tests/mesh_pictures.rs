@@ -128,7 +128,10 @@ fn surfels_show_what_rays_show() {
                 println!(
                     "{name:14} {number:4} {per_px:6} {count:8} {psnr:6.2} {least:15.5} {mean:7.5}"
                 );
-                if !(psnr >= 32.0 && mean >= 0.999) {
+                // Of the helmet's many layers the renderer keeps a few per pixel, and some pixels lack
+                // the last.
+                let least_wanted = if name == "helmet" { 0.0 } else { 0.999 };
+                if !(psnr >= 32.0 && mean >= 0.999 && least >= least_wanted) {
                     faults.push(format!(
                         "{name} {number} {per_px}: {psnr} dB, coverage {mean}"
                     ));

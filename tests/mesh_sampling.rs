@@ -501,6 +501,10 @@ fn where_and_how_large_a_mesh_is_does_not_matter() {
             *p = *p * scale + shift;
         }
         let surfels = all(&sampled(&mesh, 600));
+        for s in &surfels {
+            let radius = ((s.at - shift) / scale).length();
+            assert!((radius - 1.0).abs() < 0.006, "{scale} {shift}: {radius}");
+        }
         let area = total(&surfels) / (scale * scale);
         assert!(
             (area / total(&reference) - 1.0).abs() < 1e-5,
