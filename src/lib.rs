@@ -1,5 +1,5 @@
-//! EWA splatting of unstructured point volumes: curvilinear grids, lattices and particles of
-//! arbitrary shape are rendered as they are, without resampling.
+//! EWA splatting of unstructured point volumes and surfels: curvilinear grids, lattices and particles
+//! of arbitrary shape are rendered as they are, without resampling; meshes become surfels.
 //!
 //! A particle is a Gaussian kernel with a variance matrix of its own that emits and absorbs light.
 //! Projected to the image and convolved with the pixel's low-pass filter it becomes an ellipse,
@@ -35,8 +35,9 @@
 //!
 //! # From files
 //!
-//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::volume`] turns that and a field
-//! into a [`scene::PointVolume`], [`Renderer`] draws it, [`io::write_image`] writes the picture.
+//! [`io::open`] reads a file into a [`io::Dataset`], [`sample::scene`] turns that (and a field) into
+//! [`scene::PointVolume`]s, [`Renderer`] draws them, [`io::write_image`] writes the picture.
+//! [`sample::splat_cloud`] and [`io::write_splats`] make a file of splats of them.
 //! [`sample::scene`] does so for meshes, too, which become surfels: [`sample::mesh`].
 //!
 //! # Column densities
@@ -68,7 +69,8 @@
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
-//! on how each kind of data becomes kernels and what its lengths mean.
+//! on how each kind of data becomes kernels and what its lengths mean, [`surfels`] one on meshes,
+//! surfaces and what they do among volumes.
 //!
 //! # Conventions
 //!
@@ -89,6 +91,8 @@
 //! | J | folded into [`splat::project_kernel`] |
 //! | u_k, x_k | `centre` (camera space), `centre_px` |
 //! | h, V_h | `low_pass_variance_px2` |
+//! | T^2D | M, the mapping of a surfel's plane to the image: [`splat::surfel_footprint`] |
+//! | surfel | a flat kernel: [`scene::Particles::Surfels`] |
 //! | q_k, rho_k | [`layout::Footprint`]: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
@@ -117,6 +121,8 @@ pub mod sample;
 pub mod scene;
 pub mod splat;
 pub mod stats;
+#[doc = include_str!("../docs/surfels.md")]
+pub mod surfels {}
 pub mod view;
 
 pub use error::{Error, Result};
