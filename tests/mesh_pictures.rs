@@ -9,6 +9,7 @@
 mod common;
 mod support;
 
+use std::path::Path;
 use std::sync::OnceLock;
 
 use common::real_data;
@@ -18,6 +19,7 @@ use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
 use ewa_splat::view::Camera;
 use ewa_splat::{Backend, Image, Renderer, Settings};
 use glam::DVec3;
+use support::Folder;
 use support::raytrace::Tracer;
 
 /// The helmet has layers of leather a few pixels apart: nearer ones would be taken for one surface.
@@ -28,9 +30,25 @@ const SIDE: usize = 12;
 
 fn read(name: &str) -> Option<Mesh> {
     let path = real_data(name)?;
-    match open(&path, &OpenOptions::default()).unwrap().geometry {
+    read_file(&path)
+}
+
+/// The cow with its texture, which its file does not name.
+fn read_spot() -> Option<Mesh> {
+    let shape = real_data("meshes/obj/spot/spot_triangulated.obj")?;
+    let texture = real_data("meshes/obj/spot/spot_texture.png")?;
+    let text = std::fs::read_to_string(shape).unwrap();
+    let folder = Folder::new();
+    folder.file("spot.png", &std::fs::read(texture).unwrap());
+    folder.file("spot.mtl", b"newmtl spot\nmap_Kd spot.png\n");
+    let text = format!("mtllib spot.mtl\nusemtl spot\n{text}");
+    read_file(&folder.file("spot.obj", text.as_bytes()))
+}
+
+fn read_file(path: &Path) -> Option<Mesh> {
+    match open(path, &OpenOptions::default()).unwrap().geometry {
         Geometry::Mesh(mesh) => Some(mesh),
-        _ => panic!("{name}: no mesh"),
+        _ => panic!("{}: no mesh", path.display()),
     }
 }
 
@@ -98,12 +116,17 @@ fn surfels_show_what_rays_show() {
     let meshes = [
         ("duck", "meshes/gltf/Duck.glb"),
         ("box", "meshes/gltf/BoxTextured/BoxTextured.gltf"),
-        ("spot", "meshes/obj/spot/spot_triangulated.obj"),
+        ("spot", ""),
         ("helmet", "meshes/gltf/FlightHelmet/FlightHelmet.gltf"),
     ];
     let mut faults = Vec::new();
     for ((name, file), size) in meshes.into_iter().zip(SIZES) {
-        let Some(mesh) = read(file) else { return };
+        let read = if name == "spot" {
+            read_spot()
+        } else {
+            read(file)
+        };
+        let Some(mesh) = read else { return };
         let tracer = Tracer::new(&mesh);
         for (number, side) in [DVec3::new(0.7, 0.4, 1.0), DVec3::new(-0.8, 0.1, -0.9)]
             .into_iter()
