@@ -72,7 +72,7 @@ fn main() -> ewa_splat::Result<()> {
             "{name:>22} {:>8.1} {:>10.2e} {:>8.4}",
             errors.psnr.unwrap_or(f64::INFINITY),
             errors.rmse,
-            errors.flip
+            errors.flip.unwrap_or(f64::NAN)
         );
     }
     for (name, image) in [

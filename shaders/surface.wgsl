@@ -124,9 +124,22 @@ fn place_of(fragment: Fragment, layer: Layer) -> u32 {
     return select(BEHIND, AHEAD, ahead > 0.0);
 }
 
-// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last one
-// goes.
+// Two layers as one.
+fn merged(a: Layer, b: Layer) -> Layer {
+    var out = a;
+    out.weight = a.weight + b.weight;
+    out.nearness = a.nearness + b.nearness;
+    out.colour = a.colour + b.colour;
+    out.normal = a.normal + b.normal;
+    return out;
+}
+
+// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two
+// become one. Whatever is behind the others joins the last: what covers is never lost.
 fn insert(window: ptr<function, Window>, fragment: Fragment) {
+    if is_nan(fragment.nearness) {
+        return;
+    }
     var alone: Layer;
     alone = added(alone, fragment);
     var place = place_of(fragment, (*window)[0]);
@@ -135,7 +148,7 @@ fn insert(window: ptr<function, Window>, fragment: Fragment) {
         return;
     }
     if place == AHEAD {
-        (*window)[2] = (*window)[1];
+        (*window)[2] = merged((*window)[1], (*window)[2]);
         (*window)[1] = (*window)[0];
         (*window)[0] = alone;
         return;
@@ -150,7 +163,7 @@ fn insert(window: ptr<function, Window>, fragment: Fragment) {
         return;
     }
     if place == AHEAD {
-        (*window)[2] = (*window)[1];
+        (*window)[2] = merged((*window)[1], (*window)[2]);
         (*window)[1] = alone;
         return;
     }
@@ -158,12 +171,7 @@ fn insert(window: ptr<function, Window>, fragment: Fragment) {
     if covered >= COVERAGE_FULL {
         return;
     }
-    place = place_of(fragment, (*window)[2]);
-    if place == JOINS {
-        (*window)[2] = added((*window)[2], fragment);
-    } else if place == AHEAD {
-        (*window)[2] = alone;
-    }
+    (*window)[2] = added((*window)[2], fragment);
 }
 
 @compute @workgroup_size(TILE_SIZE, TILE_SIZE)

@@ -121,6 +121,24 @@ fn renderer(scene: Vec<PointVolume>) -> Renderer {
     Renderer::with_backend(scene, Backend::Cpu).unwrap()
 }
 
+/// Holds the picture of a scene on the GPU to the CPU's, where there is a GPU.
+#[cfg(feature = "gpu")]
+fn hold(scene: &[PointVolume], view: &Camera, settings: &Settings) {
+    let Some(gpu) = common::gpu::gpu() else {
+        return;
+    };
+    let mut on_cpu = renderer(scene.to_vec());
+    let expected = on_cpu.render(view, settings).unwrap();
+    let on_gpu = Renderer::new(scene.to_vec()).unwrap();
+    let mut on_gpu = on_gpu.on(gpu.clone()).unwrap();
+    let image = on_gpu.render(view, settings).unwrap();
+    let channels = image.pixels.iter().flatten();
+    let differences = channels.zip(expected.pixels.iter().flatten());
+    let worst = differences.fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
+    // Sums of some hundred weights, each with the roundings of its exponential.
+    assert!(worst < 2e-5, "{worst} between the back ends");
+}
+
 /// The amplitude of a grating in the image's red channel: twice the mean product with a unit wave of
 /// the phase that is found.
 fn amplitude(samples: impl Iterator<Item = (f64, f64)>) -> f64 {
@@ -148,6 +166,8 @@ fn a_textured_plane_is_heckberts_filter() {
     };
     let view = camera(Projection::Orthographic, 1.0, [80, 20]);
     let mut facing_renderer = renderer(vec![discs(&surface, true)]);
+    #[cfg(feature = "gpu")]
+    hold(&[discs(&surface, true)], &view, &settings);
     let image = facing_renderer.render(&view, &settings).unwrap();
     let samples = (0..80).map(|x| {
         let at = x as f64 + 0.5 - 40.0;
@@ -177,6 +197,8 @@ fn a_textured_plane_is_heckberts_filter() {
     let size = [100, 64];
     let view = camera(Projection::Orthographic, scale, size);
     let mut tilted_renderer = renderer(vec![discs(&surface, false)]);
+    #[cfg(feature = "gpu")]
+    hold(&[discs(&surface, false)], &view, &settings);
     let image = tilted_renderer.render(&view, &settings).unwrap();
     let pixels = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y)));
     // Whole periods: 100 px are 3 periods of .6/20 along x; the phase runs along both.
@@ -544,7 +566,10 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
                 cutoff: Some(7.0),
                 ..Settings::default()
             };
-            let mut scene = renderer(vec![discs(&wall, true), ball]);
+            let scene = vec![discs(&wall, true), ball];
+            #[cfg(feature = "gpu")]
+            hold(&scene, &view, &settings);
+            let mut scene = renderer(scene);
             let pixel = scene.render(&view, &settings).unwrap().pixel(16, 16);
             let expected = 1.0 - (-share as f32).exp();
             // Surfels of .012 and a filter of a hundredth of a pixel: the wall is a plane.
@@ -654,6 +679,8 @@ fn flattened_kernels_become_surfels() {
         ..Settings::default()
     };
     let draw = |volume: PointVolume| {
+        #[cfg(feature = "gpu")]
+        hold(std::slice::from_ref(&volume), &view, &settings);
         let mut renderer = renderer(vec![volume]);
         renderer.render(&view, &settings).unwrap().clone()
     };

@@ -3,7 +3,8 @@
 //!
 //! Each pixel keeps a window of a few layers, front to back: the surfaces that its surfels have
 //! shown so far. A surfel joins the first layer whose depth is its own within its slack, opens a
-//! layer of its own elsewhere, and is nothing where nearer layers cover the pixel already. A layer's
+//! layer of its own elsewhere, and is nothing where nearer layers cover the pixel already. Where there
+//! is no room the two farthest layers become one. A layer's
 //! colour is the weighted mean of its surfels; its coverage their sum, as far as nearer layers
 //! have left anything to cover. So neighbouring pieces of one surface that fall into two layers
 //! still cover what they cover together.
@@ -67,6 +68,18 @@ impl Layer {
         }
         for (sums, n) in self.normal.iter_mut().zip(fragment.normal) {
             sums[i] += w * n;
+        }
+    }
+
+    /// Adds a pixel of another layer.
+    fn merge(&mut self, i: usize, other: &Self) {
+        self.weight[i] += other.weight[i];
+        self.nearness[i] += other.nearness[i];
+        for (to, from) in self.colour.iter_mut().zip(&other.colour) {
+            to[i] += from[i];
+        }
+        for (to, from) in self.normal.iter_mut().zip(&other.normal) {
+            to[i] += from[i];
         }
     }
 
@@ -406,10 +419,15 @@ impl SurfaceRaster<'_> {
     }
 }
 
-/// Adds a fragment to the layers of a pixel.
+/// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two
+/// become one. Whatever is behind the others joins the last: what covers is never lost.
 fn insert(layers: &mut [Layer; SURFACE_LAYERS], i: usize, fragment: &Fragment) {
+    const LAST: usize = SURFACE_LAYERS - 1;
+    if fragment.nearness.is_nan() {
+        return;
+    }
     let mut covered = 0.0;
-    for k in 0..SURFACE_LAYERS {
+    for k in 0..LAST {
         let sum = layers[k].weight[i];
         let ahead = fragment.nearness * sum - layers[k].nearness[i];
         if ahead.abs() <= fragment.slack * sum {
@@ -417,13 +435,14 @@ fn insert(layers: &mut [Layer; SURFACE_LAYERS], i: usize, fragment: &Fragment) {
             return;
         }
         if ahead > 0.0 {
-            // In front of this layer: those behind move on, the last one goes.
-            for deeper in (k + 1..SURFACE_LAYERS).rev() {
-                let (nearer, farther) = layers.split_at_mut(deeper);
+            let (nearer, last) = layers.split_at_mut(LAST);
+            last[0].merge(i, &nearer[LAST - 1]);
+            for deeper in (k + 1..LAST).rev() {
+                let (nearer, farther) = nearer.split_at_mut(deeper);
                 farther[0].take(i, &nearer[deeper - 1]);
             }
-            layers[k].forget(i);
-            layers[k].add(i, fragment);
+            nearer[k].forget(i);
+            nearer[k].add(i, fragment);
             return;
         }
         covered += sum;
@@ -431,6 +450,7 @@ fn insert(layers: &mut [Layer; SURFACE_LAYERS], i: usize, fragment: &Fragment) {
             return;
         }
     }
+    layers[LAST].add(i, fragment);
 }
 
 /// Pixels from their layers.

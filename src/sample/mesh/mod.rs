@@ -37,7 +37,7 @@ use surfels::{FAINTEST, Surfel};
 /// Standard deviation of a surfel over the spacing, where nothing else is asked for.
 pub const SURFEL_WIDTH: f64 = 0.6;
 
-/// Surfels of a mesh at most. Sampling takes some 400 bytes for each while it works.
+/// Surfels of a mesh at most. Sampling takes some 800 bytes for each while it works.
 pub const MOST_SURFELS: usize = 200_000_000;
 
 /// What errors name instead of a file, which is not known here.
