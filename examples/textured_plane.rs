@@ -26,7 +26,7 @@ const HALF_WIDTH: f64 = 36.0;
 /// Surfels along the side of a square.
 const PER_SQUARE: i32 = 12;
 /// Samples along each side of a pixel's filter for the truth, out to four standard deviations.
-const SAMPLES: i32 = 24;
+const SAMPLES: i32 = 80;
 
 fn main() -> ewa_splat::Result<()> {
     let mut arguments = std::env::args_os().skip(1);

@@ -33,9 +33,11 @@ pub(crate) const SLACK_PIXELS: f32 = 0.5;
 /// deviations along the slope.
 pub(crate) const SLACK_SLOPE: f32 = 3.0;
 
-/// The slope of a plane is taken for no steeper than a cosine of this towards the ray: what is
-/// seen from its edge has little weight, but its depth would leave all bounds.
-pub(crate) const GRAZING: f32 = 0.02;
+/// The slope of a plane is taken for no steeper than a cosine of this towards the ray: what is seen
+/// from its edge has little weight, but its depth would leave all bounds, and its slack would let it
+/// join what lies far in front of it. A plane that is seen flatter falls into several layers, which
+/// add up to the same.
+pub(crate) const GRAZING: f32 = 0.2;
 
 /// From this relative depth across its cut-off on, a surfel is drawn by the exact homography of
 /// its plane instead of the affine map: below, no weight is off by more than a hundredth.
