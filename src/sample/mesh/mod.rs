@@ -71,7 +71,7 @@ impl Default for MeshOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Spread {
     /// One for each texel of the finest texture, by texels per area; no further apart than 1/1000
-    /// of the bounding box's diagonal, and four million at most.
+    /// of the bounding box's diagonal, and a million at most.
     #[default]
     Automatic,
     /// Surfels per unit area \[1/length²\].

@@ -11,8 +11,8 @@ use crate::io::Mesh;
 /// diagonal: a mesh that fills a picture of a thousand pixels has about one for each.
 const COARSEST: f64 = 1.0 / 1000.0;
 
-/// Surfels chosen automatically at most.
-const MOST_AUTOMATIC: f64 = 4e6;
+/// Surfels chosen automatically at most: some five seconds of sampling on two cores.
+const MOST_AUTOMATIC: f64 = 1e6;
 
 /// How many surfels to spread over the surface.
 pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
