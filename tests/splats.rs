@@ -934,7 +934,7 @@ fn column_densities_refuse_splats() {
     let error = renderer
         .column_density(&camera, &ColumnSettings::default())
         .unwrap_err();
-    assert!(error.to_string().contains("peak opacity"), "{error}");
+    assert!(error.to_string().contains("state an opacity"), "{error}");
 }
 
 #[test]
