@@ -29,7 +29,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Renders curvilinear grids, lattices and particles by EWA splatting.
+/// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
 #[derive(Parser)]
 #[command(version, max_term_width = 100)]
 struct Arguments {
