@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_image, write_normals,
@@ -398,9 +399,12 @@ pub(crate) fn stats(
     let median = median_times(times);
     let adapter = renderer.adapter();
     let of_filter = |filter: Filter| counts.block_filters[filter as usize];
+    let is_flat = |v: &&BlockedVolume| matches!(v.particles, BlockedParticles::Surfels { .. });
+    let surfels = renderer.volumes().iter().filter(is_flat);
+    let surfels: usize = surfels.map(BlockedVolume::particle_count).sum();
     json!({
         "particles": renderer.particle_count(),
-        "surfels": 0,
+        "surfels": surfels,
         "blocks": {
             "total": counts.blocks,
             "culled": counts.blocks_culled,
