@@ -159,8 +159,8 @@ fn near_depth(path: u32, place: vec4<f32>, form: vec4<f32>, pixel: vec2<f32>) ->
     return form.z * exp_minus_half(q) * in_front;
 }
 
-// Optical depth of a kernel along the half line t D, t > 0. Twin: src/splat/near.rs.
-fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32) -> f32 {
+// DᵀKD, and its product with the mean depth z*. Twin: src/splat/near.rs.
+fn minors_along(at: u32, direction: vec3<f32>) -> vec2<f32> {
     var across = 0.0;
     var along = 0.0;
     for (var i = 0u; i < 10u; i = i + 1u) {
@@ -168,6 +168,14 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
         across = across + m * m;
         along = along + m * near.terms[at].minor_depths[i];
     }
+    return vec2<f32>(across, along);
+}
+
+// Optical depth of a kernel along the half line t D, t > 0. Twin: src/splat/near.rs.
+fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32) -> f32 {
+    let sums = minors_along(at, direction);
+    let across = sums.x;
+    let along = sums.y;
     var miss = 0.0;
     for (var i = 0u; i < 5u; i = i + 1u) {
         let m = dot3(direction, vector(near.terms[at].misses[i]));
@@ -195,13 +203,9 @@ fn near_cut(path: u32, place: vec4<f32>, pixel: vec2<f32>, at_depth: f32) -> f32
     let half_line = near.terms[at].half_line;
     if (path & 3u) == PATH_NEAR {
         let direction = ray_through(view, pixel);
-        var across = 0.0;
-        var along = 0.0;
-        for (var i = 0u; i < 10u; i = i + 1u) {
-            let m = dot3(direction, vector(near.terms[at].minors[i]));
-            across = across + m * m;
-            along = along + m * near.terms[at].minor_depths[i];
-        }
+        let sums = minors_along(at, direction);
+        let across = sums.x;
+        let along = sums.y;
         per_sigma = sqrt(across) / max(near.terms[at].sigma, SMALLEST);
         mean = along / across;
         surface_at = at_depth / half_line[0];

@@ -370,7 +370,9 @@ impl Renderer {
         let surfaces = self.data().filter(|v| v.is_surface()).count();
         let passes = [
             (surfaces > 0).then_some(Pass::Surface),
-            (surfaces < self.families.len() || surfaces == 0).then_some(Pass::Volumes),
+            (surfaces < self.families.len() || surfaces == 0).then_some(Pass::Volumes {
+                is_cut: surfaces > 0,
+            }),
         ];
         let mut seen = 0;
         for pass in passes.into_iter().flatten() {
@@ -393,12 +395,8 @@ impl Renderer {
             .depth
             .then(|| cpu::resolve_depth(tiles, width, height));
         self.normals = settings.normals.then(|| {
-            let tiles = if surfaces > 0 {
-                self.surface_normals.as_slice()
-            } else {
-                &[]
-            };
-            cpu::resolve_normals(tiles, camera, width, height)
+            // None without surfaces.
+            cpu::resolve_normals(&self.surface_normals, camera, width, height)
         });
         times.resolve = clock.lap();
         times.frame = frame_start.elapsed().as_secs_f64() * 1e3;
@@ -424,7 +422,7 @@ impl Renderer {
             let volumes = &self.volumes[family.clone()];
             let views = &mut self.views[family.clone()];
             views.iter_mut().for_each(Vec::clear);
-            if Pass::of(&volumes[0]) != pass {
+            if volumes[0].is_surface() != (pass == Pass::Surface) {
                 continue;
             }
             if choice.level_of_detail != 0 {
@@ -518,14 +516,9 @@ impl Renderer {
             exact: any_exact,
             level: settings.simd,
         };
-        let surface = if self
-            .families
-            .iter()
-            .any(|f| self.volumes[f.start].is_surface())
-        {
-            self.surface.as_slice()
-        } else {
-            &[]
+        let surface = match pass {
+            Pass::Volumes { is_cut: true } => self.surface.as_slice(),
+            _ => &[],
         };
         counts.splat_pixels += cpu::rasterise(
             &uniform,
@@ -573,7 +566,7 @@ impl Renderer {
         totals: &[usize],
     ) {
         resize(&mut self.footprints, self.classified.len());
-        let is_cut = pass == Pass::Volumes && self.data().any(BlockedVolume::is_surface);
+        let is_cut = pass == Pass::Volumes { is_cut: true };
         let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
             && camera.projection == Projection::Perspective
             && !self.volumes.iter().all(BlockedVolume::is_of_splats);
@@ -684,18 +677,10 @@ enum Pass {
     /// Surfels of opaque surfaces.
     Surface,
     /// All that light passes through.
-    Volumes,
-}
-
-impl Pass {
-    /// The pass that draws a volume.
-    fn of(volume: &BlockedVolume) -> Self {
-        if volume.is_surface() {
-            Self::Surface
-        } else {
-            Self::Volumes
-        }
-    }
+    Volumes {
+        /// Whether opaque surfaces, drawn before, lie among it.
+        is_cut: bool,
+    },
 }
 
 struct Clock(Instant);

@@ -758,17 +758,13 @@ fn poison_draws_nothing_and_spoils_nothing() {
         let mut renderer = renderer(vec![volume]);
         renderer.render(&view, &Settings::default()).unwrap();
         assert_eq!(renderer.volumes()[0].particle_count().min(count), count);
-        let differs = renderer_difference(image_pixels(&renderer), &clean.pixels);
+        let differs = share_that_differs(&renderer.image().pixels, &clean.pixels);
         assert!(differs < 0.02, "{poison}: {differs}");
     }
 }
 
-fn image_pixels(renderer: &Renderer) -> &[[f32; 4]] {
-    &renderer.image().pixels
-}
-
 /// The share of pixels that differ by more than a hundredth or are no numbers.
-fn renderer_difference(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
+fn share_that_differs(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
     let differs = |(a, b): (&[f32; 4], &[f32; 4])| {
         // Phrased so that NaN counts.
         !a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.01)

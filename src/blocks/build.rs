@@ -289,11 +289,7 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
     let [min_sigma, max_sigma] = sigmas.fold([f32::INFINITY, 0.0], |[least, greatest], [a, b]| {
         [least.min(a), greatest.max(b)]
     });
-    let strengths: &[f32] = match source.strength {
-        Strength::Classified { volumes } => volumes,
-        Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => masses,
-        Strength::PeakOpacity { opacities, .. } => opacities,
-    };
+    let strengths = source.strength.stored();
     Block {
         origin: (lower + upper) / 2.0,
         half_extent: ((upper - lower) / 2.0).as_vec3() * (1.0 + f32::EPSILON),

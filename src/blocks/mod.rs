@@ -148,13 +148,7 @@ impl BlockedVolume {
             BlockedParticles::Isotropic { .. } => 16,
             BlockedParticles::Anisotropic { .. } | BlockedParticles::Surfels { .. } => 36,
         };
-        let masses = match &self.strength {
-            Strength::Classified { volumes } => volumes.len() * 4,
-            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
-                masses.len() * 4
-            }
-            Strength::PeakOpacity { opacities, .. } => opacities.len() * 4,
-        };
+        let strengths = size_of_val(self.strength.stored());
         let colours = match &self.colour {
             Colour::PerParticle(c) => c.len() * 12,
             Colour::Harmonics { coefficients, .. } => coefficients.len() * 4,
@@ -168,7 +162,7 @@ impl BlockedVolume {
         let merged = self.merged.as_ref().map_or(0, |m| {
             size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.clumps)
         });
-        masses + colours + values + blocks + merged + self.particle_count() * per_particle
+        strengths + colours + values + blocks + merged + self.particle_count() * per_particle
     }
 
     /// How many particles there are.

@@ -172,10 +172,7 @@ fn visit_with(
                         None => volumes[i],
                     }
             }
-            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
-                masses[i]
-            }
-            Strength::PeakOpacity { opacities, .. } => opacities[i],
+            given => given.stored()[i],
         };
         // Of members that lie apart, each is less opaque than their mean depth says.
         let mass = match &volume.merged {

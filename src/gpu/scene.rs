@@ -99,13 +99,7 @@ impl Kinds {
                     }
                 }
                 (Strength::Classified { .. }, _) => StrengthKind::Volumes,
-                (
-                    Strength::Mass(_)
-                    | Strength::PeakOpacity { .. }
-                    | Strength::Surface(_)
-                    | Strength::Pane(_),
-                    _,
-                ) => StrengthKind::Given,
+                _ => StrengthKind::Given,
             },
             colour: match volume.colour {
                 Colour::Classified => ColourKind::Classified,
@@ -323,16 +317,8 @@ fn upload(
         };
         let strengths = match (&volume.strength, cells(volume)) {
             (Strength::Classified { .. }, Some(cells)) => gpu.upload("cell widths", &cells)?,
-            (
-                Strength::Classified { volumes: given }
-                | Strength::Mass(given)
-                | Strength::Surface(given)
-                | Strength::Pane(given)
-                | Strength::PeakOpacity {
-                    opacities: given, ..
-                },
-                _,
-            ) => {
+            (strength, _) => {
+                let given = strength.stored();
                 if kinds.has_clumps {
                     pairs("strengths and clumps", given, clumps)?
                 } else {

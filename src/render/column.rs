@@ -158,7 +158,13 @@ impl Renderer {
         counts.classified = self.classified.len();
         times.classify = clock.lap();
 
-        self.project(Pass::Volumes, camera, &shared, &uniform, &totals);
+        self.project(
+            Pass::Volumes { is_cut: false },
+            camera,
+            &shared,
+            &uniform,
+            &totals,
+        );
         times.project = clock.lap();
 
         let memory = &mut self.column;

@@ -110,6 +110,18 @@ pub enum Colour {
     },
 }
 
+impl Strength {
+    /// The numbers that are stored, one per particle: volumes, masses, areas or opacities; none of a
+    /// classified lattice.
+    pub fn stored(&self) -> &[f32] {
+        match self {
+            Self::Classified { volumes } => volumes,
+            Self::Mass(numbers) | Self::Surface(numbers) | Self::Pane(numbers) => numbers,
+            Self::PeakOpacity { opacities, .. } => opacities,
+        }
+    }
+}
+
 impl Particles {
     /// How many particles there are.
     pub fn len(&self) -> usize {

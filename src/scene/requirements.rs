@@ -43,10 +43,7 @@ impl Requirements {
             classification: volume.is_classified(),
             strength_floats: match &volume.strength {
                 Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
-                Strength::Mass(_)
-                | Strength::PeakOpacity { .. }
-                | Strength::Surface(_)
-                | Strength::Pane(_) => 1,
+                _ => 1,
             },
             colour_floats: match volume.colour {
                 Colour::PerParticle(_) => 3,

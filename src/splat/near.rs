@@ -69,13 +69,7 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
 /// the error would grow with the square of the axis ratio.
 #[inline]
 pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squared: f32) -> f32 {
-    let mut across = 0.0;
-    let mut along = 0.0;
-    for (minor, depth) in terms.minors.iter().zip(terms.minor_depths) {
-        let m = direction.dot(Vec3::from(*minor));
-        across += m * m;
-        along += m * depth;
-    }
+    let (across, along) = minors_along(terms, direction);
     let miss: f32 = terms
         .misses
         .iter()
@@ -92,8 +86,9 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 
-/// Of what [`evaluate_near`] finds in front of the eye: the share up to the depth z = `at`.
-pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
+/// DᵀKD, and its product with the mean depth z*.
+#[inline]
+fn minors_along(terms: &NearTerms, direction: Vec3) -> (f32, f32) {
     let mut across = 0.0;
     let mut along = 0.0;
     for (minor, depth) in terms.minors.iter().zip(terms.minor_depths) {
@@ -101,6 +96,12 @@ pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
         across += m * m;
         along += m * depth;
     }
+    (across, along)
+}
+
+/// Of what [`evaluate_near`] finds in front of the eye: the share up to the depth z = `at`.
+pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
+    let (across, along) = minors_along(terms, direction);
     let per_sigma = across.sqrt() / terms.sigma.max(f32::MIN_POSITIVE);
     let mean = along / across;
     let behind_eye = normal_cdf(-mean * per_sigma);

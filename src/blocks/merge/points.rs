@@ -289,13 +289,7 @@ fn merge(
     members: &[u32],
 ) -> Option<(Particle, MergeBounds, f32)> {
     let strength = |i: usize| {
-        let strength = match source.strength {
-            Strength::Classified { volumes } => volumes[i],
-            Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
-                masses[i]
-            }
-            Strength::PeakOpacity { opacities, .. } => opacities[i],
-        };
+        let strength = source.strength.stored()[i];
         // What draws nothing does not count; nor does what has no value.
         let has_value = source.values.is_none_or(|v| !v.get(i).is_nan());
         if strength > 0.0 && strength.is_finite() && has_value {

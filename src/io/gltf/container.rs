@@ -126,7 +126,7 @@ impl Source {
 }
 
 /// `%20` as a space, and so on; what is no such code stays.
-fn percent_decoded(uri: &str) -> String {
+pub(in crate::io) fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
     while let [first, others @ ..] = rest {

@@ -28,6 +28,7 @@ use ::gltf::json::Root;
 use serde_json::Value;
 
 pub(crate) use container::looks_like;
+pub(super) use container::percent_decoded;
 
 use super::dataset::{Dataset, Geometry};
 use super::file::read_all;

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use super::EXTENSION;
 use crate::error::{Error, Result};
 use crate::io::file::read_all;
+use crate::io::gltf::percent_decoded;
 
 const MAGIC: &[u8; 4] = b"glTF";
 /// Bytes before the JSON of a binary file: magic, version, length; the chunk's length and type.
@@ -282,7 +283,7 @@ impl<'a> Document<'a> {
             let advice = "the file is damaged: get it again";
             bytes.ok_or_else(|| fault("data in base64", "another".into(), advice))?
         } else {
-            let name = unescaped(uri);
+            let name = percent_decoded(uri);
             let beside = Path::new(&name);
             if beside.is_absolute() || name.contains("://") {
                 let advice = "keep the buffer beside the file";
@@ -351,24 +352,4 @@ fn number(bytes: &[u8], code: u32, is_normalised: bool) -> f32 {
     } else {
         value
     }
-}
-
-/// A URI's `%20` and the like as characters.
-fn unescaped(uri: &str) -> String {
-    let mut bytes = Vec::with_capacity(uri.len());
-    let mut rest = uri.as_bytes();
-    while let Some((&first, others)) = rest.split_first() {
-        let digits = others.get(..2).and_then(|d| std::str::from_utf8(d).ok());
-        match digits.and_then(|d| u8::from_str_radix(d, 16).ok()) {
-            Some(code) if first == b'%' => {
-                bytes.push(code);
-                rest = &others[2..];
-            }
-            _ => {
-                bytes.push(first);
-                rest = others;
-            }
-        }
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
 }
