@@ -1,4 +1,4 @@
-//! Cameras: from world space to camera space to pixels.
+//! Cameras: from world space to camera space to pixels; and what cuts what they see.
 //!
 //! The world is right-handed. Camera space is the papers': x right, y down, z forward,
 //! projection plane z = 1. A pixel coordinate is (fx x/z + cx, fy y/z + cy), and the centre of
@@ -6,8 +6,10 @@
 
 mod camera;
 mod camera_file;
+mod clip;
 mod fit;
 
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
+pub use clip::ClipPlane;
 pub use fit::{Bounds, Lens, Viewpoint};
