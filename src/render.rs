@@ -795,10 +795,8 @@ fn view_uniform(
     key_scale: f32,
 ) -> ViewUniform {
     let mut planes = [[0.0; 4]; MAX_CLIP_PLANES];
-    let mut clip_count = 0;
     for (to, (normal, distance)) in planes.iter_mut().zip(clip_planes(camera, &settings.clip)) {
         *to = normal.extend(distance).as_vec4().into();
-        clip_count += 1;
     }
     let layer = |of: fn(&Layers) -> f64| layers.as_ref().map_or(0.0, of) as f32;
     ViewUniform {
@@ -819,7 +817,8 @@ fn view_uniform(
         key_axis: layers.map_or([0.0; 3], |l| l.axis.as_vec3().into()),
         layer_shift: layers.map_or(0, |l| l.shift),
         composite: settings.composite as u32,
-        clip_count,
+        // `check` has bounded it.
+        clip_count: settings.clip.len() as u32,
         unused: [0; 2],
         clip_planes: planes,
     }
