@@ -159,6 +159,7 @@ pub struct Renderer {
     depth: Option<DepthImage>,
     normals: Option<NormalImage>,
     column: ColumnMemory,
+    layers: Option<Layers>,
     counts: FrameCounts,
     times: StageTimes,
     #[cfg(feature = "gpu")]
@@ -217,6 +218,7 @@ impl Renderer {
             depth: None,
             normals: None,
             column: ColumnMemory::default(),
+            layers: None,
             counts: FrameCounts::default(),
             times: StageTimes::default(),
             #[cfg(feature = "gpu")]
@@ -340,6 +342,7 @@ impl Renderer {
             settings.layer_thickness,
             settings.tolerance.into(),
         )?;
+        self.layers = layers;
         let planes = clip_planes(camera, &settings.clip);
         let frustum = frustum(camera, low_pass).clipped(planes);
         #[cfg(feature = "gpu")]
@@ -671,6 +674,11 @@ impl Renderer {
     /// What the last frame counted.
     pub fn counts(&self) -> FrameCounts {
         self.counts
+    }
+
+    /// The layers in which the last frame summed kernels, if it did.
+    pub fn layers(&self) -> Option<&Layers> {
+        self.layers.as_ref()
     }
 
     /// How long the last frame's stages took.

@@ -467,6 +467,7 @@ pub(crate) fn stats(
             "near": counts.footprints_near,
         },
         "tile_entries": counts.tile_entries,
+        "layer_thickness": renderer.layers().map(|layers| layers.thickness),
         "splat_pixels": counts.splat_pixels,
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
