@@ -61,3 +61,6 @@ pub const COVERAGE_FULL: f32 = 0.85;
 
 /// Surfaces behind one another that a pixel keeps apart while its surfels come in.
 pub const SURFACE_LAYERS: usize = 3;
+
+/// Directional lights of a scene at most: a key, fills and rims, with room to spare.
+pub const MAX_LIGHTS: usize = 8;

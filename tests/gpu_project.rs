@@ -692,6 +692,7 @@ fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -
         colour: Colour::PerParticle(Vec::new()),
         values: None,
         transfer_function: None,
+        normals: None,
         merged: None,
     }
 }
@@ -788,6 +789,7 @@ fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(vec![0; count])),
         transfer_function: None,
+        normals: None,
     })
 }
 

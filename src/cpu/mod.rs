@@ -33,6 +33,7 @@ mod classify;
 mod column;
 mod hybrid;
 mod lanes;
+mod light;
 mod project;
 mod rasterise;
 mod resolve;
@@ -47,6 +48,7 @@ pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 #[cfg(feature = "gpu")]
 pub(crate) use hybrid::ONE_SIDED;
 pub use lanes::{SimdLevel, Tile};
+pub use light::{Sides, light, lit};
 #[cfg(feature = "gpu")]
 pub(crate) use project::Rule;
 pub use project::{ProjectOutput, project};

@@ -21,7 +21,7 @@ use crate::constants::{
     COVERAGE_FULL, SURFACE_LAYERS, TERMINATION_INTERVAL, TILE_PIXELS, TILE_SIZE,
 };
 use crate::layout::{ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
-use crate::splat::unpack_normal;
+use crate::math::unpack_normal;
 
 /// One float per pixel of a tile.
 type Plane = [f32; TILE_PIXELS];

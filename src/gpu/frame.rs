@@ -18,7 +18,7 @@ use crate::blocks::{BlockedVolume, Frustum};
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::layout::{ChoiceUniform, ViewUniform};
+use crate::layout::{ChoiceUniform, LightingUniform, ViewUniform};
 use crate::splat::Filter;
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::Camera;
@@ -47,6 +47,8 @@ pub struct FrameInput<'a> {
     pub count: bool,
     /// Linear RGB behind everything.
     pub background: Option<[f32; 3]>,
+    /// Light on what has normals.
+    pub lighting: Option<LightingUniform>,
 }
 
 /// What makes a frame's buffers and pipelines differ from another's.
@@ -61,6 +63,8 @@ pub(super) struct FrameKind {
     pub(super) count: bool,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
+    /// Whether there is light.
+    pub(super) is_lit: bool,
 }
 
 impl FrameKind {
@@ -74,6 +78,7 @@ impl FrameKind {
             normals: input.normals,
             count: input.count,
             detail: input.choice.level_of_detail != 0,
+            is_lit: input.lighting.is_some(),
         }
     }
 

@@ -22,6 +22,7 @@ use super::device::Gpu;
 use super::frame::{FrameInput, FrameKind};
 use super::gather::{BoundGather, Gather, Terms};
 use super::kernel::BoundKernel;
+use super::light::{BoundLight, bind_light};
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
 use super::rasterise::{RasterSpec, Rasterise};
 use super::resolve::Resolve;
@@ -343,6 +344,7 @@ pub(super) struct PassFrame {
     cull: BoundCull,
     classify: Vec<BoundClassify>,
     shade: Vec<BoundShade>,
+    light: Vec<BoundLight>,
     project: Vec<BoundKernel>,
     counts: wgpu::Buffer,
     sort: BoundSort,
@@ -482,6 +484,8 @@ impl PassFrame {
         let classify = bind_classify(gpu, &buffers, &drawn, &parts)?;
         let shade = drawn.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
+        let light = drawn.iter().zip(&parts).filter(|_| frame.is_lit);
+        let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
         let raster = pass.raster(frame);
@@ -574,6 +578,7 @@ impl PassFrame {
         let progress_back = gpu.staging("tiles", progress_bytes)?;
         Ok(Self {
             shade: shade.collect(),
+            light: light.collect(),
             buffers,
             parts,
             near,
@@ -597,7 +602,8 @@ impl PassFrame {
     /// Submits what all bands begin with: cull, classify, shade, project, sort.
     pub(super) fn begin(&self, gpu: &Gpu, timer: &mut Timer, input: &FrameInput<'_>) {
         let camera = camera_uniform(input.camera, input.frustum, input.is_culled, input.choice);
-        self.buffers.write(gpu, &input.view, &camera);
+        let lighting = input.lighting.as_ref();
+        self.buffers.write(gpu, &input.view, &camera, lighting);
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer);
         gpu.submit(encoder);
@@ -674,6 +680,7 @@ impl PassFrame {
             let mut pass = timer.pass(encoder, Stage::Classify);
             self.classify.iter().for_each(|p| p.encode(&mut pass));
             self.shade.iter().for_each(|p| p.encode(&mut pass));
+            self.light.iter().for_each(|p| p.encode(&mut pass));
         }
         let count = u64::from(4 * CLASSIFIED_COUNT);
         for (i, part) in (0..).zip(&self.parts) {

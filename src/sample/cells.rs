@@ -24,8 +24,8 @@ use super::left_out::LeftOut;
 use super::neighbours::square;
 use super::positions::{is_same, sort_by_position};
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
-    take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
+    nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry, check_cells};
@@ -591,8 +591,19 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
+    // Values belong to nodes, not to the centroids of their dual cells.
+    let normals = (options.normals && of_nodes).then(|| {
+        let at_nodes: Vec<DVec3> = kernels
+            .kept
+            .iter()
+            .map(|&n| mesh.nodes[n as usize])
+            .collect();
+        gradient::of_points(&at_nodes, &taken.values.gather(&kernels.kept))
+    });
     // The mesh has done its work.
     drop(dataset);
     drop(duals);
-    classified_kernels(kernels, taken.values, report, options)
+    let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
+    sampled.volume.normals = normals.flatten();
+    Ok(sampled)
 }

@@ -1,5 +1,6 @@
 //! Values of command-line options.
 
+use ewa_splat::scene::{Light, LightFrame};
 use glam::DVec3;
 
 /// `x,y,z`
@@ -35,6 +36,28 @@ pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
 /// `r,g,b`
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     Ok(DVec3::from(numbers(text)?).as_vec3().into())
+}
+
+/// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.
+pub(crate) fn light(text: &str) -> Result<Light, String> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
+    let (direction, colour) = match parsed.as_deref() {
+        Ok([x, y, z]) => (DVec3::new(*x, *y, *z), DVec3::ONE),
+        Ok([x, y, z, r, g, b]) => (DVec3::new(*x, *y, *z), DVec3::new(*r, *g, *b)),
+        _ => (DVec3::ZERO, DVec3::ZERO),
+    };
+    if direction.try_normalize().is_none() || !colour.is_finite() || colour.min_element() < 0.0 {
+        return Err(
+            "a direction, not 0,0,0, and perhaps a colour of numbers from 0 up, such as 1,-1,2 or \
+             1,-1,2,1,0.9,0.8"
+                .into(),
+        );
+    }
+    Ok(Light {
+        direction,
+        frame: LightFrame::World,
+        colour: colour.as_vec3().into(),
+    })
 }
 
 fn numbers(text: &str) -> Result<[f64; 3], String> {
