@@ -23,7 +23,7 @@ use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
     Values,
 };
-use ewa_splat::view::Camera;
+use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec3, Vec3};
 
@@ -114,7 +114,11 @@ fn reflection_is_lamberts_and_blinns() {
         for sides in [Sides::Both, Sides::Facing] {
             // The same by angles.
             let mut expected = colour.map(|c| 0.1 * f64::from(c));
-            let facing = if normal.dot(to_eye) < 0.0 { -normal } else { normal };
+            let facing = if normal.dot(to_eye) < 0.0 {
+                -normal
+            } else {
+                normal
+            };
             for light in &lights {
                 let l = light.direction.normalize();
                 let angle = |v: DVec3| match sides {
@@ -134,7 +138,10 @@ fn reflection_is_lamberts_and_blinns() {
             let ours = lit(&uniform, sides, colour, normal.as_vec3(), to_eye.as_vec3());
             for (ours, expected) in ours.into_iter().zip(expected) {
                 // Unit vectors in f32, 1e-7 each, times the exponent.
-                assert!((f64::from(ours) - expected).abs() < 5e-6, "{case}: {ours} {expected}");
+                assert!(
+                    (f64::from(ours) - expected).abs() < 5e-6,
+                    "{case}: {ours} {expected}"
+                );
             }
         }
     }
@@ -144,10 +151,16 @@ fn reflection_is_lamberts_and_blinns() {
 fn what_has_no_normal_keeps_its_colour() {
     let uniform = LightingUniform::new(&Lighting::default(), &camera());
     let colour = [0.3, 7.0, 0.0];
-    assert_eq!(lit(&uniform, Sides::Both, colour, Vec3::ZERO, Vec3::X), colour);
+    assert_eq!(
+        lit(&uniform, Sides::Both, colour, Vec3::ZERO, Vec3::X),
+        colour
+    );
     let (dark, unlit) = (cloud(|_| NO_NORMAL), settings(None));
     let lit = settings(Some(Lighting::default()));
-    assert_eq!(draw(&[dark.clone()], &camera(), &lit), draw(&[dark], &camera(), &unlit));
+    assert_eq!(
+        draw(&[dark.clone()], &camera(), &lit),
+        draw(&[dark], &camera(), &unlit)
+    );
 }
 
 #[test]
@@ -186,12 +199,22 @@ fn a_picture_has_lamberts_cosine() {
     volume.colour = Colour::Uniform([0.5, 0.25, 1.0]);
     let camera = Camera::orthographic(DVec3::Z * 5.0, DVec3::ZERO, DVec3::Y, 1.0, [24, 24]);
     let plain = draw(std::slice::from_ref(&volume), &camera, &settings(None));
-    for direction in [DVec3::X, DVec3::Z, -DVec3::Z, DVec3::new(-0.8, 0.0, 0.6), slope] {
+    for direction in [
+        DVec3::X,
+        DVec3::Z,
+        -DVec3::Z,
+        DVec3::new(-0.8, 0.0, 0.6),
+        slope,
+    ] {
         let lights = Lighting {
             specular: 0.0,
             ..lighting(&[world(direction, [1.0, 0.5, 0.0])])
         };
-        let image = draw(std::slice::from_ref(&volume), &camera, &settings(Some(lights)));
+        let image = draw(
+            std::slice::from_ref(&volume),
+            &camera,
+            &settings(Some(lights)),
+        );
         let cosine = slope.dot(direction).abs();
         for (lit, plain) in image.pixels.iter().zip(&plain.pixels) {
             assert_eq!(lit[3], plain[3]);
@@ -210,13 +233,24 @@ fn volumes_are_lit_from_either_side_and_surfels_towards_the_eye() {
     let directions: Vec<DVec3> = (0..400).map(|_| random.point(1.0)).collect();
     let lights = lighting(&[world(DVec3::new(1.0, -1.0, 2.0), [1.0; 3])]);
     let settings = settings(Some(lights));
-    let there = draw(&[cloud(|i| normal_code(directions[i]))], &camera(), &settings);
-    let back = draw(&[cloud(|i| normal_code(-directions[i]))], &camera(), &settings);
+    let there = draw(
+        &[cloud(|i| normal_code(directions[i]))],
+        &camera(),
+        &settings,
+    );
+    let back = draw(
+        &[cloud(|i| normal_code(-directions[i]))],
+        &camera(),
+        &settings,
+    );
     // Opposite directions have codes of their own.
     assert!(greatest_difference(&there, &back) < 2.0 * CODE as f32);
     let tangents = |order: [usize; 2]| {
         let of = |n: &DVec3| {
-            let both = [n.any_orthonormal_vector(), n.cross(n.any_orthonormal_vector())];
+            let both = [
+                n.any_orthonormal_vector(),
+                n.cross(n.any_orthonormal_vector()),
+            ];
             let [a, b] = order.map(|i| (both[i].normalize() * 0.1).as_vec3());
             [a.x, a.y, a.z, b.x, b.y, b.z]
         };
@@ -264,9 +298,15 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
         normals: None,
     };
     let camera = Camera::orthographic(DVec3::Y * -3.0, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
-    let at = |direction| draw(std::slice::from_ref(&wall), &camera, &lights(direction)).pixels[8 * 16 + 8];
+    let at = |direction| {
+        draw(std::slice::from_ref(&wall), &camera, &lights(direction)).pixels[8 * 16 + 8]
+    };
     // Towards the eye: .1 + .7 of the colour, and the whole highlight.
-    assert!((at(-DVec3::Y)[0] - (0.5 * 0.8 + 0.3)).abs() < 1e-5, "{:?}", at(-DVec3::Y));
+    assert!(
+        (at(-DVec3::Y)[0] - (0.5 * 0.8 + 0.3)).abs() < 1e-5,
+        "{:?}",
+        at(-DVec3::Y)
+    );
     assert!((at(DVec3::Y)[0] - 0.05).abs() < 1e-6, "{:?}", at(DVec3::Y));
 }
 
@@ -350,7 +390,10 @@ fn normals_alone_change_nothing_and_cost_four_bytes() {
         ..settings(None)
     };
     let image = draw(std::slice::from_ref(&with), &camera(), &plain);
-    assert_eq!(image, draw(std::slice::from_ref(&without), &camera(), &plain));
+    assert_eq!(
+        image,
+        draw(std::slice::from_ref(&without), &camera(), &plain)
+    );
     let renderers = [with, without].map(|scene| Renderer::new(vec![scene]).unwrap());
     let [with, without] = &renderers;
     assert!(with.requirements()[0].normals && !without.requirements()[0].normals);
@@ -411,7 +454,10 @@ fn lights_out_of_range_are_refused() {
     ];
     for lighting in bad {
         let settings = settings(Some(lighting));
-        assert!(renderer.render(&camera(), &settings).is_err(), "{settings:?}");
+        assert!(
+            renderer.render(&camera(), &settings).is_err(),
+            "{settings:?}"
+        );
     }
     let eight = Lighting {
         lights: vec![one; 8],
@@ -447,7 +493,12 @@ fn field(association: Association, values: Vec<f32>) -> Vec<Field> {
 }
 
 fn dataset(geometry: Geometry, association: Association, values: Vec<f32>) -> Dataset {
-    Dataset::new(Path::new("test"), "test", geometry, field(association, values))
+    Dataset::new(
+        Path::new("test"),
+        "test",
+        geometry,
+        field(association, values),
+    )
 }
 
 fn values_on(lattice: &Lattice, of: impl Fn(DVec3) -> f64) -> Vec<f32> {
@@ -475,7 +526,10 @@ fn sampled(data: Dataset) -> PointVolume {
 
 fn normals(volume: &PointVolume) -> Vec<DVec3> {
     let codes = volume.normals.as_ref().unwrap();
-    codes.iter().map(|&c| normal_of_code(c).as_dvec3()).collect()
+    codes
+        .iter()
+        .map(|&c| normal_of_code(c).as_dvec3())
+        .collect()
 }
 
 fn bend(x: DVec3) -> DVec3 {
@@ -493,7 +547,14 @@ fn tetrahedra(n: usize, at: impl Fn(DVec3) -> DVec3) -> CellMesh {
     let node = |i: usize, j: usize, k: usize| (i + (n + 1) * (j + (n + 1) * k)) as u32;
     for cell in 0..n * n * n {
         let [i, j, k] = [cell % n, cell / n % n, cell / (n * n)];
-        for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
+        for order in [
+            [0, 1, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [0, 2, 1],
+            [2, 1, 0],
+            [1, 0, 2],
+        ] {
             let mut corner = [i, j, k];
             let mut entries = vec![node(i, j, k)];
             for axis in order {
@@ -555,22 +616,61 @@ fn linear_fields_point_along_their_slope_on_any_data() {
             corners.sum::<DVec3>() / 4.0
         })
         .collect();
+    // A boundary layer: a hundred times as wide as thick.
+    let thin = tetrahedra(6, |x| DVec3::new(0.01 * x.x, x.y, x.z));
+    let of_thin = of(&thin.nodes);
+    // Layers of points, of which a point's nearest neighbours are all in its own.
+    let layers: Vec<DVec3> = (0..9 * 9 * 5)
+        .map(|n| DVec3::new((n % 9) as f64, (n / 9 % 9) as f64, 4.0 * (n / 81) as f64) * 0.1)
+        .collect();
     let mut random = Random::new(2);
     let scattered: Vec<DVec3> = (0..500).map(|_| random.point(1.0)).collect();
     let points = Geometry::Points {
         positions: scattered.clone(),
     };
-    let (of_uniform, of_rectilinear) = [&uniform, &rectilinear]
-        .map(|lattice| values_on(lattice, |x| f64::from(linear(x))))
-        .into();
+    let of_lattice = |lattice: &Lattice| values_on(lattice, |x| f64::from(linear(x)));
+    let (of_uniform, of_rectilinear) = (of_lattice(&uniform), of_lattice(&rectilinear));
     let data = [
         ("uniform", lattice_data(uniform, of_uniform)),
         ("rectilinear", lattice_data(rectilinear, of_rectilinear)),
-        ("nodes", dataset(curvilinear(), Association::Nodes, of(&nodes))),
-        ("cells", dataset(curvilinear(), Association::Cells, of(&centres(&nodes)))),
-        ("mesh nodes", dataset(Geometry::Cells(mesh.clone()), Association::Nodes, of(&mesh.nodes))),
-        ("mesh cells", dataset(Geometry::Cells(mesh), Association::Cells, of(&cell_centres))),
-        ("points", dataset(points, Association::Nodes, of(&scattered))),
+        (
+            "nodes",
+            dataset(curvilinear(), Association::Nodes, of(&nodes)),
+        ),
+        (
+            "cells",
+            dataset(curvilinear(), Association::Cells, of(&centres(&nodes))),
+        ),
+        (
+            "mesh nodes",
+            dataset(
+                Geometry::Cells(mesh.clone()),
+                Association::Nodes,
+                of(&mesh.nodes),
+            ),
+        ),
+        (
+            "mesh cells",
+            dataset(Geometry::Cells(mesh), Association::Cells, of(&cell_centres)),
+        ),
+        (
+            "points",
+            dataset(points, Association::Nodes, of(&scattered)),
+        ),
+        (
+            "thin mesh",
+            dataset(Geometry::Cells(thin), Association::Nodes, of_thin),
+        ),
+        (
+            "layers",
+            dataset(
+                Geometry::Points {
+                    positions: layers.clone(),
+                },
+                Association::Nodes,
+                of(&layers),
+            ),
+        ),
     ];
     for (name, data) in data {
         let volume = sampled(data);
@@ -625,25 +725,51 @@ fn real_volumes_are_lit() {
         }
     };
     // Shares of samples with a normal: nearly all in the simulated ones; the nucleon's surroundings
-    // are 0.
+    // are 0, and the cloud of particles is one of constant density in another.
     for (name, options, share) in [
         ("volumes/nucleon_41x41x41_uint8.raw", raw([41; 3]), 0.5),
-        ("curvilinear/bluntfin/bluntfinxyz.bin", OpenOptions::default(), 0.99),
+        (
+            "curvilinear/bluntfin/bluntfinxyz.bin",
+            OpenOptions::default(),
+            0.99,
+        ),
         ("curvilinear/multicomb_0.vts", OpenOptions::default(), 0.99),
-        ("unstructured/CylinderLinear.vtk", OpenOptions::default(), 0.99),
-        ("particles/phantom_mhd_00000.csv", OpenOptions::default(), 0.99),
+        (
+            "unstructured/CylinderLinear.vtk",
+            OpenOptions::default(),
+            0.99,
+        ),
+        (
+            "particles/phantom_mhd_00000.csv",
+            OpenOptions::default(),
+            0.6,
+        ),
     ] {
-        let Some(path) = real_data(name) else { continue };
+        let Some(path) = real_data(name) else {
+            continue;
+        };
         let volume = sampled(open(&path, &options).unwrap());
         let codes = volume.normals.as_ref().unwrap();
         let with = codes.iter().filter(|&&c| c != NO_NORMAL).count();
-        assert!(with as f64 >= share * codes.len() as f64, "{name}: {with} of {}", codes.len());
-        let mut renderer = Renderer::new(vec![volume]).unwrap();
-        let camera = ewa_splat::view::fit(
-            &renderer.visible_boxes(),
-            ewa_splat::view::FitOptions::default(),
+        assert!(
+            with as f64 >= share * codes.len() as f64,
+            "{name}: {with} of {}",
+            codes.len()
         );
-        let _ = camera;
-        let _ = &mut renderer;
+        let mut renderer = Renderer::new(vec![volume]).unwrap();
+        let front = Viewpoint {
+            azimuth_deg: 30.0,
+            elevation_deg: 30.0,
+            zoom: 1.0,
+            up: DVec3::Z,
+        };
+        let camera = front.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), [64; 2]);
+        let camera = camera.unwrap();
+        let plain = renderer.render(&camera, &settings(None)).unwrap().clone();
+        let lit = settings(Some(Lighting::default()));
+        let image = renderer.render(&camera, &lit).unwrap();
+        assert!(greatest_difference(image, &plain) > 0.02, "{name}");
+        let alphas = image.pixels.iter().zip(&plain.pixels);
+        assert!(alphas.clone().all(|(a, b)| a[3] == b[3]), "{name}");
     }
 }

@@ -3,7 +3,8 @@
 //! | data | gradient | error |
 //! |---|---|---|
 //! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing where it is even, first where it changes |
-//! | cells, particles | least squares over the nearest neighbours, weights 1/distance² | first order |
+//! | cells | least squares over the samples that share a cell or a node, weights 1/distance² | first order |
+//! | particles | the same over the 14 nearest, more where these lie in a plane | first order |
 //!
 //! All are exact for linear fields, but at a sample whose neighbours do not span space: there the
 //! field counts as constant across them. Directions are stored to .12 degrees
@@ -12,7 +13,10 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::cells::polyhedron_faces;
+use super::index_u32;
 use super::neighbours::PointIndex;
+use crate::io::{CellKind, CellMesh};
 use crate::math::normal_code;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 
@@ -25,6 +29,10 @@ const SPANNING: f64 = 1e-9;
 /// stored of it.
 const DAMPING: f64 = 1e-9;
 
+/// Neighbours lie in all directions if the determinant of the sum of their unit dyads is above this
+/// share of an even spread's: one in a hundred out of the plane of the others, at least.
+const EVEN: f64 = 0.05;
+
 /// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
 pub(super) fn complete(volume: &mut PointVolume) {
     let is_of_splats = matches!(volume.strength, Strength::PeakOpacity { .. });
@@ -34,15 +42,10 @@ pub(super) fn complete(volume: &mut PointVolume) {
     volume.normals = match &volume.particles {
         Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values)),
         Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
-            of_points(positions, values)
+            PointIndex::new(positions).map(|index| index.normals(|i| values.get(i)))
         }
         Particles::Surfels { .. } => None,
     };
-}
-
-/// Codes of the normals at scattered points; `None` with fewer than two positions.
-pub(super) fn of_points(positions: &[DVec3], values: &Values) -> Option<Vec<u32>> {
-    Some(PointIndex::new(positions)?.normals(|i| values.get(i)))
 }
 
 fn of_lattice(lattice: &Lattice, values: &Values) -> Vec<u32> {
@@ -122,21 +125,158 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
 /// The gradient that fits offsets and changes of value best, weighted by 1/distance²; zero
 /// without any.
 pub(super) fn least_squares(neighbours: impl Iterator<Item = (DVec3, f64)>) -> DVec3 {
-    let mut matrix = DMat3::ZERO;
-    let mut right = DVec3::ZERO;
-    for (offset, change) in neighbours {
-        let squared = offset.length_squared();
-        if squared > 0.0 && change.is_finite() {
-            let scaled = offset / squared;
-            matrix += DMat3::from_cols(scaled * offset.x, scaled * offset.y, scaled * offset.z);
-            right += scaled * change;
+    Fit::of(neighbours).gradient()
+}
+
+/// Sums of the normal equations.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    matrix: DMat3,
+    right: DVec3,
+}
+
+impl Fit {
+    /// Of neighbours' offsets and changes of value; those without either do not count.
+    pub(super) fn of(neighbours: impl Iterator<Item = (DVec3, f64)>) -> Self {
+        let mut fit = Self {
+            matrix: DMat3::ZERO,
+            right: DVec3::ZERO,
+        };
+        for (offset, change) in neighbours {
+            let squared = offset.length_squared();
+            if squared > 0.0 && change.is_finite() {
+                let weighted = offset / squared;
+                fit.matrix += DMat3::from_cols(
+                    weighted * offset.x,
+                    weighted * offset.y,
+                    weighted * offset.z,
+                );
+                fit.right += weighted * change;
+            }
         }
+        fit
     }
-    let trace = matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z;
-    if !(trace > 0.0) {
-        return DVec3::ZERO;
+
+    /// Whether the neighbours lie in all directions: those of a plane alone do not.
+    pub(super) fn spans(&self) -> bool {
+        self.matrix.determinant() > EVEN * (self.trace() / 3.0).powi(3)
     }
-    (matrix + DMat3::from_diagonal(DVec3::splat(DAMPING * trace))).inverse() * right
+
+    /// The gradient; zero without neighbours.
+    pub(super) fn gradient(&self) -> DVec3 {
+        let trace = self.trace();
+        if !(trace > 0.0) {
+            return DVec3::ZERO;
+        }
+        let damping = DMat3::from_diagonal(DVec3::splat(DAMPING * trace));
+        (self.matrix + damping).inverse() * self.right
+    }
+
+    fn trace(&self) -> f64 {
+        self.matrix.x_axis.x + self.matrix.y_axis.y + self.matrix.z_axis.z
+    }
+}
+
+/// Codes of the normals of some samples of an unstructured grid, from those with which they share a
+/// cell (values of nodes) or a node (values of cells): in layers of cells far thinner than wide, the
+/// nearest in space all lie in one direction.
+///
+/// - `first`: of the nodes at one position the first, for each node; empty where none share any.
+/// - `of_nodes`: whether samples are nodes; cells otherwise.
+/// - `samples`: which, with their `places`; others count for nothing.
+pub(super) fn of_mesh(
+    mesh: &CellMesh,
+    first: &[u32],
+    of_nodes: bool,
+    samples: &[u32],
+    places: impl Fn(usize) -> DVec3,
+    values: &Values,
+) -> Vec<u32> {
+    let count = if of_nodes {
+        mesh.nodes.len()
+    } else {
+        mesh.cell_count()
+    };
+    let mut known = vec![DVec3::NAN; count];
+    for (n, &sample) in samples.iter().enumerate() {
+        known[sample as usize] = places(n);
+    }
+    let around = CellsAround::new(mesh, first);
+    let normal = |&sample: &u32| {
+        let own = sample as usize;
+        let offset = |other: u32| {
+            let other = other as usize;
+            let change = f64::from(values.get(other)) - f64::from(values.get(own));
+            (known[other] - known[own], change)
+        };
+        let gradient = if of_nodes {
+            let cells = around.of(first_of(first, sample)).iter();
+            least_squares(cells.flat_map(|&c| nodes_of(mesh, c as usize)).map(offset))
+        } else {
+            let nodes = nodes_of(mesh, own).map(|n| first_of(first, n));
+            least_squares(nodes.flat_map(|n| around.of(n)).map(|&c| offset(c)))
+        };
+        normal_code(gradient)
+    };
+    samples.par_iter().map(normal).collect()
+}
+
+fn first_of(first: &[u32], node: u32) -> u32 {
+    first.get(node as usize).copied().unwrap_or(node)
+}
+
+/// The nodes of a cell; of a polyhedron once for each face.
+fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
+    let entries = mesh.cell(cell);
+    let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
+    let (plain, faces) = if is_polyhedron {
+        (&[][..], entries)
+    } else {
+        (entries, &[][..])
+    };
+    let of_faces = polyhedron_faces(faces).flatten();
+    plain.iter().chain(of_faces).copied()
+}
+
+/// Which cells meet at each node.
+struct CellsAround {
+    /// Where the cells of each node begin in `cells`; one more at the end.
+    starts: Vec<usize>,
+    cells: Vec<u32>,
+}
+
+impl CellsAround {
+    fn new(mesh: &CellMesh, first: &[u32]) -> Self {
+        let each = |visit: &mut dyn FnMut(usize, u32)| {
+            let mut last = vec![u32::MAX; mesh.nodes.len()];
+            for cell in 0..mesh.cell_count() {
+                for node in nodes_of(mesh, cell) {
+                    let node = first_of(first, node) as usize;
+                    if last[node] != index_u32(cell) {
+                        last[node] = index_u32(cell);
+                        visit(node, index_u32(cell));
+                    }
+                }
+            }
+        };
+        let mut starts = vec![0; mesh.nodes.len() + 1];
+        each(&mut |node, _| starts[node + 1] += 1);
+        for node in 0..mesh.nodes.len() {
+            starts[node + 1] += starts[node];
+        }
+        let mut next = starts.clone();
+        let mut cells = vec![0; starts[mesh.nodes.len()]];
+        each(&mut |node, cell| {
+            cells[next[node]] = cell;
+            next[node] += 1;
+        });
+        Self { starts, cells }
+    }
+
+    fn of(&self, node: u32) -> &[u32] {
+        let node = node as usize;
+        &self.cells[self.starts[node]..self.starts[node + 1]]
+    }
 }
 
 #[cfg(test)]
@@ -189,7 +329,11 @@ mod tests {
                 let error = (samples.gradient(sample) - SLOPE).length();
                 // Differences of f64 values of some 10, over steps down to 1e-3; by least squares, on
                 // the singular line, damped by 1e-9 of the trace.
-                let most = if n == 2 && sample[1] == 0 { 1e-6 } else { 1e-10 };
+                let most = if n == 2 && sample[1] == 0 {
+                    1e-6
+                } else {
+                    1e-10
+                };
                 assert!(error < most, "{n}, {sample:?}: {error}");
             }
         }
@@ -213,7 +357,10 @@ mod tests {
             // Half a step to the side at the ends.
             let off = [0.5, 0.0, -0.5][usize::from(i > 0) + usize::from(i == 7)];
             let gradient = even.gradient([i, 1, 1]);
-            assert!((gradient.x - (i as f64 + off)).abs() < 1e-12, "{i}: {gradient}");
+            assert!(
+                (gradient.x - (i as f64 + off)).abs() < 1e-12,
+                "{i}: {gradient}"
+            );
         }
     }
 
