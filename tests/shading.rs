@@ -513,9 +513,14 @@ fn lattice_data(lattice: Lattice, values: Vec<f32>) -> Dataset {
     dataset(Geometry::Lattice(lattice), Association::Nodes, values)
 }
 
-/// A volume with normals.
+/// A volume with normals, of the data's own choice of field.
 fn sampled(data: Dataset) -> PointVolume {
+    sampled_by(data, None)
+}
+
+fn sampled_by(data: Dataset, field: Option<&str>) -> PointVolume {
     let options = SampleOptions {
+        field: field.map(Into::into),
         normals: true,
         ..SampleOptions::default()
     };
@@ -673,7 +678,7 @@ fn linear_fields_point_along_their_slope_on_any_data() {
         ),
     ];
     for (name, data) in data {
-        let volume = sampled(data);
+        let volume = sampled_by(data, Some("value"));
         assert_eq!(normals(&volume).len(), volume.particles.len());
         for normal in normals(&volume) {
             // The code, and f32 values: 6e-8 of them over steps of .05 and more.

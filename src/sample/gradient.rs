@@ -408,10 +408,10 @@ mod tests {
 
     #[test]
     fn layers_and_lone_samples_have_what_they_can() {
-        let flat = samples([5, 5, 1], |s| DVec3::from(s), linear);
+        let flat = samples([5, 5, 1], DVec3::from, linear);
         let gradient = flat.gradient([2, 0, 0]);
         assert!((gradient - SLOPE.with_z(0.0)).length() < 1e-6, "{gradient}");
-        let lone = samples([1; 3], |s| DVec3::from(s), linear);
+        let lone = samples([1; 3], DVec3::from, linear);
         assert_eq!(lone.gradient([0; 3]), DVec3::ZERO);
         assert_eq!(least_squares(std::iter::empty()), DVec3::ZERO);
     }
