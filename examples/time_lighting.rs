@@ -121,7 +121,7 @@ fn main() -> ewa_splat::Result<()> {
     println!(
         "once per particle is {:.1} times less lighting, and a frame {:.0} % shorter",
         counts.splat_pixels as f64 / count as f64,
-        100.0 * (1.0 - lit_ms / (unlit_ms + per_pixel))
+        100.0 * (1.0 - (unlit_ms + per_particle) / (unlit_ms + per_pixel))
     );
     Ok(())
 }
