@@ -158,7 +158,7 @@ fn what_has_no_normal_keeps_its_colour() {
     let (dark, unlit) = (cloud(|_| NO_NORMAL), settings(None));
     let lit = settings(Some(Lighting::default()));
     assert_eq!(
-        draw(&[dark.clone()], &camera(), &lit),
+        draw(std::slice::from_ref(&dark), &camera(), &lit),
         draw(&[dark], &camera(), &unlit)
     );
 }
@@ -621,6 +621,15 @@ fn linear_fields_point_along_their_slope_on_any_data() {
             corners.sum::<DVec3>() / 4.0
         })
         .collect();
+    // Cells that share places and no nodes.
+    let mut apart = mesh.clone();
+    apart.nodes = mesh
+        .connectivity
+        .iter()
+        .map(|&i| mesh.nodes[i as usize])
+        .collect();
+    apart.connectivity = (0..mesh.connectivity.len() as u32).collect();
+    let of_apart = of(&cell_centres);
     // A boundary layer: a hundred times as wide as thick.
     let thin = tetrahedra(6, |x| DVec3::new(0.01 * x.x, x.y, x.z));
     let of_thin = of(&thin.nodes);
@@ -661,6 +670,10 @@ fn linear_fields_point_along_their_slope_on_any_data() {
         (
             "points",
             dataset(points, Association::Nodes, of(&scattered)),
+        ),
+        (
+            "cells apart",
+            dataset(Geometry::Cells(apart), Association::Cells, of_apart),
         ),
         (
             "thin mesh",

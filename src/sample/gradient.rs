@@ -417,6 +417,15 @@ mod tests {
     }
 
     #[test]
+    fn the_near_count_more_than_the_far() {
+        // x² at 1 and at -2: (1 - 4/2) / (1 + 1) with weights 1/distance², (1 - 8) / (1 + 4) without.
+        let neighbours = [(DVec3::X, 1.0), (-2.0 * DVec3::X, 4.0)];
+        let gradient = least_squares(neighbours.into_iter());
+        assert!((gradient - DVec3::X * -0.5).length() < 1e-8, "{gradient}");
+        assert!(!Fit::of(neighbours.into_iter()).spans());
+    }
+
+    #[test]
     fn closed_grids_have_no_border() {
         let n = 12;
         let angle = |i: f64| std::f64::consts::TAU * i / n as f64;
