@@ -195,5 +195,6 @@ fn checkerboard(voxels: usize) -> Result<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer),
+        normals: None,
     })
 }

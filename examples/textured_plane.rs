@@ -122,6 +122,7 @@ fn board() -> PointVolume {
         ),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

@@ -23,6 +23,7 @@
 //!     colour: Colour::Uniform([1.0, 0.6, 0.2]),
 //!     values: None,
 //!     transfer_function: None,
+//!     normals: None,
 //! };
 //! let eye = DVec3::new(0.0, -5.0, 1.0);
 //! let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [320, 240]);
@@ -69,8 +70,8 @@
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
-//! on how each kind of data becomes kernels and what its lengths mean, [`surfels`] one on meshes,
-//! surfaces and what they do among volumes.
+//! on how each kind of data becomes kernels and what its lengths mean, [`shading`] one on light,
+//! [`surfels`] one on meshes, surfaces and what they do among volumes.
 //!
 //! # Conventions
 //!
@@ -121,6 +122,8 @@ pub mod sample;
 pub mod scene;
 pub mod splat;
 pub mod stats;
+#[doc = include_str!("../docs/shading.md")]
+pub mod shading {}
 #[doc = include_str!("../docs/surfels.md")]
 pub mod surfels {}
 pub mod view;

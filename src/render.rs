@@ -18,9 +18,10 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, FrameOutput, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{
-    BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
+    BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, LightingUniform,
+    PATH_EXACT, ViewUniform,
 };
-use crate::scene::{PointVolume, Requirements, TransferFunction};
+use crate::scene::{Lighting, PointVolume, Requirements, TransferFunction};
 use crate::splat::{Composite, Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, ClipPlane, Projection};
 use glam::{DVec2, DVec3};
@@ -70,6 +71,8 @@ pub struct Settings {
     pub normals: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
+    /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
+    pub lighting: Option<Lighting>,
 }
 
 impl Default for Settings {
@@ -90,6 +93,7 @@ impl Default for Settings {
             depth: false,
             normals: false,
             simd: SimdLevel::best(),
+            lighting: None,
         }
     }
 }
@@ -380,6 +384,7 @@ impl Renderer {
             normals: settings.normals,
             count: settings.show == Show::Count,
             background: settings.shown_background(),
+            lighting: lighting_uniform(camera, settings),
         };
         let output = FrameOutput {
             image: &mut self.image,
@@ -512,9 +517,14 @@ impl Renderer {
         times.cull += clock.lap();
 
         // Classify.
+        let lighting = lighting_uniform(camera, settings);
+        let rotation = camera.camera_from_world.as_mat3();
         let totals = self.fill_classified(cpu::count_classified, |volume, views, out| {
             cpu::classify(volume, views, out);
             cpu::shade(volume, views, camera, out);
+            if let Some(lighting) = &lighting {
+                cpu::light(volume, views, rotation, lighting, out);
+            }
         });
         counts.classified += self.classified.len();
         times.classify += clock.lap();
@@ -832,6 +842,12 @@ fn view_uniform(
     }
 }
 
+/// The lights as the camera sees them.
+fn lighting_uniform(camera: &Camera, settings: &Settings) -> Option<LightingUniform> {
+    let lighting = settings.lighting.as_ref()?;
+    Some(LightingUniform::new(lighting, camera))
+}
+
 fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
     let focal = camera.focal_px.as_vec2();
     // As far off the axis as the image reaches: 1 + 2 tan²(fov/2) for a square one.
@@ -890,6 +906,9 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     {
         let found = format!("{background:?}");
         return refuse("background", "three finite numbers", found);
+    }
+    if let Some(lighting) = &settings.lighting {
+        lighting.validate()?;
     }
     let h2 = settings.low_pass_variance_px2;
     if !(h2 >= 0.0 && h2.is_finite()) {

@@ -605,3 +605,64 @@ fn a_reference_states_its_error() {
     let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
     assert_eq!(output.status.code(), Some(2));
 }
+
+#[test]
+fn light_changes_colours_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let draw = |out: &str, more: &[&str]| {
+        let arguments = [
+            "render",
+            &wake,
+            "--size",
+            "60x40",
+            "--backend",
+            "cpu",
+            "--out",
+            out,
+        ];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        std::fs::read(folder.path().join(out)).unwrap()
+    };
+    let plain = draw("a.npy", &[]);
+    let lit = draw("b.npy", &["--lit", "--stats", "s.json"]);
+    assert_ne!(plain, lit);
+    assert_eq!(
+        json(folder.path().join("s.json"))["requirements"][0]["normals"],
+        true
+    );
+    let one = draw("c.npy", &["--light", "-1,0,2"]);
+    assert_ne!(lit, one);
+    assert_eq!(one, draw("d.npy", &["--lit", "--light=-2,0,4,1,1,1"]));
+    assert_ne!(
+        one,
+        draw("e.npy", &["--light", "-1,0,2", "--light", "0,1,0,0.5,0,0"])
+    );
+    let refused = |status: i32, more: &[&str]| {
+        let arguments = ["render", &wake, "--out", "no.png"];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert_eq!(output.status.code(), Some(status), "{more:?}");
+        assert!(!folder.path().join("no.png").exists());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for bad in [
+        "0,0,0",
+        "1,2",
+        "1,2,3,4",
+        "1,2,3,-1,0,0",
+        "a,b,c",
+        "1,2,inf",
+        "",
+    ] {
+        assert!(refused(2, &["--light", bad]).contains("direction"), "{bad}");
+    }
+    refused(2, &["--lit", "--reference"]);
+    refused(2, &["--light", "1,0,0", "--column-density"]);
+    let nine = refused(1, &["--light", "1,0,0"].repeat(9));
+    assert!(nine.contains("at most 8"), "{nine}");
+}

@@ -363,6 +363,7 @@ fn wall(colour: [f32; 3]) -> PointVolume {
         colour: Colour::Uniform(colour),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -417,7 +418,7 @@ fn clipped_surfaces_end_softly_at_the_cut() {
         &camera,
         &Settings {
             clip: Vec::new(),
-            ..settings
+            ..settings.clone()
         },
     );
     let whole = whole.image();

@@ -691,6 +691,7 @@ fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -
         colour: Colour::PerParticle(Vec::new()),
         values: None,
         transfer_function: None,
+        normals: None,
         merged: None,
     }
 }
@@ -787,6 +788,7 @@ fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(vec![0; count])),
         transfer_function: None,
+        normals: None,
     })
 }
 

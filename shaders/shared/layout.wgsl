@@ -42,6 +42,21 @@ struct CameraUniform {
     choice: ChoiceUniform,
 }
 
+struct LightUniform {
+    direction: array<f32, 3>,
+    colour: array<f32, 3>,
+}
+
+struct LightingUniform {
+    lights: array<LightUniform, MAX_LIGHTS>,
+    count: u32,
+    orthographic: u32,
+    ambient: f32,
+    diffuse: f32,
+    specular: f32,
+    shininess: f32,
+}
+
 struct ChoiceUniform {
     focal_px: vec2<f32>,
     thresholds: vec2<f32>,

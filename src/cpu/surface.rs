@@ -25,7 +25,7 @@ use crate::constants::{
     TILE_PIXELS, TILE_SIZE,
 };
 use crate::layout::{ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
-use crate::splat::unpack_normal;
+use crate::math::unpack_normal;
 
 /// Sums over the surfels of one layer of each pixel.
 #[derive(Debug, Clone)]

@@ -1,6 +1,7 @@
 //! Small mathematics that the rest stands on: factors of variances,
 //! spherical harmonics and special functions.
 
+mod direction;
 mod ein;
 mod factor;
 mod flatten;
@@ -8,6 +9,9 @@ mod harmonics;
 mod normal;
 mod variance;
 
+#[cfg(feature = "gpu")]
+pub(crate) use direction::NORMAL_STEPS;
+pub use direction::{NO_NORMAL, normal_code, normal_of_code, pack_normal, unpack_normal};
 #[cfg(feature = "gpu")]
 pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, EULER};
 pub use ein::{ein, ein_share};

@@ -53,7 +53,7 @@ pub const DEFAULT: &str = "default";
 /// The id of the most accurate variant.
 pub const ACCURATE: &str = "accurate";
 /// The id of the same with kernels sliced into slabs.
-pub const ACCURATE_SLABS: &str = "accurate-slabs";
+const ACCURATE_SLABS: &str = "accurate-slabs";
 /// The id of a variant that saves wherever it can be borne.
 pub const FAST: &str = "fast";
 

@@ -37,8 +37,7 @@ pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
 pub use show::{CHOICE_COLOURS, choice_index};
+pub(crate) use surfel::unit_normal;
 #[cfg(feature = "gpu")]
-pub(crate) use surfel::{
-    GRAZING, NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE,
-};
-pub use surfel::{SurfelFootprint, near_surfel, pack_normal, surfel_footprint, unpack_normal};
+pub(crate) use surfel::{GRAZING, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE};
+pub use surfel::{SurfelFootprint, near_surfel, surfel_footprint};

@@ -286,6 +286,7 @@ impl DataOptions {
             shepard_passes: self.shepard,
             for_columns: false,
             flatten: self.flatten,
+            normals: false,
             spread: match (self.density, self.spacing) {
                 (Some(density), _) => Spread::Density(density),
                 (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),

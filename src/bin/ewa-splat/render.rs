@@ -21,6 +21,7 @@ use serde_json::json;
 
 use crate::count::describe;
 use crate::input::DataOptions;
+use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Clip};
 use crate::progress::with_bar;
@@ -46,6 +47,8 @@ pub(crate) struct Arguments {
     data: DataOptions,
     #[command(flatten)]
     method: Method,
+    #[command(flatten)]
+    light: LightOptions,
     #[command(flatten)]
     output: Output,
 }
@@ -205,6 +208,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     let backend = arguments.backend()?;
+    if let Some(lighting) = arguments.light.lighting() {
+        lighting.validate()?;
+    }
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -212,6 +218,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
+        normals: arguments.light.lighting().is_some(),
         ..arguments.data.sample_options()
     };
     let scene = arguments
@@ -428,6 +435,7 @@ impl Arguments {
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             simd: defaults.simd,
+            lighting: self.light.lighting(),
         }
     }
 }
