@@ -66,6 +66,7 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
+//! | `legend` | colour bars in pictures (feature `legend`) |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
@@ -113,6 +114,8 @@ pub mod io;
 #[doc = include_str!("../docs/irregular.md")]
 pub mod irregular {}
 pub mod layout;
+#[cfg(feature = "legend")]
+pub mod legend;
 pub mod math;
 pub mod measure;
 pub mod reference;

@@ -18,6 +18,7 @@ mod convert;
 mod count;
 mod info;
 mod input;
+mod legend;
 mod measure;
 mod outputs;
 mod parse;

@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
-    write_depth, write_image, write_normals,
+    write_depth, write_normals,
 };
+use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
@@ -21,6 +22,7 @@ use serde_json::json;
 
 use crate::count::describe;
 use crate::input::DataOptions;
+use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::with_bar;
@@ -48,6 +50,8 @@ pub(crate) struct Arguments {
     method: Method,
     #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    pub(crate) legend: LegendOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -181,6 +185,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     let backend = arguments.backend()?;
+    arguments.check_legend()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -193,7 +198,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, &progress)?;
-    let (scene, up) = (scene.volumes, scene.up);
+    let is_column = arguments.method.column_density;
+    let legend = match arguments.legend.legend {
+        true if !is_column => bars(&scene)?,
+        _ => Vec::new(),
+    };
+    let (scene, up, fields) = (scene.volumes, scene.up, scene.fields);
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -208,7 +218,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         prepare_ms,
     };
 
-    let is_column = arguments.method.column_density;
     let (boxes, lens) = if is_column {
         (renderer.boxes(), Lens::OrthoHeight(None))
     } else {
@@ -218,11 +227,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .camera
         .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
     if is_column {
-        return arguments.draw_column(&mut renderer, &camera, prepared, &progress);
+        return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
     }
+    check_legend_size(&legend, [camera.width, camera.height])?;
     if let Some(integrator) = integrator {
         progress.finish_and_clear();
-        return arguments.integrate(&integrator, &camera, prepared);
+        return arguments.integrate(&integrator, &camera, &legend, prepared);
     }
     let settings = arguments.settings();
     progress.set_message("rendering");
@@ -242,7 +252,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shows_count {
         write_count(&arguments.out, renderer.image())?;
     } else {
-        write_image(&arguments.out, renderer.image())?;
+        write_with_legend(&arguments.out, renderer.image(), &legend)?;
     }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
@@ -269,6 +279,7 @@ impl Arguments {
         &self,
         integrator: &Integrator,
         camera: &Camera,
+        legend: &[ColourBar],
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
@@ -286,7 +297,7 @@ impl Arguments {
             integrator.render(camera, &settings, report)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        write_image(&self.out, &frame.image)?;
+        write_with_legend(&self.out, &frame.image, legend)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({
                 "particles": integrator.particle_count(),
@@ -306,6 +317,25 @@ impl Arguments {
             write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
         }
         warn_unconverged(&frame, settings.error);
+        Ok(())
+    }
+
+    /// A legend belongs to a picture of the scene: numbers have none.
+    fn check_legend(&self) -> Result<()> {
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "leave --legend out";
+            Err(Error::format("--legend", place, expected, found, advice))
+        };
+        if !self.legend.legend {
+            return Ok(());
+        }
+        if !matches!(self.output.show, ShowName::Scene) {
+            return fault("--show", "scene", "choice or count".into());
+        }
+        if self.method.column_density && !self.is_png() {
+            let found = self.out.display().to_string();
+            return fault("--column-density", "a png, which is a picture", found);
+        }
         Ok(())
     }
 
