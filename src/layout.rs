@@ -50,8 +50,8 @@ pub struct ViewUniform {
     pub key_scale: f32,
     /// 1 where colours show what draws each kernel.
     pub show_choice: u32,
-    /// Fills up a pair of words.
-    pub unused: u32,
+    /// 1 where kernels smaller than a pixel have the opacity of lone ones.
+    pub sub_pixel_opacity: u32,
 }
 
 /// What the stages on the device need of a camera besides a [`ViewUniform`]. Numbers of f64 go as

@@ -56,8 +56,8 @@
 //! | [`math`] | factors of variances, special functions |
 //! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
 //! | [`io`] | readers and writers, one file per format |
+//! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
-//! | [`view`] | cameras |
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
 //! | [`layout`] | the structs that stages exchange |
 //! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |

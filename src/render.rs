@@ -61,6 +61,18 @@ pub struct Settings {
     pub normals: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
+    /// Whether kernels smaller than a pixel are as opaque as each would be alone. The filter
+    /// spreads optical depths; a kernel that fills a tenth of a pixel and has a depth of 10 hides a
+    /// fifth of it and is drawn as hiding more than half
+    /// ([`sub_pixel_depth`](crate::splat::sub_pixel_depth)).
+    ///
+    /// For sparse sets of opaque particles, such as stars or droplets: the error of a hundred of
+    /// depth 30 falls from .35 to .014 of full scale (root mean square, sigma .3 px). Where kernels
+    /// fill pixels together it makes them too faint, as if light passed between them: one layer of a
+    /// lattice with two samples to the pixel loses .04 of opacity at depth 4, eight layers .004, where
+    /// depths are right to 1e-5 (`tests/sub_pixel.rs`). Merged particles know of their members'
+    /// opacity and stay as they are; so do kernels that reach the eye.
+    pub sub_pixel_opacity: bool,
 }
 
 impl Default for Settings {
@@ -78,6 +90,7 @@ impl Default for Settings {
             depth: false,
             normals: false,
             simd: SimdLevel::best(),
+            sub_pixel_opacity: false,
         }
     }
 }
@@ -725,7 +738,7 @@ fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUni
         cutoff: settings.cutoff.unwrap_or(0.0),
         key_scale,
         show_choice: u32::from(settings.show == Show::Choice),
-        unused: 0,
+        sub_pixel_opacity: u32::from(settings.sub_pixel_opacity),
     }
 }
 

@@ -164,6 +164,39 @@ fn every_filter_and_camera_draws() {
 }
 
 #[test]
+fn lone_particles_far_below_a_pixel_are_fainter() {
+    let folder = tempfile::tempdir().unwrap();
+    // Depth 20 in a tenth of a pixel: sigma .1 world units at half a pixel to the unit.
+    let rows: Vec<String> = (0..9)
+        .map(|i| format!("{},{},0,0.1,1.25", i % 3 * 20, i / 3 * 20))
+        .collect();
+    let table = format!("x,y,z,sigma,mass\n{}\n", rows.join("\n"));
+    std::fs::write(folder.path().join("p.csv"), table).unwrap();
+    let sum = |more: &[&str]| {
+        let arguments = [
+            "render", "p.csv", "--size", "64x64", "--eye", "20,20,9", "--target", "20,20,0",
+        ];
+        let arguments = [
+            &arguments[..],
+            &["--up", "0,1,0", "--ortho", "128", "--out", "a.npy"],
+            more,
+        ]
+        .concat();
+        let output = run(
+            folder.path(),
+            &[&arguments[..], &["--level-of-detail", "off"]].concat(),
+        );
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let (by_depth, lone) = (sum(&[]), sum(&["--sub-pixel-opacity"]));
+    // Areas 2 pi a of depths tau0 = 20: Ein(20)/20 = .179 is left of what the depth makes of it.
+    let share = lone / by_depth;
+    assert!((share - 0.179).abs() < 0.005, "{share}");
+}
+
+#[test]
 fn a_grid_without_a_solution_is_described() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::copy(fixture("wake.xyz"), folder.path().join("alone.xyz")).unwrap();

@@ -12,7 +12,7 @@ struct ViewUniform {
     cutoff: f32,
     key_scale: f32,
     show_choice: u32,
-    unused: u32,
+    sub_pixel_opacity: u32,
 }
 
 struct CameraUniform {

@@ -81,7 +81,7 @@ fn structs_are_laid_out_alike() {
         cutoff,
         key_scale,
         show_choice,
-        unused,
+        sub_pixel_opacity,
     });
     check_layout!(CameraUniform {
         eye,

@@ -8,8 +8,9 @@ mod harmonics;
 mod normal;
 mod variance;
 
+pub(crate) use ein::EULER;
 #[cfg(feature = "gpu")]
-pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, EULER};
+pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT};
 pub use ein::{ein, ein_share};
 pub use factor::Factor;
 pub use flatten::{flatten, tangents_of};

@@ -99,7 +99,7 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
         cutoff: 0.0,
         key_scale: 1.0,
         show_choice: 0,
-        unused: 0,
+        sub_pixel_opacity: 0,
     }
 }
 
@@ -640,7 +640,7 @@ pub mod frame {
                 cutoff: settings.cutoff.unwrap_or(0.0),
                 key_scale: range.keys_per_unit(),
                 show_choice: 0,
-                unused: 0,
+                sub_pixel_opacity: 0,
             };
             let total = cpu::count_classified(&volume, &mut views);
             let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];

@@ -90,16 +90,20 @@ struct Method {
     /// Cut-off radius in standard deviations [default: from the tolerance]
     #[arg(long, value_name = "R", value_parser = parse::cutoff)]
     cutoff: Option<f32>,
+    /// Give kernels smaller than a pixel the opacity that each has alone: right for sparse sets of
+    /// opaque particles, too faint where they fill pixels together
+    #[arg(long)]
+    sub_pixel_opacity: bool,
     /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
     /// states [default: 1e-4]
     #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
-                                      "show"])]
+                                      "show", "sub_pixel_opacity"])]
     reference: bool,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth",
-                                      "transfer_function", "show"])]
+                                      "transfer_function", "show", "sub_pixel_opacity"])]
     column_density: bool,
 }
 
@@ -416,6 +420,7 @@ impl Arguments {
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             simd: defaults.simd,
+            sub_pixel_opacity: self.method.sub_pixel_opacity,
         }
     }
 }
