@@ -263,7 +263,8 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
         });
         left = plate.right() + gap;
     }
-    if left > width || length + around > height {
+    // No bars fit anywhere.
+    if !bars.is_empty() && (left > width || length + around > height) {
         return Err(Error::format(
             "legend",
             "image size",
@@ -272,7 +273,7 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
             "draw a larger picture, or one without a legend",
         ));
     }
-    let moved = width - left;
+    let moved = width.saturating_sub(left);
     for plate in &mut plates {
         plate.move_right(moved);
     }
@@ -557,6 +558,8 @@ mod tests {
         );
         let mut image = Image::new(32, 32);
         assert!(draw_legend(&bar, &mut image).is_err());
+        assert_eq!(image, Image::new(32, 32));
+        assert!(draw_legend(&[], &mut image).is_ok());
         assert_eq!(image, Image::new(32, 32));
         let many = vec![bar[0].clone(); 40];
         assert!(check_legend_size(&many, [1024, 1024]).is_err());
