@@ -75,6 +75,7 @@ fn volume(kernels: &[Kernel]) -> PointVolume {
         colour: Colour::PerParticle(kernels.iter().map(|k| k.colour).collect()),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

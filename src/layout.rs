@@ -73,8 +73,10 @@ pub struct ViewUniform {
     pub composite: u32,
     /// How many of the clip planes there are.
     pub clip_count: u32,
+    /// 1 where kernels smaller than a pixel have the opacity of lone ones.
+    pub sub_pixel_opacity: u32,
     /// Fills up four words.
-    pub unused: [u32; 2],
+    pub unused: u32,
     /// Planes n . u + d >= 0, camera space: n, d.
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }

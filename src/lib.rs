@@ -57,8 +57,8 @@
 //! | [`math`] | factors of variances, special functions |
 //! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
 //! | [`io`] | readers and writers, one file per format |
+//! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
-//! | [`view`] | cameras |
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
 //! | [`layout`] | the structs that stages exchange |
 //! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |
@@ -67,6 +67,7 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
+//! | `legend` | colour bars in pictures (feature `legend`) |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
@@ -114,6 +115,8 @@ pub mod io;
 #[doc = include_str!("../docs/irregular.md")]
 pub mod irregular {}
 pub mod layout;
+#[cfg(feature = "legend")]
+pub mod legend;
 pub mod math;
 pub mod measure;
 pub mod reference;

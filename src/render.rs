@@ -73,6 +73,18 @@ pub struct Settings {
     pub simd: SimdLevel,
     /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
     pub lighting: Option<Lighting>,
+    /// Whether kernels smaller than a pixel are as opaque as each would be alone. The filter
+    /// spreads optical depths; a kernel that fills a tenth of a pixel and has a depth of 10 hides a
+    /// fifth of it and is drawn as hiding more than half
+    /// ([`sub_pixel_depth`](crate::splat::sub_pixel_depth)).
+    ///
+    /// For sparse sets of opaque particles, such as stars or droplets: the error of a hundred of
+    /// depth 30 falls from .35 to .014 of full scale (root mean square, sigma .3 px). Where kernels
+    /// fill pixels together it makes them too faint, as if light passed between them: one layer of a
+    /// lattice with two samples to the pixel loses .04 of opacity at depth 4, eight layers .004, where
+    /// depths are right to 1e-5 (`tests/sub_pixel.rs`). Merged particles know of their members'
+    /// opacity and stay as they are; so do kernels that reach the eye.
+    pub sub_pixel_opacity: bool,
 }
 
 impl Default for Settings {
@@ -94,6 +106,7 @@ impl Default for Settings {
             normals: false,
             simd: SimdLevel::best(),
             lighting: None,
+            sub_pixel_opacity: false,
         }
     }
 }
@@ -806,6 +819,10 @@ fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (D
         })
 }
 
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "stages work in f32 and u32 by design, and `check` has bounded what is counted"
+)]
 fn view_uniform(
     camera: &Camera,
     settings: &Settings,
@@ -820,8 +837,7 @@ fn view_uniform(
     ViewUniform {
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
-        // `check` has bounded both.
-        size: [camera.width, camera.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
+        size: [camera.width, camera.height].map(|n| n as u32),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
@@ -835,9 +851,9 @@ fn view_uniform(
         key_axis: layers.map_or([0.0; 3], |l| l.axis.as_vec3().into()),
         layer_shift: layers.map_or(0, |l| l.shift),
         composite: settings.composite as u32,
-        // `check` has bounded it.
         clip_count: settings.clip.len() as u32,
-        unused: [0; 2],
+        sub_pixel_opacity: u32::from(settings.sub_pixel_opacity),
+        unused: 0,
         clip_planes: planes,
     }
 }

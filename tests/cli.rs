@@ -21,6 +21,10 @@ fn fixture(name: &str) -> String {
     path.to_str().unwrap().to_string()
 }
 
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
 fn json(path: PathBuf) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
@@ -157,6 +161,39 @@ fn every_filter_and_camera_draws() {
         let covered = image.pixels.iter().filter(|p| p[3] > 0.05).count();
         assert!(covered > 100, "{filter} {camera:?}: {covered} pixels");
     }
+}
+
+#[test]
+fn lone_particles_far_below_a_pixel_are_fainter() {
+    let folder = tempfile::tempdir().unwrap();
+    // Depth 20 in a tenth of a pixel: sigma .1 world units at half a pixel to the unit.
+    let rows: Vec<String> = (0..9)
+        .map(|i| format!("{},{},0,0.1,1.25", i % 3 * 20, i / 3 * 20))
+        .collect();
+    let table = format!("x,y,z,sigma,mass\n{}\n", rows.join("\n"));
+    std::fs::write(folder.path().join("p.csv"), table).unwrap();
+    let sum = |more: &[&str]| {
+        let arguments = [
+            "render", "p.csv", "--size", "64x64", "--eye", "20,20,9", "--target", "20,20,0",
+        ];
+        let arguments = [
+            &arguments[..],
+            &["--up", "0,1,0", "--ortho", "128", "--out", "a.npy"],
+            more,
+        ]
+        .concat();
+        let output = run(
+            folder.path(),
+            &[&arguments[..], &["--level-of-detail", "off"]].concat(),
+        );
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let (by_depth, lone) = (sum(&[]), sum(&["--sub-pixel-opacity"]));
+    // Areas 2 pi a of depths tau0 = 20: Ein(20)/20 = .179 is left of what the depth makes of it.
+    let share = lone / by_depth;
+    assert!((share - 0.179).abs() < 0.005, "{share}");
 }
 
 #[test]
@@ -299,6 +336,80 @@ fn counts_are_written_as_numbers_and_in_colours() {
         assert!(n[0] > 0.0 || colour[1] < 0.01, "{n:?}: {colour:?}");
         assert_eq!(colour[3], 1.0);
     }
+}
+
+#[test]
+fn a_legend_is_drawn_over_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let render = |input: &str, more: &[&str]| {
+        let arguments = [&["render", input, "--size", "240x200"], more].concat();
+        run(folder.path(), &arguments)
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let wake_with = ["--transfer-function", &transfer, "--out"];
+    for (plain, drawn) in [("a.npy", "b.npy"), ("a.exr", "b.exr"), ("a.pfm", "b.pfm")] {
+        let made = render(&wake, &[&wake_with[..], &[plain]].concat());
+        assert!(made.status.success());
+        let made = render(&wake, &[&wake_with[..], &[drawn, "--legend"]].concat());
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        let (plain, drawn) = (read(plain), read(drawn));
+        let is_changed: Vec<bool> = plain
+            .pixels
+            .iter()
+            .zip(&drawn.pixels)
+            .map(|(a, b)| a != b)
+            .collect();
+        // Within the right upper corner, and much of that.
+        let changed = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
+            y.flat_map(|y| x.clone().map(move |x| y * 240 + x))
+                .filter(|&i| is_changed[i])
+                .count()
+        };
+        assert_eq!(changed(0..120, 0..200) + changed(120..240, 150..200), 0);
+        assert!(changed(120..240, 0..150) > 5000);
+    }
+    assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
+    let made = render(&wake, &[&wake_with[..], &["b.png", "--legend"]].concat());
+    assert!(made.status.success());
+    // A sixteenth bit of sRGB lies between.
+    for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
+        assert!((a[3] - b[3]).abs() < 0.003);
+    }
+    let particles = fixture("particles.csv");
+    let made = render(
+        &particles,
+        &["--column-density", "--out", "c.png", "--legend"],
+    );
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let made = render(&particles, &["--column-density", "--out", "d.png"]);
+    assert!(made.status.success());
+    assert_ne!(read("c.png").pixels, read("d.png").pixels);
+    // What has none says so, and writes nothing.
+    let before = files(folder.path());
+    for (arguments, expected) in [
+        (
+            &["--column-density", "--out", "e.npy", "--legend"][..],
+            "a png",
+        ),
+        (&["--show", "count", "--out", "e.npy", "--legend"], "--show"),
+        (
+            &["--size", "100x50", "--out", "e.npy", "--legend"],
+            "at least",
+        ),
+    ] {
+        let refused = run(folder.path(), &[&["render", &wake], arguments].concat());
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(
+            text(&refused.stderr).contains(expected),
+            "{}",
+            text(&refused.stderr)
+        );
+    }
+    let refused = render(&fixture("vase.obj"), &["--out", "e.npy", "--legend"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("a field with a transfer function"));
+    assert_eq!(files(folder.path()), before);
 }
 
 #[test]

@@ -159,7 +159,7 @@ fn opacity_is_the_same_in_every_mode() {
         let (particles, mut camera) = common::scene::overlapping(&mut random);
         camera.projection = projection;
         if projection == Projection::Orthographic {
-            camera.focal_px = camera.focal_px / 4.5;
+            camera.focal_px /= 4.5;
         }
         let scene = [volume(&particles[..100])];
         let over = draw(&scene, &camera, &settings(Composite::Over));

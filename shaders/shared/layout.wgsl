@@ -20,7 +20,8 @@ struct ViewUniform {
     layer_shift: u32,
     composite: u32,
     clip_count: u32,
-    unused: vec2<u32>,
+    sub_pixel_opacity: u32,
+    unused: u32,
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 

@@ -89,6 +89,7 @@ fn structs_are_laid_out_alike() {
         layer_shift,
         composite,
         clip_count,
+        sub_pixel_opacity,
         unused,
         clip_planes,
     });

@@ -30,7 +30,9 @@ use crate::splat::budget::{
 };
 use crate::splat::{
     ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Composite, Filter, GRAZING, JACOBIAN_MARGIN,
-    PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2,
+    PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2, SUB_PIXEL_FAINT,
+    SUB_PIXEL_LARGE, SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE, SUB_PIXEL_REACH,
+    SUB_PIXEL_SPLIT, SUB_PIXEL_WEIGHTS,
 };
 
 /// A shader's name and the files it is composed of.
@@ -230,6 +232,7 @@ macro_rules! project_parts {
             FACTOR,
             $particles,
             include_str!("../../shaders/shared/footprint.wgsl"),
+            include_str!("../../shaders/shared/sub_pixel.wgsl"),
             include_str!("../../shaders/shared/exact.wgsl"),
             include_str!("../../shaders/shared/bounds.wgsl"),
             include_str!("../../shaders/shared/filter.wgsl"),
@@ -453,6 +456,10 @@ pub fn prelude() -> String {
         ("MIXED_SHARE", MIXED_SHARE),
         ("MANY_SHARE", MANY_SHARE),
         ("TREND", TREND),
+        ("SUB_PIXEL_SPLIT", SUB_PIXEL_SPLIT),
+        ("SUB_PIXEL_REACH", SUB_PIXEL_REACH),
+        ("SUB_PIXEL_FAINT", SUB_PIXEL_FAINT),
+        ("SUB_PIXEL_LARGE", SUB_PIXEL_LARGE),
         ("EIN_SPLIT", EIN_SPLIT),
         ("EULER", EULER),
         ("TAU", std::f32::consts::TAU),
@@ -468,6 +475,10 @@ pub fn prelude() -> String {
         ("EIN_SERIES", EIN_SERIES.as_slice()),
         ("E1_NUMERATOR", E1_NUMERATOR.as_slice()),
         ("E1_DENOMINATOR", E1_DENOMINATOR.as_slice()),
+        ("SUB_PIXEL_NODES", SUB_PIXEL_NODES.as_slice()),
+        ("SUB_PIXEL_LOGS", SUB_PIXEL_LOGS.as_slice()),
+        ("SUB_PIXEL_WEIGHTS", SUB_PIXEL_WEIGHTS.as_slice()),
+        ("SUB_PIXEL_OPAQUE", SUB_PIXEL_OPAQUE.as_slice()),
         ("HARMONICS_2", HARMONICS_2.as_slice()),
         ("HARMONICS_3", HARMONICS_3.as_slice()),
     ];

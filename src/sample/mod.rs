@@ -5,6 +5,7 @@ mod blanking;
 mod cells;
 mod convert;
 mod curvilinear;
+mod cut_faces;
 mod factor;
 mod flatten;
 mod gradient;
@@ -31,6 +32,7 @@ use crate::scene::{
 };
 
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
+pub use cut_faces::cut_faces;
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};

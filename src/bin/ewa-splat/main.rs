@@ -18,6 +18,7 @@ mod convert;
 mod count;
 mod info;
 mod input;
+mod legend;
 mod lit;
 mod measure;
 mod outputs;
