@@ -64,3 +64,13 @@ pub const SURFACE_LAYERS: usize = 3;
 
 /// Directional lights of a scene at most: a key, fills and rims, with room to spare.
 pub const MAX_LIGHTS: usize = 8;
+
+/// Planes that may clip a scene: a box and two more.
+pub const MAX_CLIP_PLANES: usize = 8;
+
+/// Planes that blocks are held against: the five of the frustum, and those that clip.
+pub const MAX_PLANES: usize = 5 + MAX_CLIP_PLANES;
+
+/// Where a clip plane cuts a surface, its coverage falls over so many standard deviations of the low-pass
+/// filter on either side; beyond there is nothing of it.
+pub const CLIP_SOFTNESS: f32 = 3.3;
