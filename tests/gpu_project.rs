@@ -608,8 +608,7 @@ impl Scene {
             tolerance: 1.0 / 255.0,
             cutoff: self.cutoff,
             key_scale: (1e7 / self.scale) as f32,
-            show_choice: 0,
-            sub_pixel_opacity: 0,
+            ..bytemuck::Zeroable::zeroed()
         }
     }
 
@@ -1036,8 +1035,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                     tolerance: 1.0 / 256.0,
                     cutoff: 2.0,
                     key_scale: 1.0,
-                    show_choice: 0,
-                    sub_pixel_opacity: 0,
+                    ..bytemuck::Zeroable::zeroed()
                 },
                 rotation: Mat3::IDENTITY,
             };

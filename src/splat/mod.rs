@@ -9,6 +9,7 @@
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
+//! | `composite.rs` | how footprints become a picture |
 //! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `budget.rs` | how the one tolerance is shared out |
@@ -16,6 +17,7 @@
 
 mod bounds;
 pub mod budget;
+mod composite;
 mod cutoff;
 mod exact;
 mod filter;
@@ -27,6 +29,7 @@ mod sub_pixel;
 mod surfel;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
+pub use composite::Composite;
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};

@@ -14,17 +14,18 @@ use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::splat::Filter;
-use ewa_splat::view::{Camera, Lens};
+use ewa_splat::splat::{Composite, Filter};
+use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::count::describe;
+use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
 use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::outputs::{check_collisions, warn_unconverged};
-use crate::parse;
+use crate::parse::{self, Clip};
 use crate::progress::with_bar;
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
 
@@ -50,6 +51,8 @@ pub(crate) struct Arguments {
     method: Method,
     #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    cut: CutOptions,
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
 }
@@ -81,6 +84,18 @@ struct Method {
     /// Whether adaptive merges particles far below a pixel
     #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
     level_of_detail: Detail,
+    /// How kernels that lie behind one another become a picture
+    #[arg(long, value_enum, default_value = "over", conflicts_with_all = ["reference", "column_density"])]
+    composite: CompositeName,
+    /// Thickness of slabs (or sheets) in world units [default: slabs from the tolerance, sheets from
+    /// the distance between samples]
+    #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = ["reference", "column_density"])]
+    slab_thickness: Option<f64>,
+    /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
+    /// again for more, eight planes at most
+    #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
+          allow_hyphen_values = true, conflicts_with = "column_density")]
+    clip: Vec<Clip>,
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
     opacity: Opacity,
@@ -123,6 +138,18 @@ enum FilterName {
     LowPass,
     Isotropic,
     UniformScaling,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum CompositeName {
+    /// Each kernel by itself, in the order of their centres
+    Over,
+    /// Whole kernels summed in sheets parallel to the image
+    Sheets,
+    /// Whole kernels summed in sheets across the volume's axis nearest to the view
+    AxisSheets,
+    /// Kernels sliced into slabs parallel to the image: converges to the true integral
+    Slabs,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -207,13 +234,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         true if !is_column => bars(&scene)?,
         _ => Vec::new(),
     };
-    let (scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    if arguments.cut.cut_faces {
+        add_faces(&mut scene, &arguments.clip_planes())?;
+    }
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
     let prepare_start = Instant::now();
     let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
     let integrator = integrator.transpose()?;
+    let integrator = integrator.map(|i| i.clipped(&arguments.clip_planes()));
     let mut renderer = Renderer::with_backend(scene, backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
@@ -390,6 +421,15 @@ impl Arguments {
         }
     }
 
+    fn clip_planes(&self) -> Vec<ClipPlane> {
+        self.method
+            .clip
+            .iter()
+            .flat_map(|clip| &clip.0)
+            .copied()
+            .collect()
+    }
+
     fn settings(&self) -> Settings {
         let defaults = Settings::default();
         Settings {
@@ -411,6 +451,14 @@ impl Arguments {
                 ShowName::Count => Show::Count,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
+            composite: match self.method.composite {
+                CompositeName::Over => Composite::Over,
+                CompositeName::Sheets => Composite::Sheets,
+                CompositeName::AxisSheets => Composite::AxisSheets,
+                CompositeName::Slabs => Composite::Slabs,
+            },
+            layer_thickness: self.method.slab_thickness,
+            clip: self.clip_planes(),
             low_pass_variance_px2: self
                 .method
                 .low_pass
@@ -460,6 +508,7 @@ pub(crate) fn stats(
             "near": counts.footprints_near,
         },
         "tile_entries": counts.tile_entries,
+        "layer_thickness": renderer.layers().map(|layers| layers.thickness),
         "splat_pixels": counts.splat_pixels,
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
