@@ -7,6 +7,11 @@
 //!
 //! `cargo run --release --example popping`
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "colours and masses are f32"
+)]
+
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
 use ewa_splat::splat::Composite;
@@ -172,7 +177,7 @@ fn error(images: &[Image], truth: &[Image]) -> f64 {
 fn main() -> Result<()> {
     let kernels = kernels();
     let scene = volume(&kernels);
-    let integrator = Integrator::new(&[scene.clone()])?;
+    let integrator = Integrator::new(std::slice::from_ref(&scene))?;
     let settings = ReferenceSettings {
         error: 1e-5,
         pixel_filter: ewa_splat::reference::PixelFilter::Kernels,

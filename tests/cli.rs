@@ -413,6 +413,71 @@ fn a_legend_is_drawn_over_the_picture() {
 }
 
 #[test]
+fn cut_faces_show_the_field_on_the_planes() {
+    let folder = tempfile::tempdir().unwrap();
+    // A field of one value that its transfer function leaves all but transparent.
+    std::fs::write(folder.path().join("v.raw"), [100_u8; 4096]).unwrap();
+    let transfer = r#"{"range": [0, 200], "color_space": "linear", "points":
+        [{"value": 0, "color": [0, 0, 1], "opacity": 1e-6}, {"value": 200, "color": [1, 0, 0]}]}"#;
+    std::fs::write(folder.path().join("t.json"), transfer).unwrap();
+    let volume = [
+        "render",
+        "v.raw",
+        "--dims",
+        "16,16,16",
+        "--transfer-function",
+        "t.json",
+    ];
+    let view = [
+        "--eye",
+        "-30,7.5,7.5",
+        "--target",
+        "7.5,7.5,7.5",
+        "--fov",
+        "14",
+        "--size",
+        "40x40",
+    ];
+    let draw = |more: &[&str]| {
+        let arguments = [
+            &volume[..],
+            &view,
+            &["--out", "a.npy", "--clip", "1,0,0,-6.3"],
+            more,
+        ]
+        .concat();
+        run(folder.path(), &arguments)
+    };
+    let alpha = |pixel: [f32; 4]| pixel[3];
+    let middle = || {
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixel(20, 20)
+    };
+    assert!(draw(&[]).status.success());
+    assert!(alpha(middle()) < 1e-3);
+    let drawn = draw(&["--cut-faces"]);
+    assert!(drawn.status.success(), "{}", text(&drawn.stderr));
+    let [r, g, b, a] = middle();
+    assert!(a > 0.99 && (r - 0.5).abs() < 0.01 && g < 0.01 && (b - 0.5).abs() < 0.01);
+    // Without planes a usage, without a field an error.
+    let arguments = [&volume[..], &["--out", "b.npy", "--cut-faces"]].concat();
+    assert_eq!(run(folder.path(), &arguments).status.code(), Some(2));
+    let mesh = fixture("vase.obj");
+    let arguments = [
+        "render",
+        &mesh,
+        "--out",
+        "b.npy",
+        "--clip",
+        "1,0,0,0",
+        "--cut-faces",
+    ];
+    let refused = run(folder.path(), &arguments);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("--cut-faces"));
+}
+
+#[test]
 fn nothing_visible_is_a_result() {
     let folder = tempfile::tempdir().unwrap();
     let clear = r#"{"range": [0, 1], "points": [{"value": 0, "color": [1, 1, 1], "opacity": 0},

@@ -16,6 +16,7 @@ mod column;
 mod compare;
 mod convert;
 mod count;
+mod cut;
 mod info;
 mod input;
 mod legend;

@@ -13,8 +13,7 @@ use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
-use ewa_splat::sample::{SampleOptions, cut_faces};
-use ewa_splat::scene::{Particles, PointVolume, Strength};
+use ewa_splat::sample::SampleOptions;
 use ewa_splat::splat::{Composite, Filter};
 use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
@@ -22,6 +21,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::count::describe;
+use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
 use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::lit::LightOptions;
@@ -54,6 +54,8 @@ pub(crate) struct Arguments {
     light: LightOptions,
     #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    cut: CutOptions,
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
 }
@@ -97,9 +99,6 @@ struct Method {
     #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
           allow_hyphen_values = true, conflicts_with = "column_density")]
     clip: Vec<Clip>,
-    /// Show the field on the planes that clip, as opaque faces
-    #[arg(long, requires = "clip", conflicts_with = "reference")]
-    cut_faces: bool,
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
     opacity: Opacity,
@@ -243,7 +242,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         _ => Vec::new(),
     };
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
-    if arguments.method.cut_faces {
+    if arguments.cut.cut_faces {
         add_faces(&mut scene, &arguments.clip_planes())?;
     }
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
@@ -313,29 +312,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     } else if shows_count {
         eprintln!("{}", describe(renderer.image(), arguments.is_png()));
     }
-    Ok(())
-}
-
-/// Adds the faces of planes through the volumes that have a field.
-fn add_faces(scene: &mut Vec<PointVolume>, planes: &[ClipPlane]) -> Result<()> {
-    let is_field = |volume: &&PointVolume| {
-        matches!(volume.strength, Strength::Classified { .. })
-            && !matches!(volume.particles, Particles::Surfels { .. })
-    };
-    let mut faces = Vec::new();
-    for volume in scene.iter().filter(is_field) {
-        faces.extend(cut_faces(volume, planes)?);
-    }
-    if !scene.iter().any(|volume| is_field(&volume)) {
-        return Err(Error::format(
-            "--cut-faces",
-            "data",
-            "a volume with a field",
-            "none",
-            "leave --cut-faces out",
-        ));
-    }
-    scene.extend(faces);
     Ok(())
 }
 
