@@ -315,7 +315,7 @@ fn rasterise_surface(
                 }
                 fragment.nearness = z;
                 gradient = vec2<f32>(of_surfel.gradient[0], of_surfel.gradient[1]);
-                if IS_CUT {
+                if IS_CUT && !(of_surfel.homography > 0.0) {
                     let inverse = vec3<f32>(
                         place.z * place.z + form.x * form.x,
                         place.z * place.w + form.x * form.y,

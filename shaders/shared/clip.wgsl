@@ -60,7 +60,15 @@ fn clip_share(
             shown.x * across_px.x + shown.y * across_px.y,
             shown.y * across_px.x + shown.z * across_px.y,
         );
-        let softness = sqrt(dot2(slope, slope)) * sqrt(view.low_pass_variance_px2);
+        // The variance of what a pixel shows is h² F.
+        let of_slope = vec2<f32>(
+            shown.x * slope.x + shown.y * slope.y,
+            shown.y * slope.x + shown.z * slope.y,
+        );
+        let kept = dot2(slope, of_slope) / dot2(slope, slope);
+        let least_kept = select(1e-6, kept, kept > 1e-6);
+        let spread = sqrt(view.low_pass_variance_px2 / least_kept);
+        let softness = sqrt(dot2(slope, slope)) * spread;
         let far_inside = inside / max(softness, SMALLEST);
         if is_nan(far_inside) || !(far_inside > -CLIP_SOFTNESS) {
             return 0.0;

@@ -146,7 +146,10 @@ impl ClipEdges {
                 (across - nz * nearness + d, -nz)
             };
             let slope = shown * (Vec2::new(nx, ny) / focal) + gradient * rate;
-            let softness = slope.length() * view.low_pass_variance_px2.sqrt();
+            // The variance of what a pixel shows is h² F.
+            let kept = slope.dot(shown * slope) / slope.length_squared();
+            let spread = (view.low_pass_variance_px2 / kept.max(LEAST_SHOWN)).sqrt();
+            let softness = slope.length() * spread;
             let scale = 1.0 / softness.max(f32::MIN_POSITIVE);
             if inside * scale - slope.length() * scale * reach < CLIP_SOFTNESS {
                 let slope = slope * scale;
@@ -368,7 +371,7 @@ impl SurfaceRaster<'_> {
                 centre,
                 terms.nearness,
                 terms.gradient.into(),
-                shown(self.view, footprint),
+                shown(self.view, footprint, terms),
                 reach,
             )
         });
@@ -515,8 +518,14 @@ impl SurfaceRaster<'_> {
     }
 }
 
-/// F of [`ClipEdges`].
-fn shown(view: &ViewUniform, footprint: &Footprint) -> Mat2 {
+/// A surfel of a thousandth of a pixel shows so much of itself: below, roundings of F rule.
+const LEAST_SHOWN: f32 = 1e-6;
+
+/// F of [`ClipEdges`]: of surfels that follow their plane's homography 1, as their nearness does.
+fn shown(view: &ViewUniform, footprint: &Footprint, terms: &SurfelTerms) -> Mat2 {
+    if terms.homography > 0.0 {
+        return Mat2::IDENTITY;
+    }
     let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
     let across = px * py + rx * ry;
     let inverse = Mat2::from_cols_array(&[px * px + rx * rx, across, across, py * py + ry * ry]);

@@ -16,6 +16,9 @@ const REACH: f64 = 4.0;
 /// so that rounding does not make the plane cut away what lies on it.
 const INSIDE: f64 = 0.05;
 
+/// What has less than this share of the transfer function's greatest extinction has no face.
+const HAZE: f32 = 0.01;
+
 /// The faces of clip planes through a volume: opaque surfels on each plane that show the field there.
 /// `None` where no plane meets a kernel.
 ///
@@ -29,7 +32,8 @@ const INSIDE: f64 = 0.05;
 /// Weights and slices sum to what cell volumes times kernels do: to 1 within the volume, with the
 /// same ripple. The surfels are a [`Strength::Surface`] that averages its colours by these areas and
 /// covers what lies behind it; they have the kernels' values, colours and transfer function, which
-/// is asked for its colour alone: also what it leaves transparent is shown. Their fronts face the
+/// is asked for its colour alone. What it leaves transparent, or takes for haze (below a hundredth of
+/// its greatest extinction), has no face: the air around a body is no wall. Their fronts face the
 /// side that is cut away, they are drawn from both sides, and they lie a little inside the plane (a
 /// twentieth of the kernel's standard deviation).
 ///
@@ -61,12 +65,27 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
         return refuse("more than 4,294,967,295 particles");
     }
     let planes: Vec<ClipPlane> = planes.iter().map(normalised).collect::<Result<_>>()?;
+    let extinction = |i: usize| match &volume.transfer_function {
+        Some(transfer) => transfer.classify(values.get(i))[3],
+        None => 0.0,
+    };
+    let greatest = volume
+        .transfer_function
+        .as_ref()
+        .map_or(0.0, |t| t.max_extinction(f32::NEG_INFINITY, f32::INFINITY));
+    let is_shown = |i: usize| {
+        let own = extinction(i);
+        values.get(i).is_finite() && own > 0.0 && own >= HAZE * greatest
+    };
 
     let mut indices = Vec::new();
     let mut areas = Vec::new();
     let (mut positions, mut tangents) = (Vec::new(), Vec::new());
     for (p, plane) in planes.iter().enumerate() {
         let face = |i: usize| {
+            if !is_shown(i) {
+                return None;
+            }
             let kernel = kernel(&volume.particles, volumes, i);
             let slice = slice(&kernel, plane)?;
             let is_left = planes.iter().enumerate().all(|(o, other)| {
@@ -76,7 +95,7 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
                 && slice.area > 0.0
                 && slice.area.is_finite()
                 && slice.tangents.iter().all(|t| t.is_finite());
-            (values.get(i).is_finite() && is_left && is_finite).then_some((i, slice))
+            (is_left && is_finite).then_some((i, slice))
         };
         let slices: Vec<(usize, Slice)> = (0..count).into_par_iter().filter_map(face).collect();
         for (i, slice) in slices {
