@@ -70,7 +70,7 @@
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
 //! on how each kind of data becomes kernels and what its lengths mean, [`surfels`] one on meshes,
-//! surfaces and what they do among volumes.
+//! surfaces and what they do among volumes, [`papers`] one on what the papers claim and what was found.
 //!
 //! # Conventions
 //!
@@ -115,6 +115,8 @@ pub mod irregular {}
 pub mod layout;
 pub mod math;
 pub mod measure;
+#[doc = include_str!("../docs/papers.md")]
+pub mod papers {}
 pub mod reference;
 pub mod render;
 pub mod sample;

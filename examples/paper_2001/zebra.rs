@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 arguments.write(&name, &image)?;
                 pictures.push((rows, width, view, filter, image));
             }
-            if view == "tilted" && width == PAPER_WIDTH {
+            if view == "tilted" {
                 let half = supersampled(&mut renderer, &camera, &Settings::default(), FACTOR / 2)?;
                 let errors = compare(&sheet(&camera, &half), &truth)?;
                 println!(
@@ -90,15 +90,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let side = arguments.size / 2;
     let of = |rows: usize, view: &str, filter: Filter| {
         let found = pictures.iter().find(|p| {
-            p.0 == rows && p.1.to_bits() == PAPER_WIDTH.to_bits() && p.2 == view && p.3 == filter
+            p.0 == rows && p.1.total_cmp(&PAPER_WIDTH).is_eq() && p.2 == view && p.3 == filter
         });
         found.map_or_else(
             || Image::new(1, 1),
-            |p| part(&p.4, [side / 2; 2], [side; 2]),
+            |(.., image)| {
+                let corner = image.width.saturating_sub(side) / 2;
+                part(image, [corner; 2], [side; 2])
+            },
         )
     };
     let plate = [512, 256].map(|rows| {
-        ["filling", "tilted"]
+        ["filling", "minified"]
             .map(|view| [Filter::Ewa, Filter::UniformScaling].map(|filter| of(rows, view, filter)))
     });
     let rows: Vec<Vec<&Image>> = plate.iter().map(|r| r.iter().flatten().collect()).collect();

@@ -42,7 +42,7 @@ impl Arguments {
             figure: text(0, "all"),
             folder,
             size: number(2, 512).max(16),
-            frames: number(3, 7).max(1),
+            frames: number(3, 5).max(1),
         })
     }
 
