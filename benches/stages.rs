@@ -139,6 +139,7 @@ fn stages(c: &mut Criterion) {
     for (name, frame) in [("affine", &frame), ("exact", &exact), ("round", &round)] {
         let bins = frame.bins();
         let raster = RasteriseSettings {
+            composite: ewa_splat::splat::Composite::Over,
             linear_opacity: false,
             depth: false,
             count: false,

@@ -71,7 +71,7 @@ fn frustum_sees(centre: array<vec2<u32>, 3>, half_extent: array<f32, 3>, max_sig
     let reach = f64_mul(f64_from_f32(max_sigma), f64_from_f32(MAX_CUTOFF));
     let half = widened(half_extent);
     var sees = true;
-    for (var i = 0u; i < 5u; i = i + 1u) {
+    for (var i = 0u; i < camera.plane_count; i = i + 1u) {
         var distance = f64_dot(camera.plane_normals[i], centre);
         distance = f64_add(distance, camera.plane_distances[i]);
         distance = f64_add(distance, f64_dot(camera.plane_spreads[i], half));
@@ -94,6 +94,9 @@ fn is_transparent(range: array<f32, 2>) -> bool {
 
 // Distance of a block's origin, as depth keys measure it.
 fn camera_distance(centre: array<vec2<u32>, 3>) -> vec2<u32> {
+    if camera.directional_keys != 0u {
+        return f64_dot(camera.key_axis, centre);
+    }
     if camera.orthographic != 0u {
         return centre[2];
     }
@@ -257,9 +260,15 @@ fn cull_scan(@builtin(local_invocation_index) thread: u32) {
     }
 }
 
-// One thread: the range from the nearest to the farthest of all parts' blocks.
+// One thread: the range from the nearest to the farthest of all parts' blocks, or the one given.
 @compute @workgroup_size(1)
 fn cull_range() {
+    if camera.directional_keys != 0u {
+        frame.near = camera.key_near;
+        frame.keys_per_unit = camera.keys_per_unit;
+        view.key_scale = f64_to_f32(camera.keys_per_unit);
+        return;
+    }
     let is_none = (frame.nearest.x | frame.nearest.y) == 0u;
     let is_none_far = (frame.farthest.x | frame.farthest.y) == 0u;
     let near = select(f64_negate(f64_of_ordered(frame.nearest)), F64_INFINITY, is_none);

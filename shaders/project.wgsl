@@ -36,7 +36,7 @@ override RULE: u32 = 0u;
 override IS_ANTI_ALIASED: bool = false;
 // Whether surfels seen from behind are left out.
 override IS_ONE_SIDED: bool = false;
-// Whether opaque surfaces may cut kernels, so that all have terms of their depth.
+// Whether kernels may be cut, by surfaces, clip planes or slabs, so that all have terms of their depth.
 override IS_CUT: bool = false;
 
 @compute @workgroup_size(THREADS)
@@ -73,6 +73,9 @@ fn project(
             kernel.mass = kernel.mass * facing(view, kernel);
         }
         out = footprint(view, filter_kind, kernel, particle.colour, key, i);
+    }
+    if RULE != RULE_SURFACE && view.composite == COMPOSITE_SLABS {
+        out.key = slab_key(view, block.key, origin, kernel, out);
     }
     if view.show_choice != 0u {
         out.colour = CHOICE_COLOURS[choice_index(block.level, out.path, filter_kind)];
@@ -112,13 +115,20 @@ fn choice_index(level: u32, path: u32, filter_kind: u32) -> u32 {
 // plus a difference in f32.
 fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<f32>) -> u32 {
     var delta = offset.z;
-    if view.orthographic == 0u {
+    if view.directional_keys != 0u {
+        delta = dot3(offset, view.key_axis);
+    } else if view.orthographic == 0u {
         let sum = length3(origin + offset) + length3(origin);
         delta = 0.0;
         if is_above(sum, 0.0) {
             delta = dot3(offset, origin * 2.0 + offset) / sum;
         }
     }
+    return moved_key(view, block_key, delta);
+}
+
+// A key so much farther.
+fn moved_key(view: ViewUniform, block_key: u32, delta: f32) -> u32 {
     // Ties to even.
     let keys = round(delta * view.key_scale);
     if is_nan(keys) {
@@ -129,6 +139,19 @@ fn depth_key(view: ViewUniform, block_key: u32, origin: vec3<f32>, offset: vec3<
     }
     let sum = block_key + min(u32(min(keys, 2147483648.0)), 0x7fffffffu);
     return select(sum, 0xffffffffu, sum < block_key);
+}
+
+// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
+fn slab_key(
+    view: ViewUniform,
+    block_key: u32,
+    origin: vec3<f32>,
+    kernel: Kernel,
+    out: Footprint,
+) -> u32 {
+    let reach = sqrt(out.cutoff_squared) * length3(kernel.factor.z);
+    let begin = max_number(kernel.centre.z - reach, 0.0);
+    return moved_key(view, block_key, begin - origin.z);
 }
 
 // A footprint that reaches no pixel yet.
@@ -449,6 +472,7 @@ fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprin
         }
         (*out).columns = columns;
         (*out).rows = rows;
+        (*out).form_p = vec2<f32>(r * length3(kernel.factor.z), 0.0);
         (*out).tau = weight / cutoff_share(r);
         (*out).cutoff_squared = r * r;
         (*out).path = path;

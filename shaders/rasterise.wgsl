@@ -1,5 +1,6 @@
 // Stage: from lists of footprints to pixels, front to back, a workgroup per tile and a thread per
-// pixel. Twin: src/cpu/rasterise.rs and src/cpu/lanes.rs; with HAS_SURFACE src/cpu/hybrid.rs.
+// pixel. Twin: src/cpu/rasterise.rs and src/cpu/lanes.rs; with IS_CUT src/cpu/cut.rs; with COMPOSITE
+// src/cpu/layers.rs.
 //
 // A frame whose footprints are drawn in several depth chunks comes here once per chunk; pixels and
 // the tile's progress are carried from one to the next.
@@ -12,6 +13,12 @@ override IS_COUNT: bool = false;
 override IS_LINEAR: bool = false;
 // Whether opaque surfaces lie among the kernels.
 override HAS_SURFACE: bool = false;
+// Whether surfaces or clip planes cut them.
+override IS_CUT: bool = false;
+// How footprints become a picture: one of the COMPOSITE_ constants.
+override COMPOSITE: u32 = 0u;
+// Whether layers that are open may have to be carried from one dispatch to the next.
+override CARRIES: bool = false;
 // Entries of a tile's list that one dispatch draws at most.
 override SLICE: u32 = 0xffffffffu;
 
@@ -23,11 +30,12 @@ override SLICE: u32 = 0xffffffffu;
 @group(0) @binding(3) var<storage, read> tile_lists: array<u32>;
 // Four vectors each, as `Footprint` lays them out.
 @group(0) @binding(4) var<storage, read> footprints: array<vec4<u32>>;
-// Of the footprints on the exact path; of all where surfaces may cut them.
+// Of the footprints on the exact path; of all where they may be cut.
 @group(0) @binding(5) var<storage, read> exact: array<ExactTerms>;
 @group(0) @binding(6) var<storage, read> near: NearList;
 // The band's pixels, row by row: four floats each, then (with depths) one float each. With surfaces
-// the same once more: what lies behind them.
+// the same once more: what lies behind them. Where layers are carried, then these: four floats for each
+// pixel of each place of the ring, of what a surface divides, and two depths.
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
 // The surface's pixels as surface.wgsl leaves them: four floats each, then a depth each.
@@ -44,11 +52,15 @@ var<workgroup> uniform_open: u32;
 
 // Where the footprints of the batch lie: one of the constants below.
 var<workgroup> batch_sides: array<u32, TERMINATION_INTERVAL>;
-// Least and greatest depth of the tile's surface as ordered words, and 1 where it covers a pixel in
-// part.
-var<workgroup> surface_nearest: atomic<u32>;
-var<workgroup> surface_farthest: atomic<u32>;
+// What the spans of the tile's pixels have in common, as ordered words: least and greatest of where they
+// begin, are divided and end.
+var<workgroup> span_bounds: array<atomic<u32>, 6>;
+// 1 where the surface covers a pixel in part.
 var<workgroup> surface_partial: atomic<u32>;
+// The first and the last layer that the footprints of the batch reach.
+var<workgroup> batch_layers: array<vec2<u32>, TERMINATION_INTERVAL>;
+// The most layers that any footprint wanted at once.
+var<workgroup> layers_needed: atomic<u32>;
 
 // In front of the surface, behind it where something shows through, behind it where nothing does, or
 // maybe cut by it.
@@ -116,27 +128,204 @@ fn depth_reach(path: u32, place: vec4<f32>, form: vec4<f32>, depth: f32, terms: 
     return select(LARGEST, reach, is_finite(reach));
 }
 
-// Where a footprint lies, its numbers as the batch has them.
-fn side_of(i: u32) -> u32 {
-    let nearest = atomicLoad(&surface_nearest);
-    if nearest == 0xffffffffu {
-        return SIDE_FRONT;
-    }
+// The same of a footprint whose numbers the batch has.
+fn reach_of(i: u32) -> f32 {
     let path = footprints[4u * i + 3u].x;
-    if (path & 2u) != 0u {
-        return SIDE_CUT;
-    }
     let place = bitcast<vec4<f32>>(footprints[4u * i]);
     let form = bitcast<vec4<f32>>(footprints[4u * i + 1u]);
     let depth = bitcast<f32>(footprints[4u * i + 2u].w);
-    let reach = depth_reach(path, place, form, depth, exact[i]);
-    if depth + reach <= number_of_word(nearest) {
+    if (path & 3u) == PATH_NEAR {
+        return place.z;
+    }
+    if (path & 3u) == PATH_HALF_LINE {
+        let half_line = near.terms[path >> 2u];
+        var terms: ExactTerms;
+        terms.gradient = array<f32, 2>(half_line.half_line[0], half_line.half_line[1]);
+        terms.depth_sigma = half_line.sigma;
+        return depth_reach(path, place, form, depth, terms);
+    }
+    return depth_reach(path, place, form, depth, exact[i]);
+}
+
+fn span_bound(i: u32) -> f32 {
+    return number_of_word(atomicLoad(&span_bounds[i]));
+}
+
+// Where a footprint lies.
+fn side_of(i: u32) -> u32 {
+    if (footprints[4u * i + 3u].x & 2u) != 0u {
+        return SIDE_CUT;
+    }
+    let depth = bitcast<f32>(footprints[4u * i + 2u].w);
+    let reach = reach_of(i);
+    let first = depth - reach;
+    let last = depth + reach;
+    if first >= span_bound(5u) || last <= span_bound(0u) {
+        return SIDE_HIDDEN;
+    }
+    if first >= span_bound(1u) && last <= span_bound(2u) {
         return SIDE_FRONT;
     }
-    if depth - reach >= number_of_word(atomicLoad(&surface_farthest)) {
-        return select(SIDE_HIDDEN, SIDE_BEHIND, atomicLoad(&surface_partial) != 0u);
+    if first >= span_bound(3u) {
+        if atomicLoad(&surface_partial) == 0u {
+            return SIDE_HIDDEN;
+        }
+        if last <= span_bound(4u) {
+            return SIDE_BEHIND;
+        }
     }
     return SIDE_CUT;
+}
+
+// Where a layer of slabs begins: depth z.
+fn layer_start(layer: u32) -> f32 {
+    return view.layer_near + f32(layer) * view.layer_thickness;
+}
+
+// The first and the last layer that a footprint reaches.
+fn layers_of(i: u32) -> vec2<u32> {
+    let first = footprints[4u * i + 3u].w >> view.layer_shift;
+    if COMPOSITE != COMPOSITE_SLABS {
+        return vec2<u32>(first);
+    }
+    let end = bitcast<f32>(footprints[4u * i + 2u].w) + reach_of(i);
+    let last = clamp((end - view.layer_near) / view.layer_thickness, 0.0, 2147483520.0);
+    return vec2<u32>(first, max(u32(last), first));
+}
+
+// What a thread has in the layers that are open: optical depth times colour, and optical depth. Layer n
+// lies at n modulo their number.
+var<private> ring: array<vec4<f32>, LAYER_SLOTS>;
+// Of sheets, which have one place: optical depth times depth.
+var<private> ring_depth: f32;
+// What lies behind the surface in the layer that it divides.
+var<private> divided: vec4<f32>;
+var<private> divided_depth: f32;
+// The nearest open layer; NO_LAYER where all are closed for good.
+var<private> first_layer: u32;
+var<private> span: Span;
+
+// What is drawn of a pixel's ray: where it begins, a surface divides it, and it ends; depths z.
+struct Span {
+    near: f32,
+    middle: f32,
+    far: f32,
+}
+
+// Adds to a layer what lies in front of the surface or wholly behind it, and what is divided.
+fn add_to_layer(layer: u32, tau: f32, rest: f32, colour: vec3<f32>, depth: f32) {
+    let at = layer % LAYER_SLOTS;
+    ring[at] = ring[at] + vec4<f32>(tau * colour, tau);
+    if IS_CUT {
+        divided = divided + vec4<f32>(rest * colour, rest);
+    }
+    if HAS_DEPTH && COMPOSITE != COMPOSITE_SLABS {
+        ring_depth = ring_depth + tau * depth;
+        divided_depth = divided_depth + rest * depth;
+    }
+}
+
+// Puts a layer behind what a pixel has.
+fn accumulate_layer(
+    pixel: ptr<function, Pixel>,
+    layer: u32,
+    sums: vec4<f32>,
+    depth_sum: f32,
+) {
+    if !is_positive(sums.w) {
+        return;
+    }
+    let before = (*pixel).alpha;
+    let weight = opacity_by(PATH_AFFINE, sums.w) * (1.0 - before);
+    (*pixel).alpha = before + weight;
+    if !IS_COUNT {
+        (*pixel).colour = (*pixel).colour + (weight / sums.w) * sums.xyz;
+    }
+    if HAS_DEPTH && before < 0.5 && (*pixel).alpha >= 0.5 {
+        (*pixel).depth = max(depth_sum / sums.w, 0.0);
+        if COMPOSITE == COMPOSITE_SLABS {
+            (*pixel).depth = 0.5 * (layer_start(layer) + layer_start(layer + 1u));
+        }
+    }
+}
+
+// Composites the layers in front of one.
+fn close_layers(until: u32, front: ptr<function, Pixel>, behind: ptr<function, Pixel>) {
+    let count = min(until - min(first_layer, until), LAYER_SLOTS);
+    for (var ahead = 0u; ahead < count; ahead = ahead + 1u) {
+        let layer = first_layer + ahead;
+        let at = layer % LAYER_SLOTS;
+        let sums = ring[at];
+        if COMPOSITE != COMPOSITE_SLABS {
+            accumulate_layer(front, layer, sums, ring_depth);
+            if HAS_SURFACE {
+                accumulate_layer(behind, layer, divided, divided_depth);
+            }
+            divided = vec4<f32>(0.0);
+            ring_depth = 0.0;
+            divided_depth = 0.0;
+        } else if HAS_SURFACE && layer_start(layer) >= span.middle {
+            accumulate_layer(behind, layer, sums, 0.0);
+        } else {
+            accumulate_layer(front, layer, sums, 0.0);
+            if HAS_SURFACE && span.middle < layer_start(layer + 1u) {
+                accumulate_layer(behind, layer, divided, 0.0);
+                divided = vec4<f32>(0.0);
+            }
+        }
+        ring[at] = vec4<f32>(0.0);
+    }
+    first_layer = max(first_layer, until);
+}
+
+// The place of the layers that are carried of a pixel.
+fn carried_at(place: u32, index: u32, count: u32) -> u32 {
+    let words = select(4u, 5u, HAS_DEPTH) * select(1u, 2u, HAS_SURFACE);
+    return words * count + 4u * (place * count + index);
+}
+
+fn load_layers(index: u32, count: u32) {
+    for (var k = 0u; k < LAYER_SLOTS + 2u; k = k + 1u) {
+        let at = carried_at(k, index, count);
+        let four = vec4<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u], pixels[at + 3u]);
+        if k < LAYER_SLOTS {
+            ring[k] = four;
+        } else if k == LAYER_SLOTS {
+            divided = four;
+        } else {
+            ring_depth = four.x;
+            divided_depth = four.y;
+        }
+    }
+}
+
+fn store_layers(index: u32, count: u32) {
+    for (var k = 0u; k < LAYER_SLOTS + 2u; k = k + 1u) {
+        let at = carried_at(k, index, count);
+        var four = vec4<f32>(ring_depth, divided_depth, 0.0, 0.0);
+        if k < LAYER_SLOTS {
+            four = ring[k];
+        } else if k == LAYER_SLOTS {
+            four = divided;
+        }
+        pixels[at] = four.x;
+        pixels[at + 1u] = four.y;
+        pixels[at + 2u] = four.z;
+        pixels[at + 3u] = four.w;
+    }
+}
+
+// Phi of how far a depth lies beyond a mean; the ends of the ray lie beyond all of it.
+fn share_up_to(depth: f32, mean: f32, per_sigma: f32) -> f32 {
+    if depth >= LARGEST {
+        return 1.0;
+    }
+    if depth <= -LARGEST {
+        return 0.0;
+    }
+    let ahead = (depth - mean) * per_sigma;
+    // NaN lies behind.
+    return select(0.0, normal_cdf(clamp(ahead, -38.0, 38.0)), !is_nan(ahead));
 }
 
 // Optical depth of a footprint on the near or the half-line path at a point of the image, its numbers
@@ -193,8 +382,11 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
 // Of what `near_depth` finds in front of the eye: the share up to the depth `at_depth`. Twins:
 // `near_cut` in src/cpu/hybrid.rs and `near_share` in src/splat/near.rs.
 fn near_cut(path: u32, place: vec4<f32>, pixel: vec2<f32>, at_depth: f32) -> f32 {
-    if at_depth == NO_DEPTH {
+    if at_depth >= LARGEST {
         return 1.0;
+    }
+    if at_depth <= -LARGEST {
+        return 0.0;
     }
     let at = path >> 2u;
     var mean: f32;
@@ -231,6 +423,23 @@ fn opacity_by(path: u32, tau: f32) -> f32 {
     return opacity_of(tau);
 }
 
+// Of a kernel's optical depth (of one that crosses the plane of the eye: of what lies in front of that):
+// the share up to a depth.
+fn place_share(
+    is_near: bool,
+    path: u32,
+    place: vec4<f32>,
+    pixel: vec2<f32>,
+    depth: f32,
+    mean: f32,
+    per_sigma: f32,
+) -> f32 {
+    if is_near {
+        return near_cut(path, place, pixel, depth);
+    }
+    return share_up_to(depth, mean, per_sigma);
+}
+
 @compute @workgroup_size(TILE_SIZE, TILE_SIZE)
 fn rasterise(
     @builtin(local_invocation_index) thread: u32,
@@ -250,11 +459,13 @@ fn rasterise(
     if thread == 0u {
         begun = TileBegun(progress[tile], tile_ranges[tile]);
         atomicStore(&inside_low, 0u);
-        if HAS_SURFACE {
-            atomicStore(&surface_nearest, 0xffffffffu);
-            atomicStore(&surface_farthest, 0u);
+        if IS_CUT {
+            for (var i = 0u; i < 6u; i = i + 1u) {
+                atomicStore(&span_bounds[i], select(0u, 0xffffffffu, i % 2u == 0u));
+            }
             atomicStore(&surface_partial, 0u);
         }
+        atomicStore(&layers_needed, progress[tile].layers_needed);
     }
     let uniform_begun = workgroupUniformLoad(&begun);
     let carried = uniform_begun.progress;
@@ -267,31 +478,42 @@ fn rasterise(
             behind = load_pixel(first_behind, index, count_of_band);
         }
     }
-    var surface_depth = NO_DEPTH;
-    if HAS_SURFACE {
-        if is_pixel {
-            let covered = surface[4u * index + 3u];
-            surface_depth = surface[4u * count_of_band + index];
-            if surface_depth == NO_DEPTH {
-                // Nothing lies behind where there is none.
-                atomicMax(&surface_farthest, ordered_word(LARGEST));
-            } else {
-                atomicMin(&surface_nearest, ordered_word(surface_depth));
-                atomicMax(&surface_farthest, ordered_word(surface_depth));
-            }
-            if covered > 0.0 && covered < 1.0 {
-                atomicStore(&surface_partial, 1u);
-            }
+    if COMPOSITE != COMPOSITE_OVER {
+        first_layer = select(0u, carried.first_layer, carried.drawn > 0u);
+        if CARRIES && is_pixel && carried.drawn > 0u {
+            load_layers(index, count_of_band);
         }
-        workgroupBarrier();
     }
-
     let corner = vec2<f32>(own.origin) + 0.5;
     let pixel = corner + vec2<f32>(own.local);
     var ray_length = 1.0;
     if HAS_EXACT {
         let direction = ray_through(view, pixel);
         ray_length = sqrt(dot3(direction, direction));
+    }
+    span = Span(-LARGEST, LARGEST, LARGEST);
+    if IS_CUT {
+        if is_pixel {
+            let clipped = clip_span(view, pixel);
+            span = Span(clipped.x, clipped.y, clipped.y);
+            if HAS_SURFACE {
+                let covered = surface[4u * index + 3u];
+                let depth = surface[4u * count_of_band + index];
+                if depth != NO_DEPTH {
+                    span.middle = min(max(depth, span.near), span.far);
+                }
+                if covered > 0.0 && covered < 1.0 {
+                    atomicStore(&surface_partial, 1u);
+                }
+            }
+            atomicMin(&span_bounds[0], ordered_word(span.near));
+            atomicMax(&span_bounds[1], ordered_word(span.near));
+            atomicMin(&span_bounds[2], ordered_word(span.middle));
+            atomicMax(&span_bounds[3], ordered_word(span.middle));
+            atomicMin(&span_bounds[4], ordered_word(span.far));
+            atomicMax(&span_bounds[5], ordered_word(span.far));
+        }
+        workgroupBarrier();
     }
     let opaque = 1.0 - view.tolerance * TERMINATION_SHARE;
     let end = range.x + min(range.y - range.x, SLICE);
@@ -325,15 +547,28 @@ fn rasterise(
             let i = tile_lists[next + thread / 4u];
             batch[thread] = footprints[4u * i + thread % 4u];
         }
-        if (HAS_EXACT || HAS_SURFACE) && thread < count {
+        if thread < count {
             let i = tile_lists[next + thread];
-            batch_exact[thread] = exact[i];
-            if HAS_SURFACE {
+            if HAS_EXACT || IS_CUT || COMPOSITE == COMPOSITE_SLABS {
+                batch_exact[thread] = exact[i];
+            }
+            if IS_CUT {
                 batch_sides[thread] = side_of(i);
+            }
+            if COMPOSITE != COMPOSITE_OVER {
+                let reached = layers_of(i);
+                batch_layers[thread] = reached;
+                if !IS_CUT || batch_sides[thread] != SIDE_HIDDEN {
+                    let from_layer = max(reached.x, first_layer);
+                    atomicMax(&layers_needed, max(reached.y, from_layer) - from_layer + 1u);
+                }
             }
         }
         workgroupBarrier();
         for (var n = 0u; n < count; n = n + 1u) {
+            if COMPOSITE != COMPOSITE_OVER && batch_layers[n].x > first_layer {
+                close_layers(batch_layers[n].x, &front, &behind);
+            }
             // Most threads need no more of it than its range.
             let columns = batch[4u * n + 3u].y;
             let rows = batch[4u * n + 3u].z;
@@ -342,7 +577,7 @@ fn rasterise(
                 continue;
             }
             var side = SIDE_FRONT;
-            if HAS_SURFACE {
+            if IS_CUT {
                 side = batch_sides[n];
                 if side == SIDE_HIDDEN {
                     continue;
@@ -354,16 +589,18 @@ fn rasterise(
             let light = bitcast<vec4<f32>>(batch[4u * n + 2u]);
             let peak = form.z;
             let cutoff_squared = form.w;
+            let is_near = HAS_NEAR && (path & 2u) != 0u;
+            // Whether it matters where along the ray the kernel lies.
+            let has_place = (IS_CUT && side == SIDE_CUT) || COMPOSITE == COMPOSITE_SLABS
+                || (IS_CUT && COMPOSITE != COMPOSITE_OVER && side != SIDE_FRONT);
             var tau = peak;
-            // Of what is cut: the share in front of the surface.
-            var share = 1.0;
-            if HAS_NEAR && (path & 2u) != 0u {
+            // Mean and one over the standard deviation of z.
+            var mean = light.w;
+            var per_sigma = 0.0;
+            if is_near {
                 tau = near_depth(path, place, form, pixel);
                 if !is_positive(tau) {
                     continue;
-                }
-                if side == SIDE_CUT {
-                    share = near_cut(path, place, pixel, surface_depth);
                 }
             } else {
                 // As the twin walks a row: from the tile's first pixel.
@@ -372,14 +609,12 @@ fn rasterise(
                 let p = place.z * dx + place.w * dy;
                 let r = form.x * dx + form.y * dy;
                 var q = p * p + r * r;
-                // How far in front of the surface the kernel's mean lies, in its standard deviations.
-                var ahead = 0.0;
-                if HAS_SURFACE && side == SIDE_CUT {
+                if has_place {
                     let terms = batch_exact[n];
                     let hessian = terms.hessian;
                     let slope = terms.gradient[0] * dx + terms.gradient[1] * dy;
-                    var per_sigma = 1.0 / max(terms.depth_sigma, SMALLEST);
-                    var z = light.w + slope;
+                    per_sigma = 1.0 / max(terms.depth_sigma, SMALLEST);
+                    mean = light.w + slope;
                     if path == PATH_EXACT {
                         let w = 1.0 + slope + dx * (hessian[0] * dx + hessian[1] * dy)
                             + hessian[2] * dy * dy;
@@ -390,9 +625,8 @@ fn rasterise(
                         q = q / w;
                         tau = tau * (ray_length / root);
                         per_sigma = per_sigma * root;
-                        z = light.w * (1.0 + 0.5 * slope) / w;
+                        mean = light.w * (1.0 + 0.5 * slope) / w;
                     }
-                    ahead = (surface_depth - z) * per_sigma;
                 } else if HAS_EXACT && path == PATH_EXACT {
                     let gradient = batch_exact[n].gradient;
                     let hessian = batch_exact[n].hessian;
@@ -412,24 +646,90 @@ fn rasterise(
                 }
                 // A compiler that assumes numbers may drop the guard: then the pixel stays finite.
                 tau = tau * exp_minus_half(min(q, 49.0));
-                if HAS_SURFACE && side == SIDE_CUT && surface_depth != NO_DEPTH {
-                    share = select(0.0, 1.0, !is_nan(ahead) && ahead > 0.0);
-                    // A splat that states its opacity is not divided: it lies where its centre does.
-                    if path != PATH_PEAK && !is_nan(ahead) && abs(ahead) < ONE_SIDED {
-                        share = normal_cdf(ahead);
-                    }
-                }
             }
             inside = inside + 1u;
+            if COMPOSITE != COMPOSITE_OVER {
+                if IS_COUNT {
+                    front.colour = front.colour + 1.0;
+                }
+                let reached = vec2<u32>(max(batch_layers[n].x, first_layer), batch_layers[n].y);
+                if COMPOSITE == COMPOSITE_SLABS {
+                    // More than there are places: this frame is drawn again.
+                    let last = min(max(reached.x, reached.y), reached.x + LAYER_SLOTS - 1u);
+                    let is_whole = !IS_CUT || side == SIDE_FRONT;
+                    var drawn_span = span;
+                    if is_whole {
+                        drawn_span = Span(-LARGEST, LARGEST, LARGEST);
+                    }
+                    var divide_at = 1.0;
+                    if !is_whole {
+                        divide_at = place_share(is_near, path, place, pixel, drawn_span.middle, mean, per_sigma);
+                    }
+                    var below = 0.0;
+                    if drawn_span.near > -LARGEST {
+                        below = place_share(is_near, path, place, pixel, drawn_span.near, mean, per_sigma);
+                    }
+                    for (var layer = reached.x; layer <= last; layer = layer + 1u) {
+                        var end = LARGEST;
+                        if layer < last {
+                            end = layer_start(layer + 1u);
+                        }
+                        end = min(max(end, drawn_span.near), drawn_span.far);
+                        let above = max(
+                            place_share(is_near, path, place, pixel, end, mean, per_sigma),
+                            below,
+                        );
+                        // A layer behind the surface is all behind it.
+                        var divide = above;
+                        if layer_start(layer) < drawn_span.middle {
+                            divide = max(min(divide_at, above), below);
+                        }
+                        add_to_layer(
+                            layer,
+                            tau * (divide - below),
+                            tau * (above - divide),
+                            light.xyz,
+                            light.w,
+                        );
+                        below = above;
+                    }
+                    continue;
+                }
+                var own_part = 1.0;
+                var rest = 0.0;
+                if has_place {
+                    let begin = place_share(is_near, path, place, pixel, span.near, mean, per_sigma);
+                    let middle = place_share(is_near, path, place, pixel, span.middle, mean, per_sigma);
+                    let end = place_share(is_near, path, place, pixel, span.far, mean, per_sigma);
+                    own_part = max(middle - begin, 0.0);
+                    rest = max(end - middle, 0.0);
+                }
+                add_to_layer(reached.x, tau * own_part, tau * rest, light.xyz, light.w);
+                continue;
+            }
             var depth = light.w;
-            if side == SIDE_CUT || (path & 2u) != 0u {
+            if side == SIDE_CUT || is_near {
                 // Within a kernel that holds the eye, the centre may lie behind.
                 depth = max(depth, 0.0);
             }
-            if HAS_SURFACE && side == SIDE_CUT {
-                accumulate(&front, opacity_by(path, tau * share), light.xyz, depth);
-                if !IS_COUNT && atomicLoad(&surface_partial) != 0u {
-                    let rest = opacity_by(path, tau * (1.0 - share));
+            if IS_CUT && side == SIDE_CUT {
+                var begin: f32;
+                var middle: f32;
+                var end: f32;
+                if path == PATH_PEAK {
+                    // A splat that states its opacity is not divided: it lies where its centre does.
+                    begin = f32(mean < span.near);
+                    middle = f32(mean < span.middle);
+                    end = f32(mean < span.far);
+                } else {
+                    begin = place_share(is_near, path, place, pixel, span.near, mean, per_sigma);
+                    middle = place_share(is_near, path, place, pixel, span.middle, mean, per_sigma);
+                    end = place_share(is_near, path, place, pixel, span.far, mean, per_sigma);
+                }
+                let in_front = tau * max(middle - begin, 0.0);
+                accumulate(&front, opacity_by(path, in_front), light.xyz, depth);
+                if HAS_SURFACE && !IS_COUNT && atomicLoad(&surface_partial) != 0u {
+                    let rest = opacity_by(path, tau * max(end - middle, 0.0));
                     accumulate(&behind, rest, light.xyz, depth);
                 }
                 continue;
@@ -450,6 +750,14 @@ fn rasterise(
         next = next + count;
     }
 
+    let is_end = chunk.is_last != 0u && (is_done || end == range.y);
+    if COMPOSITE != COMPOSITE_OVER {
+        if is_end {
+            close_layers(NO_LAYER, &front, &behind);
+        } else if CARRIES && is_pixel {
+            store_layers(index, count_of_band);
+        }
+    }
     if is_pixel {
         store_pixel(front, 0u, index, count_of_band);
         if HAS_SURFACE {
@@ -464,6 +772,8 @@ fn rasterise(
         let low = carried.splat_pixels.x + added;
         let high = carried.splat_pixels.y + select(0u, 1u, low < added);
         tile_ranges[tile].x = end;
-        progress[tile] = TileProgress(drawn, u32(is_done), vec2<u32>(low, high));
+        let needed = atomicLoad(&layers_needed);
+        progress[tile] =
+            TileProgress(drawn, u32(is_done), vec2<u32>(low, high), first_layer, needed);
     }
 }

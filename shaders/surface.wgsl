@@ -7,6 +7,8 @@
 // Which code a frame needs.
 override HAS_NEAR: bool = true;
 override HAS_NORMALS: bool = false;
+// Whether planes clip.
+override IS_CUT: bool = false;
 override IS_COUNT: bool = false;
 // Entries of a tile's list that one dispatch draws at most.
 override SLICE: u32 = 0xffffffffu;
@@ -267,6 +269,8 @@ fn rasterise_surface(
             let cutoff_squared = form.w;
             var fragment: Fragment;
             var q: f32;
+            // Change of the nearness per pixel.
+            var gradient: vec2<f32>;
             if (path & 15u) == PATH_NEAR_SURFEL {
                 if !HAS_NEAR {
                     continue;
@@ -283,6 +287,7 @@ fn rasterise_surface(
                     continue;
                 }
                 fragment.nearness = nearness;
+                gradient = plane.xy / view.focal_px;
                 fragment.slack = near.terms[of_near].sigma * nearness * nearness;
                 if HAS_NORMALS {
                     let normal = unit_or_zero(plane);
@@ -306,6 +311,7 @@ fn rasterise_surface(
                     }
                 }
                 fragment.nearness = z;
+                gradient = vec2<f32>(of_surfel.gradient[0], of_surfel.gradient[1]);
                 fragment.slack = of_surfel.slack;
                 if HAS_NORMALS {
                     fragment.normal = batch_normals[n];
@@ -314,9 +320,16 @@ fn rasterise_surface(
             if !is_finite(q) || q > cutoff_squared {
                 continue;
             }
+            var share = 1.0;
+            if IS_CUT {
+                share = clip_share(view, pixel, fragment.nearness, gradient);
+                if share == 0.0 {
+                    continue;
+                }
+            }
             inside = inside + 1u;
             // A compiler that assumes numbers may drop the guard: then the pixel stays finite.
-            fragment.weight = form.z * exp_minus_half(min(q, 49.0));
+            fragment.weight = form.z * exp_minus_half(min(q, 49.0)) * share;
             fragment.colour = light.xyz;
             insert(&window, fragment);
         }
@@ -340,7 +353,7 @@ fn rasterise_surface(
         let low = carried.splat_pixels.x + added;
         let high = carried.splat_pixels.y + select(0u, 1u, low < added);
         tile_ranges[tile].x = end;
-        progress[tile] = TileProgress(drawn, behind, vec2<u32>(low, high));
+        progress[tile] = TileProgress(drawn, behind, vec2<u32>(low, high), 0u, 0u);
     }
 }
 

@@ -61,3 +61,13 @@ pub const COVERAGE_FULL: f32 = 0.85;
 
 /// Surfaces behind one another that a pixel keeps apart while its surfels come in.
 pub const SURFACE_LAYERS: usize = 3;
+
+/// Planes that may clip a scene: a box and two more.
+pub const MAX_CLIP_PLANES: usize = 8;
+
+/// Planes that blocks are held against: the five of the frustum, and those that clip.
+pub const MAX_PLANES: usize = 5 + MAX_CLIP_PLANES;
+
+/// Where a clip plane cuts a surface, its coverage falls over so many standard deviations of the low-pass
+/// filter on either side; beyond there is nothing of it.
+pub const CLIP_SOFTNESS: f32 = 3.3;

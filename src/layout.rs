@@ -26,6 +26,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::constants::{MAX_CLIP_PLANES, MAX_PLANES};
+
 /// What a frame's stages need of the camera and the settings, in f32.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -50,8 +52,25 @@ pub struct ViewUniform {
     pub key_scale: f32,
     /// 1 where colours show what draws each kernel.
     pub show_choice: u32,
-    /// Fills up a pair of words.
-    pub unused: u32,
+    /// 1 where depth keys measure along `key_axis`; 0 where they measure the distance from the eye (of
+    /// an orthographic camera z).
+    pub directional_keys: u32,
+    /// Where the first layer begins, along `key_axis` from the eye; world units.
+    pub layer_near: f32,
+    /// Thickness of a layer, world units.
+    pub layer_thickness: f32,
+    /// A unit vector in camera space.
+    pub key_axis: [f32; 3],
+    /// A footprint belongs to (of slabs: begins in) the layer `key >> layer_shift`.
+    pub layer_shift: u32,
+    /// How footprints become a picture, as [`crate::splat::Composite`] numbers it.
+    pub composite: u32,
+    /// How many of the clip planes there are.
+    pub clip_count: u32,
+    /// Fills up four words.
+    pub unused: [u32; 2],
+    /// Planes n . u + d >= 0, camera space: n, d.
+    pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }
 
 /// What the stages on the device need of a camera besides a [`ViewUniform`]. Numbers of f64 go as
@@ -63,18 +82,28 @@ pub struct CameraUniform {
     pub eye: [[u32; 2]; 3],
     /// Rows of the rotation into camera space, f64.
     pub camera_from_world: [[[u32; 2]; 3]; 3],
-    /// Inward normals of the frustum's planes, camera space, f64.
-    pub plane_normals: [[[u32; 2]; 3]; 5],
+    /// Inward normals of the frustum's planes and of those that clip, camera space, f64.
+    pub plane_normals: [[[u32; 2]; 3]; MAX_PLANES],
     /// Their distances, f64: inside where n . u + d >= 0.
-    pub plane_distances: [[u32; 2]; 5],
+    pub plane_distances: [[u32; 2]; MAX_PLANES],
     /// Magnitudes of the normals' components in the world, f64.
-    pub plane_spreads: [[[u32; 2]; 3]; 5],
+    pub plane_spreads: [[[u32; 2]; 3]; MAX_PLANES],
+    /// Where depth keys are measured along a direction: that direction, camera space, f64.
+    pub key_axis: [[u32; 2]; 3],
+    /// And where they begin, world units, f64.
+    pub key_near: [u32; 2],
+    /// And how many there are per unit, f64.
+    pub keys_per_unit: [u32; 2],
     /// Columns of the rotation into camera space.
     pub rotation: [[f32; 3]; 3],
     /// 1 where the frustum rejects blocks.
     pub has_frustum: u32,
     /// 1 for an orthographic camera, 0 for a perspective one.
     pub orthographic: u32,
+    /// 1 where depth keys are measured along a direction, over a range given.
+    pub directional_keys: u32,
+    /// How many planes there are.
+    pub plane_count: u32,
     /// Fills up a pair of words.
     pub unused: u32,
     /// What blocks are drawn by.
@@ -260,7 +289,7 @@ pub struct Footprint {
     /// x_k, pixels.
     pub centre_px: [f32; 2],
     /// First row p of the triangular form of the inverse variance, 1/px. One of its two numbers
-    /// is zero.
+    /// is zero. On the near path instead: how far the kernel reaches along z, world units, and zero.
     pub form_p: [f32; 2],
     /// Second row r.
     pub form_r: [f32; 2],
@@ -416,6 +445,10 @@ pub struct ChunkUniform {
     pub band_first: [u32; 2],
     /// Columns and rows of the band, tiles.
     pub band_size: [u32; 2],
+    /// 1 for the last chunk.
+    pub is_last: u32,
+    /// Fills up a pair of words.
+    pub unused: u32,
 }
 
 /// How much a chunk has.

@@ -6,10 +6,12 @@ use std::ops::Range;
 use std::time::Instant;
 
 use crate::blocks::{
-    BlockedVolume, DepthRange, Frustum, choose, cull, cull_detail, distance_interval,
+    BlockedVolume, DepthRange, Frustum, Layers, choose, cull, cull_detail, distance_interval,
     set_transfer_function,
 };
-use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CUTOFF, TILE_SIZE};
+use crate::constants::{
+    DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CLIP_PLANES, MAX_CUTOFF, TILE_SIZE,
+};
 use crate::cpu::{self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
@@ -19,9 +21,9 @@ use crate::layout::{
     BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
 };
 use crate::scene::{PointVolume, Requirements, TransferFunction};
-use crate::splat::{Filter, SPLAT_LOW_PASS_PX2};
-use crate::view::{Bounds, Camera, Projection};
-use glam::DVec2;
+use crate::splat::{Composite, Filter, SPLAT_LOW_PASS_PX2};
+use crate::view::{Bounds, Camera, ClipPlane, Projection};
+use glam::{DVec2, DVec3};
 
 pub use crate::stats::{FrameCounts, StageTimes};
 use column::ColumnMemory;
@@ -49,6 +51,13 @@ pub struct Settings {
     /// Opacity min(tau, 1) instead of 1 - exp(-tau): off by at most tau²/2 for one kernel, by at
     /// most a share 1/e of the greatest tau for many behind one another.
     pub linear_opacity: bool,
+    /// How kernels that lie behind one another become a picture.
+    pub composite: Composite,
+    /// Thickness of sheets and slabs, world units. `None`: of slabs what the tolerance allows, of sheets
+    /// the distance between samples.
+    pub layer_thickness: Option<f64>,
+    /// Planes that keep one side of everything that is drawn; eight at most.
+    pub clip: Vec<ClipPlane>,
     /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations; `None` follows the tolerance.
@@ -72,6 +81,9 @@ impl Default for Settings {
             level_of_detail: true,
             show: Show::Scene,
             linear_opacity: false,
+            composite: Composite::Over,
+            layer_thickness: None,
+            clip: Vec::new(),
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,
             background: None,
@@ -310,13 +322,32 @@ impl Renderer {
         } else {
             settings.low_pass_variance_px2
         };
-        let frustum = frustum(camera, low_pass);
+        if settings.composite != Composite::Over
+            && self.volumes.iter().any(BlockedVolume::is_of_splats)
+        {
+            return Err(Error::format(
+                "settings",
+                "composite",
+                "over, by which splats that state their opacity are made",
+                settings.composite.name(),
+                "leave it out",
+            ));
+        }
+        let layers = Layers::new(
+            &self.volumes,
+            camera,
+            settings.composite,
+            settings.layer_thickness,
+            settings.tolerance.into(),
+        )?;
+        let planes = clip_planes(camera, &settings.clip);
+        let frustum = frustum(camera, low_pass).clipped(planes);
         #[cfg(feature = "gpu")]
         if self.device.is_some() {
-            self.render_on_device(camera, settings, &frustum)?;
+            self.render_on_device(camera, settings, layers, &frustum)?;
             return Ok(&self.image);
         }
-        self.render_on_cpu(camera, settings, &frustum);
+        self.render_on_cpu(camera, settings, layers, &frustum);
         Ok(&self.image)
     }
 
@@ -326,6 +357,7 @@ impl Renderer {
         &mut self,
         camera: &Camera,
         settings: &Settings,
+        layers: Option<Layers>,
         frustum: &Frustum,
     ) -> Result<()> {
         let Some(device) = &mut self.device else {
@@ -337,7 +369,8 @@ impl Renderer {
             frustum,
             is_culled: is_culled(settings),
             // The device finds the range of depth keys.
-            view: view_uniform(camera, settings, 0.0),
+            view: view_uniform(camera, settings, layers, 0.0),
+            layers,
             choice: choice_uniform(camera, settings),
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
@@ -360,7 +393,13 @@ impl Renderer {
     }
 
     /// The frame on the CPU: opaque surfels first, then what lies in front of them.
-    fn render_on_cpu(&mut self, camera: &Camera, settings: &Settings, frustum: &Frustum) {
+    fn render_on_cpu(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        layers: Option<Layers>,
+        frustum: &Frustum,
+    ) {
         let frame_start = Instant::now();
         let mut times = StageTimes::default();
         let mut counts = FrameCounts {
@@ -371,12 +410,19 @@ impl Renderer {
         let passes = [
             (surfaces > 0).then_some(Pass::Surface),
             (surfaces < self.families.len() || surfaces == 0).then_some(Pass::Volumes {
-                is_cut: surfaces > 0,
+                is_cut: is_cut(settings, surfaces > 0),
             }),
         ];
         let mut seen = 0;
         for pass in passes.into_iter().flatten() {
-            self.draw(pass, camera, settings, frustum, &mut counts, &mut times);
+            let frame = PassInput {
+                pass,
+                camera,
+                settings,
+                layers,
+                frustum,
+            };
+            self.draw(&frame, &mut counts, &mut times);
             seen += self.views.iter().map(Vec::len).sum::<usize>();
         }
         counts.blocks_culled = counts.blocks - seen;
@@ -405,15 +451,14 @@ impl Renderer {
     }
 
     /// All stages of one pass but the last.
-    fn draw(
-        &mut self,
-        pass: Pass,
-        camera: &Camera,
-        settings: &Settings,
-        frustum: &Frustum,
-        counts: &mut FrameCounts,
-        times: &mut StageTimes,
-    ) {
+    fn draw(&mut self, frame: &PassInput<'_>, counts: &mut FrameCounts, times: &mut StageTimes) {
+        let &PassInput {
+            pass,
+            camera,
+            settings,
+            layers,
+            frustum,
+        } = frame;
         let mut clock = Clock(Instant::now());
         // Cull, and the range of depth keys over what is left and in view.
         let cull_by = is_culled(settings).then_some(frustum);
@@ -446,14 +491,21 @@ impl Renderer {
             .zip(&self.views)
             .flat_map(|(volume, views)| views.iter().map(|v| &volume.blocks[v.block as usize]))
             .filter(|block| frustum.sees(camera, block));
-        let range = DepthRange::of(in_view.map(|block| distance_interval(camera, block)));
+        let range = match &layers {
+            None => DepthRange::of(in_view.map(|block| distance_interval(camera, block))),
+            Some(layers) => layers.depth_range(),
+        };
         for (volume, views) in self.volumes.iter().zip(&mut self.views) {
             for view in views {
-                let (distance, _) = distance_interval(camera, &volume.blocks[view.block as usize]);
+                let block = &volume.blocks[view.block as usize];
+                let distance = match &layers {
+                    None => distance_interval(camera, block).0,
+                    Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
+                };
                 view.key = range.key(distance);
             }
         }
-        let uniform = view_uniform(camera, settings, range.keys_per_unit());
+        let uniform = view_uniform(camera, settings, layers, range.keys_per_unit());
         times.cull += clock.lap();
 
         // Classify.
@@ -514,11 +566,8 @@ impl Renderer {
             depth: settings.depth,
             count: is_count,
             exact: any_exact,
+            composite: settings.composite,
             level: settings.simd,
-        };
-        let surface = match pass {
-            Pass::Volumes { is_cut: true } => self.surface.as_slice(),
-            _ => &[],
         };
         counts.splat_pixels += cpu::rasterise(
             &uniform,
@@ -528,7 +577,7 @@ impl Renderer {
             near,
             &self.bins,
             columns,
-            surface,
+            &self.surface,
             &mut self.tiles,
         );
         times.rasterise += clock.lap();
@@ -683,6 +732,15 @@ enum Pass {
     },
 }
 
+/// What a pass of a frame is drawn by.
+struct PassInput<'a> {
+    pass: Pass,
+    camera: &'a Camera,
+    settings: &'a Settings,
+    layers: Option<Layers>,
+    frustum: &'a Frustum,
+}
+
 struct Clock(Instant);
 
 impl Clock {
@@ -712,7 +770,37 @@ fn frustum(camera: &Camera, low_pass_variance_px2: f32) -> Frustum {
     Frustum::new(camera, margin)
 }
 
-fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUniform {
+/// Whether kernels may be cut, so that all have terms of their depth.
+pub(crate) fn is_cut(settings: &Settings, has_surface: bool) -> bool {
+    has_surface || !settings.clip.is_empty() || settings.composite == Composite::Slabs
+}
+
+/// Planes in camera space, of unit normals: inside where n . u + d >= 0. `check` has seen them.
+fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (DVec3, f64)> {
+    planes
+        .iter()
+        .filter_map(ClipPlane::normalised)
+        .map(|plane| {
+            (
+                camera.camera_from_world * plane.normal,
+                plane.inside(camera.eye),
+            )
+        })
+}
+
+fn view_uniform(
+    camera: &Camera,
+    settings: &Settings,
+    layers: Option<Layers>,
+    key_scale: f32,
+) -> ViewUniform {
+    let mut planes = [[0.0; 4]; MAX_CLIP_PLANES];
+    let mut clip_count = 0;
+    for (to, (normal, distance)) in planes.iter_mut().zip(clip_planes(camera, &settings.clip)) {
+        *to = normal.extend(distance).as_vec4().into();
+        clip_count += 1;
+    }
+    let layer = |of: fn(&Layers) -> f64| layers.as_ref().map_or(0.0, of) as f32;
     ViewUniform {
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
@@ -725,7 +813,15 @@ fn view_uniform(camera: &Camera, settings: &Settings, key_scale: f32) -> ViewUni
         cutoff: settings.cutoff.unwrap_or(0.0),
         key_scale,
         show_choice: u32::from(settings.show == Show::Choice),
-        unused: 0,
+        directional_keys: u32::from(layers.is_some()),
+        layer_near: layer(|l| l.near),
+        layer_thickness: layer(|l| l.thickness),
+        key_axis: layers.map_or([0.0; 3], |l| l.axis.as_vec3().into()),
+        layer_shift: layers.map_or(0, |l| l.shift),
+        composite: settings.composite as u32,
+        clip_count,
+        unused: [0; 2],
+        clip_planes: planes,
     }
 }
 
@@ -798,6 +894,24 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
             "tolerance",
             "a number between 0 and 1",
             tolerance.to_string(),
+        );
+    }
+    if let Some(thickness) = settings.layer_thickness
+        && !(thickness > 0.0 && thickness.is_finite())
+    {
+        let found = thickness.to_string();
+        return refuse("thickness of layers", "a number above 0", found);
+    }
+    if settings.clip.len() > MAX_CLIP_PLANES {
+        let expected = format!("at most {MAX_CLIP_PLANES}");
+        return refuse("clip planes", &expected, settings.clip.len().to_string());
+    }
+    if let Some(plane) = settings.clip.iter().find(|p| p.normalised().is_none()) {
+        let found = format!("{plane:?}");
+        return refuse(
+            "clip plane",
+            "finite numbers and a normal other than 0",
+            found,
         );
     }
     if let Some(r) = settings.cutoff

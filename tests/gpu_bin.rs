@@ -42,6 +42,8 @@ fn whole(input: &Input) -> ChunkUniform {
         capacity: input.footprints.len() as u32,
         band_first: [0, 0],
         band_size: input.tiles.map(|n| n as u32),
+        is_last: 1,
+        unused: 0,
     }
 }
 

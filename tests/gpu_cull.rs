@@ -244,7 +244,7 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
     let frustum = |camera| Frustum::new(camera, 7.0);
     let uniforms: Vec<_> = shots
         .iter()
-        .map(|s| gpu::camera_uniform(&s.camera, &frustum(&s.camera), s.rejects, s.choice))
+        .map(|s| gpu::camera_uniform(&s.camera, &frustum(&s.camera), s.rejects, s.choice, None))
         .collect();
     let outputs = gpu::cull(gpu, volumes, &uniforms, part_bytes).unwrap();
     // Zeros of either sign and NaNs are alike.

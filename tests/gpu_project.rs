@@ -578,8 +578,7 @@ impl Scene {
             tolerance: 1.0 / 255.0,
             cutoff: self.cutoff,
             key_scale: (1e7 / self.scale) as f32,
-            show_choice: 0,
-            unused: 0,
+            ..bytemuck::Zeroable::zeroed()
         }
     }
 
@@ -986,8 +985,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                     tolerance: 1.0 / 256.0,
                     cutoff: 2.0,
                     key_scale: 1.0,
-                    show_choice: 0,
-                    unused: 0,
+                    ..bytemuck::Zeroable::zeroed()
                 },
                 rotation: Mat3::IDENTITY,
             };

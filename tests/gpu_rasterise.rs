@@ -33,6 +33,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32;
     let [width, height] = frame.uniform.size.map(|n| n as usize);
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let settings = RasteriseSettings {
+        composite: ewa_splat::splat::Composite::Over,
         linear_opacity: spec.linear_opacity,
         depth: spec.depth,
         count: spec.count,
@@ -159,6 +160,7 @@ fn spec_of(frame: &Frame) -> RasterSpec {
         count: false,
         linear_opacity: false,
         surface: false,
+        ..RasterSpec::default()
     }
 }
 

@@ -504,6 +504,7 @@ fn poison_stays_where_it_is() {
 
 fn spec_of(frame: &Frame) -> SurfaceSpec {
     SurfaceSpec {
+        clip: false,
         near: !frame.near.is_empty(),
         normals: false,
         count: false,
@@ -1193,6 +1194,7 @@ fn kernels_are_cut_alike() {
                     count: false,
                     linear_opacity,
                     surface: true,
+                    ..RasterSpec::default()
                 };
                 let (image, depths, splat_pixels) = cut_on_cpu(&frame, &bins, &tiles, spec);
                 for chunks in [1, 3] {
@@ -1290,6 +1292,7 @@ fn cut_on_cpu(
 ) -> (Image, DepthImage, u64) {
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let settings = RasteriseSettings {
+        composite: ewa_splat::splat::Composite::Over,
         linear_opacity: spec.linear_opacity,
         depth: spec.depth,
         count: spec.count,

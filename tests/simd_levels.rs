@@ -451,6 +451,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
     let (width, height) = (frame.camera.width, frame.camera.height);
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let settings = RasteriseSettings {
+        composite: ewa_splat::splat::Composite::Over,
         linear_opacity: frame.settings.linear_opacity,
         depth: true,
         count: false,

@@ -385,6 +385,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
     let frame = Frame::uncut(volume(all), camera, settings);
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let raster = RasteriseSettings {
+        composite: ewa_splat::splat::Composite::Over,
         linear_opacity: settings.linear_opacity,
         depth: false,
         count: false,

@@ -12,18 +12,32 @@ struct ViewUniform {
     cutoff: f32,
     key_scale: f32,
     show_choice: u32,
-    unused: u32,
+    directional_keys: u32,
+    layer_near: f32,
+    layer_thickness: f32,
+    // Aligned to four words, as it lies.
+    key_axis: vec3<f32>,
+    layer_shift: u32,
+    composite: u32,
+    clip_count: u32,
+    unused: vec2<u32>,
+    clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 
 struct CameraUniform {
     eye: array<vec2<u32>, 3>,
     camera_from_world: array<array<vec2<u32>, 3>, 3>,
-    plane_normals: array<array<vec2<u32>, 3>, 5>,
-    plane_distances: array<vec2<u32>, 5>,
-    plane_spreads: array<array<vec2<u32>, 3>, 5>,
+    plane_normals: array<array<vec2<u32>, 3>, MAX_PLANES>,
+    plane_distances: array<vec2<u32>, MAX_PLANES>,
+    plane_spreads: array<array<vec2<u32>, 3>, MAX_PLANES>,
+    key_axis: array<vec2<u32>, 3>,
+    key_near: vec2<u32>,
+    keys_per_unit: vec2<u32>,
     rotation: array<array<f32, 3>, 3>,
     has_frustum: u32,
     orthographic: u32,
+    directional_keys: u32,
+    plane_count: u32,
     unused: u32,
     choice: ChoiceUniform,
 }
@@ -171,6 +185,8 @@ struct ChunkUniform {
     capacity: u32,
     band_first: vec2<u32>,
     band_size: vec2<u32>,
+    is_last: u32,
+    unused: u32,
 }
 
 struct ChunkState {

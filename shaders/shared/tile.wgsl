@@ -8,6 +8,10 @@ struct TileProgress {
     hidden: u32,
     // Kernels evaluated within their cut-off, low and high word.
     splat_pixels: vec2<u32>,
+    // Of layers: the nearest that is open, NO_LAYER where all are composited.
+    first_layer: u32,
+    // The most that a footprint wanted to have open at once.
+    layers_needed: u32,
 }
 
 // What all threads of a tile begin with.

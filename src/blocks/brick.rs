@@ -88,6 +88,11 @@ impl BrickGrid {
         self.dims
     }
 
+    /// The sample points that the cells stand for.
+    pub(super) fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
     /// How many cells there are.
     pub fn len(&self) -> usize {
         self.dims.iter().product()

@@ -10,12 +10,12 @@ use crate::layout::{BlockView, ChoiceUniform};
 use crate::scene::Strength;
 use crate::view::{Camera, Projection};
 
-/// The five planes that bound what a camera sees: the sides, widened by the reach of the low-pass
-/// filter, and the plane of the eye.
-#[derive(Debug, Clone, Copy)]
+/// The planes that bound what a camera sees: the sides, widened by the reach of the low-pass
+/// filter, the plane of the eye, and those that clip.
+#[derive(Debug, Clone)]
 pub struct Frustum {
     /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
-    planes: [(DVec3, f64); 5],
+    planes: Vec<(DVec3, f64)>,
 }
 
 impl Frustum {
@@ -29,7 +29,7 @@ impl Frustum {
             Projection::Orthographic => (axis * sign, -bound * sign),
         };
         Self {
-            planes: [
+            planes: vec![
                 side(DVec3::X, 1.0, lower.x),
                 side(DVec3::X, -1.0, upper.x),
                 side(DVec3::Y, 1.0, lower.y),
@@ -39,8 +39,14 @@ impl Frustum {
         }
     }
 
+    /// The same and cut by planes, in camera space.
+    pub fn clipped(mut self, planes: impl Iterator<Item = (DVec3, f64)>) -> Self {
+        self.planes.extend(planes);
+        self
+    }
+
     /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
-    pub fn planes(&self) -> &[(DVec3, f64); 5] {
+    pub fn planes(&self) -> &[(DVec3, f64)] {
         &self.planes
     }
 
@@ -198,6 +204,14 @@ impl DepthRange {
         Self {
             near,
             keys_per_unit: (DEPTH_KEY_SPAN / span).min(f64::from(f32::MAX)),
+        }
+    }
+
+    /// A range in which certain distances have certain keys: `near` the key 4.
+    pub(crate) fn given(near: f64, keys_per_unit: f64) -> Self {
+        Self {
+            near,
+            keys_per_unit,
         }
     }
 

@@ -7,6 +7,7 @@
 //! | `merge/` | level of detail: clusters of particles as one particle each |
 //! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
+//! | `layers.rs` | the sheets and slabs in which kernels are summed |
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -17,6 +18,7 @@ mod brick;
 mod build;
 mod choose;
 mod cull;
+mod layers;
 mod merge;
 
 use std::sync::Arc;
@@ -30,6 +32,7 @@ pub use choose::choose;
 #[cfg(feature = "gpu")]
 pub(crate) use cull::DEPTH_KEY_SPAN;
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
+pub use layers::Layers;
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 

@@ -7,6 +7,10 @@
 
 use crate::constants::{EXP2_SERIES, FAINT, MAX_CUTOFF, TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint};
+use crate::math::ERFC_SERIES;
+
+/// One float per pixel of a tile.
+pub(super) type Plane = [f32; TILE_PIXELS];
 
 /// Instruction sets that the inner loop is compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -473,6 +477,22 @@ pub(super) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
     const SCALE: f32 = -0.5 * std::f32::consts::LOG2_E;
     let (power, rest) = exp2_parts::<FMA>(q * SCALE);
     madd::<FMA>(power, rest, power)
+}
+
+/// Phi(x), the integral of the unit Gaussian up to x, as [`normal_cdf`](crate::math::normal_cdf) has
+/// it, by vector code: beyond 6.8 the tail stays at 1e-12.
+#[inline(always)]
+pub(super) fn cdf<const FMA: bool>(x: f32) -> f32 {
+    let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
+    let t = 1.0 / madd::<FMA>(0.5, z, 1.0);
+    let [c0, higher @ ..] = ERFC_SERIES;
+    let mut poly = 0.0;
+    for c in higher.iter().rev() {
+        poly = t * (c + poly);
+    }
+    let q = 2.0 * (madd::<FMA>(z, z, -c0) - poly);
+    let tail = 0.5 * t * exp_minus_half::<FMA>(q.clamp(0.0, 49.0));
+    if x < 0.0 { tail } else { 1.0 - tail }
 }
 
 /// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau: no cancellation, because

@@ -20,7 +20,8 @@
 //! | `column.rs` | footprints | sums per pixel |
 //!
 //! Cull comes first and is shared: [`crate::blocks::cull`]. `lanes.rs` is the rasteriser's inner
-//! loop, and the dispatch of instruction sets.
+//! loop, and the dispatch of instruction sets; `cut.rs` cuts kernels at surfaces and clip planes,
+//! `layers.rs` sums them in sheets and slabs, `row.rs` is what these two need of a footprint.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -31,11 +32,13 @@ mod amplitude;
 mod bin;
 mod classify;
 mod column;
-mod hybrid;
+mod cut;
 mod lanes;
+mod layers;
 mod project;
 mod rasterise;
 mod resolve;
+mod row;
 mod shade;
 mod sort;
 mod surface;
@@ -44,8 +47,6 @@ pub use amplitude::{AmplitudeSummary, count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
 pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
-#[cfg(feature = "gpu")]
-pub(crate) use hybrid::ONE_SIDED;
 pub use lanes::{SimdLevel, Tile};
 #[cfg(feature = "gpu")]
 pub(crate) use project::Rule;

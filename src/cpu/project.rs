@@ -15,7 +15,7 @@ use crate::layout::{
 use crate::math::Factor;
 use crate::scene::Strength;
 use crate::splat::{
-    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
+    CHOICE_COLOURS, Composite, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
     budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
     edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
     project_kernel, surfel_footprint,
@@ -52,7 +52,8 @@ impl ProjectOutput {
 /// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
 /// be empty where no filter of the frame asks for it and nothing is cut).
 ///
-/// - `is_cut`: whether opaque surfaces may cut kernels, so that all have terms of their depth.
+/// - `is_cut`: whether kernels may be cut, by surfaces, clip planes or slabs, so that all have terms of
+///   their depth.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -72,6 +73,7 @@ pub fn project(
     const GRAIN: usize = 2048;
     let shapes = Shapes::new(volume, rotation);
     let rule = Rule::of(volume);
+    let is_opaque = matches!(rule, Rule::Surface { .. });
     let task =
         |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
             let mut any_exact = false;
@@ -112,6 +114,9 @@ pub fn project(
                         footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
                     }
                 };
+                if view.composite == Composite::Slabs as u32 && !is_opaque {
+                    out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
+                }
                 if view.show_choice != 0 {
                     let shown = choice_index(block.level, out[i].path, filter);
                     out[i].colour = CHOICE_COLOURS[shown];
@@ -260,7 +265,9 @@ impl BlockShapes<'_> {
 /// and four roundings of that size (`tests/bounds.rs`).
 #[inline]
 fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
-    let delta = if view.orthographic != 0 {
+    let delta = if view.directional_keys != 0 {
+        offset.dot(Vec3::from(view.key_axis))
+    } else if view.orthographic != 0 {
         offset.z
     } else {
         let sum = (origin + offset).length() + origin.length();
@@ -271,6 +278,21 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
         }
     };
     let keys = (delta * view.key_scale).round_ties_even() as i32;
+    block.key.saturating_add_signed(keys)
+}
+
+/// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
+#[inline]
+fn slab_key(
+    view: &ViewUniform,
+    block: &BlockView,
+    origin: Vec3,
+    kernel: &Kernel,
+    footprint: &Footprint,
+) -> u32 {
+    let reach = footprint.cutoff_squared.sqrt() * kernel.factor.z.length();
+    let begin = (kernel.centre.z - reach).max(0.0);
+    let keys = ((begin - origin.z) * view.key_scale).round_ties_even() as i32;
     block.key.saturating_add_signed(keys)
 }
 
@@ -577,6 +599,7 @@ fn near_footprint(
     if let (Some(columns), Some(rows)) = (columns, rows) {
         out.columns = columns;
         out.rows = rows;
+        out.form_p = [r * kernel.factor.z.length(), 0.0];
         out.tau = weight / cutoff_share(r);
         out.cutoff_squared = r * r;
         out.path = push(near, terms, PATH_NEAR);

@@ -4,14 +4,15 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::bin::Bins;
-use super::hybrid::SurfaceOfTile;
+use super::cut::{CutTile, Spans};
 use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
+use super::layers::{LayeredTile, Ring};
 use crate::constants::{TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
     ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform,
 };
 use crate::math::normal_cdf;
-use crate::splat::evaluate_near;
+use crate::splat::{Composite, evaluate_near};
 
 /// What specialises the rasteriser.
 #[derive(Debug, Clone, Copy)]
@@ -25,6 +26,8 @@ pub struct RasteriseSettings {
     pub count: bool,
     /// Whether any footprint is on the exact path and needs the rays' lengths.
     pub exact: bool,
+    /// How footprints become a picture.
+    pub composite: Composite,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
 }
@@ -60,47 +63,78 @@ pub fn rasterise(
     tiles
         .par_iter_mut()
         .enumerate()
-        .map_init(
-            Default::default,
-            |memory: &mut (Vec<u32>, Tile), (t, tile)| {
-                let (list, behind) = memory;
-                list.clear();
-                list.extend(bins.tile(t));
-                let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
-                let raster = TileRaster {
-                    view,
-                    settings,
-                    origin,
+        .map_init(TileMemory::default, |memory, (t, tile)| {
+            let TileMemory {
+                list,
+                behind,
+                spans,
+                ring,
+            } = memory;
+            list.clear();
+            list.extend(bins.tile(t));
+            let origin = [t % columns * TILE_SIZE, t / columns * TILE_SIZE];
+            let raster = TileRaster {
+                view,
+                settings,
+                origin,
+            };
+            raster.clear(tile);
+            let cut = CutTile::new(&raster, surface.get(t), behind, spans);
+            let mut drawing = if settings.composite == Composite::Over {
+                Drawing::Over(cut)
+            } else {
+                ring.clear();
+                Drawing::Layers(LayeredTile {
+                    raster: &raster,
+                    ring,
+                    cut,
+                })
+            };
+            let transparent = view.tolerance * TERMINATION_SHARE;
+            let mut splat_pixels = 0_u64;
+            for (n, &i) in list.iter().enumerate() {
+                let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
+                prefetch(ahead.and_then(|i| footprints.get(i)));
+                if n > 0
+                    && n % TERMINATION_INTERVAL == 0
+                    && raster.least_alpha(tile) >= 1.0 - transparent
+                {
+                    break;
+                }
+                let i = i as usize;
+                let (footprint, terms) = (&footprints[i], exact.get(i));
+                let inside = match &mut drawing {
+                    Drawing::Over(None) => raster.add(tile, footprint, terms, near),
+                    Drawing::Over(Some(cut)) => cut.add(&raster, tile, footprint, terms, near),
+                    Drawing::Layers(layers) => layers.add(tile, footprint, terms, near),
                 };
-                raster.clear(tile);
-                let surface = surface.get(t);
-                let mut surface = surface.and_then(|s| SurfaceOfTile::new(&raster, s, behind));
-                let transparent = view.tolerance * TERMINATION_SHARE;
-                let mut splat_pixels = 0_u64;
-                for (n, &i) in list.iter().enumerate() {
-                    let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
-                    prefetch(ahead.and_then(|i| footprints.get(i)));
-                    if n > 0
-                        && n % TERMINATION_INTERVAL == 0
-                        && raster.least_alpha(tile) >= 1.0 - transparent
-                    {
-                        break;
-                    }
-                    let i = i as usize;
-                    let (footprint, terms) = (&footprints[i], exact.get(i));
-                    let inside = match &mut surface {
-                        Some(surface) => surface.add(&raster, tile, footprint, terms, near),
-                        None => raster.add(tile, footprint, terms, near),
-                    };
-                    splat_pixels += u64::from(inside);
-                }
-                if let Some(surface) = surface {
-                    surface.compose(&raster, tile);
-                }
-                splat_pixels
-            },
-        )
+                splat_pixels += u64::from(inside);
+            }
+            match drawing {
+                Drawing::Over(None) => {}
+                Drawing::Over(Some(cut)) => cut.compose(&raster, tile),
+                Drawing::Layers(layers) => layers.finish(tile),
+            }
+            splat_pixels
+        })
         .sum()
+}
+
+/// What a thread keeps from tile to tile.
+#[derive(Debug, Default)]
+struct TileMemory {
+    list: Vec<u32>,
+    behind: Tile,
+    spans: Spans,
+    ring: Ring,
+}
+
+/// How a tile's footprints come together.
+enum Drawing<'a, 'b> {
+    /// One by one, maybe cut.
+    Over(Option<CutTile<'b>>),
+    /// In sheets or slabs.
+    Layers(LayeredTile<'a, 'b>),
 }
 
 /// The ray D = (X, Y, 1) through a point of the image.
@@ -150,15 +184,17 @@ impl TileRaster<'_> {
         }
         if self.settings.exact {
             for (i, length) in tile.ray_length.iter_mut().enumerate() {
-                *length = self.ray(i % TILE_SIZE, i / TILE_SIZE).length();
+                *length = ray(self.view, self.pixel(i)).length();
             }
         }
     }
 
-    /// The ray through the centre of a pixel of the tile.
-    fn ray(&self, x: usize, y: usize) -> Vec3 {
-        let pixel = [x + self.origin[0], y + self.origin[1]].map(|px| px as f32 + 0.5);
-        ray(self.view, pixel.into())
+    /// The centre of a pixel of the tile.
+    pub(super) fn pixel(&self, i: usize) -> Vec2 {
+        let [x, y] = [i % TILE_SIZE, i / TILE_SIZE];
+        [x + self.origin[0], y + self.origin[1]]
+            .map(|px| px as f32 + 0.5)
+            .into()
     }
 
     /// Columns of the tile that lie in the image.

@@ -9,22 +9,23 @@
 //! have left anything to cover. So neighbouring pieces of one surface that fall into two layers
 //! still cover what they cover together.
 //!
+//! Where a plane clips a surface, its coverage falls from 1 to 0 across the cut as the low-pass filter
+//! spreads it: Phi of the distance from the cut on the image, in standard deviations of the filter.
+//!
 //! Twin: `shaders/surface.wgsl`.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::bin::Bins;
-use super::lanes::{Kernel, SimdLevel, Tile, exp_minus_half, madd, prefetch, run_at};
+use super::lanes::{Kernel, Plane, SimdLevel, Tile, cdf, exp_minus_half, madd, prefetch, run_at};
 use super::rasterise::{PREFETCH, ray};
 use crate::constants::{
-    COVERAGE_FULL, SURFACE_LAYERS, TERMINATION_INTERVAL, TILE_PIXELS, TILE_SIZE,
+    CLIP_SOFTNESS, COVERAGE_FULL, MAX_CLIP_PLANES, SURFACE_LAYERS, TERMINATION_INTERVAL,
+    TILE_PIXELS, TILE_SIZE,
 };
 use crate::layout::{ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
 use crate::splat::unpack_normal;
-
-/// One float per pixel of a tile.
-type Plane = [f32; TILE_PIXELS];
 
 /// Sums over the surfels of one layer of each pixel.
 #[derive(Debug, Clone)]
@@ -101,6 +102,62 @@ impl Layer {
         for plane in self.colour.iter_mut().chain(&mut self.normal) {
             plane[i] = 0.0;
         }
+    }
+}
+
+/// Where planes clip a surfel: how far a pixel lies inside, standard deviations of the low-pass filter, is
+/// linear over the image.
+#[derive(Debug, Clone, Copy)]
+struct ClipEdges {
+    /// At the surfel's centre, and the change per pixel.
+    edges: [[f32; 3]; MAX_CLIP_PLANES],
+    count: usize,
+}
+
+impl ClipEdges {
+    /// Of the plane of a surfel with this nearness at a point of the image and this change of it, the
+    /// planes that cut it within `reach` pixels.
+    fn new(view: &ViewUniform, pixel: Vec2, nearness: f32, gradient: Vec2, reach: f32) -> Self {
+        let mut edges = Self {
+            edges: [[0.0; 3]; MAX_CLIP_PLANES],
+            count: 0,
+        };
+        let direction = ray(view, pixel);
+        let focal = Vec2::from(view.focal_px);
+        for &[nx, ny, nz, d] in &view.clip_planes[..view.clip_count as usize] {
+            // Of the point D / nearness (orthographic: X, Y, -nearness), times what is positive.
+            let across = nx * direction.x + ny * direction.y;
+            let (inside, rate) = if view.orthographic == 0 {
+                (across + nz + d * nearness, d)
+            } else {
+                (across - nz * nearness + d, -nz)
+            };
+            let slope = Vec2::new(nx, ny) / focal + gradient * rate;
+            let softness = slope.length() * view.low_pass_variance_px2.sqrt();
+            let scale = 1.0 / softness.max(f32::MIN_POSITIVE);
+            if inside * scale - slope.length() * scale * reach < CLIP_SOFTNESS {
+                let slope = slope * scale;
+                edges.edges[edges.count] = [inside * scale, slope.x, slope.y];
+                edges.count += 1;
+            }
+        }
+        edges
+    }
+
+    /// The share of a surfel that is left at an offset from its centre; 0 beyond the softness.
+    #[inline(always)]
+    fn share<const FMA: bool>(&self, dx: f32, dy: f32) -> f32 {
+        let mut share = 1.0;
+        for [inside, along_x, along_y] in &self.edges[..self.count] {
+            let inside = madd::<FMA>(*along_x, dx, madd::<FMA>(*along_y, dy, *inside));
+            // Phrased so that NaN is outside.
+            share *= if inside > -CLIP_SOFTNESS {
+                cdf::<FMA>(inside)
+            } else {
+                0.0
+            };
+        }
+        share
     }
 }
 
@@ -290,6 +347,18 @@ impl SurfaceRaster<'_> {
         let first = |i: usize| self.origin[i] as f32 + 0.5 - footprint.centre_px[i];
         let (dx_first, dy_first) = (first(0), first(1));
         let per_centre = 1.0 / terms.nearness;
+        let edges = (self.view.clip_count > 0).then(|| {
+            let reach = farthest(columns, dx_first).hypot(farthest(rows, dy_first));
+            let centre = Vec2::from(footprint.centre_px);
+            ClipEdges::new(
+                self.view,
+                centre,
+                terms.nearness,
+                terms.gradient.into(),
+                reach,
+            )
+        });
+        let edges = edges.filter(|edges| edges.count > 0);
         // Vectors reach beyond the box; there nothing is within the cut-off.
         let mut limits = [-1.0; TILE_SIZE];
         limits[columns[0]..columns[1]].fill(footprint.cutoff_squared);
@@ -303,6 +372,12 @@ impl SurfaceRaster<'_> {
             let dy = dy_first + y as f32;
             let (p_row, r_row) = (py * dy, ry * dy);
             let nearness_row = madd::<FMA>(gy, dy, terms.nearness);
+            let mut shares = [1.0_f32; TILE_SIZE];
+            if let Some(edges) = &edges {
+                for (lane, share) in shares.iter_mut().enumerate() {
+                    *share = edges.share::<FMA>(dx_first + lane as f32, dy);
+                }
+            }
             let mut weights = [0.0_f32; TILE_SIZE];
             let mut nearnesses = [0.0_f32; TILE_SIZE];
             let mut others = [0_u32; TILE_SIZE];
@@ -336,9 +411,9 @@ impl SurfaceRaster<'_> {
                         is_inside = root > 0.0;
                     }
                     // NaN compares false: outside.
-                    is_inside &= q <= limits[lane];
+                    is_inside &= q <= limits[lane] && shares[lane] > 0.0;
                     let w = if is_inside {
-                        peak * exp_minus_half::<FMA>(q)
+                        peak * exp_minus_half::<FMA>(q) * shares[lane]
                     } else {
                         0.0
                     };
@@ -402,12 +477,18 @@ impl SurfaceRaster<'_> {
                 if !(nearness > 0.0 && q <= footprint.cutoff_squared) {
                     continue;
                 }
+                let gradient = n.truncate() / Vec2::from(self.view.focal_px);
+                let edges = ClipEdges::new(self.view, pixel.into(), nearness, gradient, 0.0);
+                let share = edges.share::<false>(0.0, 0.0);
+                if share == 0.0 {
+                    continue;
+                }
                 self.counts[y * TILE_SIZE + x] += 1.0;
                 if normal.dot(d) > 0.0 {
                     normal = -normal;
                 }
                 let fragment = Fragment {
-                    weight: footprint.tau * (-0.5 * q).exp(),
+                    weight: footprint.tau * (-0.5 * q).exp() * share,
                     nearness,
                     slack: terms.sigma * nearness * nearness,
                     colour: footprint.colour,
@@ -417,6 +498,11 @@ impl SurfaceRaster<'_> {
             }
         }
     }
+}
+
+/// The farthest of a row or column of pixels from a centre, `first` the offset of the tile's first one.
+fn farthest([start, end]: [usize; 2], first: f32) -> f32 {
+    (first + start as f32).abs().max((first + end as f32).abs())
 }
 
 /// Adds a fragment to the layers of a pixel. In front of a layer: those behind move on, the last two

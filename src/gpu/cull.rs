@@ -8,7 +8,7 @@ use super::kernel::{Access, BoundKernel, Kernel, THREADS};
 use super::particles::ParticleKind;
 use super::scene::{ColourKind, FrameBuffers, Kinds, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
 use super::shaders::{self, words};
-use crate::blocks::{BlockedVolume, Frustum, NO_PARENT};
+use crate::blocks::{BlockedVolume, Frustum, Layers, NO_PARENT};
 use crate::error::Result;
 use crate::layout::{
     BlockView, CameraUniform, ChoiceUniform, FrameState, MERGED_OPEN, MergedBlock, PartState,
@@ -28,28 +28,37 @@ pub(super) struct CullGroup {
 
 /// What the device needs of a camera; `rejects`: whether blocks that the frustum does not see are
 /// left out (the range of depth keys is theirs who are seen in any case); `choice`: what blocks are
-/// drawn by.
+/// drawn by; `layers`: those in which kernels are summed, which have keys of their own.
 pub fn camera_uniform(
     camera: &Camera,
     frustum: &Frustum,
     rejects: bool,
     choice: ChoiceUniform,
+    layers: Option<&Layers>,
 ) -> CameraUniform {
     let planes = frustum.planes();
-    let world_normal = |i: usize| camera.camera_from_world.transpose() * planes[i].0;
     let triple = |v: glam::DVec3| v.to_array().map(words);
-    CameraUniform {
+    let mut uniform = CameraUniform {
         eye: triple(camera.eye),
         camera_from_world: [0, 1, 2].map(|row| triple(camera.camera_from_world.row(row))),
-        plane_normals: planes.map(|(normal, _)| triple(normal)),
-        plane_distances: planes.map(|(_, distance)| words(distance)),
-        plane_spreads: [0, 1, 2, 3, 4].map(|i| triple(world_normal(i).abs())),
+        key_axis: triple(layers.map_or(glam::DVec3::ZERO, |l| l.axis)),
+        key_near: words(layers.map_or(0.0, Layers::near_of_keys)),
+        keys_per_unit: words(layers.map_or(0.0, Layers::keys_per_unit)),
         rotation: camera.camera_from_world.as_mat3().to_cols_array_2d(),
         has_frustum: u32::from(rejects),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
-        unused: 0,
+        directional_keys: u32::from(layers.is_some()),
+        plane_count: planes.len() as u32,
         choice,
+        ..CameraUniform::zeroed()
+    };
+    for (i, (normal, distance)) in planes.iter().enumerate() {
+        let world_normal = camera.camera_from_world.transpose() * *normal;
+        uniform.plane_normals[i] = triple(*normal);
+        uniform.plane_distances[i] = words(*distance);
+        uniform.plane_spreads[i] = triple(world_normal.abs());
     }
+    uniform
 }
 
 /// The pipelines of the stage.
@@ -120,7 +129,7 @@ impl Cull {
         Self {
             begin: kernel("cull_begin", &[Access::Write]),
             scan: kernel("cull_scan", &[Access::Write; 4]),
-            range: kernel("cull_range", &[Access::Write; 2]),
+            range: kernel("cull_range", &[Access::Write, Access::Write, Access::Read]),
         }
     }
 
@@ -181,7 +190,7 @@ impl Cull {
         };
         Ok(BoundCull {
             begin: self.begin.bind(gpu, &[frame]),
-            range: self.range.bind(gpu, &[frame, view]),
+            range: self.range.bind(gpu, &[frame, view, camera]),
             parts: parts
                 .iter()
                 .zip(buffers)

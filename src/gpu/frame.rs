@@ -9,17 +9,17 @@ use wgpu::CommandEncoder;
 
 use super::device::Gpu;
 use super::kernel::BoundKernel;
-use super::pass::{Bands, Pass, PassFrame, PassKind, Seen};
+use super::pass::{Bands, Pass, PassFrame, PassKind, Seen, TileCounts};
 use super::rasterise::picture_words;
 use super::resolve::{Background, Resolve};
 use super::tile::depth_of_word;
 use super::timer::{Stage, Timer};
-use crate::blocks::{BlockedVolume, Frustum};
+use crate::blocks::{BlockedVolume, Frustum, Layers};
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{ChoiceUniform, ViewUniform};
-use crate::splat::Filter;
+use crate::splat::{Composite, Filter};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::Camera;
 use glam::Vec3;
@@ -35,6 +35,8 @@ pub struct FrameInput<'a> {
     pub is_culled: bool,
     /// The view in f32; the device finds its `key_scale`.
     pub view: ViewUniform,
+    /// The layers in which kernels are summed, if they are.
+    pub layers: Option<Layers>,
     /// What blocks are drawn by.
     pub choice: ChoiceUniform,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
@@ -59,6 +61,9 @@ pub(super) struct FrameKind {
     pub(super) depth: bool,
     pub(super) normals: bool,
     pub(super) count: bool,
+    /// Whether planes clip.
+    pub(super) clip: bool,
+    pub(super) composite: Composite,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
 }
@@ -73,6 +78,8 @@ impl FrameKind {
             depth: input.depth,
             normals: input.normals,
             count: input.count,
+            clip: input.view.clip_count > 0,
+            composite: Composite::ALL[input.view.composite as usize],
             detail: input.choice.level_of_detail != 0,
         }
     }
@@ -300,7 +307,7 @@ impl Frame {
         for pass in &self.passes {
             pass.begin(gpu, timer, input);
         }
-        let mut splat_pixels = vec![0; self.passes.len()];
+        let mut tiles = vec![TileCounts::default(); self.passes.len()];
         for band in 0..self.bands.count() {
             let pixels = self.bands.pixels(band);
             let background = Background::new(input.background.unwrap_or_default(), pixels);
@@ -315,13 +322,13 @@ impl Frame {
             }
             gpu.submit(encoder);
             self.read_band(gpu, input, band, output)?;
-            for (pass, sum) in self.passes.iter().zip(&mut splat_pixels) {
-                *sum += pass.read_splat_pixels(gpu, band)?;
+            for (pass, counts) in self.passes.iter().zip(&mut tiles) {
+                pass.read_tiles(gpu, band, counts)?;
             }
         }
-        let passes = self.passes.iter().zip(splat_pixels);
+        let passes = self.passes.iter().zip(tiles);
         passes
-            .map(|(pass, splat_pixels)| pass.read_report(gpu, splat_pixels))
+            .map(|(pass, tiles)| pass.read_report(gpu, tiles))
             .collect()
     }
 

@@ -23,7 +23,7 @@ use super::frame::{FrameInput, FrameKind};
 use super::gather::{BoundGather, Gather, Terms};
 use super::kernel::BoundKernel;
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
-use super::rasterise::{RasterSpec, Rasterise};
+use super::rasterise::{LAYER_SLOTS, RasterSpec, Rasterise, slice_of};
 use super::resolve::Resolve;
 use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene};
 use super::shade::{BoundShade, bind_shade};
@@ -37,7 +37,7 @@ use crate::error::{Error, Result};
 use crate::layout::{
     ChunkState, ChunkUniform, ExactTerms, Footprint, FrameState, PartState, SortState, ViewUniform,
 };
-use crate::splat::Filter;
+use crate::splat::{Composite, Filter};
 use crate::stats::FrameCounts;
 
 /// What a pass draws.
@@ -75,6 +75,8 @@ struct Room {
     chunk: u32,
     /// Whether exact footprints have been seen: without them the rasteriser has no code for them.
     exact: bool,
+    /// Layers that a pixel keeps open, one of [`LAYER_SLOTS`]; of slabs.
+    slots: u32,
 }
 
 /// Classified particles of a part that there is room for before anything is known.
@@ -109,6 +111,7 @@ impl Room {
             entries: FIRST_ENTRIES.min(entries_limit(binding_bytes) as u32),
             chunk: chunk_limit(binding_bytes),
             exact: false,
+            slots: LAYER_SLOTS[1],
         }
     }
 }
@@ -186,6 +189,13 @@ impl Pass {
         if seen.sort.exact > 0 {
             room.exact = true;
         }
+        let layers = seen.tiles.layers_needed;
+        if frame.composite == Composite::Slabs && layers > room.slots {
+            let most = LAYER_SLOTS[LAYER_SLOTS.len() - 1];
+            check_room(gpu, "slabs that a kernel reaches", layers, most.into())?;
+            let slots = LAYER_SLOTS.into_iter().find(|slots| layers <= *slots);
+            room.slots = slots.unwrap_or(most);
+        }
         if seen.needed_entries > room.entries {
             let most = entries_limit(limit);
             if u64::from(seen.needed_entries) <= most {
@@ -225,7 +235,7 @@ impl Pass {
         counts.footprints_exact += seen.sort.exact as usize;
         counts.footprints_near += seen.near as usize;
         counts.tile_entries += seen.entries as usize;
-        counts.splat_pixels += seen.splat_pixels;
+        counts.splat_pixels += seen.tiles.splat_pixels;
     }
 
     fn is_surface(&self) -> bool {
@@ -233,24 +243,47 @@ impl Pass {
     }
 
     /// What the rasteriser is specialised for.
-    fn raster(&self, frame: &FrameKind) -> Raster {
+    fn raster(&self, gpu: &Gpu, frame: &FrameKind) -> Raster {
         let near = self.room.near > 0;
         match self.kind {
             PassKind::Surface { is_picture } => Raster::Surface(SurfaceSpec {
                 near,
                 normals: frame.normals,
                 count: frame.count,
+                clip: frame.clip,
                 is_picture,
             }),
-            PassKind::Volumes { is_cut } => Raster::Volumes(RasterSpec {
-                exact: self.room.exact && frame.may_be_exact(),
-                near,
-                depth: frame.depth,
-                count: frame.count,
-                linear_opacity: frame.linear_opacity,
-                surface: is_cut,
-            }),
+            PassKind::Volumes { is_cut } => {
+                let spec = RasterSpec {
+                    exact: self.room.exact && frame.may_be_exact(),
+                    near,
+                    depth: frame.depth,
+                    count: frame.count,
+                    linear_opacity: frame.linear_opacity,
+                    surface: is_cut,
+                    clip: frame.clip,
+                    composite: frame.composite,
+                    slots: if frame.composite == Composite::Slabs {
+                        self.room.slots
+                    } else {
+                        1
+                    },
+                    carries: false,
+                };
+                Raster::Volumes(RasterSpec {
+                    carries: self.capacity(frame)
+                        > slice_of(gpu, &spec).min(self.room.chunk).into(),
+                    ..spec
+                })
+            }
         }
+    }
+
+    /// Classified particles that there is room for.
+    fn capacity(&self, frame: &FrameKind) -> u64 {
+        let room = self.room.classified.iter().copied();
+        let capacities = self.scene.drawn(room, frame.detail);
+        capacities.map(|(_, n)| u64::from(n)).sum()
     }
 
     /// Rows of tiles of an image this wide whose pixels a binding holds.
@@ -260,7 +293,7 @@ impl Pass {
     pub(super) fn band_rows(&self, gpu: &Gpu, frame: &FrameKind) -> Result<u32> {
         let tile = TILE_SIZE as u32;
         let [columns, tile_rows] = frame.size.map(|n| n.div_ceil(tile));
-        let words = match self.raster(frame) {
+        let words = match self.raster(gpu, frame) {
             Raster::Surface(spec) => spec.layer_words().max(spec.pixel_words()),
             Raster::Volumes(spec) => spec.pixel_words(),
         };
@@ -328,7 +361,15 @@ pub(super) struct Seen {
     filters: [u32; 7],
     needed_entries: u32,
     entries: u64,
+    tiles: TileCounts,
+}
+
+/// What the tiles of a pass counted.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct TileCounts {
     splat_pixels: u64,
+    /// The most layers that a kernel wanted to have open at once.
+    layers_needed: u32,
 }
 
 /// Which word of a [`PartState`] counts what the projection reads.
@@ -484,10 +525,10 @@ impl PassFrame {
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
-        let raster = pass.raster(frame);
+        let raster = pass.raster(gpu, frame);
         let (is_cut, exact, terms) = match raster {
             Raster::Surface(_) => (false, false, Terms::OfAll),
-            Raster::Volumes(spec) if spec.surface => (true, spec.exact, Terms::OfAll),
+            Raster::Volumes(spec) if spec.has_terms_of_all() => (true, spec.exact, Terms::OfAll),
             Raster::Volumes(spec) => (false, spec.exact, Terms::exact(spec.exact)),
         };
         let mut footprints = Vec::with_capacity(parts.len());
@@ -596,7 +637,13 @@ impl PassFrame {
 
     /// Submits what all bands begin with: cull, classify, shade, project, sort.
     pub(super) fn begin(&self, gpu: &Gpu, timer: &mut Timer, input: &FrameInput<'_>) {
-        let camera = camera_uniform(input.camera, input.frustum, input.is_culled, input.choice);
+        let camera = camera_uniform(
+            input.camera,
+            input.frustum,
+            input.is_culled,
+            input.choice,
+            input.layers.as_ref(),
+        );
         self.buffers.write(gpu, &input.view, &camera);
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer);
@@ -625,18 +672,20 @@ impl PassFrame {
         }
     }
 
-    /// Splat-pixels of the band that was drawn last.
+    /// Adds what the tiles of the band that was drawn last counted.
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read_splat_pixels(&self, gpu: &Gpu, band: u32) -> Result<u64> {
+    pub(super) fn read_tiles(&self, gpu: &Gpu, band: u32, counts: &mut TileCounts) -> Result<()> {
         let tiles = self.plan.bands.tiles[0] * self.plan.bands.band(band).1;
         gpu.read_staging(&self.progress_back, |bytes| {
-            bytes
+            let tiles = bytes
                 .chunks_exact(size_of::<TileProgress>())
-                .take(tiles as usize)
-                .map(|tile| at::<TileProgress>(tile, 0).splat_pixels())
-                .sum()
+                .take(tiles as usize);
+            for tile in tiles.map(|tile| at::<TileProgress>(tile, 0)) {
+                counts.splat_pixels += tile.splat_pixels();
+                counts.layers_needed = counts.layers_needed.max(tile.layers_needed);
+            }
         })
     }
 
@@ -644,7 +693,7 @@ impl PassFrame {
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read_report(&self, gpu: &Gpu, splat_pixels: u64) -> Result<Seen> {
+    pub(super) fn read_report(&self, gpu: &Gpu, tiles: TileCounts) -> Result<Seen> {
         let places = self.plan.report_places(self.parts.len());
         gpu.read_staging(&self.report, |report| {
             let parts =
@@ -659,7 +708,7 @@ impl PassFrame {
                 filters: at(report, places.filters),
                 needed_entries: states.clone().map(|s| s.needed).max().unwrap_or(0),
                 entries: states.map(|s| u64::from(s.entries)).sum(),
-                splat_pixels,
+                tiles,
             }
         })
     }
@@ -707,6 +756,8 @@ impl PassFrame {
             capacity: self.plan.chunk,
             band_first: [0, first_row],
             band_size: [self.plan.bands.tiles[0], rows],
+            is_last: u32::from(chunk + 1 == self.plan.chunks),
+            unused: 0,
         };
         gpu.write(&self.chunk, bytemuck::bytes_of(&of_chunk));
     }

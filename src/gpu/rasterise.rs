@@ -13,9 +13,10 @@ use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::splat::Composite;
 
 /// What specialises the rasteriser.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RasterSpec {
     /// Whether any footprint may be on the exact path.
     pub exact: bool,
@@ -30,13 +31,38 @@ pub struct RasterSpec {
     pub linear_opacity: bool,
     /// Whether opaque surfaces lie among the kernels.
     pub surface: bool,
+    /// Whether clip planes cut them.
+    pub clip: bool,
+    /// How footprints become a picture.
+    pub composite: Composite,
+    /// Layers that a pixel keeps open at most: 1, 16, 32, 64 or 256.
+    pub slots: u32,
+    /// Whether layers that are open may have to be carried from one dispatch to the next.
+    pub carries: bool,
 }
+
+/// Of how many open layers there are pipelines.
+pub(super) const LAYER_SLOTS: [u32; 5] = [
+    shaders::RASTERISE[0].0,
+    shaders::RASTERISE[1].0,
+    shaders::RASTERISE[2].0,
+    shaders::RASTERISE[3].0,
+    shaders::RASTERISE[4].0,
+];
 
 impl RasterSpec {
     /// Words of a pixel on the device; of the picture they are the first.
     pub(super) fn pixel_words(&self) -> u64 {
         let words = picture_words(self.depth);
-        if self.surface { 2 * words } else { words }
+        let words = if self.surface { 2 * words } else { words };
+        let is_carried = self.carries && self.composite != Composite::Over;
+        let carried = if is_carried { 4 * (self.slots + 2) } else { 0 };
+        words + u64::from(carried)
+    }
+
+    /// Whether all footprints have terms.
+    pub(super) fn has_terms_of_all(&self) -> bool {
+        self.surface || self.clip || self.composite == Composite::Slabs
     }
 }
 
@@ -56,13 +82,29 @@ pub(super) struct Rasterise {
 /// where a surface cuts it.
 const NEAR_ROUNDS: u32 = 25;
 
+/// Entries of a list that a dispatch draws at most.
+pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
+    let near = if spec.near { NEAR_ROUNDS } else { 0 };
+    // A layer is added to, and closed; of a near kernel its pairs of columns are looked at again.
+    let layers = match spec.composite {
+        Composite::Over => 0,
+        Composite::Sheets | Composite::AxisSheets => 2,
+        Composite::Slabs => spec.slots * if spec.near { 12 } else { 2 },
+    };
+    slice(gpu, near + layers)
+}
+
 impl Rasterise {
     pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
-        let slice = slice(gpu, if spec.near { NEAR_ROUNDS } else { 0 });
+        let slice = slice_of(gpu, &spec);
+        let shader = shaders::RASTERISE
+            .iter()
+            .find(|(slots, _)| *slots == spec.slots);
+        let (_, shader) = shader.unwrap_or(&shaders::RASTERISE[0]);
         let kernel = gpu.kernel(
-            &shaders::RASTERISE,
+            shader,
             "rasterise",
             &[
                 Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
@@ -74,6 +116,9 @@ impl Rasterise {
                 ("IS_COUNT", flag(spec.count)),
                 ("IS_LINEAR", flag(spec.linear_opacity)),
                 ("HAS_SURFACE", flag(spec.surface)),
+                ("IS_CUT", flag(spec.surface || spec.clip)),
+                ("COMPOSITE", f64::from(spec.composite as u32)),
+                ("CARRIES", flag(spec.carries)),
                 ("SLICE", f64::from(slice)),
             ],
         );

@@ -81,7 +81,15 @@ fn structs_are_laid_out_alike() {
         cutoff,
         key_scale,
         show_choice,
+        directional_keys,
+        layer_near,
+        layer_thickness,
+        key_axis,
+        layer_shift,
+        composite,
+        clip_count,
         unused,
+        clip_planes,
     });
     check_layout!(CameraUniform {
         eye,
@@ -89,9 +97,14 @@ fn structs_are_laid_out_alike() {
         plane_normals,
         plane_distances,
         plane_spreads,
+        key_axis,
+        key_near,
+        keys_per_unit,
         rotation,
         has_frustum,
         orthographic,
+        directional_keys,
+        plane_count,
         unused,
         choice,
     });
@@ -210,6 +223,8 @@ fn structs_are_laid_out_alike() {
         capacity,
         band_first,
         band_size,
+        is_last,
+        unused,
     });
     check_layout!(ChunkState {
         length,
@@ -237,6 +252,8 @@ fn structs_are_laid_out_alike() {
         drawn,
         hidden,
         splat_pixels,
+        first_layer,
+        layers_needed,
     });
     check_layout!(Background { colour, pixels });
 }

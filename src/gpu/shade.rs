@@ -106,6 +106,7 @@ pub fn shade(
         &Frustum::new(camera, 0.0),
         true,
         ChoiceUniform::zeroed(),
+        None,
     );
     gpu.write(&frame.camera, bytemuck::bytes_of(&uniform));
     let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);

@@ -8,13 +8,13 @@ use super::project::{RULE_KERNEL, RULE_PANE, RULE_PEAK, RULE_SURFACE};
 use super::radix;
 use super::scan::SCAN_RUN;
 use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS, ValueKind};
-use super::tile::NO_DEPTH;
+use super::tile::{NO_DEPTH, NO_LAYER};
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
-    BRICK, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CUTOFF, NEAR_MARGIN,
-    SURFACE_LAYERS, TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
+    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CLIP_PLANES,
+    MAX_CUTOFF, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS, TERMINATION_INTERVAL, TERMINATION_SHARE,
+    TILE_SIZE,
 };
-use crate::cpu::ONE_SIDED;
 use crate::layout::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL,
@@ -29,8 +29,8 @@ use crate::splat::budget::{
     MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD, MIXED_SHARE, OVERLAP, TREND,
 };
 use crate::splat::{
-    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, GRAZING, JACOBIAN_MARGIN, NORMAL_STEPS,
-    PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2,
+    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Composite, Filter, GRAZING, JACOBIAN_MARGIN,
+    NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2,
 };
 
 /// A shader's name and the files it is composed of.
@@ -69,7 +69,11 @@ impl Shader {
         SORT,
         GATHER,
         BIN,
-        RASTERISE,
+        RASTERISE[0].1,
+        RASTERISE[1].1,
+        RASTERISE[2].1,
+        RASTERISE[3].1,
+        RASTERISE[4].1,
         COMPOSE,
         SURFACE,
         RESOLVE,
@@ -92,17 +96,31 @@ const LAYOUT: Shader = Shader {
     parts: &[STRUCTS],
 };
 
-/// Tiles of pixels.
-pub(super) const RASTERISE: Shader = Shader {
-    name: "rasterise",
-    parts: &[
-        DISPATCH,
-        STRUCTS,
-        EXPONENTIAL,
-        TILE,
-        include_str!("../../shaders/rasterise.wgsl"),
-    ],
-};
+macro_rules! rasterise {
+    ($name:literal, $slots:literal) => {
+        Shader {
+            name: $name,
+            parts: &[
+                concat!("const LAYER_SLOTS: u32 = ", $slots, "u;\n"),
+                DISPATCH,
+                STRUCTS,
+                EXPONENTIAL,
+                TILE,
+                include_str!("../../shaders/shared/clip.wgsl"),
+                include_str!("../../shaders/rasterise.wgsl"),
+            ],
+        }
+    };
+}
+
+/// Tiles of pixels: by how many layers a pixel keeps open at most.
+pub(super) const RASTERISE: [(u32, Shader); 5] = [
+    (1, rasterise!("rasterise", 1)),
+    (16, rasterise!("rasterise in 16 layers", 16)),
+    (32, rasterise!("rasterise in 32 layers", 32)),
+    (64, rasterise!("rasterise in 64 layers", 64)),
+    (256, rasterise!("rasterise in 256 layers", 256)),
+];
 
 /// Surfaces behind what lies in front of them.
 pub(super) const COMPOSE: Shader = Shader {
@@ -118,6 +136,7 @@ pub(super) const SURFACE: Shader = Shader {
         STRUCTS,
         EXPONENTIAL,
         TILE,
+        include_str!("../../shaders/shared/clip.wgsl"),
         NORMAL,
         include_str!("../../shaders/surface.wgsl"),
     ],
@@ -341,6 +360,11 @@ pub fn prelude() -> String {
         ("RULE_SURFACE", RULE_SURFACE),
         ("RULE_PANE", RULE_PANE),
         ("SURFACE_LAYERS", SURFACE_LAYERS as u32),
+        ("MAX_CLIP_PLANES", MAX_CLIP_PLANES as u32),
+        ("MAX_PLANES", MAX_PLANES as u32),
+        ("COMPOSITE_OVER", Composite::Over as u32),
+        ("COMPOSITE_SLABS", Composite::Slabs as u32),
+        ("NO_LAYER", NO_LAYER),
         ("MERGED_OPEN", MERGED_OPEN),
         ("MERGED_UNSEEN", MERGED_UNSEEN),
         ("MERGED_FITS", MERGED_FITS),
@@ -359,13 +383,13 @@ pub fn prelude() -> String {
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
         ("COVERAGE_FULL", COVERAGE_FULL),
+        ("CLIP_SOFTNESS", CLIP_SOFTNESS),
         ("SLACK_SIGMAS", SLACK_SIGMAS),
         ("SLACK_PIXELS", SLACK_PIXELS),
         ("SLACK_SLOPE", SLACK_SLOPE),
         ("GRAZING", GRAZING),
         ("PERSPECTIVE_FROM", PERSPECTIVE_FROM),
         ("NORMAL_STEPS", NORMAL_STEPS),
-        ("ONE_SIDED", ONE_SIDED),
         ("NO_DEPTH", NO_DEPTH),
         ("SMALLEST", f32::MIN_POSITIVE),
         ("LARGEST", f32::MAX),

@@ -22,6 +22,8 @@ pub struct SurfaceSpec {
     /// Whether pixels count the surfels that they evaluate within their cut-off, in all three
     /// colours, instead of showing them.
     pub count: bool,
+    /// Whether planes clip.
+    pub clip: bool,
     /// Whether the surface is the whole picture, with a depth where it covers half of a pixel;
     /// among volumes it has one wherever it covers any of it.
     pub is_picture: bool,
@@ -65,6 +67,7 @@ impl Surface {
             ("HAS_NEAR", flag(spec.near)),
             ("HAS_NORMALS", flag(spec.normals)),
             ("IS_COUNT", flag(spec.count)),
+            ("IS_CUT", flag(spec.clip)),
             ("SLICE", f64::from(slice)),
             ("IS_PICTURE", flag(spec.is_picture)),
         ];

@@ -15,6 +15,8 @@ pub(super) struct TileProgress {
     pub(super) drawn: u32,
     pub(super) hidden: u32,
     pub(super) splat_pixels: [u32; 2],
+    pub(super) first_layer: u32,
+    pub(super) layers_needed: u32,
 }
 
 impl TileProgress {
@@ -23,6 +25,9 @@ impl TileProgress {
         u64::from(self.splat_pixels[0]) | u64::from(self.splat_pixels[1]) << 32
     }
 }
+
+/// In place of a tile's nearest open layer: all are composited.
+pub(super) const NO_LAYER: u32 = u32::MAX;
 
 /// What the device writes where there is no depth: WGSL has no infinity to write down.
 pub(super) const NO_DEPTH: f32 = f32::MIN;
@@ -118,6 +123,8 @@ pub(super) fn upload_lists(
         capacity: longest(lists),
         band_first: [0; 2],
         band_size: tiles,
+        is_last: 0,
+        unused: 0,
     };
     let chunk = |chunk: usize| {
         let mut ranges = Vec::new();
@@ -128,8 +135,9 @@ pub(super) fn upload_lists(
             entries.extend_from_slice(&list[cut(chunk)..cut(chunk + 1)]);
             ranges.push([first, entries.len() as u32]);
         }
+        let is_last = u32::from(chunk + 1 == chunks);
         Ok([
-            gpu.uniform("chunk", &band)?,
+            gpu.uniform("chunk", &ChunkUniform { is_last, ..band })?,
             gpu.upload("tile ranges", &ranges)?,
             gpu.upload("tile lists", &entries)?,
         ])

@@ -17,7 +17,6 @@ pub(crate) use harmonics::HarmonicsTransform;
 pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count, harmonics_sum};
 #[cfg(feature = "gpu")]
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
-#[cfg(feature = "gpu")]
 pub(crate) use normal::ERFC_SERIES;
 pub use normal::{normal_cdf, normal_density_and_cdf};
 pub use variance::lower_factor;

@@ -55,8 +55,8 @@ use glam::{DVec2, DVec3};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::scene::{Colour, PointVolume, Strength};
-use crate::view::{Camera, Projection};
-use kernel::{Kernel, Particle};
+use crate::view::{Camera, ClipPlane, Projection};
+use kernel::{Kernel, Particle, Segment};
 use ray::Scratch;
 use traversal::Traversal;
 
@@ -118,6 +118,8 @@ pub struct ReferenceFrame {
 #[derive(Debug, Clone)]
 pub struct Integrator {
     particles: Vec<Particle>,
+    /// What cuts them, world space.
+    clip: Vec<ClipPlane>,
 }
 
 impl Integrator {
@@ -153,7 +155,14 @@ impl Integrator {
         }
         Ok(Self {
             particles: kernel::particles(scene),
+            clip: Vec::new(),
         })
+    }
+
+    /// The same scene cut by planes.
+    pub fn clipped(mut self, planes: &[ClipPlane]) -> Self {
+        self.clip.extend_from_slice(planes);
+        self
     }
 
     /// How many particles have a mass.
@@ -207,6 +216,8 @@ impl Integrator {
 /// The kernels as one camera sees them.
 struct View<'a> {
     camera: &'a Camera,
+    /// Normals and distances of the planes that clip, camera space.
+    clip: Vec<(DVec3, f64)>,
     kernels: Vec<Kernel>,
     traversal: Traversal,
 }
@@ -218,8 +229,11 @@ impl<'a> View<'a> {
             .iter()
             .map(|p| Kernel::new(p, camera, filter, h2))
             .collect();
+        let planes = integrator.clip.iter();
+        let clip = planes.map(|p| (camera.camera_from_world * p.normal, p.inside(camera.eye)));
         Self {
             camera,
+            clip: clip.collect(),
             kernels,
             traversal: Traversal::new(&[]),
         }
@@ -237,10 +251,29 @@ impl<'a> View<'a> {
     fn integrate(&self, pixel_px: DVec2, error: f64, scratch: &mut Scratch) -> RayIntegral {
         let (origin, direction) = self.ray(pixel_px);
         scratch.segments.clear();
+        let (mut near, mut far) = (0.0_f64, f64::INFINITY);
+        for &(normal, distance) in &self.clip {
+            let (rate, start) = (normal.dot(direction), normal.dot(origin) + distance);
+            if rate > 0.0 {
+                near = near.max(-start / rate);
+            } else if rate < 0.0 {
+                far = far.min(-start / rate);
+            } else if start < 0.0 {
+                far = 0.0;
+            }
+        }
+        if !(near < far) {
+            return RayIntegral::default();
+        }
         self.traversal.each(&self.kernels, origin, direction, |k| {
-            scratch.segments.extend(k.along(origin, direction));
+            let segments = k.along(origin, direction).into_iter();
+            // From where the ray is drawn on.
+            scratch.segments.extend(segments.map(|s| Segment {
+                mean: s.mean - near,
+                ..s
+            }));
         });
-        ray::integrate(scratch, error)
+        ray::integrate(scratch, far - near, error)
     }
 }
 

@@ -57,23 +57,24 @@ const MERGE: f64 = 3.0;
 /// Bisections of one interval, so that no scene can hang: a kernel asks for some ten.
 const MOST_BISECTIONS: u32 = 10_000;
 
-/// Integrates eq. 3 of Zwicker et al. 2001 over the kernels in `scratch.segments`, from the eye:
+/// Integrates eq. 3 of Zwicker et al. 2001 over the kernels in `scratch.segments`, from the eye to
+/// `end`, which may be infinite:
 ///
 /// I = ∫ Σ c_k κ_k(t) T(t) dt, T(t) = exp(-Σ tau_k [Phi((t - mu_k)/s_k) - Phi((0 - mu_k)/s_k)]).
 ///
 /// Extinctions of kernels that overlap add up; nothing is sorted. T is exact, the integral is by
 /// adaptive Gauss-Kronrod quadrature between the kernels' own places, to about `error`. Sheets
 /// (kernels without extent along the ray) are steps of T.
-pub(super) fn integrate(scratch: &mut Scratch, error: f64) -> RayIntegral {
+pub(super) fn integrate(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
     // Compiled for what the processor has: half the time with AVX2.
     pulp::Arch::new().dispatch(
         #[inline(always)]
-        || integrate_inlined(scratch, error),
+        || integrate_inlined(scratch, end, error),
     )
 }
 
 #[inline(always)]
-fn integrate_inlined(scratch: &mut Scratch, error: f64) -> RayIntegral {
+fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
     let Scratch {
         segments,
         sheets,
@@ -96,7 +97,7 @@ fn integrate_inlined(scratch: &mut Scratch, error: f64) -> RayIntegral {
     let mut far_end = 0.0_f64;
     for (i, s) in segments.iter().enumerate() {
         if s.sigma <= SHEET * s.mean.abs() {
-            if s.mean > 0.0 {
+            if s.mean > 0.0 && s.mean < end {
                 sheets.push(*s);
                 events.push((s.mean, 0.0));
                 total_depth += s.tau;
@@ -104,8 +105,9 @@ fn integrate_inlined(scratch: &mut Scratch, error: f64) -> RayIntegral {
             }
             continue;
         }
-        let share_behind = normal_density_and_cdf([-s.mean / s.sigma]).1[0];
-        total_depth += s.tau * (1.0 - share_behind);
+        let (_, [share_behind, up_to_end]) =
+            normal_density_and_cdf([-s.mean / s.sigma, (end - s.mean) / s.sigma]);
+        total_depth += s.tau * (up_to_end - share_behind);
         if s.tau <= least_depth {
             continue;
         }
@@ -130,10 +132,12 @@ fn integrate_inlined(scratch: &mut Scratch, error: f64) -> RayIntegral {
     events.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     sheets.sort_unstable_by(|a, b| a.mean.total_cmp(&b.mean));
 
-    let mut from = starts.first().map_or(0.0, |s| s.0.max(0.0));
+    let mut from = starts.first().map_or(0.0, |s| s.0.max(0.0)).min(end);
     cuts.clear();
     cuts.push(from);
+    far_end = far_end.min(end);
     for &(t, sigma) in events.iter() {
+        let t = t.min(end);
         let last = cuts[cuts.len() - 1];
         if sigma == 0.0 || t - last >= MERGE * sigma || t >= far_end {
             cuts.push(t.max(last));

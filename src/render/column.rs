@@ -133,7 +133,7 @@ impl Renderer {
         }
         counts.blocks_culled = counts.blocks - self.views.iter().map(Vec::len).sum::<usize>();
         // Depths order nothing here.
-        let uniform = view_uniform(camera, &shared, 0.0);
+        let uniform = view_uniform(camera, &shared, None, 0.0);
         times.cull = clock.lap();
 
         // Masses relative to the largest, such that footprints come out near one: f32 holds

@@ -65,6 +65,20 @@ impl Lattice {
         }
     }
 
+    /// The mean step from a sample to its neighbours along each index, as columns.
+    pub(crate) fn mean_step(&self) -> DMat3 {
+        match &self.spacing {
+            LatticeSpacing::Uniform { step, .. } => *step,
+            LatticeSpacing::Rectilinear { coordinates } => {
+                let mean = |line: &[f64]| match line {
+                    [first, .., last] => (last - first) / (line.len() - 1) as f64,
+                    _ => LONE_CELL_WIDTH,
+                };
+                DMat3::from_diagonal(DVec3::from(coordinates.each_ref().map(|line| mean(line))))
+            }
+        }
+    }
+
     /// The position of sample (i, j, k).
     pub fn position(&self, [i, j, k]: [usize; 3]) -> DVec3 {
         match &self.spacing {

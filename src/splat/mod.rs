@@ -8,6 +8,7 @@
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
+//! | `composite.rs` | how footprints become a picture |
 //! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `budget.rs` | how the one tolerance is shared out |
@@ -15,6 +16,7 @@
 
 mod bounds;
 pub mod budget;
+mod composite;
 mod cutoff;
 mod exact;
 mod filter;
@@ -25,6 +27,7 @@ mod show;
 mod surfel;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
+pub use composite::Composite;
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};

@@ -98,8 +98,7 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
         tolerance: 1.0 / 255.0,
         cutoff: 0.0,
         key_scale: 1.0,
-        show_choice: 0,
-        unused: 0,
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
@@ -639,8 +638,7 @@ pub mod frame {
                 tolerance: settings.tolerance,
                 cutoff: settings.cutoff.unwrap_or(0.0),
                 key_scale: range.keys_per_unit(),
-                show_choice: 0,
-                unused: 0,
+                ..bytemuck::Zeroable::zeroed()
             };
             let total = cpu::count_classified(&volume, &mut views);
             let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];

@@ -1,5 +1,6 @@
 //! Values of command-line options.
 
+use ewa_splat::view::ClipPlane;
 use glam::DVec3;
 
 /// `x,y,z`
@@ -38,11 +39,40 @@ pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
 }
 
 fn numbers(text: &str) -> Result<[f64; 3], String> {
+    finite_numbers(text)
+        .and_then(|v| <[f64; 3]>::try_from(v).ok())
+        .ok_or_else(|| "three finite numbers with commas between, such as 1,0.5,-2".into())
+}
+
+fn finite_numbers(text: &str) -> Option<Vec<f64>> {
     let parsed: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
-    match parsed.ok().and_then(|v| <[f64; 3]>::try_from(v).ok()) {
-        Some(v) if v.iter().all(|x| x.is_finite()) => Ok(v),
-        _ => Err("three finite numbers with commas between, such as 1,0.5,-2".into()),
-    }
+    parsed.ok().filter(|v| v.iter().all(|x| x.is_finite()))
+}
+
+/// The value of `--clip`: the planes of a half-space or of a box.
+#[derive(Debug, Clone)]
+pub(crate) struct Clip(pub(crate) Vec<ClipPlane>);
+
+/// `nx,ny,nz,d` or `x0,y0,z0,x1,y1,z1`
+pub(crate) fn clip(text: &str) -> Result<Clip, String> {
+    let planes = match finite_numbers(text).as_deref() {
+        Some(&[nx, ny, nz, distance]) => {
+            let normal = DVec3::new(nx, ny, nz);
+            let plane = ClipPlane { normal, distance };
+            plane.normalised().map(|plane| vec![plane])
+        }
+        Some(&[x0, y0, z0, x1, y1, z1]) => {
+            let (lower, upper) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
+            let is_box = lower.cmplt(upper).all();
+            is_box.then(|| ClipPlane::of_box(lower, upper).to_vec())
+        }
+        _ => None,
+    };
+    planes.map(Clip).ok_or_else(|| {
+        "a normal and a distance, such as 0,0,1,-2.5, or the lower and the upper corner of a box, \
+         such as 0,0,0,1,1,1"
+            .into()
+    })
 }
 
 /// `WxH`

@@ -13,8 +13,8 @@ use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::splat::Filter;
-use ewa_splat::view::{Camera, Lens};
+use ewa_splat::splat::{Composite, Filter};
+use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -22,7 +22,7 @@ use serde_json::json;
 use crate::count::describe;
 use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
-use crate::parse;
+use crate::parse::{self, Clip};
 use crate::progress::with_bar;
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
 
@@ -77,6 +77,18 @@ struct Method {
     /// Whether adaptive merges particles far below a pixel
     #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
     level_of_detail: Detail,
+    /// How kernels that lie behind one another become a picture
+    #[arg(long, value_enum, default_value = "over", conflicts_with_all = ["reference", "column_density"])]
+    composite: CompositeName,
+    /// Thickness of slabs (or sheets) in world units [default: slabs from the tolerance, sheets from
+    /// the distance between samples]
+    #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = ["reference", "column_density"])]
+    slab_thickness: Option<f64>,
+    /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
+    /// again for more, eight planes at most
+    #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
+          allow_hyphen_values = true, conflicts_with = "column_density")]
+    clip: Vec<Clip>,
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
     opacity: Opacity,
@@ -115,6 +127,18 @@ enum FilterName {
     LowPass,
     Isotropic,
     UniformScaling,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum CompositeName {
+    /// Each kernel by itself, in the order of their centres
+    Over,
+    /// Whole kernels summed in sheets parallel to the image
+    Sheets,
+    /// Whole kernels summed in sheets across the volume's axis nearest to the view
+    AxisSheets,
+    /// Kernels sliced into slabs parallel to the image: converges to the true integral
+    Slabs,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -200,6 +224,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let prepare_start = Instant::now();
     let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
     let integrator = integrator.transpose()?;
+    let integrator = integrator.map(|i| i.clipped(&arguments.clip_planes()));
     let mut renderer = Renderer::with_backend(scene, backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
@@ -356,6 +381,15 @@ impl Arguments {
         }
     }
 
+    fn clip_planes(&self) -> Vec<ClipPlane> {
+        self.method
+            .clip
+            .iter()
+            .flat_map(|clip| &clip.0)
+            .copied()
+            .collect()
+    }
+
     fn settings(&self) -> Settings {
         let defaults = Settings::default();
         Settings {
@@ -377,6 +411,14 @@ impl Arguments {
                 ShowName::Count => Show::Count,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
+            composite: match self.method.composite {
+                CompositeName::Over => Composite::Over,
+                CompositeName::Sheets => Composite::Sheets,
+                CompositeName::AxisSheets => Composite::AxisSheets,
+                CompositeName::Slabs => Composite::Slabs,
+            },
+            layer_thickness: self.method.slab_thickness,
+            clip: self.clip_planes(),
             low_pass_variance_px2: self
                 .method
                 .low_pass

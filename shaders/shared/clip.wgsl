@@ -1,0 +1,59 @@
+// Planes that clip. Twins: `clip_span` in src/cpu/cut.rs, `ClipEdges` in src/cpu/surface.rs.
+
+// Between which depths planes leave something of the ray through a point of the image, -LARGEST and
+// LARGEST where nothing ends it; from LARGEST to LARGEST where they leave nothing.
+fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
+    var from_depth = -LARGEST;
+    var to_depth = LARGEST;
+    let direction = ray_through(view, pixel);
+    for (var i = 0u; i < view.clip_count; i = i + 1u) {
+        let plane = view.clip_planes[i];
+        // The ray is at z D, or (orthographic) at (X, Y, z): inside where rate z + start >= 0.
+        let across = plane.x * direction.x + plane.y * direction.y;
+        var rate = across + plane.z;
+        var start = plane.w;
+        if view.orthographic != 0u {
+            rate = plane.z;
+            start = across + plane.w;
+        }
+        if rate > 0.0 {
+            from_depth = max(from_depth, -start / rate);
+        } else if rate < 0.0 {
+            to_depth = min(to_depth, -start / rate);
+        } else if start < 0.0 {
+            to_depth = -LARGEST;
+        }
+    }
+    if from_depth < to_depth {
+        return vec2<f32>(from_depth, to_depth);
+    }
+    return vec2<f32>(LARGEST);
+}
+
+// The share of a surfel that planes leave at a point of the image, Phi of how far it lies inside them in
+// standard deviations of the low-pass filter; 0 beyond the softness.
+//
+// - `nearness`, `gradient`: of the surfel's plane there, and their change per pixel.
+fn clip_share(view: ViewUniform, pixel: vec2<f32>, nearness: f32, gradient: vec2<f32>) -> f32 {
+    let direction = ray_through(view, pixel);
+    var share = 1.0;
+    for (var i = 0u; i < view.clip_count; i = i + 1u) {
+        let plane = view.clip_planes[i];
+        // Of the point D / nearness (orthographic: X, Y, -nearness), times what is positive.
+        let across = plane.x * direction.x + plane.y * direction.y;
+        var inside = across + plane.z + plane.w * nearness;
+        var rate = plane.w;
+        if view.orthographic != 0u {
+            inside = across - plane.z * nearness + plane.w;
+            rate = -plane.z;
+        }
+        let slope = plane.xy / view.focal_px + gradient * rate;
+        let softness = sqrt(dot2(slope, slope)) * sqrt(view.low_pass_variance_px2);
+        let at = inside / max(softness, SMALLEST);
+        if is_nan(at) || !(at > -CLIP_SOFTNESS) {
+            return 0.0;
+        }
+        share = share * normal_cdf(min(at, 38.0));
+    }
+    return share;
+}
