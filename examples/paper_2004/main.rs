@@ -8,7 +8,8 @@
 //! - `fig8`: a checkerboard by single filters, by EWA and by adaptive filters (with Table 2);
 //! - `table3`: adaptive filters against EWA on volumes;
 //! - `table4`: a scene that is sent anew for every frame against one that stays;
-//! - `table5`: edits of the transfer function, against sorting out what is visible.
+//! - `table5`: edits of the transfer function, against sorting out what is visible;
+//! - `fig9`: every sample by itself, against slices and slabs.
 //!
 //! `docs/papers.md` says what the paper claims and what was found.
 
@@ -20,6 +21,7 @@ mod scenes;
 mod checkerboard;
 mod edits;
 mod retained;
+mod sheets;
 mod volumes;
 
 use papers::Arguments;
@@ -30,5 +32,6 @@ fn main() -> ewa_splat::Result<()> {
         ("table3", volumes::run),
         ("table4", retained::run),
         ("table5", edits::run),
+        ("fig9", sheets::run),
     ])
 }
