@@ -19,7 +19,7 @@ use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DVec2, DVec3};
 
 use crate::papers::Arguments;
-use crate::papers::pictures::{as_sheet, contrast, from_above, hit, part, table_of};
+use crate::papers::pictures::{as_sheet, contrast, doubled, from_above, hit, part, table_of};
 use crate::papers::truth::supersampled;
 
 /// Voxels from left to right; the square is 2 wide.
@@ -95,8 +95,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         found.map_or_else(
             || Image::new(1, 1),
             |(.., image)| {
-                let corner = image.width.saturating_sub(side) / 2;
-                part(image, [corner; 2], [side; 2])
+                if image.width <= side {
+                    return doubled(image);
+                }
+                part(image, [(image.width - side) / 2; 2], [side; 2])
             },
         )
     };
@@ -112,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 /// left edge, where it is both magnified and minified, and minified most across the kernels.
 fn views(size: usize) -> [(&'static str, Camera); 4] {
     // The square is a little wider than the picture.
-    let height = 0.9 / (FOV_DEG / 2.0).to_radians().tan();
+    let height = 0.8 / (FOV_DEG / 2.0).to_radians().tan();
     let above = |height, size| from_above(DVec2::new(0.1, 0.05), height, FOV_DEG, [size; 2]);
     let low = Camera::perspective(
         DVec3::new(-1.35, 0.0, 0.30),

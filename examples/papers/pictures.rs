@@ -78,6 +78,17 @@ pub(crate) fn table_of(rows: &[Vec<&Image>]) -> Image {
     out
 }
 
+/// Each pixel as four.
+pub(crate) fn doubled(image: &Image) -> Image {
+    let (width, height) = (2 * image.width, 2 * image.height);
+    let pixels = (0..width * height).map(|i| image.pixel(i % width / 2, i / width / 2));
+    Image {
+        width,
+        height,
+        pixels: pixels.collect(),
+    }
+}
+
 /// A part of a picture, or as much of it as there is.
 pub(crate) fn part(image: &Image, [x, y]: [usize; 2], [width, height]: [usize; 2]) -> Image {
     let (x, y) = (x.min(image.width - 1), y.min(image.height - 1));
