@@ -199,6 +199,7 @@ fn column_density(c: &mut Criterion) {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     };
     let settings = ColumnSettings::default();
     for (name, scene) in [

@@ -138,6 +138,7 @@ fn spheres(count: usize) -> PointVolume {
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

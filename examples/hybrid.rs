@@ -122,5 +122,6 @@ fn smoke(middle: DVec3, half: DVec3) -> PointVolume {
         colour: Colour::Uniform([0.75, 0.8, 0.9]),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }

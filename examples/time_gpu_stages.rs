@@ -191,6 +191,7 @@ fn hollow_ball(dims: [usize; 3], transfer: &TransferFunction) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer.clone()),
+        normals: None,
     }
 }
 

@@ -59,6 +59,8 @@ fn project(
     var kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
     let filter_kind = select(FILTER, block.filter_kind, FILTER == FILTER_ADAPTIVE);
+    // Merged particles know of their members' opacity.
+    let is_lone = view.sub_pixel_opacity != 0u && block.level == 0u;
     var out: Footprint;
     if RULE == RULE_PEAK {
         if IS_CUT {
@@ -72,7 +74,7 @@ fn project(
         if RULE == RULE_PANE {
             kernel.mass = kernel.mass * facing(view, kernel);
         }
-        out = footprint(view, filter_kind, kernel, particle.colour, key, i);
+        out = footprint(view, filter_kind, is_lone, kernel, particle.colour, key, i);
     }
     if RULE != RULE_SURFACE && view.composite == COMPOSITE_SLABS {
         out.key = slab_key(view, block.key, origin, kernel, out);
@@ -276,6 +278,7 @@ fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
 fn footprint(
     view: ViewUniform,
     filter_kind: u32,
+    is_lone: bool,
     kernel: Kernel,
     colour: array<f32, 3>,
     key: u32,
@@ -298,7 +301,10 @@ fn footprint(
         return out;
     }
     let screen = project_kernel(view, kernel);
-    let image = filtered(screen, filter_kind, h2);
+    var image = filtered(screen, filter_kind, h2);
+    if is_lone {
+        image = as_lone(screen, filter_kind, h2, image);
+    }
     let is_shape = is_finite3(screen.row_x) && is_finite3(screen.row_y);
     if !(is_shape && is_above(image.tau, 0.0) && is_finite(image.tau)) {
         // A singular footprint (no low-pass filter), or numbers beyond f32.

@@ -269,8 +269,11 @@ fn rasterise_surface(
             let cutoff_squared = form.w;
             var fragment: Fragment;
             var q: f32;
-            // Change of the nearness per pixel.
+            // Change of the nearness per pixel; what of the surfel the pixel shows, as ClipEdges of the
+            // twin says.
             var gradient: vec2<f32>;
+            var shown = vec3<f32>(1.0, 0.0, 1.0);
+            var shown_at = pixel;
             if (path & 15u) == PATH_NEAR_SURFEL {
                 if !HAS_NEAR {
                     continue;
@@ -312,6 +315,18 @@ fn rasterise_surface(
                 }
                 fragment.nearness = z;
                 gradient = vec2<f32>(of_surfel.gradient[0], of_surfel.gradient[1]);
+                if IS_CUT {
+                    let inverse = vec3<f32>(
+                        place.z * place.z + form.x * form.x,
+                        place.z * place.w + form.x * form.y,
+                        place.w * place.w + form.y * form.y,
+                    );
+                    shown = shown - view.low_pass_variance_px2 * inverse;
+                    shown_at = place.xy + vec2<f32>(
+                        shown.x * dx + shown.y * dy,
+                        shown.y * dx + shown.z * dy,
+                    );
+                }
                 fragment.slack = of_surfel.slack;
                 if HAS_NORMALS {
                     fragment.normal = batch_normals[n];
@@ -322,7 +337,7 @@ fn rasterise_surface(
             }
             var share = 1.0;
             if IS_CUT {
-                share = clip_share(view, pixel, fragment.nearness, gradient);
+                share = clip_share(view, shown_at, fragment.nearness, gradient, shown);
                 if share == 0.0 {
                     continue;
                 }

@@ -71,3 +71,6 @@ pub const MAX_PLANES: usize = 5 + MAX_CLIP_PLANES;
 /// Where a clip plane cuts a surface, its coverage falls over so many standard deviations of the low-pass
 /// filter on either side; beyond there is nothing of it.
 pub const CLIP_SOFTNESS: f32 = 3.3;
+
+/// Directional lights of a scene at most: a key, fills and rims, with room to spare.
+pub const MAX_LIGHTS: usize = 8;

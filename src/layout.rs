@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | [`ViewUniform`] | the frame's set-up | project, rasterise |
 //! | [`CameraUniform`] | the frame's set-up (GPU) | cull, shade, project |
+//! | [`LightingUniform`] | the frame's set-up | light |
 //! | [`DeviceBlock`] | the upload (GPU) | cull, classify, project |
 //! | [`LatticeUniform`] | the upload (GPU) | classify, shade, project |
 //! | [`BrickUniform`] | the upload (GPU) | classify |
@@ -25,6 +26,11 @@
 //! | [`ChunkState`] | gather, bin (GPU) | gather, bin |
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use crate::constants::MAX_LIGHTS;
+use crate::scene::{LightFrame, Lighting};
+use crate::view::{Camera, Projection};
 
 use crate::constants::{MAX_CLIP_PLANES, MAX_PLANES};
 
@@ -67,8 +73,10 @@ pub struct ViewUniform {
     pub composite: u32,
     /// How many of the clip planes there are.
     pub clip_count: u32,
+    /// 1 where kernels smaller than a pixel have the opacity of lone ones.
+    pub sub_pixel_opacity: u32,
     /// Fills up four words.
-    pub unused: [u32; 2],
+    pub unused: u32,
     /// Planes n . u + d >= 0, camera space: n, d.
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }
@@ -108,6 +116,67 @@ pub struct CameraUniform {
     pub unused: u32,
     /// What blocks are drawn by.
     pub choice: ChoiceUniform,
+}
+
+/// A light as a frame sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct LightUniform {
+    /// Towards the light, camera space, unit length.
+    pub direction: [f32; 3],
+    /// Linear RGB.
+    pub colour: [f32; 3],
+}
+
+/// What lighting needs: [`Lighting`] in camera space.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct LightingUniform {
+    /// Lights; zeros from `count` on.
+    pub lights: [LightUniform; MAX_LIGHTS],
+    /// How many there are.
+    pub count: u32,
+    /// 1 for an orthographic camera, 0 for a perspective one.
+    pub orthographic: u32,
+    /// As in [`Lighting`].
+    pub ambient: f32,
+    /// As in [`Lighting`].
+    pub diffuse: f32,
+    /// As in [`Lighting`].
+    pub specular: f32,
+    /// As in [`Lighting`].
+    pub shininess: f32,
+}
+
+impl LightingUniform {
+    /// `lighting` as `camera` sees it; lights beyond [`MAX_LIGHTS`] are left out
+    /// ([`Lighting::validate`] refuses them).
+    pub fn new(lighting: &Lighting, camera: &Camera) -> Self {
+        let mut uniform = Self {
+            orthographic: u32::from(camera.projection == Projection::Orthographic),
+            ambient: lighting.ambient,
+            diffuse: lighting.diffuse,
+            specular: lighting.specular,
+            shininess: lighting.shininess,
+            ..Self::default()
+        };
+        for (slot, light) in uniform.lights.iter_mut().zip(&lighting.lights) {
+            let direction = match light.frame {
+                LightFrame::World => camera.camera_from_world * light.direction,
+                LightFrame::Camera => light.direction,
+            };
+            *slot = LightUniform {
+                direction: direction
+                    .try_normalize()
+                    .unwrap_or(DVec3::ZERO)
+                    .as_vec3()
+                    .into(),
+                colour: light.colour,
+            };
+            uniform.count += 1;
+        }
+        uniform
+    }
 }
 
 /// What the choice of a block's filter and of merged particles follows.
@@ -365,7 +434,7 @@ pub struct SurfelTerms {
     /// relative to the centre's; 0 where it is affine.
     pub homography: f32,
     /// The unit normal, camera space, towards the eye: a whole number, as
-    /// [`pack_normal`](crate::splat::pack_normal) makes it.
+    /// [`pack_normal`](crate::math::pack_normal) makes it.
     pub normal: f32,
 }
 

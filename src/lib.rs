@@ -23,6 +23,7 @@
 //!     colour: Colour::Uniform([1.0, 0.6, 0.2]),
 //!     values: None,
 //!     transfer_function: None,
+//!     normals: None,
 //! };
 //! let eye = DVec3::new(0.0, -5.0, 1.0);
 //! let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [320, 240]);
@@ -56,8 +57,8 @@
 //! | [`math`] | factors of variances, special functions |
 //! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
 //! | [`io`] | readers and writers, one file per format |
+//! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
-//! | [`view`] | cameras |
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
 //! | [`layout`] | the structs that stages exchange |
 //! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |
@@ -66,11 +67,13 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
+//! | `legend` | colour bars in pictures (feature `legend`) |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
-//! on how each kind of data becomes kernels and what its lengths mean, [`surfels`] one on meshes,
-//! surfaces and what they do among volumes, [`papers`] one on what the papers claim and what was found.
+//! on how each kind of data becomes kernels and what its lengths mean, [`shading`] one on light,
+//! [`surfels`] one on meshes, surfaces and what they do among volumes, [`papers`] one on what the papers
+//! claim and what was found.
 //!
 //! # Conventions
 //!
@@ -113,6 +116,8 @@ pub mod io;
 #[doc = include_str!("../docs/irregular.md")]
 pub mod irregular {}
 pub mod layout;
+#[cfg(feature = "legend")]
+pub mod legend;
 pub mod math;
 pub mod measure;
 #[doc = include_str!("../docs/papers.md")]
@@ -123,6 +128,8 @@ pub mod sample;
 pub mod scene;
 pub mod splat;
 pub mod stats;
+#[doc = include_str!("../docs/shading.md")]
+pub mod shading {}
 #[doc = include_str!("../docs/surfels.md")]
 pub mod surfels {}
 pub mod view;

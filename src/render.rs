@@ -18,9 +18,10 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, FrameOutput, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{
-    BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, ViewUniform,
+    BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, LightingUniform,
+    PATH_EXACT, ViewUniform,
 };
-use crate::scene::{PointVolume, Requirements, TransferFunction};
+use crate::scene::{Lighting, PointVolume, Requirements, TransferFunction};
 use crate::splat::{Composite, Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, ClipPlane, Projection};
 use glam::{DVec2, DVec3};
@@ -70,6 +71,20 @@ pub struct Settings {
     pub normals: bool,
     /// The instruction set of the rasteriser.
     pub simd: SimdLevel,
+    /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
+    pub lighting: Option<Lighting>,
+    /// Whether kernels smaller than a pixel are as opaque as each would be alone. The filter
+    /// spreads optical depths; a kernel that fills a tenth of a pixel and has a depth of 10 hides a
+    /// fifth of it and is drawn as hiding more than half
+    /// ([`sub_pixel_depth`](crate::splat::sub_pixel_depth)).
+    ///
+    /// For sparse sets of opaque particles, such as stars or droplets: the error of a hundred of
+    /// depth 30 falls from .35 to .014 of full scale (root mean square, sigma .3 px). Where kernels
+    /// fill pixels together it makes them too faint, as if light passed between them: one layer of a
+    /// lattice with two samples to the pixel loses .04 of opacity at depth 4, eight layers .004, where
+    /// depths are right to 1e-5 (`tests/sub_pixel.rs`). Merged particles know of their members'
+    /// opacity and stay as they are; so do kernels that reach the eye.
+    pub sub_pixel_opacity: bool,
 }
 
 impl Default for Settings {
@@ -90,6 +105,8 @@ impl Default for Settings {
             depth: false,
             normals: false,
             simd: SimdLevel::best(),
+            lighting: None,
+            sub_pixel_opacity: false,
         }
     }
 }
@@ -159,6 +176,7 @@ pub struct Renderer {
     depth: Option<DepthImage>,
     normals: Option<NormalImage>,
     column: ColumnMemory,
+    layers: Option<Layers>,
     counts: FrameCounts,
     times: StageTimes,
     #[cfg(feature = "gpu")]
@@ -217,6 +235,7 @@ impl Renderer {
             depth: None,
             normals: None,
             column: ColumnMemory::default(),
+            layers: None,
             counts: FrameCounts::default(),
             times: StageTimes::default(),
             #[cfg(feature = "gpu")]
@@ -340,6 +359,7 @@ impl Renderer {
             settings.layer_thickness,
             settings.tolerance.into(),
         )?;
+        self.layers = layers;
         let planes = clip_planes(camera, &settings.clip);
         let frustum = frustum(camera, low_pass).clipped(planes);
         #[cfg(feature = "gpu")]
@@ -377,6 +397,7 @@ impl Renderer {
             normals: settings.normals,
             count: settings.show == Show::Count,
             background: settings.shown_background(),
+            lighting: lighting_uniform(camera, settings),
         };
         let output = FrameOutput {
             image: &mut self.image,
@@ -509,9 +530,14 @@ impl Renderer {
         times.cull += clock.lap();
 
         // Classify.
+        let lighting = lighting_uniform(camera, settings);
+        let rotation = camera.camera_from_world.as_mat3();
         let totals = self.fill_classified(cpu::count_classified, |volume, views, out| {
             cpu::classify(volume, views, out);
             cpu::shade(volume, views, camera, out);
+            if let Some(lighting) = &lighting {
+                cpu::light(volume, views, rotation, lighting, out);
+            }
         });
         counts.classified += self.classified.len();
         times.classify += clock.lap();
@@ -673,6 +699,11 @@ impl Renderer {
         self.counts
     }
 
+    /// The layers in which the last frame summed kernels, if it did.
+    pub fn layers(&self) -> Option<&Layers> {
+        self.layers.as_ref()
+    }
+
     /// How long the last frame's stages took.
     pub fn times(&self) -> StageTimes {
         self.times
@@ -788,6 +819,10 @@ fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (D
         })
 }
 
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "stages work in f32 and u32 by design, and `check` has bounded what is counted"
+)]
 fn view_uniform(
     camera: &Camera,
     settings: &Settings,
@@ -795,17 +830,14 @@ fn view_uniform(
     key_scale: f32,
 ) -> ViewUniform {
     let mut planes = [[0.0; 4]; MAX_CLIP_PLANES];
-    let mut clip_count = 0;
     for (to, (normal, distance)) in planes.iter_mut().zip(clip_planes(camera, &settings.clip)) {
         *to = normal.extend(distance).as_vec4().into();
-        clip_count += 1;
     }
     let layer = |of: fn(&Layers) -> f64| layers.as_ref().map_or(0.0, of) as f32;
     ViewUniform {
         focal_px: camera.focal_px.as_vec2().into(),
         centre_px: camera.centre_px.as_vec2().into(),
-        // `check` has bounded both.
-        size: [camera.width, camera.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX)),
+        size: [camera.width, camera.height].map(|n| n as u32),
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
@@ -819,10 +851,17 @@ fn view_uniform(
         key_axis: layers.map_or([0.0; 3], |l| l.axis.as_vec3().into()),
         layer_shift: layers.map_or(0, |l| l.shift),
         composite: settings.composite as u32,
-        clip_count,
-        unused: [0; 2],
+        clip_count: settings.clip.len() as u32,
+        sub_pixel_opacity: u32::from(settings.sub_pixel_opacity),
+        unused: 0,
         clip_planes: planes,
     }
+}
+
+/// The lights as the camera sees them.
+fn lighting_uniform(camera: &Camera, settings: &Settings) -> Option<LightingUniform> {
+    let lighting = settings.lighting.as_ref()?;
+    Some(LightingUniform::new(lighting, camera))
 }
 
 fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
@@ -883,6 +922,9 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     {
         let found = format!("{background:?}");
         return refuse("background", "three finite numbers", found);
+    }
+    if let Some(lighting) = &settings.lighting {
+        lighting.validate()?;
     }
     let h2 = settings.low_pass_variance_px2;
     if !(h2 >= 0.0 && h2.is_finite()) {

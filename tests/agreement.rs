@@ -109,6 +109,7 @@ fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> Po
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

@@ -21,6 +21,10 @@ fn fixture(name: &str) -> String {
     path.to_str().unwrap().to_string()
 }
 
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
 fn json(path: PathBuf) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
@@ -157,6 +161,39 @@ fn every_filter_and_camera_draws() {
         let covered = image.pixels.iter().filter(|p| p[3] > 0.05).count();
         assert!(covered > 100, "{filter} {camera:?}: {covered} pixels");
     }
+}
+
+#[test]
+fn lone_particles_far_below_a_pixel_are_fainter() {
+    let folder = tempfile::tempdir().unwrap();
+    // Depth 20 in a tenth of a pixel: sigma .1 world units at half a pixel to the unit.
+    let rows: Vec<String> = (0..9)
+        .map(|i| format!("{},{},0,0.1,1.25", i % 3 * 20, i / 3 * 20))
+        .collect();
+    let table = format!("x,y,z,sigma,mass\n{}\n", rows.join("\n"));
+    std::fs::write(folder.path().join("p.csv"), table).unwrap();
+    let sum = |more: &[&str]| {
+        let arguments = [
+            "render", "p.csv", "--size", "64x64", "--eye", "20,20,9", "--target", "20,20,0",
+        ];
+        let arguments = [
+            &arguments[..],
+            &["--up", "0,1,0", "--ortho", "128", "--out", "a.npy"],
+            more,
+        ]
+        .concat();
+        let output = run(
+            folder.path(),
+            &[&arguments[..], &["--level-of-detail", "off"]].concat(),
+        );
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let (by_depth, lone) = (sum(&[]), sum(&["--sub-pixel-opacity"]));
+    // Areas 2 pi a of depths tau0 = 20: Ein(20)/20 = .179 is left of what the depth makes of it.
+    let share = lone / by_depth;
+    assert!((share - 0.179).abs() < 0.005, "{share}");
 }
 
 #[test]
@@ -299,6 +336,145 @@ fn counts_are_written_as_numbers_and_in_colours() {
         assert!(n[0] > 0.0 || colour[1] < 0.01, "{n:?}: {colour:?}");
         assert_eq!(colour[3], 1.0);
     }
+}
+
+#[test]
+fn a_legend_is_drawn_over_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let render = |input: &str, more: &[&str]| {
+        let arguments = [&["render", input, "--size", "240x200"], more].concat();
+        run(folder.path(), &arguments)
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let wake_with = ["--transfer-function", &transfer, "--out"];
+    for (plain, drawn) in [("a.npy", "b.npy"), ("a.exr", "b.exr"), ("a.pfm", "b.pfm")] {
+        let made = render(&wake, &[&wake_with[..], &[plain]].concat());
+        assert!(made.status.success());
+        let made = render(&wake, &[&wake_with[..], &[drawn, "--legend"]].concat());
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        let (plain, drawn) = (read(plain), read(drawn));
+        let is_changed: Vec<bool> = plain
+            .pixels
+            .iter()
+            .zip(&drawn.pixels)
+            .map(|(a, b)| a != b)
+            .collect();
+        // Within the right upper corner, and much of that.
+        let changed = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
+            y.flat_map(|y| x.clone().map(move |x| y * 240 + x))
+                .filter(|&i| is_changed[i])
+                .count()
+        };
+        assert_eq!(changed(0..120, 0..200) + changed(120..240, 150..200), 0);
+        assert!(changed(120..240, 0..150) > 5000);
+    }
+    assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
+    let made = render(&wake, &[&wake_with[..], &["b.png", "--legend"]].concat());
+    assert!(made.status.success());
+    // A sixteenth bit of sRGB lies between.
+    for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
+        assert!((a[3] - b[3]).abs() < 0.003);
+    }
+    let particles = fixture("particles.csv");
+    let made = render(
+        &particles,
+        &["--column-density", "--out", "c.png", "--legend"],
+    );
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let made = render(&particles, &["--column-density", "--out", "d.png"]);
+    assert!(made.status.success());
+    assert_ne!(read("c.png").pixels, read("d.png").pixels);
+    // What has none says so, and writes nothing.
+    let before = files(folder.path());
+    for (arguments, expected) in [
+        (
+            &["--column-density", "--out", "e.npy", "--legend"][..],
+            "a png",
+        ),
+        (&["--show", "count", "--out", "e.npy", "--legend"], "--show"),
+        (
+            &["--size", "100x50", "--out", "e.npy", "--legend"],
+            "at least",
+        ),
+    ] {
+        let refused = run(folder.path(), &[&["render", &wake], arguments].concat());
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(
+            text(&refused.stderr).contains(expected),
+            "{}",
+            text(&refused.stderr)
+        );
+    }
+    let refused = render(&fixture("vase.obj"), &["--out", "e.npy", "--legend"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("a field with a transfer function"));
+    assert_eq!(files(folder.path()), before);
+}
+
+#[test]
+fn cut_faces_show_the_field_on_the_planes() {
+    let folder = tempfile::tempdir().unwrap();
+    // A field of one value that its transfer function leaves all but transparent.
+    std::fs::write(folder.path().join("v.raw"), [100_u8; 4096]).unwrap();
+    let transfer = r#"{"range": [0, 200], "color_space": "linear", "points":
+        [{"value": 0, "color": [0, 0, 1], "opacity": 1e-6}, {"value": 200, "color": [1, 0, 0]}]}"#;
+    std::fs::write(folder.path().join("t.json"), transfer).unwrap();
+    let volume = [
+        "render",
+        "v.raw",
+        "--dims",
+        "16,16,16",
+        "--transfer-function",
+        "t.json",
+    ];
+    let view = [
+        "--eye",
+        "-30,7.5,7.5",
+        "--target",
+        "7.5,7.5,7.5",
+        "--fov",
+        "14",
+        "--size",
+        "40x40",
+    ];
+    let draw = |more: &[&str]| {
+        let arguments = [
+            &volume[..],
+            &view,
+            &["--out", "a.npy", "--clip", "1,0,0,-6.3"],
+            more,
+        ]
+        .concat();
+        run(folder.path(), &arguments)
+    };
+    let alpha = |pixel: [f32; 4]| pixel[3];
+    let middle = || {
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixel(20, 20)
+    };
+    assert!(draw(&[]).status.success());
+    assert!(alpha(middle()) < 1e-3);
+    let drawn = draw(&["--cut-faces"]);
+    assert!(drawn.status.success(), "{}", text(&drawn.stderr));
+    let [r, g, b, a] = middle();
+    assert!(a > 0.99 && (r - 0.5).abs() < 0.01 && g < 0.01 && (b - 0.5).abs() < 0.01);
+    // Without planes a usage, without a field an error.
+    let arguments = [&volume[..], &["--out", "b.npy", "--cut-faces"]].concat();
+    assert_eq!(run(folder.path(), &arguments).status.code(), Some(2));
+    let mesh = fixture("vase.obj");
+    let arguments = [
+        "render",
+        &mesh,
+        "--out",
+        "b.npy",
+        "--clip",
+        "1,0,0,0",
+        "--cut-faces",
+    ];
+    let refused = run(folder.path(), &arguments);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("--cut-faces"));
 }
 
 #[test]
@@ -604,4 +780,65 @@ fn a_reference_states_its_error() {
     // What the integrator has no use for is refused, not ignored.
     let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn light_changes_colours_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let draw = |out: &str, more: &[&str]| {
+        let arguments = [
+            "render",
+            &wake,
+            "--size",
+            "60x40",
+            "--backend",
+            "cpu",
+            "--out",
+            out,
+        ];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        std::fs::read(folder.path().join(out)).unwrap()
+    };
+    let plain = draw("a.npy", &[]);
+    let lit = draw("b.npy", &["--lit", "--stats", "s.json"]);
+    assert_ne!(plain, lit);
+    assert_eq!(
+        json(folder.path().join("s.json"))["requirements"][0]["normals"],
+        true
+    );
+    let one = draw("c.npy", &["--light", "-1,0,2"]);
+    assert_ne!(lit, one);
+    assert_eq!(one, draw("d.npy", &["--lit", "--light=-2,0,4,1,1,1"]));
+    assert_ne!(
+        one,
+        draw("e.npy", &["--light", "-1,0,2", "--light", "0,1,0,0.5,0,0"])
+    );
+    let refused = |status: i32, more: &[&str]| {
+        let arguments = ["render", &wake, "--out", "no.png"];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert_eq!(output.status.code(), Some(status), "{more:?}");
+        assert!(!folder.path().join("no.png").exists());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for bad in [
+        "0,0,0",
+        "1,2",
+        "1,2,3,4",
+        "1,2,3,-1,0,0",
+        "a,b,c",
+        "1,2,inf",
+        "",
+    ] {
+        assert!(refused(2, &["--light", bad]).contains("direction"), "{bad}");
+    }
+    refused(2, &["--lit", "--reference"]);
+    refused(2, &["--light", "1,0,0", "--column-density"]);
+    let nine = refused(1, &["--light", "1,0,0"].repeat(9));
+    assert!(nine.contains("at most 8"), "{nine}");
 }

@@ -37,6 +37,7 @@ fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -55,6 +56,7 @@ fn classified(particles: Particles, volumes: Vec<f32>, values: Vec<f32>) -> Poin
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        normals: None,
     }
 }
 

@@ -37,6 +37,7 @@ fn spheres(count: usize) -> PointVolume {
         strength: Strength::Mass(numbers(&mut random)),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -55,6 +56,7 @@ fn classified(particles: Particles, values: Values, is_lattice: bool) -> PointVo
         colour: Colour::Classified,
         values: Some(values),
         transfer_function: Some(transfer),
+        normals: None,
     }
 }
 
@@ -210,6 +212,7 @@ fn columns_of_clusters_are_within_their_bound() {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            normals: None,
         };
         let family = BlockedVolume::with_detail(points);
         let levels = &family[1];

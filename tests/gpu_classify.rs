@@ -327,6 +327,7 @@ fn every_kind_of_data_is_classified_alike() {
             colour,
             values: values(kind, count, &mut random),
             transfer_function: Some(transfer()),
+            normals: None,
         });
         let mut views = views(&volume);
         // Some blocks are not in view.
@@ -364,6 +365,7 @@ fn every_value_is_classified_alike() {
                 colour: Colour::Classified,
                 values: values(kind, count, &mut random),
                 transfer_function: Some(transfer()),
+                normals: None,
             });
             check(&volume, &views(&volume), u64::MAX, &mut tally);
             // In parts of a few blocks.
@@ -514,6 +516,7 @@ fn merged_particles_are_classified_alike() {
             colour,
             values: Some(Values::F32(values)),
             transfer_function: Some(transfer()),
+            normals: None,
         });
         assert!(family.len() > 1, "case {case} has no levels");
         for volume in &family[1..] {
@@ -576,6 +579,7 @@ fn lattices_tiny_and_huge_are_classified_alike_in_parts() {
                 colour: Colour::Classified,
                 values: values(1 + random.index(4), 35 * 20 * 11, &mut random),
                 transfer_function: Some(transfer().with_unit_distance(size).unwrap()),
+                normals: None,
             });
             check(&volume, &views(&volume), u64::MAX, &mut tally);
             check(&volume, &views(&volume), 64 * 256 * 4, &mut tally);
@@ -618,6 +622,7 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         colour: Colour::Classified,
         values: values(1, count as usize, &mut random),
         transfer_function: Some(transfer()),
+        normals: None,
         merged: None,
     };
     let mut tally = Tally::default();
@@ -639,6 +644,7 @@ fn particles_without_room_are_counted_and_left_out() {
         colour: Colour::Uniform([0.5; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     });
     let mut seen = views(&volume);
     let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX).unwrap();
@@ -704,6 +710,7 @@ fn harmonics_are_shaded_alike() {
             },
             values: None,
             transfer_function: None,
+            normals: None,
         });
         let mut views = views(&volume);
         let particles = expected(&volume, &mut views);

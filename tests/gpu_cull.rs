@@ -315,6 +315,7 @@ fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume 
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     })
 }
 
@@ -416,6 +417,7 @@ fn lattices(random: &mut Random) -> Vec<BlockedVolume> {
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: Some(transfer),
+            normals: None,
         })
     };
     let dims = [61, 50, 33];
@@ -534,6 +536,7 @@ fn ranges_that_end_on_entries_of_the_table_are_told_alike() {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        normals: None,
     });
     let camera = Camera {
         projection: Projection::Perspective,
@@ -579,6 +582,7 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
         merged: None,
     };
     let (eye, size) = (DVec3::new(40.0, 0.0, 100.0), [200, 100]);
@@ -618,6 +622,7 @@ fn poison_is_seen_alike() {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            normals: None,
         }));
     }
     let cameras = cameras(&mut random, 1.0, DVec3::ZERO);
@@ -708,6 +713,7 @@ fn cloud(random: &mut Random, count: usize, kind: usize) -> PointVolume {
         },
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer()),
+        normals: None,
     }
 }
 
@@ -755,6 +761,7 @@ fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer()),
+        normals: None,
     }
 }
 
@@ -925,6 +932,7 @@ fn degenerate_blocks_are_chosen_alike() {
         level: u32::from(parent == NO_PARENT),
     };
     let volume = |blocks, merged| BlockedVolume {
+        normals: None,
         blocks,
         particles: BlockedParticles::Anisotropic {
             offsets: vec![[0.0; 3]; count as usize],
@@ -1050,6 +1058,7 @@ fn clusters_of_classified_particles_are_chosen_alike() {
             clumps: vec![0.0; count as usize],
         };
         let volume = |blocks, merged| BlockedVolume {
+            normals: None,
             blocks,
             particles: BlockedParticles::Anisotropic {
                 offsets: vec![[0.0; 3]; count as usize],

@@ -230,6 +230,7 @@ fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(bands(0.1)),
+        normals: None,
     }
 }
 
@@ -264,6 +265,7 @@ fn dust(count: usize, is_classified: bool) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(bands(0.3)),
+        normals: None,
     }
 }
 

@@ -26,8 +26,8 @@ use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, 
 use ewa_splat::splat::budget::AFFINE_SHARE;
 use ewa_splat::splat::{
     CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, affine_error, choose_exact,
-    cutoff_radius, edge_growth, evaluate_near, exact_extent, exact_terms, opacity_amplification,
-    peak_footprint, project_kernel,
+    cutoff_radius, edge_growth, evaluate_near, exact_extent, exact_terms, filtered_opacity,
+    opacity_amplification, peak_footprint, project_kernel,
 };
 use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
 
@@ -112,6 +112,12 @@ impl Input {
         Filter::ALL[self.views[self.classified[i].view as usize].filter_kind as usize]
     }
 
+    /// Whether a classified particle has the opacity of a lone kernel.
+    fn is_lone(&self, i: usize) -> bool {
+        let view = &self.views[self.classified[i].view as usize];
+        self.view.sub_pixel_opacity != 0 && view.level == 0 && self.splats().is_none()
+    }
+
     fn splats(&self) -> Option<bool> {
         match self.volume.strength {
             Strength::PeakOpacity {
@@ -135,6 +141,8 @@ struct Seen {
     form_flips: usize,
     near_range_flips: usize,
     key_off: usize,
+    /// Whose depth is less than nine tenths of the filtered one, being smaller than a pixel.
+    lone: usize,
     /// Too ill-conditioned for any bound: only held to be in range.
     loose: usize,
     worst: std::collections::BTreeMap<&'static str, f32>,
@@ -195,7 +203,9 @@ fn roundings(
     let row = focal * norm * per_depth * (1.0 + slope) * (8.0 * EPS + 2.0 * depth);
     // The filters that take the footprint's own smaller axis for something.
     let bare = screen.filtered(Filter::Reconstruction, 0.0);
-    let is_bare = input.filter(i) == Filter::UniformScaling || input.splats() == Some(true);
+    let is_bare = input.filter(i) == Filter::UniformScaling
+        || input.splats() == Some(true)
+        || input.is_lone(i);
     let of = if is_bare { &bare } else { image };
     let smallest = of.determinant / (of.a + of.c);
     Roundings {
@@ -205,6 +215,18 @@ fn roundings(
         axis: 4.0 * row / smallest.sqrt() + 16.0 * EPS + 4.0 * depth,
         smallest,
     }
+}
+
+/// What roundings of a lone kernel's opacity do to its depth, relative: some sixty of a sum, as a share
+/// of the light that is let through, down to exp(-7), where the depth follows from the extent.
+fn lone_error(input: &Input, i: usize, screen: &ScreenFactor) -> f32 {
+    if !input.is_lone(i) {
+        return 0.0;
+    }
+    let width = screen.row_x.cross(screen.row_y).length();
+    let area = width / input.view.low_pass_variance_px2;
+    let through = 1.0 - filtered_opacity(area, screen.weight / (std::f32::consts::TAU * width));
+    64.0 * EPS / through.max(1e-3)
 }
 
 /// The cut-off radius as the stage finds it.
@@ -309,8 +331,16 @@ fn compare_one(
         }
     } else {
         screen = project_kernel(view, &kernel);
-        image = screen.filtered(input.filter(i), view.low_pass_variance_px2);
+        let h2 = view.low_pass_variance_px2;
+        let filtered = screen.filtered(input.filter(i), h2);
+        if input.is_lone(i) {
+            image = screen.as_lone(input.filter(i), h2, filtered);
+            seen.lone += usize::from(image.tau < 0.9 * filtered.tau);
+        } else {
+            image = filtered;
+        }
     }
+    let lone = lone_error(input, i, &screen);
     let round = roundings(input, i, offset, &kernel, &screen, &image);
 
     let origin = Vec3::from(input.views[input.classified[i].view as usize].origin_camera);
@@ -365,7 +395,7 @@ fn compare_one(
     }
 
     // Bounds: off by one where an edge lies within its roundings of a whole number.
-    let r_error = (8.0 * round.axis + 1e-5) / (2.0 * r);
+    let r_error = (8.0 * round.axis + 1e-5 + 2.0 * lone) / (2.0 * r);
     let (middle, half) = if e.path & 3 == PATH_EXACT {
         let (middle, half) = exact_extent(&screen, view.low_pass_variance_px2, r).unwrap();
         (screen.centre_px + middle, half)
@@ -433,7 +463,7 @@ fn compare_one(
     seen.within(
         "tau",
         (e.tau - f.tau).abs(),
-        2.0 * (round.axis + r_error) * e.tau,
+        2.0 * (round.axis + r_error + lone) * e.tau,
         &context,
     );
     let cutoff = (e.cutoff_squared - f.cutoff_squared).abs();
@@ -691,6 +721,7 @@ fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -
         colour: Colour::PerParticle(Vec::new()),
         values: None,
         transfer_function: None,
+        normals: None,
         merged: None,
     }
 }
@@ -787,6 +818,7 @@ fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(vec![0; count])),
         transfer_function: None,
+        normals: None,
     })
 }
 
@@ -905,6 +937,26 @@ fn blocks_of_every_filter_and_level() {
                     assert!(shown[usize::from(is_orthographic)..].iter().all(is_whole));
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn lone_kernels_of_every_filter_and_level() {
+    let mut random = Random::new(23);
+    for kind in [Kind::Spheres, Kind::Ellipsoids, Kind::Splats] {
+        for is_orthographic in [false, true] {
+            let scene = Scene::new(kind, Filter::Adaptive, is_orthographic);
+            let mut input = scene.input(&mut random, &[256; 28]);
+            input.view.sub_pixel_opacity = 1;
+            for (i, view) in input.views.iter_mut().enumerate() {
+                view.filter_kind = (i % 7) as u32;
+                view.level = u32::from(i % 4 == 3);
+            }
+            let mut seen = Seen::default();
+            compare(&input, "lone kernels", &mut seen);
+            seen.report(&format!("lone {kind:?} orthographic {is_orthographic}"));
+            assert!(matches!(kind, Kind::Splats) || seen.lone > 100);
         }
     }
 }

@@ -23,8 +23,9 @@ use ewa_splat::layout::{
     ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, PATH_SURFEL, SurfelTerms, ViewUniform,
     pack_range,
 };
+use ewa_splat::math::unpack_normal;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::{Filter, unpack_normal};
+use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings, Show};
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -53,6 +54,7 @@ fn surfels(surfels: &[Surfel], is_one_sided: bool) -> PointVolume {
         colour: Colour::PerParticle(surfels.iter().map(|s| s.colour).collect()),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

@@ -330,6 +330,7 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
         colour: Colour::Classified,
         values: Some(Values::U8((0..VOXELS * VOXELS * 3).map(value).collect())),
         transfer_function: Some(transfer),
+        normals: None,
     };
     let side = VOXELS as f64;
     let view = |name, distance: f64, height: f64, turn: f64| {
@@ -426,6 +427,7 @@ fn clustered(count: usize) -> PointVolume {
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -456,6 +458,7 @@ fn lattice(n: usize) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer.unwrap()),
+        normals: None,
     }
 }
 

@@ -144,6 +144,7 @@ fn a_lattice_slab() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        normals: None,
     };
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let points = case.pointer("/input/points").unwrap().as_array().unwrap();

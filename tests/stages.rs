@@ -481,6 +481,7 @@ fn numbered(kind: usize) -> BlockedVolume {
             _ => Values::F32((0..count).map(of_f32).collect()),
         }),
         transfer_function: None,
+        normals: None,
     })
 }
 

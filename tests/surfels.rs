@@ -55,6 +55,7 @@ fn discs(discs: &[Disc], is_one_sided: bool) -> PointVolume {
         colour: Colour::PerParticle(discs.iter().map(|d| d.colour).collect()),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -485,6 +486,7 @@ fn fog(
         colour: Colour::Uniform(colour),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -553,6 +555,7 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
                 colour: Colour::Uniform([0.0, 1.0, 0.0]),
                 values: None,
                 transfer_function: None,
+                normals: None,
             };
             let wall = plane(
                 DVec3::Z * (5.0 - behind.min(4.0)),
@@ -656,6 +659,7 @@ fn flattened_kernels_become_surfels() {
         colour: Colour::Uniform([1.0, 0.6, 0.2]),
         values: None,
         transfer_function: None,
+        normals: None,
     };
     let at = |s: f64| {
         let factor =

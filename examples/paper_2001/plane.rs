@@ -169,6 +169,7 @@ fn board(kernels: Kernels) -> PointVolume {
         ),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

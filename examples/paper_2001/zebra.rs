@@ -163,6 +163,7 @@ fn slice(rows: usize, kernel_width: f64) -> Result<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(values.collect())),
         transfer_function: Some(transfer),
+        normals: None,
     })
 }
 

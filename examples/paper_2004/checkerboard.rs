@@ -216,5 +216,6 @@ pub(crate) fn checkerboard(voxels: usize) -> Result<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer),
+        normals: None,
     })
 }

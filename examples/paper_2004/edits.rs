@@ -194,6 +194,7 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
         colour: Colour::PerParticle(classes.iter().map(|(_, c)| [c[0], c[1], c[2]]).collect()),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 
@@ -232,6 +233,7 @@ fn lattice(dims: [usize; 3], values: Values) -> PointVolume {
         colour: Colour::Classified,
         values: Some(values),
         transfer_function: None,
+        normals: None,
     }
 }
 

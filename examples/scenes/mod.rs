@@ -51,6 +51,7 @@ pub(crate) fn particles(count: usize, height: usize, sigma_px: f32) -> PointVolu
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }
 

@@ -30,12 +30,20 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(LARGEST);
 }
 
-// The share of a surfel that planes leave at a point of the image, Phi of how far it lies inside them in
-// standard deviations of the low-pass filter; 0 beyond the softness.
+// The share of a surfel that planes leave of what a pixel shows of it, Phi of how far that lies inside
+// them in standard deviations of the low-pass filter; 0 beyond the softness.
 //
-// - `nearness`, `gradient`: of the surfel's plane there, and their change per pixel.
-fn clip_share(view: ViewUniform, pixel: vec2<f32>, nearness: f32, gradient: vec2<f32>) -> f32 {
-    let direction = ray_through(view, pixel);
+// - `at`: where what it shows lies on the image; `nearness`, `gradient`: of the surfel's plane there, and
+//   its change per pixel.
+// - `shown`: how `at` changes per pixel, a symmetric matrix: xx, xy, yy.
+fn clip_share(
+    view: ViewUniform,
+    at: vec2<f32>,
+    nearness: f32,
+    gradient: vec2<f32>,
+    shown: vec3<f32>,
+) -> f32 {
+    let direction = ray_through(view, at);
     var share = 1.0;
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
@@ -47,13 +55,17 @@ fn clip_share(view: ViewUniform, pixel: vec2<f32>, nearness: f32, gradient: vec2
             inside = across - plane.z * nearness + plane.w;
             rate = -plane.z;
         }
-        let slope = plane.xy / view.focal_px + gradient * rate;
+        let across_px = plane.xy / view.focal_px;
+        let slope = gradient * rate + vec2<f32>(
+            shown.x * across_px.x + shown.y * across_px.y,
+            shown.y * across_px.x + shown.z * across_px.y,
+        );
         let softness = sqrt(dot2(slope, slope)) * sqrt(view.low_pass_variance_px2);
-        let at = inside / max(softness, SMALLEST);
-        if is_nan(at) || !(at > -CLIP_SOFTNESS) {
+        let far_inside = inside / max(softness, SMALLEST);
+        if is_nan(far_inside) || !(far_inside > -CLIP_SOFTNESS) {
             return 0.0;
         }
-        share = share * normal_cdf(min(at, 38.0));
+        share = share * normal_cdf(min(far_inside, 38.0));
     }
     return share;
 }

@@ -75,3 +75,8 @@ fn times(m: mat3x3<f32>, v: vec3<f32>) -> vec3<f32> {
 fn is_finite3(v: vec3<f32>) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
 }
+
+// The largest magnitude among the components.
+fn largest_of(v: vec3<f32>) -> f32 {
+    return max_number(abs(v.x), max_number(abs(v.y), abs(v.z)));
+}

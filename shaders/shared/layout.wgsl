@@ -20,7 +20,8 @@ struct ViewUniform {
     layer_shift: u32,
     composite: u32,
     clip_count: u32,
-    unused: vec2<u32>,
+    sub_pixel_opacity: u32,
+    unused: u32,
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 
@@ -40,6 +41,21 @@ struct CameraUniform {
     plane_count: u32,
     unused: u32,
     choice: ChoiceUniform,
+}
+
+struct LightUniform {
+    direction: array<f32, 3>,
+    colour: array<f32, 3>,
+}
+
+struct LightingUniform {
+    lights: array<LightUniform, MAX_LIGHTS>,
+    count: u32,
+    orthographic: u32,
+    ambient: f32,
+    diffuse: f32,
+    specular: f32,
+    shininess: f32,
 }
 
 struct ChoiceUniform {

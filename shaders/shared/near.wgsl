@@ -57,11 +57,6 @@ fn near_terms(view: ViewUniform, kernel: Kernel) -> NearKernel {
     return out;
 }
 
-// The largest magnitude among the components.
-fn largest_of(v: vec3<f32>) -> f32 {
-    return max_number(abs(v.x), max_number(abs(v.y), abs(v.z)));
-}
-
 // For an orthographic camera: the kernel's depth along the ray at offset d is z* = u2 + g . d with
 // a constant standard deviation. `image`: the low-passed footprint.
 fn half_line_terms(view: ViewUniform, kernel: Kernel, image: ImageKernel) -> NearTerms {

@@ -1,5 +1,5 @@
 // Unit vectors as whole numbers: octahedral coordinates in steps. Twins: `pack_normal` and
-// `unpack_normal` in src/splat/surfel.rs.
+// `unpack_normal` in src/math/direction.rs.
 
 fn fold(a: f32, b: f32) -> f32 {
     return (1.0 - abs(b)) * select(1.0, -1.0, a < 0.0);

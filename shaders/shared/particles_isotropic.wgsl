@@ -4,12 +4,17 @@
 @group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(1) var<storage, read> shapes: array<vec4<f32>>;
 
+// Place among entries of one per particle.
+fn particle_index(block: u32, local: u32) -> u32 {
+    return blocks[block].first + local;
+}
+
 // Offset from the block's origin, world units.
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
-    return shapes[blocks[block].first + local].xyz;
+    return shapes[particle_index(block, local)].xyz;
 }
 
 // Factor of the variance, camera space: a sphere's is the same however the camera turns.
 fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
-    return sphere(shapes[blocks[block].first + local].w);
+    return sphere(shapes[particle_index(block, local)].w);
 }

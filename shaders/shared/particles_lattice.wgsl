@@ -31,6 +31,11 @@ fn samples_of(cell: vec3<u32>) -> vec3<u32> {
     return cell + vec3<u32>(0u, lattice.dims[0], lattice.dims[0] + lattice.dims[1]);
 }
 
+// Place among entries of one per particle.
+fn particle_index(block: u32, local: u32) -> u32 {
+    return block * (BRICK_X * BRICK_Y * BRICK_Z) + local;
+}
+
 // Offset from the block's origin, world units.
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
     let first = corner(block);

@@ -4,15 +4,20 @@
 @group(0) @binding(0) var<storage, read> blocks: array<DeviceBlock>;
 @group(0) @binding(1) var<storage, read> shapes: array<array<f32, 9>>;
 
+// Place among entries of one per particle.
+fn particle_index(block: u32, local: u32) -> u32 {
+    return blocks[block].first + local;
+}
+
 // Offset from the block's origin, world units.
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
-    let i = blocks[block].first + local;
+    let i = particle_index(block, local);
     return vec3<f32>(shapes[i][0], shapes[i][1], shapes[i][2]);
 }
 
 // Factor of the variance, camera space: rank two.
 fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
-    let i = blocks[block].first + local;
+    let i = particle_index(block, local);
     let a = times(rotation, vec3<f32>(shapes[i][3], shapes[i][4], shapes[i][5]));
     let b = times(rotation, vec3<f32>(shapes[i][6], shapes[i][7], shapes[i][8]));
     return Factor(

@@ -103,18 +103,6 @@ fn widest(first: vec3<f32>, second: vec3<f32>) -> f32 {
     return unit * sqrt(0.5 * (aa + bb) + sqrt(half_difference * half_difference + ab * ab));
 }
 
-struct UnitNormal {
-    exists: bool,
-    normal: vec3<f32>,
-}
-
-// The direction of a x b, where there is one.
-fn unit_normal(first: vec3<f32>, second: vec3<f32>) -> UnitNormal {
-    let normal = cross3(first / largest_of(first), second / largest_of(second));
-    let size = length3(normal);
-    return UnitNormal(is_above(size, 1e-6), normal / size);
-}
-
 // What a surfel that reaches the camera plane is evaluated by, and its weight at the centre: the
 // first three of the terms' misses are A, B and N.
 fn near_surfel(kernel: Kernel, is_one_sided: bool) -> NearKernel {

@@ -25,7 +25,10 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         colour,
         values,
         transfer_function,
+        normals,
     } = volume;
+    // Merged particles reflect like none of their members; see `PointVolume::normals`.
+    let detail = detail && normals.is_none();
     let mut sides = None;
     let (positions, sigmas) = match particles {
         Particles::Lattice {
@@ -45,6 +48,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
                 colour,
                 values,
                 transfer_function,
+                normals,
                 merged: None,
             };
             let levels = if detail {
@@ -167,6 +171,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         },
         values: values.map(|v| v.gather(&order)),
         transfer_function,
+        normals: normals.map(|n| order.iter().map(|&i| n[i as usize]).collect()),
         blocks,
         merged: None,
     };
@@ -445,6 +450,7 @@ mod tests {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            normals: None,
         });
         let BlockedParticles::Isotropic { offsets, .. } = &volume.particles else {
             panic!("isotropic particles stay isotropic");

@@ -53,6 +53,8 @@ pub struct BlockedVolume {
     pub values: Option<Values>,
     /// The transfer function, where something is classified.
     pub transfer_function: Option<TransferFunction>,
+    /// Codes of normals in the order of the values, where light may fall on particles.
+    pub normals: Option<Vec<u32>>,
     /// Of a level of detail: what its particles stand for.
     pub merged: Option<Merged>,
 }
@@ -165,7 +167,14 @@ impl BlockedVolume {
         let merged = self.merged.as_ref().map_or(0, |m| {
             size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.clumps)
         });
-        strengths + colours + values + blocks + merged + self.particle_count() * per_particle
+        let normals = self.normals.as_ref().map_or(0, |n| 4 * n.len());
+        strengths
+            + colours
+            + values
+            + blocks
+            + merged
+            + normals
+            + self.particle_count() * per_particle
     }
 
     /// How many particles there are.
@@ -245,6 +254,33 @@ impl BlockedVolume {
             })
         };
         self.blocks.iter().filter_map(seen).collect()
+    }
+
+    /// Whether light falls on its particles, where there is any: surfels and what has normals. Splats
+    /// that state their opacity are of a radiance field, lit already.
+    pub fn is_lit(&self) -> bool {
+        let has_normals =
+            self.normals.is_some() || matches!(self.particles, BlockedParticles::Surfels { .. });
+        has_normals && !self.is_of_splats()
+    }
+
+    /// Where particle `local` of a block stands in arrays of one entry per particle, and its offset
+    /// from the block's origin, world units.
+    #[inline]
+    pub(crate) fn place(&self, block: u32, local: u32) -> (usize, Vec3) {
+        match &self.particles {
+            BlockedParticles::Lattice(grid) => {
+                let cells = grid.cells(block);
+                let cell = BrickGrid::cell(cells.map(|[first, _]| first), local);
+                (grid.index(cell), grid.offset(cells, cell))
+            }
+            BlockedParticles::Isotropic { offsets, .. }
+            | BlockedParticles::Anisotropic { offsets, .. }
+            | BlockedParticles::Surfels { offsets, .. } => {
+                let i = (self.blocks[block as usize].first + local) as usize;
+                (i, Vec3::from(offsets[i]))
+            }
+        }
     }
 
     /// Whether its particles are surfels of an opaque surface.

@@ -389,11 +389,11 @@ impl Kernel for Cut<'_> {
                 }
             };
             let in_front = row.between(&near, &middle);
-            for lane in 0..TILE_SIZE {
+            for (lane, tau) in in_front.into_iter().enumerate() {
                 if mode.count && row.inside[lane] == 0 {
                     continue;
                 }
-                let alpha = opacity(in_front[lane]);
+                let alpha = opacity(tau);
                 accumulate(front, first + lane, alpha, colour, depth, mode);
             }
             if let (Some(behind), false) = (&mut behind, mode.count) {

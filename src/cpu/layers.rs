@@ -469,9 +469,9 @@ impl Add<'_> {
             let Some(spans) = self.spans else {
                 let mut above = [1.0; TILE_SIZE];
                 if number < last {
-                    for lane in 0..TILE_SIZE {
-                        let ahead = (end - row.depth[lane]) * row.per_sigma[lane];
-                        above[lane] = cdf::<FMA>(ahead);
+                    let kernels = row.depth.iter().zip(&row.per_sigma);
+                    for (above, (depth, per_sigma)) in above.iter_mut().zip(kernels) {
+                        *above = cdf::<FMA>((end - depth) * per_sigma);
                     }
                 }
                 let own = row.between(&below, &above);
@@ -479,9 +479,9 @@ impl Add<'_> {
                 below = above;
                 continue;
             };
-            for lane in 0..TILE_SIZE {
-                let i = first + lane;
-                ends[lane] = ends[lane].max(spans.near[i]).min(spans.far[i]);
+            let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
+            for (end, (near, far)) in ends.iter_mut().zip(of_rays) {
+                *end = end.max(*near).min(*far);
             }
             let above = row.shares_up_to::<FMA>(&ends, false);
             let mut divide = row.shares_up_to::<FMA>(&spans.middle[first..], false);

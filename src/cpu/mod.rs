@@ -35,6 +35,7 @@ mod column;
 mod cut;
 mod lanes;
 mod layers;
+mod light;
 mod project;
 mod rasterise;
 mod resolve;
@@ -48,6 +49,7 @@ pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
 pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use lanes::{SimdLevel, Tile};
+pub use light::{Sides, light, lit};
 #[cfg(feature = "gpu")]
 pub(crate) use project::Rule;
 pub use project::{ProjectOutput, project};

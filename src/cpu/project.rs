@@ -94,6 +94,8 @@ pub fn project(
                 };
                 let key = depth_key(view, block, origin, offset);
                 let filter = Filter::ALL[block.filter_kind as usize];
+                // Merged particles know of their members' opacity.
+                let is_lone = view.sub_pixel_opacity != 0 && block.level == 0;
                 let colour = particle.colour;
                 let mut terms = None;
                 let near = &output.near;
@@ -108,11 +110,13 @@ pub fn project(
                     }
                     Rule::Pane { is_one_sided } => {
                         kernel.mass *= facing(view, &kernel, is_one_sided);
-                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
+                        footprint(
+                            view, filter, is_lone, &kernel, colour, key, is_cut, &mut terms, near,
+                        )
                     }
-                    Rule::Kernel => {
-                        footprint(view, filter, &kernel, colour, key, is_cut, &mut terms, near)
-                    }
+                    Rule::Kernel => footprint(
+                        view, filter, is_lone, &kernel, colour, key, is_cut, &mut terms, near,
+                    ),
                 };
                 if view.composite == Composite::Slabs as u32 && !is_opaque {
                     out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
@@ -429,6 +433,7 @@ fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
 pub(crate) fn footprint(
     view: &ViewUniform,
     filter: Filter,
+    is_lone: bool,
     kernel: &Kernel,
     colour: [f32; 3],
     key: u32,
@@ -453,7 +458,10 @@ pub(crate) fn footprint(
         return out;
     }
     let screen = project_kernel(view, kernel);
-    let image = screen.filtered(filter, h2);
+    let mut image = screen.filtered(filter, h2);
+    if is_lone {
+        image = screen.as_lone(filter, h2, image);
+    }
     let is_shape = screen.row_x.is_finite() && screen.row_y.is_finite();
     if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {
         // A singular footprint (no low-pass filter), or numbers beyond f32.

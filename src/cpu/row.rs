@@ -63,7 +63,7 @@ impl<'a> RowWalk<'a> {
         let Some(ray_length) = ray_length.first_chunk::<TILE_SIZE>() else {
             return row;
         };
-        for lane in 0..TILE_SIZE {
+        for (lane, length) in ray_length.iter().enumerate() {
             let dx = self.first[0] + lane as f32;
             let p = madd::<FMA>(px, dx, py * dy);
             let r = madd::<FMA>(rx, dx, ry * dy);
@@ -76,7 +76,7 @@ impl<'a> RowWalk<'a> {
                 let w = 1.0 + slope + dx * (hxx * dx + hxy * dy) + hyy * dy * dy;
                 let root = w.sqrt();
                 q /= w;
-                tau *= ray_length[lane] / root;
+                tau *= length / root;
                 per_sigma *= root;
                 z = footprint.depth * (1.0 + 0.5 * slope) / w;
                 is_inside = w > 0.0;

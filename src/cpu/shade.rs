@@ -1,9 +1,8 @@
 //! Stage: colours that depend on the view, per visible particle, once.
 
-use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::BlockedVolume;
 use crate::image::linear_from_srgb;
 use crate::layout::{BlockView, ClassifiedParticle};
 use crate::math::{harmonics, harmonics_count, harmonics_sum};
@@ -37,19 +36,7 @@ pub fn shade(
     let shade_one = |particle: &mut ClassifiedParticle| {
         let index = views[particle.view as usize].block;
         let block = &volume.blocks[index as usize];
-        let (i, offset) = match &volume.particles {
-            BlockedParticles::Lattice(grid) => {
-                let cells = grid.cells(index);
-                let cell = BrickGrid::cell(cells.map(|[first, _]| first), particle.local);
-                (grid.index(cell), grid.offset(cells, cell))
-            }
-            BlockedParticles::Isotropic { offsets, .. }
-            | BlockedParticles::Anisotropic { offsets, .. }
-            | BlockedParticles::Surfels { offsets, .. } => {
-                let i = (block.first + particle.local) as usize;
-                (i, Vec3::from(offsets[i]))
-            }
-        };
+        let (i, offset) = volume.place(index, particle.local);
         let direction = axis.unwrap_or_else(|| {
             ((block.origin - camera.eye).as_vec3() + offset).normalize_or_zero()
         });

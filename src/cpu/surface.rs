@@ -14,7 +14,7 @@
 //!
 //! Twin: `shaders/surface.wgsl`.
 
-use glam::{Vec2, Vec3};
+use glam::{Mat2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::bin::Bins;
@@ -25,7 +25,7 @@ use crate::constants::{
     TILE_PIXELS, TILE_SIZE,
 };
 use crate::layout::{ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
-use crate::splat::unpack_normal;
+use crate::math::unpack_normal;
 
 /// Sums over the surfels of one layer of each pixel.
 #[derive(Debug, Clone)]
@@ -105,8 +105,12 @@ impl Layer {
     }
 }
 
-/// Where planes clip a surfel: how far a pixel lies inside, standard deviations of the low-pass filter, is
-/// linear over the image.
+/// Where planes clip a surfel: how far inside lies what a pixel shows of it, standard deviations of the
+/// low-pass filter, is linear over the image.
+///
+/// Of a surfel that the filter spreads, a pixel at offset d from its centre shows what lies at F d on
+/// average, F = V (V + V_h)⁻¹ = 1 - V_h S⁻¹ with S the variance of its footprint. Its gradient of
+/// nearness is one over the image already.
 #[derive(Debug, Clone, Copy)]
 struct ClipEdges {
     /// At the surfel's centre, and the change per pixel.
@@ -117,7 +121,16 @@ struct ClipEdges {
 impl ClipEdges {
     /// Of the plane of a surfel with this nearness at a point of the image and this change of it, the
     /// planes that cut it within `reach` pixels.
-    fn new(view: &ViewUniform, pixel: Vec2, nearness: f32, gradient: Vec2, reach: f32) -> Self {
+    ///
+    /// - `shown`: F.
+    fn new(
+        view: &ViewUniform,
+        pixel: Vec2,
+        nearness: f32,
+        gradient: Vec2,
+        shown: Mat2,
+        reach: f32,
+    ) -> Self {
         let mut edges = Self {
             edges: [[0.0; 3]; MAX_CLIP_PLANES],
             count: 0,
@@ -132,7 +145,7 @@ impl ClipEdges {
             } else {
                 (across - nz * nearness + d, -nz)
             };
-            let slope = Vec2::new(nx, ny) / focal + gradient * rate;
+            let slope = shown * (Vec2::new(nx, ny) / focal) + gradient * rate;
             let softness = slope.length() * view.low_pass_variance_px2.sqrt();
             let scale = 1.0 / softness.max(f32::MIN_POSITIVE);
             if inside * scale - slope.length() * scale * reach < CLIP_SOFTNESS {
@@ -355,6 +368,7 @@ impl SurfaceRaster<'_> {
                 centre,
                 terms.nearness,
                 terms.gradient.into(),
+                shown(self.view, footprint),
                 reach,
             )
         });
@@ -478,7 +492,8 @@ impl SurfaceRaster<'_> {
                     continue;
                 }
                 let gradient = n.truncate() / Vec2::from(self.view.focal_px);
-                let edges = ClipEdges::new(self.view, pixel.into(), nearness, gradient, 0.0);
+                let (view, pixel) = (self.view, pixel.into());
+                let edges = ClipEdges::new(view, pixel, nearness, gradient, Mat2::IDENTITY, 0.0);
                 let share = edges.share::<false>(0.0, 0.0);
                 if share == 0.0 {
                     continue;
@@ -498,6 +513,14 @@ impl SurfaceRaster<'_> {
             }
         }
     }
+}
+
+/// F of [`ClipEdges`].
+fn shown(view: &ViewUniform, footprint: &Footprint) -> Mat2 {
+    let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+    let across = px * py + rx * ry;
+    let inverse = Mat2::from_cols_array(&[px * px + rx * rx, across, across, py * py + ry * ry]);
+    Mat2::IDENTITY - inverse * view.low_pass_variance_px2
 }
 
 /// The farthest of a row or column of pixels from a centre, `first` the offset of the tile's first one.

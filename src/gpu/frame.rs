@@ -18,7 +18,7 @@ use crate::blocks::{BlockedVolume, Frustum, Layers};
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::layout::{ChoiceUniform, ViewUniform};
+use crate::layout::{ChoiceUniform, LightingUniform, ViewUniform};
 use crate::splat::{Composite, Filter};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::Camera;
@@ -49,6 +49,8 @@ pub struct FrameInput<'a> {
     pub count: bool,
     /// Linear RGB behind everything.
     pub background: Option<[f32; 3]>,
+    /// Light on what has normals.
+    pub lighting: Option<LightingUniform>,
 }
 
 /// What makes a frame's buffers and pipelines differ from another's.
@@ -66,6 +68,8 @@ pub(super) struct FrameKind {
     pub(super) composite: Composite,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
+    /// Whether there is light.
+    pub(super) is_lit: bool,
 }
 
 impl FrameKind {
@@ -81,6 +85,7 @@ impl FrameKind {
             clip: input.view.clip_count > 0,
             composite: Composite::ALL[input.view.composite as usize],
             detail: input.choice.level_of_detail != 0,
+            is_lit: input.lighting.is_some(),
         }
     }
 

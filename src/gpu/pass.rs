@@ -22,6 +22,7 @@ use super::device::Gpu;
 use super::frame::{FrameInput, FrameKind};
 use super::gather::{BoundGather, Gather, Terms};
 use super::kernel::BoundKernel;
+use super::light::{BoundLight, bind_light};
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
 use super::rasterise::{LAYER_SLOTS, RasterSpec, Rasterise, slice_of};
 use super::resolve::Resolve;
@@ -384,6 +385,7 @@ pub(super) struct PassFrame {
     cull: BoundCull,
     classify: Vec<BoundClassify>,
     shade: Vec<BoundShade>,
+    light: Vec<BoundLight>,
     project: Vec<BoundKernel>,
     counts: wgpu::Buffer,
     sort: BoundSort,
@@ -523,6 +525,8 @@ impl PassFrame {
         let classify = bind_classify(gpu, &buffers, &drawn, &parts)?;
         let shade = drawn.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
+        let light = drawn.iter().zip(&parts).filter(|_| frame.is_lit);
+        let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
         let raster = pass.raster(gpu, frame);
@@ -615,6 +619,7 @@ impl PassFrame {
         let progress_back = gpu.staging("tiles", progress_bytes)?;
         Ok(Self {
             shade: shade.collect(),
+            light: light.collect(),
             buffers,
             parts,
             near,
@@ -644,7 +649,8 @@ impl PassFrame {
             input.choice,
             input.layers.as_ref(),
         );
-        self.buffers.write(gpu, &input.view, &camera);
+        let lighting = input.lighting.as_ref();
+        self.buffers.write(gpu, &input.view, &camera, lighting);
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer);
         gpu.submit(encoder);
@@ -723,6 +729,7 @@ impl PassFrame {
             let mut pass = timer.pass(encoder, Stage::Classify);
             self.classify.iter().for_each(|p| p.encode(&mut pass));
             self.shade.iter().for_each(|p| p.encode(&mut pass));
+            self.light.iter().for_each(|p| p.encode(&mut pass));
         }
         let count = u64::from(4 * CLASSIFIED_COUNT);
         for (i, part) in (0..).zip(&self.parts) {

@@ -12,7 +12,8 @@ use crate::blocks::MergeBounds;
 use crate::layout::{
     BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
     ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
-    MergedBlock, NearTerms, PartIndex, PartRange, PartState, SortState, SurfelTerms, ViewUniform,
+    LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
+    SortState, SurfelTerms, ViewUniform,
 };
 use naga::TypeInner;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -88,6 +89,7 @@ fn structs_are_laid_out_alike() {
         layer_shift,
         composite,
         clip_count,
+        sub_pixel_opacity,
         unused,
         clip_planes,
     });
@@ -117,6 +119,16 @@ fn structs_are_laid_out_alike() {
         low_pass_variance_px2,
         tolerance,
         level_of_detail,
+    });
+    check_layout!(LightUniform { direction, colour });
+    check_layout!(LightingUniform {
+        lights,
+        count,
+        orthographic,
+        ambient,
+        diffuse,
+        specular,
+        shininess,
     });
     check_layout!(BrickUniform { dims, first });
     check_layout!(FrameState {

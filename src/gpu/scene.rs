@@ -15,7 +15,7 @@ use crate::cpu::Rule;
 use crate::error::{Error, Result};
 use crate::layout::{
     BlockView, BrickUniform, CameraUniform, ClassifiedParticle, DeviceBlock, Footprint, FrameState,
-    PartState, ViewUniform,
+    LightingUniform, PartState, ViewUniform,
 };
 use crate::math::harmonics_count;
 use crate::scene::{Colour, Strength, TransferFunction, Values};
@@ -73,6 +73,8 @@ pub(super) struct Kinds {
     pub(super) is_merged: bool,
     /// Whether each strength is followed by the particle's clump.
     pub(super) has_clumps: bool,
+    /// Whether light falls on it.
+    pub(super) is_lit: bool,
 }
 
 impl Kinds {
@@ -113,6 +115,7 @@ impl Kinds {
             },
             is_merged: volume.merged.is_some(),
             has_clumps: volume.merged.as_ref().is_some_and(|m| !m.clumps.is_empty()),
+            is_lit: volume.is_lit(),
         }
     }
 
@@ -162,6 +165,8 @@ pub(super) struct Part {
     pub(super) values: wgpu::Buffer,
     pub(super) strengths: wgpu::Buffer,
     pub(super) colours: wgpu::Buffer,
+    /// Codes of normals, where they are stored.
+    pub(super) normals: wgpu::Buffer,
     /// The transfer function's table and its averages, all parts of a family the same.
     pub(super) table: wgpu::Buffer,
     /// Its greatest extinctions and slopes, likewise.
@@ -337,6 +342,12 @@ fn upload(
                 per_particle("harmonics", coefficients, stride)?
             }
         };
+        let normals = match &volume.normals {
+            Some(codes) if kinds.is_lit => {
+                gpu.upload("normals", &in_block_order(volume, &run, codes, 1))?
+            }
+            _ => nothing.clone(),
+        };
         let bricks = BrickUniform {
             dims: match &volume.particles {
                 BlockedParticles::Lattice(grid) => grid.dims().map(|n| n as u32),
@@ -369,6 +380,7 @@ fn upload(
             values,
             strengths,
             colours,
+            normals,
             table: tables.table.clone(),
             maxima: tables.maxima.clone(),
             run,
@@ -501,6 +513,8 @@ pub(super) struct FrameBuffers {
     pub(super) view: wgpu::Buffer,
     /// A [`CameraUniform`].
     pub(super) camera: wgpu::Buffer,
+    /// A [`LightingUniform`], where anything is lit.
+    pub(super) lighting: wgpu::Buffer,
     /// The camera's rotation, as a uniform.
     pub(super) rotation: wgpu::Buffer,
     /// A [`FrameState`].
@@ -515,14 +529,24 @@ impl FrameBuffers {
             view: gpu.uniform("view", &ViewUniform::zeroed())?,
             rotation: gpu.uniform("rotation", &rotation_uniform([[0.0; 3]; 3]))?,
             camera: gpu.buffer("camera", size_of::<CameraUniform>() as u64)?,
+            lighting: gpu.buffer("lighting", size_of::<LightingUniform>() as u64)?,
             state: gpu.buffer("frame state", size_of::<FrameState>() as u64)?,
         })
     }
 
     /// All that a frame uploads.
-    pub(super) fn write(&self, gpu: &Gpu, view: &ViewUniform, camera: &CameraUniform) {
+    pub(super) fn write(
+        &self,
+        gpu: &Gpu,
+        view: &ViewUniform,
+        camera: &CameraUniform,
+        lighting: Option<&LightingUniform>,
+    ) {
         gpu.write(&self.view, bytemuck::bytes_of(view));
         gpu.write(&self.camera, bytemuck::bytes_of(camera));
+        if let Some(lighting) = lighting {
+            gpu.write(&self.lighting, bytemuck::bytes_of(lighting));
+        }
         let rotation = rotation_uniform(camera.rotation);
         gpu.write(&self.rotation, bytemuck::bytes_of(&rotation));
     }

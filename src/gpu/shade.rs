@@ -1,6 +1,8 @@
 //! Stage: colours that depend on the view, per visible particle, once. Twin:
 //! [`crate::cpu::shade()`].
 
+use std::ops::Range;
+
 use bytemuck::Zeroable;
 
 use super::classify::{arguments, upload_views};
@@ -114,27 +116,44 @@ pub fn shade(
         let Some(bound) = bind_shade(gpu, &frame, part, buffers) else {
             return Ok(());
         };
-        let begin = views[range.clone()].first().map_or(0, |v| v.first as usize);
-        let count: u32 = views[range.clone()].iter().map(|v| v.count).sum();
-        let particles = &mut classified[begin..][..count as usize];
-        let of_part: Vec<_> = particles
-            .iter()
-            .map(|p| ClassifiedParticle {
-                view: p.view - range.start as u32,
-                ..*p
-            })
-            .collect();
-        gpu.write(&buffers.classified, bytemuck::cast_slice(&of_part));
-        let mut state: PartState = gpu.read(&buffers.state, 1)?[0];
-        state.classified_count = count;
-        gpu.write(&buffers.state, bytemuck::bytes_of(&state));
-        let groups = arguments(0, count.div_ceil(THREADS));
-        gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
-        gpu.run(|pass| bound.encode(pass));
-        let shaded: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count as usize)?;
-        for (particle, shaded) in particles.iter_mut().zip(shaded) {
-            particle.colour = shaded.colour;
-        }
+        recolour(gpu, buffers, views, range, classified, |pass| {
+            bound.encode(pass);
+        })?;
+    }
+    Ok(())
+}
+
+/// Runs a stage that changes colours over the particles of a part.
+///
+/// - `range`: which of `views` are the part's.
+pub(super) fn recolour(
+    gpu: &Gpu,
+    buffers: &PartBuffers,
+    views: &[BlockView],
+    range: Range<usize>,
+    classified: &mut [ClassifiedParticle],
+    encode: impl FnOnce(&mut wgpu::ComputePass<'_>),
+) -> Result<()> {
+    let begin = views[range.clone()].first().map_or(0, |v| v.first as usize);
+    let count: u32 = views[range.clone()].iter().map(|v| v.count).sum();
+    let particles = &mut classified[begin..][..count as usize];
+    let of_part: Vec<_> = particles
+        .iter()
+        .map(|p| ClassifiedParticle {
+            view: p.view - range.start as u32,
+            ..*p
+        })
+        .collect();
+    gpu.write(&buffers.classified, bytemuck::cast_slice(&of_part));
+    let mut state: PartState = gpu.read(&buffers.state, 1)?[0];
+    state.classified_count = count;
+    gpu.write(&buffers.state, bytemuck::bytes_of(&state));
+    let groups = arguments(0, count.div_ceil(THREADS));
+    gpu.write(&buffers.arguments, bytemuck::cast_slice(&groups));
+    gpu.run(encode);
+    let coloured: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count as usize)?;
+    for (particle, coloured) in particles.iter_mut().zip(coloured) {
+        particle.colour = coloured.colour;
     }
     Ok(())
 }

@@ -12,8 +12,8 @@ use super::tile::{NO_DEPTH, NO_LAYER};
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
     BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CLIP_PLANES,
-    MAX_CUTOFF, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS, TERMINATION_INTERVAL, TERMINATION_SHARE,
-    TILE_SIZE,
+    MAX_CUTOFF, MAX_LIGHTS, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS, TERMINATION_INTERVAL,
+    TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
@@ -21,7 +21,7 @@ use crate::layout::{
 };
 use crate::math::{
     E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
-    HARMONIC_1, HARMONICS_2, HARMONICS_3,
+    HARMONIC_1, HARMONICS_2, HARMONICS_3, NORMAL_STEPS,
 };
 use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES, MAXIMUM_ROUNDING};
 use crate::splat::budget::{
@@ -30,7 +30,9 @@ use crate::splat::budget::{
 };
 use crate::splat::{
     ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Composite, Filter, GRAZING, JACOBIAN_MARGIN,
-    NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2,
+    PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2, SUB_PIXEL_FAINT,
+    SUB_PIXEL_LARGE, SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE, SUB_PIXEL_REACH,
+    SUB_PIXEL_SPLIT, SUB_PIXEL_WEIGHTS,
 };
 
 /// A shader's name and the files it is composed of.
@@ -61,6 +63,10 @@ impl Shader {
         CULL,
         CLASSIFY,
         SHADE,
+        LIGHT_LATTICE,
+        LIGHT_ISOTROPIC,
+        LIGHT_ANISOTROPIC,
+        LIGHT_SURFELS,
         PROJECT_LATTICE,
         PROJECT_ISOTROPIC,
         PROJECT_ANISOTROPIC,
@@ -85,6 +91,8 @@ const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
 
 /// Unit vectors in a word.
 const NORMAL: &str = include_str!("../../shaders/shared/normal.wgsl");
+/// The plane of two tangents.
+const TANGENTS: &str = include_str!("../../shaders/shared/tangents.wgsl");
 /// A tile's pixels and its progress.
 const TILE: &str = include_str!("../../shaders/shared/tile.wgsl");
 
@@ -224,6 +232,7 @@ macro_rules! project_parts {
             FACTOR,
             $particles,
             include_str!("../../shaders/shared/footprint.wgsl"),
+            include_str!("../../shaders/shared/sub_pixel.wgsl"),
             include_str!("../../shaders/shared/exact.wgsl"),
             include_str!("../../shaders/shared/bounds.wgsl"),
             include_str!("../../shaders/shared/filter.wgsl"),
@@ -231,6 +240,7 @@ macro_rules! project_parts {
             include_str!("../../shaders/shared/peak.wgsl"),
             include_str!("../../shaders/shared/near.wgsl"),
             NORMAL,
+            TANGENTS,
             include_str!("../../shaders/shared/surfel.wgsl"),
             include_str!("../../shaders/project.wgsl"),
         ]
@@ -318,6 +328,38 @@ pub(super) const SHADE: Shader = Shader {
     ],
 };
 
+macro_rules! light_parts {
+    ($particles:ident) => {
+        &[
+            DISPATCH,
+            STRUCTS,
+            FLOATS,
+            FACTOR,
+            $particles,
+            NORMAL,
+            TANGENTS,
+            include_str!("../../shaders/light.wgsl"),
+        ]
+    };
+}
+
+/// Light on particles of one kind.
+const fn light(name: &'static str, parts: &'static [&'static str]) -> Shader {
+    Shader { name, parts }
+}
+
+/// Light on a lattice's cells.
+pub(super) const LIGHT_LATTICE: Shader =
+    light("light on a lattice", light_parts!(PARTICLES_LATTICE));
+/// Light on spheres.
+pub(super) const LIGHT_ISOTROPIC: Shader =
+    light("light on spheres", light_parts!(PARTICLES_ISOTROPIC));
+/// Light on ellipsoids.
+pub(super) const LIGHT_ANISOTROPIC: Shader =
+    light("light on ellipsoids", light_parts!(PARTICLES_ANISOTROPIC));
+/// Light on surfels.
+pub(super) const LIGHT_SURFELS: Shader = light("light on surfels", light_parts!(PARTICLES_SURFELS));
+
 /// The numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {
     let mut text = String::new();
@@ -326,6 +368,7 @@ pub fn prelude() -> String {
         ("THREADS", THREADS),
         ("SCAN_RUN", SCAN_RUN),
         ("TILE_SIZE", TILE_SIZE as u32),
+        ("MAX_LIGHTS", MAX_LIGHTS as u32),
         ("BRICK_X", BRICK[0] as u32),
         ("BRICK_Y", BRICK[1] as u32),
         ("BRICK_Z", BRICK[2] as u32),
@@ -413,6 +456,10 @@ pub fn prelude() -> String {
         ("MIXED_SHARE", MIXED_SHARE),
         ("MANY_SHARE", MANY_SHARE),
         ("TREND", TREND),
+        ("SUB_PIXEL_SPLIT", SUB_PIXEL_SPLIT),
+        ("SUB_PIXEL_REACH", SUB_PIXEL_REACH),
+        ("SUB_PIXEL_FAINT", SUB_PIXEL_FAINT),
+        ("SUB_PIXEL_LARGE", SUB_PIXEL_LARGE),
         ("EIN_SPLIT", EIN_SPLIT),
         ("EULER", EULER),
         ("TAU", std::f32::consts::TAU),
@@ -428,6 +475,10 @@ pub fn prelude() -> String {
         ("EIN_SERIES", EIN_SERIES.as_slice()),
         ("E1_NUMERATOR", E1_NUMERATOR.as_slice()),
         ("E1_DENOMINATOR", E1_DENOMINATOR.as_slice()),
+        ("SUB_PIXEL_NODES", SUB_PIXEL_NODES.as_slice()),
+        ("SUB_PIXEL_LOGS", SUB_PIXEL_LOGS.as_slice()),
+        ("SUB_PIXEL_WEIGHTS", SUB_PIXEL_WEIGHTS.as_slice()),
+        ("SUB_PIXEL_OPAQUE", SUB_PIXEL_OPAQUE.as_slice()),
         ("HARMONICS_2", HARMONICS_2.as_slice()),
         ("HARMONICS_3", HARMONICS_3.as_slice()),
     ];

@@ -24,7 +24,7 @@ pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
     let bytes = if super::extension(path) == "png" {
-        png_bytes(path, &picture(column))?
+        png_bytes(path, &column_picture(column))?
     } else {
         grey_bytes(
             path,
@@ -38,7 +38,7 @@ pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
 }
 
 /// Viridis over 0 to 1: linear RGB, opaque.
-pub(super) fn viridis() -> impl Fn(f32) -> [f32; 4] {
+pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     use colorgrad::Gradient;
     let map = colorgrad::preset::viridis();
     move |fraction| {
@@ -48,7 +48,8 @@ pub(super) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     }
 }
 
-fn picture(column: &ColumnImage) -> Image {
+/// The picture of a column density that [`write_column`] writes to a `png`.
+pub fn column_picture(column: &ColumnImage) -> Image {
     let colour_of = viridis();
     let mut picture = Image::new(column.width, column.height);
     let Some([least, greatest]) = column.shown_range() else {
@@ -81,7 +82,7 @@ mod tests {
             values: vec![0.0, -3.0, 1e-9, 1e-4, 1e-2, 1.0],
             pixel_area: None,
         };
-        let pixels = picture(&column).pixels;
+        let pixels = column_picture(&column).pixels;
         assert_eq!(pixels[..3], [[0.0; 4]; 3]);
         // Viridis: #440154 and #fde725; in the middle the preset has #26838f, where matplotlib's
         // table has #21918c. Its spline leaves its ends and middle by a level or two of 255.

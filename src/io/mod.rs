@@ -52,7 +52,9 @@ use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
 pub use cells::{CellKind, CellMesh};
-pub use column_file::write_column;
+#[cfg(feature = "legend")]
+pub(crate) use column_file::viridis;
+pub use column_file::{column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 #[cfg(feature = "report")]

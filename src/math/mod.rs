@@ -1,6 +1,7 @@
 //! Small mathematics that the rest stands on: factors of variances,
 //! spherical harmonics and special functions.
 
+mod direction;
 mod ein;
 mod factor;
 mod flatten;
@@ -9,7 +10,11 @@ mod normal;
 mod variance;
 
 #[cfg(feature = "gpu")]
-pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, EULER};
+pub(crate) use direction::NORMAL_STEPS;
+pub use direction::{NO_NORMAL, normal_code, normal_of_code, pack_normal, unpack_normal};
+pub(crate) use ein::EULER;
+#[cfg(feature = "gpu")]
+pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT};
 pub use ein::{ein, ein_share};
 pub use factor::Factor;
 pub use flatten::{flatten, tangents_of};

@@ -3,7 +3,7 @@
 use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
 use crate::render::{Settings, Show};
-use crate::splat::Filter;
+use crate::splat::{Composite, Filter};
 
 /// One way to draw the scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +52,8 @@ const KERNEL_WIDTHS: [f64; 5] = [0.5, 0.55, 0.6, 0.7, 0.8];
 pub const DEFAULT: &str = "default";
 /// The id of the most accurate variant.
 pub const ACCURATE: &str = "accurate";
+/// The id of the same with kernels sliced into slabs.
+const ACCURATE_SLABS: &str = "accurate-slabs";
 /// The id of a variant that saves wherever it can be borne.
 pub const FAST: &str = "fast";
 
@@ -100,6 +102,16 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
             s.linear_opacity = true;
         },
     );
+    list.push(
+        "together",
+        ACCURATE_SLABS,
+        "the same in slabs",
+        "accurate slabs",
+        |s| {
+            *s = accurate(s);
+            s.composite = Composite::Slabs;
+        },
+    );
     for (name, tolerance) in TOLERANCES {
         let id = format!("tolerance-{}", name.replace('/', "-"));
         list.push("tolerance", &id, &format!("tolerance {name}"), name, |s| {
@@ -138,6 +150,13 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         let id = format!("cutoff-{r}");
         list.push("cut-off", &id, &label, &format!("{r} σ"), |s| {
             s.cutoff = Some(r);
+        });
+    }
+    for composite in Composite::ALL {
+        let name = composite.name();
+        let id = format!("composite-{name}");
+        list.push("composite", &id, composite_label(composite), name, |s| {
+            s.composite = composite;
         });
     }
     for (name, linear) in [("exponential", false), ("linear", true)] {
@@ -258,6 +277,15 @@ fn filter_label(filter: Filter) -> &'static str {
         .map_or(filter.name(), |(_, words)| words)
 }
 
+fn composite_label(composite: Composite) -> &'static str {
+    match composite {
+        Composite::Over => "kernels one by one",
+        Composite::Sheets => "whole kernels summed in sheets along the view",
+        Composite::AxisSheets => "whole kernels summed in sheets along an axis",
+        Composite::Slabs => "kernels sliced into slabs",
+    }
+}
+
 fn thresholds_label([c_min, c_max]: [f32; 2]) -> String {
     format!("thresholds of Chen et al. 2004, {c_min} and {c_max:.2}")
 }
@@ -325,7 +353,10 @@ mod tests {
         for filter in Filter::ALL {
             assert!(all.iter().any(|v| v.settings.filter == filter));
         }
-        for id in [DEFAULT, ACCURATE, FAST] {
+        for composite in Composite::ALL {
+            assert!(all.iter().any(|v| v.settings.composite == composite));
+        }
+        for id in [DEFAULT, ACCURATE, ACCURATE_SLABS, FAST] {
             assert!(ids.contains(&id));
         }
     }

@@ -25,6 +25,7 @@
 //!     colour: Colour::Uniform([1.0; 3]),
 //!     values: None,
 //!     transfer_function: None,
+//!     normals: None,
 //! };
 //! let camera =
 //!     Camera::perspective(DVec3::new(0.0, -10.0, 0.0), DVec3::ZERO, DVec3::Z, 40.0, [16, 16]);

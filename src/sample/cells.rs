@@ -24,8 +24,8 @@ use super::left_out::LeftOut;
 use super::neighbours::square;
 use super::positions::{is_same, sort_by_position};
 use super::{
-    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
-    take_scalar,
+    SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
+    nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry, check_cells};
@@ -232,7 +232,7 @@ fn faces_are_of_one_sense(entries: &[u32]) -> bool {
 }
 
 /// The faces of a polyhedron that have three nodes or more.
-fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
+pub(super) fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
     let mut rest = entries.get(1..).unwrap_or(&[]);
     std::iter::from_fn(move || {
         let (&count, tail) = rest.split_first()?;
@@ -591,8 +591,19 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
+    let normals = options.normals.then(|| {
+        // Values belong to nodes, not to the centroids of their dual cells.
+        let place = |n: usize| match kernels.kept[n] {
+            node if of_nodes => mesh.nodes[node as usize],
+            _ => kernels.positions[n],
+        };
+        let first = &duals.first;
+        gradient::of_mesh(mesh, first, of_nodes, &kernels.kept, place, values)
+    });
     // The mesh has done its work.
     drop(dataset);
     drop(duals);
-    classified_kernels(kernels, taken.values, report, options)
+    let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
+    sampled.volume.normals = normals;
+    Ok(sampled)
 }

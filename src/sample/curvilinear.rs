@@ -20,6 +20,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::blanking::Blanking;
+use super::gradient::Samples;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::{
@@ -28,7 +29,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
-use crate::math::lower_factor;
+use crate::math::{lower_factor, normal_code};
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -136,7 +137,21 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    classified_kernels(kernels, taken.values, report, options)
+    let normals = options.normals.then(|| {
+        let normal = |&sample: &u32| {
+            let i = sample as usize;
+            let block = samples.partition_point(|(first, _)| *first <= i) - 1;
+            let (first, grid) = &samples[block];
+            let gradient = grid.gradient(taken.association, i - first, |local| {
+                f64::from(taken.values.get(first + local))
+            });
+            normal_code(gradient)
+        };
+        kernels.kept.par_iter().map(normal).collect()
+    });
+    let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
+    sampled.volume.normals = normals;
+    Ok(sampled)
 }
 
 /// As many positions as the dimensions say.
@@ -376,6 +391,41 @@ impl Grid<'_> {
         } else {
             Err(LeftOut::Degenerate)
         }
+    }
+
+    /// The gradient of a field at one of its samples, `value` by their numbers within the grid.
+    /// Between samples, not at the kernels' centroids: there the chain rule is exact.
+    fn gradient(
+        &self,
+        association: Association,
+        sample: usize,
+        value: impl Fn(usize) -> f64,
+    ) -> DVec3 {
+        let is_node = association == Association::Nodes;
+        let dims = if is_node {
+            self.dims
+        } else {
+            self.dims.map(|n| n - 1)
+        };
+        let index = |[i, j, k]: [usize; 3]| i + dims[0] * (j + dims[1] * k);
+        let at = |ijk: [usize; 3]| {
+            let (is_hidden, position) = if is_node {
+                let node = index(ijk);
+                (self.blanking.node(self.first_node + node), self.nodes[node])
+            } else {
+                let corners = self.cell_corners(ijk);
+                let hidden = self.blanking.cell(self.first_cell + index(ijk));
+                (hidden, corners.iter().sum::<DVec3>() / 8.0)
+            };
+            let value = value(index(ijk));
+            let is_known = !is_hidden && position.is_finite() && value.is_finite();
+            is_known.then_some((position, value))
+        };
+        // The last plane of nodes is the first.
+        let periods = [0, 1, 2].map(|d| self.periodic[d].then(|| self.dims[d] - 1));
+        let samples = Samples { dims, periods, at };
+        let [ni, nj, _] = dims;
+        samples.gradient([sample % ni, sample / ni % nj, sample / (ni * nj)])
     }
 }
 

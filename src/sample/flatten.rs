@@ -99,6 +99,7 @@ pub(super) fn take_surface(volume: &mut PointVolume, value: f64) -> Result<Optio
         colour: volume.colour.clone(),
         values: Some(Values::F32(vec![narrowed(value); count])),
         transfer_function: volume.transfer_function.clone(),
+        normals: None,
     };
     volume.values = Some(Values::F32(rest));
     Ok(Some(surface))
@@ -159,6 +160,7 @@ mod tests {
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: TransferFunction::named("viridis", &defaults).ok(),
+            normals: None,
         };
         (volume, centre)
     }

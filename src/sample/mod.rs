@@ -5,8 +5,10 @@ mod blanking;
 mod cells;
 mod convert;
 mod curvilinear;
+mod cut_faces;
 mod factor;
 mod flatten;
+mod gradient;
 mod kernels;
 mod lattice;
 mod left_out;
@@ -30,6 +32,7 @@ use crate::scene::{
 };
 
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
+pub use cut_faces::cut_faces;
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
@@ -73,6 +76,9 @@ pub struct SampleOptions {
     /// lattice through whose cells it passes, where the gradient is strong, are flattened along
     /// the gradient.
     pub flatten: Option<f64>,
+    /// Whether light is to fall on the volume: then each sample gets the direction of its field's
+    /// gradient ([`PointVolume::normals`]), four bytes more.
+    pub normals: bool,
     /// Meshes: how many surfels.
     pub spread: Spread,
     /// Meshes: another number gives another spread of surfels, as even.
@@ -107,6 +113,7 @@ impl Default for SampleOptions {
             shepard_passes: 0,
             for_columns: false,
             flatten: None,
+            normals: false,
             spread: Spread::Automatic,
             seed: 0,
         }
@@ -251,6 +258,9 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     }?;
     if options.shepard_passes > 0 {
         shepard::even_out(&mut sampled.volume, options.shepard_passes);
+    }
+    if options.normals {
+        gradient::complete(&mut sampled.volume);
     }
     Ok(sampled)
 }
@@ -405,6 +415,7 @@ fn classified(
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: Some(transfer_function),
+            normals: None,
         },
         report,
     })

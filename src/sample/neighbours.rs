@@ -6,8 +6,10 @@ use glam::{DMat3, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+use super::gradient::Fit;
 use super::index_u32;
 use super::positions::{is_same, sort_by_position};
+use crate::math::{NO_NORMAL, normal_code};
 
 /// Neighbours that shapes are taken from: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
@@ -234,6 +236,40 @@ impl<'a> PointIndex<'a> {
                 self.covariance(groups.iter().copied())
             })
             .collect()
+    }
+
+    /// Codes of the directions in which a field grows fastest: the plane of least squares through a
+    /// point's value and its nearest neighbours', those at one position with their mean value; more
+    /// neighbours where the nearest lie in a plane. Values that are not finite count as none.
+    pub(super) fn normals(&self, value: impl Fn(usize) -> f32 + Sync) -> Vec<u32> {
+        let mean = |g: usize| {
+            let values = self.group(g).iter().map(|&i| f64::from(value(i as usize)));
+            let finite = values.filter(|v| v.is_finite());
+            let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+            sum / count
+        };
+        let means: Vec<f64> = (0..self.group_count()).into_par_iter().map(mean).collect();
+        let normal = |g: usize| {
+            let own = self.group_point(g);
+            let fit = |count: usize| {
+                let neighbours = self.nearest(g, count);
+                let offset = |(other, _)| (self.group_point(other) - own, means[other] - means[g]);
+                Fit::of(neighbours.map(offset))
+            };
+            let mut best = fit(NEIGHBOUR_COUNT);
+            for factor in [2, 4, 8] {
+                if best.spans() || !means[g].is_finite() {
+                    break;
+                }
+                best = fit(factor * NEIGHBOUR_COUNT);
+            }
+            normal_code(best.gradient())
+        };
+        let normals: Vec<u32> = (0..self.group_count())
+            .into_par_iter()
+            .map(normal)
+            .collect();
+        self.spread(&normals, NO_NORMAL)
     }
 
     /// Calls `visit` with each point within `radius` of `centre` and its offset from there.

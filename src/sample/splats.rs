@@ -96,6 +96,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             colour,
             values,
             transfer_function,
+            normals: None,
         },
         report,
     })

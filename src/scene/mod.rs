@@ -1,6 +1,7 @@
-//! What is drawn: point volumes and the transfer functions that colour them.
+//! What is drawn: point volumes, the transfer functions that colour them and the light on them.
 
 mod lattice;
+mod lighting;
 mod point_volume;
 mod requirements;
 mod transfer_function;
@@ -8,6 +9,7 @@ mod values;
 
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
+pub use lighting::{Light, LightFrame, Lighting};
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
 pub use transfer_function::{

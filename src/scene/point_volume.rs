@@ -22,6 +22,11 @@ pub struct PointVolume {
     pub values: Option<Values>,
     /// The transfer function; needed where strength or colour is classified.
     pub transfer_function: Option<TransferFunction>,
+    /// Where light is to fall on particles: a direction of each, mostly that of its field's
+    /// gradient ([`normal_code`](crate::math::normal_code); 0: none, the particle stays unlit).
+    /// Surfels have none: their tangents say it. A volume with normals has no levels of detail,
+    /// because no bound is known of how merged particles would reflect.
+    pub normals: Option<Vec<u32>>,
 }
 
 /// Positions and shapes of particles. A shape is a factor L of the variance V = L Lᵀ.
@@ -215,6 +220,18 @@ impl PointVolume {
                 }
             }
             Colour::Classified | Colour::Uniform(_) => {}
+        }
+        if let Some(normals) = &self.normals {
+            check("normals", normals.len())?;
+            if matches!(self.particles, Particles::Surfels { .. }) {
+                return Err(Error::format(
+                    "point volume",
+                    "normals",
+                    "none: the tangents of surfels say them",
+                    normals.len().to_string(),
+                    "leave them out",
+                ));
+            }
         }
         let classified = self.is_classified();
         if classified || self.values.is_some() {

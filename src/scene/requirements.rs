@@ -26,6 +26,8 @@ pub struct Requirements {
     pub peak_opacity: bool,
     /// Degree of the spherical harmonics that are evaluated for every frame; 0: none.
     pub harmonics_degree: u8,
+    /// Whether a normal is stored per particle, four bytes.
+    pub normals: bool,
 }
 
 impl Requirements {
@@ -56,6 +58,7 @@ impl Requirements {
                 Colour::Harmonics { degree, .. } => degree,
                 _ => 0,
             },
+            normals: volume.normals.is_some(),
         }
     }
 }

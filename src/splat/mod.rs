@@ -7,6 +7,7 @@
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
+//! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
 //! | `composite.rs` | how footprints become a picture |
 //! | `show.rs` | the debug layer of choices |
@@ -24,6 +25,7 @@ mod footprint;
 mod near;
 mod peak;
 mod show;
+mod sub_pixel;
 mod surfel;
 
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
@@ -38,7 +40,12 @@ pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};
 pub use show::{CHOICE_COLOURS, choice_index};
 #[cfg(feature = "gpu")]
-pub(crate) use surfel::{
-    GRAZING, NORMAL_STEPS, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE,
+pub(crate) use sub_pixel::{
+    SUB_PIXEL_FAINT, SUB_PIXEL_LARGE, SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE,
+    SUB_PIXEL_REACH, SUB_PIXEL_SPLIT, SUB_PIXEL_WEIGHTS,
 };
-pub use surfel::{SurfelFootprint, near_surfel, pack_normal, surfel_footprint, unpack_normal};
+pub use sub_pixel::{filtered_opacity, sub_pixel_depth};
+pub(crate) use surfel::unit_normal;
+#[cfg(feature = "gpu")]
+pub(crate) use surfel::{GRAZING, PERSPECTIVE_FROM, SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE};
+pub use surfel::{SurfelFootprint, near_surfel, surfel_footprint};

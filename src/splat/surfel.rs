@@ -20,6 +20,7 @@ use glam::{Vec2, Vec3};
 use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 use crate::layout::{NearTerms, SurfelTerms, ViewUniform};
+use crate::math::pack_normal;
 
 /// Surfels of one surface differ in depth by what it bends between them: up to this many of
 /// their standard deviations they are averaged. Across a crease they differ by more, and fall into
@@ -136,38 +137,6 @@ pub fn surfel_footprint(
     })
 }
 
-/// Steps along each axis of the octahedron that normals are rounded to: a whole number of 22 bits,
-/// which f32 holds, and a direction within .12 degrees.
-pub(crate) const NORMAL_STEPS: f32 = 2047.0;
-
-/// A unit vector as a whole number: its octahedral coordinates in steps.
-#[inline]
-pub fn pack_normal(normal: Vec3) -> f32 {
-    let sum = normal.x.abs() + normal.y.abs() + normal.z.abs();
-    let (x, y) = (normal.x / sum, normal.y / sum);
-    let (x, y) = if normal.z < 0.0 {
-        let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
-        (fold(x, y), fold(y, x))
-    } else {
-        (x, y)
-    };
-    let step = |x: f32| ((0.5 * x + 0.5) * NORMAL_STEPS + 0.5).floor();
-    step(x) * (NORMAL_STEPS + 1.0) + step(y)
-}
-
-/// The unit vector of [`pack_normal`].
-#[inline]
-pub fn unpack_normal(packed: f32) -> Vec3 {
-    let row = (packed / (NORMAL_STEPS + 1.0)).floor();
-    let coordinate = |step: f32| step * (2.0 / NORMAL_STEPS) - 1.0;
-    let x = coordinate(row);
-    let y = coordinate(packed - row * (NORMAL_STEPS + 1.0));
-    let z = 1.0 - x.abs() - y.abs();
-    let under = (-z).max(0.0);
-    let unfold = |a: f32| if a < 0.0 { a + under } else { a - under };
-    Vec3::new(unfold(x), unfold(y), z).normalize_or_zero()
-}
-
 /// The low-pass filter's standard deviation, pixels.
 #[inline]
 fn h_of(view: &ViewUniform) -> f32 {
@@ -187,7 +156,7 @@ fn widest(a: Vec3, b: Vec3) -> f32 {
 
 /// The direction of a x b; `None` where there is none.
 #[inline]
-fn unit_normal(a: Vec3, b: Vec3) -> Option<Vec3> {
+pub(crate) fn unit_normal(a: Vec3, b: Vec3) -> Option<Vec3> {
     let (a, b) = (a / a.abs().max_element(), b / b.abs().max_element());
     let normal = a.cross(b);
     let length = normal.length();
@@ -227,28 +196,4 @@ pub fn near_surfel(kernel: &Kernel, is_one_sided: bool) -> Option<(NearTerms, f3
     let weight = kernel.mass / unit / unit / (TAU * squared.sqrt());
     let is_usable = terms.misses[..3].iter().flatten().all(|x| x.is_finite());
     (is_usable && weight > 0.0 && weight.is_finite()).then_some((terms, weight))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn normals_survive_packing() {
-        let mut worst = 0.0_f32;
-        for i in 0..40_000 {
-            let (z, a) = (1.0 - (i as f32 + 0.5) / 20_000.0, 2.399_963 * i as f32);
-            let r = (1.0 - z * z).sqrt();
-            let normal = Vec3::new(r * a.cos(), r * a.sin(), z);
-            let packed = pack_normal(normal);
-            assert!(packed.fract() == 0.0 && (0.0..4_194_304.0).contains(&packed));
-            worst = worst.max((unpack_normal(packed) - normal).length());
-        }
-        // Half a step of 2 / 2047 along each axis, sqrt(2) together, stretched by sqrt(3) at most: in
-        // the middle of the octahedron's faces.
-        assert!(worst < 2.1e-3, "{worst}");
-        for axis in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z] {
-            assert!((unpack_normal(pack_normal(axis)) - axis).length() < 2.1e-3);
-        }
-    }
 }

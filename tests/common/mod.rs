@@ -471,6 +471,7 @@ pub mod scene {
             colour: Colour::PerParticle(particles.iter().map(|p| p.colour).collect()),
             values: None,
             transfer_function: None,
+            normals: None,
         }
     }
 

@@ -1,11 +1,13 @@
 //! `ewa-splat render --column-density`
 
-use ewa_splat::io::{write_bytes_atomically, write_column};
+use ewa_splat::io::{column_picture, write_bytes_atomically, write_column};
+use ewa_splat::legend::ColourBar;
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnImage, Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::legend::{column_title, write_with_legend};
 use crate::render::{Arguments, Prepared, stats};
 
 impl Arguments {
@@ -14,6 +16,7 @@ impl Arguments {
         &self,
         renderer: &mut Renderer,
         camera: &Camera,
+        fields: &[Option<String>],
         prepared: Prepared,
         progress: &ProgressBar,
     ) -> Result<()> {
@@ -34,7 +37,17 @@ impl Arguments {
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();
         let column = renderer.column();
-        write_column(&self.out, column)?;
+        let bar = self.legend.legend.then(|| {
+            let title = column_title(fields);
+            ColourBar::of_column(&title, column)
+        });
+        match bar.flatten() {
+            Some(bar) => {
+                let picture = column_picture(column);
+                write_with_legend(&self.out, &picture, &[bar])?;
+            }
+            None => write_column(&self.out, column)?,
+        }
         if let Some(path) = self.stats_path() {
             let mut stats = stats(renderer, &times, prepared);
             stats["column_density"] = json!({

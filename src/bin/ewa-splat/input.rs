@@ -78,6 +78,8 @@ pub(crate) struct DataOptions {
 /// What the inputs hold.
 pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
+    /// What each volume shows: the name of its field.
+    pub(crate) fields: Vec<Option<String>>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// What points up: y where all are meshes, as their formats have it, z otherwise.
@@ -197,6 +199,7 @@ impl DataOptions {
     ) -> Result<Scene> {
         let mut scene = Scene {
             volumes: Vec::new(),
+            fields: Vec::new(),
             grids_only: true,
             up: DVec3::Y,
         };
@@ -218,6 +221,8 @@ impl DataOptions {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }
             scene.volumes.extend(sampled.volumes);
+            let field = sampled.report.field;
+            scene.fields.resize(scene.volumes.len(), field);
         }
         Ok(scene)
     }
@@ -286,6 +291,7 @@ impl DataOptions {
             shepard_passes: self.shepard,
             for_columns: false,
             flatten: self.flatten,
+            normals: false,
             spread: match (self.density, self.spacing) {
                 (Some(density), _) => Spread::Density(density),
                 (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),

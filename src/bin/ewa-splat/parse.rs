@@ -1,5 +1,6 @@
 //! Values of command-line options.
 
+use ewa_splat::scene::{Light, LightFrame};
 use ewa_splat::view::ClipPlane;
 use glam::DVec3;
 
@@ -36,6 +37,27 @@ pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
 /// `r,g,b`
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     Ok(DVec3::from(numbers(text)?).as_vec3().into())
+}
+
+/// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.
+pub(crate) fn light(text: &str) -> Result<Light, String> {
+    let (direction, colour) = match finite_numbers(text).as_deref() {
+        Some(&[x, y, z]) => (DVec3::new(x, y, z), DVec3::ONE),
+        Some(&[x, y, z, r, g, b]) => (DVec3::new(x, y, z), DVec3::new(r, g, b)),
+        _ => (DVec3::ZERO, DVec3::ZERO),
+    };
+    if direction.try_normalize().is_none() || colour.min_element() < 0.0 {
+        return Err(
+            "a direction, not 0,0,0, and perhaps a colour of numbers from 0 up, such as 1,-1,2 or \
+             1,-1,2,1,0.9,0.8"
+                .into(),
+        );
+    }
+    Ok(Light {
+        direction,
+        frame: LightFrame::World,
+        colour: colour.as_vec3().into(),
+    })
 }
 
 fn numbers(text: &str) -> Result<[f64; 3], String> {

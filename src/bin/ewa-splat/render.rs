@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
-    write_depth, write_image, write_normals,
+    write_depth, write_normals,
 };
+use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
@@ -20,7 +21,10 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::count::describe;
+use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
+use crate::legend::{LegendOptions, bars, write_with_legend};
+use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Clip};
 use crate::progress::with_bar;
@@ -47,7 +51,13 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     method: Method,
     #[command(flatten)]
+    light: LightOptions,
+    #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    cut: CutOptions,
+    #[command(flatten)]
+    pub(crate) legend: LegendOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -98,16 +108,20 @@ struct Method {
     /// Cut-off radius in standard deviations [default: from the tolerance]
     #[arg(long, value_name = "R", value_parser = parse::cutoff)]
     cutoff: Option<f32>,
+    /// Give kernels smaller than a pixel the opacity that each has alone: right for sparse sets of
+    /// opaque particles, too faint where they fill pixels together
+    #[arg(long)]
+    sub_pixel_opacity: bool,
     /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
     /// states [default: 1e-4]
     #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
-                                      "show"])]
+                                      "show", "sub_pixel_opacity"])]
     reference: bool,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth",
-                                      "transfer_function", "show"])]
+                                      "transfer_function", "show", "sub_pixel_opacity"])]
     column_density: bool,
 }
 
@@ -205,6 +219,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     let backend = arguments.backend()?;
+    if let Some(lighting) = arguments.light.lighting() {
+        lighting.validate()?;
+    }
+    arguments.check_legend()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -212,12 +230,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
+        normals: arguments.light.lighting().is_some(),
         ..arguments.data.sample_options()
     };
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, &progress)?;
-    let (scene, up) = (scene.volumes, scene.up);
+    let is_column = arguments.method.column_density;
+    let legend = match arguments.legend.legend {
+        true if !is_column => bars(&scene)?,
+        _ => Vec::new(),
+    };
+    let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    if arguments.cut.cut_faces {
+        add_faces(&mut scene, &arguments.clip_planes())?;
+    }
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -233,7 +260,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         prepare_ms,
     };
 
-    let is_column = arguments.method.column_density;
     let (boxes, lens) = if is_column {
         (renderer.boxes(), Lens::OrthoHeight(None))
     } else {
@@ -243,11 +269,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .camera
         .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
     if is_column {
-        return arguments.draw_column(&mut renderer, &camera, prepared, &progress);
+        return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
     }
+    check_legend_size(&legend, [camera.width, camera.height])?;
     if let Some(integrator) = integrator {
         progress.finish_and_clear();
-        return arguments.integrate(&integrator, &camera, prepared);
+        return arguments.integrate(&integrator, &camera, &legend, prepared);
     }
     let settings = arguments.settings();
     progress.set_message("rendering");
@@ -267,7 +294,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shows_count {
         write_count(&arguments.out, renderer.image())?;
     } else {
-        write_image(&arguments.out, renderer.image())?;
+        write_with_legend(&arguments.out, renderer.image(), &legend)?;
     }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
@@ -294,6 +321,7 @@ impl Arguments {
         &self,
         integrator: &Integrator,
         camera: &Camera,
+        legend: &[ColourBar],
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
@@ -311,7 +339,7 @@ impl Arguments {
             integrator.render(camera, &settings, report)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        write_image(&self.out, &frame.image)?;
+        write_with_legend(&self.out, &frame.image, legend)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({
                 "particles": integrator.particle_count(),
@@ -331,6 +359,25 @@ impl Arguments {
             write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
         }
         warn_unconverged(&frame, settings.error);
+        Ok(())
+    }
+
+    /// A legend belongs to a picture of the scene: numbers have none.
+    fn check_legend(&self) -> Result<()> {
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "leave --legend out";
+            Err(Error::format("--legend", place, expected, found, advice))
+        };
+        if !self.legend.legend {
+            return Ok(());
+        }
+        if !matches!(self.output.show, ShowName::Scene) {
+            return fault("--show", "scene", "choice or count".into());
+        }
+        if self.method.column_density && !self.is_png() {
+            let found = self.out.display().to_string();
+            return fault("--column-density", "a png, which is a picture", found);
+        }
         Ok(())
     }
 
@@ -428,6 +475,8 @@ impl Arguments {
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             simd: defaults.simd,
+            lighting: self.light.lighting(),
+            sub_pixel_opacity: self.method.sub_pixel_opacity,
         }
     }
 }
@@ -467,6 +516,7 @@ pub(crate) fn stats(
             "near": counts.footprints_near,
         },
         "tile_entries": counts.tile_entries,
+        "layer_thickness": renderer.layers().map(|layers| layers.thickness),
         "splat_pixels": counts.splat_pixels,
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),

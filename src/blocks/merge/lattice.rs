@@ -126,6 +126,7 @@ fn level(
         colour: base.colour.clone(),
         values: Some(Values::F32(means)),
         transfer_function: None,
+        normals: None,
         merged: Some(Merged {
             bounds,
             spreads,

@@ -605,6 +605,7 @@ impl MergedPoints {
             },
             values: source.values.map(|_| Values::F32(values)),
             transfer_function: None,
+            normals: None,
             merged: Some(merged),
         }
     }

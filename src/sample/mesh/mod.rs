@@ -333,5 +333,6 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        normals: None,
     }
 }

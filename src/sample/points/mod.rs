@@ -232,6 +232,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             },
             values,
             transfer_function,
+            normals: None,
         },
         report,
     })

@@ -1,0 +1,39 @@
+//! `ewa-splat render --clip ... --cut-faces`
+
+use clap::Args;
+use ewa_splat::sample::cut_faces;
+use ewa_splat::scene::{Particles, PointVolume, Strength};
+use ewa_splat::view::ClipPlane;
+use ewa_splat::{Error, Result};
+
+#[derive(Args)]
+#[command(next_help_heading = "Method")]
+pub(crate) struct CutOptions {
+    /// Show the field on the planes of --clip, in the transfer function's colours, opaque
+    #[arg(long, requires = "clip", conflicts_with_all = ["reference", "column_density"])]
+    pub(crate) cut_faces: bool,
+}
+
+/// Adds the faces of the planes through all volumes of fields; splats and surfels have none.
+pub(crate) fn add_faces(volumes: &mut Vec<PointVolume>, planes: &[ClipPlane]) -> Result<()> {
+    let has_field = |v: &&PointVolume| {
+        let is_flat = matches!(v.particles, Particles::Surfels { .. });
+        matches!(v.strength, Strength::Classified { .. }) && !is_flat
+    };
+    if !volumes.iter().any(|v| has_field(&v)) {
+        return Err(Error::format(
+            "--cut-faces",
+            "data",
+            "a field with a transfer function",
+            "splats, meshes or particles with masses of their own",
+            "leave --cut-faces out",
+        ));
+    }
+    let faces = volumes
+        .iter()
+        .filter(has_field)
+        .map(|v| cut_faces(v, planes));
+    let faces = faces.collect::<Result<Vec<_>>>()?;
+    volumes.extend(faces.into_iter().flatten());
+    Ok(())
+}

@@ -1,0 +1,67 @@
+//! `ewa-splat render --legend`
+
+use std::path::Path;
+
+use clap::Args;
+use ewa_splat::io::write_image;
+use ewa_splat::legend::{ColourBar, draw_legend};
+use ewa_splat::scene::Colour;
+use ewa_splat::{Error, Image, Result};
+
+use crate::input::Scene;
+
+/// What a field without a name is called.
+const UNNAMED: &str = "value";
+
+#[derive(Args)]
+#[command(next_help_heading = "Output")]
+pub(crate) struct LegendOptions {
+    /// Draw a colour bar with the field's name, values and opacity into the picture
+    #[arg(long)]
+    pub(crate) legend: bool,
+}
+
+/// A bar for each transfer function that gives colours; volumes of one field and one function share
+/// theirs.
+pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
+    let mut bars = Vec::new();
+    for (volume, field) in scene.volumes.iter().zip(&scene.fields) {
+        if let (Colour::Classified, Some(transfer)) = (&volume.colour, &volume.transfer_function) {
+            let title = field.as_deref().unwrap_or(UNNAMED);
+            let bar = ColourBar::of_transfer_function(title, transfer);
+            if !bars.contains(&bar) {
+                bars.push(bar);
+            }
+        }
+    }
+    if bars.is_empty() {
+        return Err(Error::format(
+            "--legend",
+            "data",
+            "a field with a transfer function",
+            "splats, meshes or particles with colours of their own",
+            "leave --legend out, or name a field with --field",
+        ));
+    }
+    Ok(bars)
+}
+
+/// What a column density is called.
+pub(crate) fn column_title(fields: &[Option<String>]) -> String {
+    match fields {
+        [Some(field), rest @ ..] if rest.iter().all(|f| f.as_ref() == Some(field)) => {
+            format!("column of {field}")
+        }
+        _ => "column density".into(),
+    }
+}
+
+/// Writes a picture with the bars in it.
+pub(crate) fn write_with_legend(path: &Path, image: &Image, bars: &[ColourBar]) -> Result<()> {
+    if bars.is_empty() {
+        return write_image(path, image);
+    }
+    let mut image = image.clone();
+    draw_legend(bars, &mut image)?;
+    write_image(path, &image)
+}

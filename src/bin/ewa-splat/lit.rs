@@ -1,0 +1,33 @@
+//! Options that say how a scene is lit.
+
+use clap::Args;
+use ewa_splat::scene::{Light, Lighting};
+
+use crate::parse;
+
+#[derive(Args)]
+#[command(next_help_heading = "Light")]
+pub(crate) struct LightOptions {
+    /// Light surfels by their normals and volumes by their field's gradient: a headlight over the
+    /// left shoulder and a dim light from the right, unless --light says otherwise
+    #[arg(long, conflicts_with_all = ["reference", "column_density"])]
+    lit: bool,
+    /// Direction towards a light, in the world, and its linear colour [default: white]; may be
+    /// repeated, up to 8 times. Implies --lit
+    #[arg(long = "light", value_name = "x,y,z[,r,g,b]", value_parser = parse::light,
+          allow_hyphen_values = true, conflicts_with_all = ["reference", "column_density"])]
+    lights: Vec<Light>,
+}
+
+impl LightOptions {
+    /// How the scene is lit, if at all.
+    pub(crate) fn lighting(&self) -> Option<Lighting> {
+        if !self.lights.is_empty() {
+            return Some(Lighting {
+                lights: self.lights.clone(),
+                ..Lighting::default()
+            });
+        }
+        self.lit.then(Lighting::default)
+    }
+}

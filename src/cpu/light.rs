@@ -1,0 +1,105 @@
+//! Stage: light on particles that have a normal, per visible particle, once.
+
+use glam::{Mat3, Vec3};
+use rayon::prelude::*;
+
+use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::layout::{BlockView, ClassifiedParticle, LightingUniform};
+use crate::math::normal_of_code;
+use crate::splat::unit_normal;
+
+/// Lights the colours of `classified`: of surfels by the normals of their planes, of other particles
+/// by those that the volume stores; does nothing elsewhere, nor to splats that state their opacity,
+/// whose colours are those of a radiance field, lit already.
+///
+/// - `views`: with their origins in camera space.
+/// - `rotation`: of the viewing transformation.
+pub fn light(
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    rotation: Mat3,
+    lighting: &LightingUniform,
+    classified: &mut [ClassifiedParticle],
+) {
+    /// Particles per parallel task at least.
+    const GRAIN: usize = 1024;
+    if !volume.is_lit() {
+        return;
+    }
+    let light_one = |particle: &mut ClassifiedParticle| {
+        let view = &views[particle.view as usize];
+        let (i, offset) = volume.place(view.block, particle.local);
+        let from_eye = Vec3::from(view.origin_camera) + rotation * offset;
+        let to_eye = if lighting.orthographic != 0 {
+            -Vec3::Z
+        } else {
+            -from_eye.normalize_or_zero()
+        };
+        let (normal, sides) = match (&volume.particles, &volume.normals) {
+            (BlockedParticles::Surfels { tangents, .. }, _) => {
+                let [ax, ay, az, bx, by, bz] = tangents[i];
+                let (a, b) = (Vec3::new(ax, ay, az), Vec3::new(bx, by, bz));
+                let normal = unit_normal(rotation * a, rotation * b).unwrap_or(Vec3::ZERO);
+                (normal, Sides::Facing)
+            }
+            (_, Some(codes)) => (rotation * normal_of_code(codes[i]), Sides::Both),
+            (_, None) => return,
+        };
+        particle.colour = lit(lighting, sides, particle.colour, normal, to_eye);
+    };
+    classified
+        .par_iter_mut()
+        .with_min_len(GRAIN)
+        .for_each(light_one);
+}
+
+/// From which side light falls on what a normal stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// From either: the gradient of a field has no outside.
+    Both,
+    /// From the side that the eye is on: a surface.
+    Facing,
+}
+
+/// The colour of a particle under `lighting`, as [`Lighting`](crate::scene::Lighting) has it;
+/// `colour` itself without a normal.
+///
+/// - `normal`, `to_eye`: camera space, unit length; zero for none.
+#[inline]
+pub fn lit(
+    lighting: &LightingUniform,
+    sides: Sides,
+    colour: [f32; 3],
+    normal: Vec3,
+    to_eye: Vec3,
+) -> [f32; 3] {
+    if normal == Vec3::ZERO {
+        return colour;
+    }
+    let normal = if sides == Sides::Facing && normal.dot(to_eye) < 0.0 {
+        -normal
+    } else {
+        normal
+    };
+    let seen = |cosine: f32| match sides {
+        Sides::Both => cosine.abs(),
+        Sides::Facing => cosine.max(0.0),
+    };
+    let mut reflected = Vec3::splat(lighting.ambient);
+    let mut highlight = Vec3::ZERO;
+    for light in &lighting.lights[..lighting.count as usize] {
+        let direction = Vec3::from(light.direction);
+        let diffuse = seen(normal.dot(direction));
+        // Behind a surface.
+        if !(diffuse > 0.0) {
+            continue;
+        }
+        let halfway = (direction + to_eye).normalize_or_zero();
+        let specular = seen(normal.dot(halfway)).min(1.0);
+        let light = Vec3::from(light.colour);
+        reflected += light * (lighting.diffuse * diffuse);
+        highlight += light * (lighting.specular * specular.powf(lighting.shininess));
+    }
+    (Vec3::from(colour) * reflected + highlight).into()
+}

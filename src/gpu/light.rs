@@ -1,0 +1,124 @@
+//! Stage: light on particles that have a normal, per visible particle, once. Twin:
+//! [`crate::cpu::light()`].
+
+use glam::Mat3;
+
+use super::classify::upload_views;
+use super::device::Gpu;
+use super::kernel::{Access, BoundKernel};
+use super::particles::ParticleKind;
+use super::project::rotation_uniform;
+use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers};
+use super::shade::recolour;
+use super::shaders;
+use crate::blocks::BlockedVolume;
+use crate::error::Result;
+use crate::layout::{BlockView, ClassifiedParticle, LightingUniform};
+
+/// The stage over a part.
+#[derive(Debug)]
+pub(super) struct BoundLight {
+    light: BoundKernel,
+    arguments: wgpu::Buffer,
+}
+
+/// Binds the stage to a part, or nothing where it has no normals.
+pub(super) fn bind_light(
+    gpu: &Gpu,
+    frame: &FrameBuffers,
+    part: &Part,
+    buffers: &PartBuffers,
+) -> Option<BoundLight> {
+    use Access::{Read, Uniform, Write};
+    if !part.kinds.is_lit {
+        return None;
+    }
+    let kind = part.kinds.particles;
+    let shader = match kind {
+        ParticleKind::Lattice => &shaders::LIGHT_LATTICE,
+        ParticleKind::Isotropic => &shaders::LIGHT_ISOTROPIC,
+        ParticleKind::Anisotropic => &shaders::LIGHT_ANISOTROPIC,
+        ParticleKind::Surfels => &shaders::LIGHT_SURFELS,
+    };
+    let kernel = gpu.kernel(
+        shader,
+        "light",
+        &[Read, Read, Read, Uniform, Read, Read, Write, Read],
+        &[(
+            "IS_SURFEL",
+            f64::from(u8::from(kind == ParticleKind::Surfels)),
+        )],
+    );
+    let PartBuffers {
+        state,
+        arguments,
+        views,
+        classified,
+    } = buffers;
+    let blocks = match kind {
+        ParticleKind::Lattice => &part.lattice,
+        _ => &part.blocks,
+    };
+    let bound = kernel.bind(
+        gpu,
+        &[
+            blocks,
+            &part.shapes,
+            &frame.lighting,
+            &frame.rotation,
+            state,
+            views,
+            classified,
+            &part.normals,
+        ],
+    );
+    Some(BoundLight {
+        light: bound,
+        arguments: arguments.clone(),
+    })
+}
+
+impl BoundLight {
+    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
+        let particles = u64::from(4 * PARTICLE_ARGUMENTS);
+        self.light
+            .dispatch_indirect(pass, &self.arguments, particles);
+    }
+}
+
+/// Lights the colours of `classified` where particles have normals; does nothing elsewhere.
+///
+/// - `views`: in the order of their blocks, with `first` and `count`, and origins in camera space.
+/// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
+///
+/// Of what a light adds, the diffuse share differs from the twin's by roundings of three unit
+/// vectors, some 2e-6; the highlight by `shininess` times as much, and by its logarithm's error,
+/// which WGSL bounds by 2^-21.
+///
+/// # Errors
+/// No memory, a lost device, or volumes that only the CPU draws.
+pub fn light(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    views: &[BlockView],
+    rotation: Mat3,
+    lighting: &LightingUniform,
+    classified: &mut [ClassifiedParticle],
+    part_bytes: u64,
+) -> Result<()> {
+    let uploaded = upload_views(gpu, volume, views, classified.len() as u32, part_bytes)?;
+    let frame = FrameBuffers::new(gpu)?;
+    gpu.write(&frame.lighting, bytemuck::bytes_of(lighting));
+    let rotation = rotation_uniform(rotation.to_cols_array_2d());
+    gpu.write(&frame.rotation, bytemuck::bytes_of(&rotation));
+    let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);
+    for ((part, buffers), range) in parts.zip(uploaded.views) {
+        let Some(bound) = bind_light(gpu, &frame, part, buffers) else {
+            return Ok(());
+        };
+        recolour(gpu, buffers, views, range, classified, |pass| {
+            bound.encode(pass);
+        })?;
+    }
+    Ok(())
+}

@@ -1,0 +1,567 @@
+//! Colour bars in pictures: which colour stands for which value of which field.
+//!
+//! A legend is drawn over a finished picture, into its right upper corner: one plate for each
+//! transfer function, with its name, a bar of its colours, round numbers beside it and, to the left of
+//! the bar, its opacity as a curve.
+
+mod text;
+mod ticks;
+
+use self::text::Font;
+use self::ticks::Tick;
+use crate::error::{Error, Result};
+use crate::image::{ColumnImage, Image};
+use crate::io::viridis;
+use crate::scene::TransferFunction;
+
+/// A scale of colours and what it is called.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColourBar {
+    title: String,
+    colours: Colours,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Colours {
+    /// Over its range, linearly.
+    Transfer(TransferFunction),
+    /// Viridis over a range, logarithmically.
+    Column([f64; 2]),
+}
+
+/// The share of what is behind a plate that it hides. Linear, and black: over white it leaves .15, and
+/// white text on that has 5.3 times its luminance (1.05 / .20 as WCAG 2 counts), where 4.5 are asked
+/// for of legible text.
+const PLATE_OPACITY: f32 = 0.85;
+/// The share of a picture's height that a line of text has, where the font allows.
+const LINE_SHARE: f64 = 1.0 / 40.0;
+/// The share of a picture's height that a bar has, where there is room.
+const BAR_SHARE: f64 = 0.35;
+/// The share of a picture's width that all titles together may have before they are shortened.
+const TITLE_SHARE: f64 = 0.4;
+/// Ticks at most.
+const MOST_TICKS: usize = 7;
+/// Ticks for which there must be room: five have two round numbers at least ([`ticks::linear`]).
+const LEAST_TICKS: usize = 5;
+/// Linear grey of outlines and of the opacity's curve.
+const OUTLINE: f32 = 0.4;
+
+impl ColourBar {
+    /// The colours of a transfer function over its range.
+    ///
+    /// - `title`: the name of the field, with its unit where that is known.
+    pub fn of_transfer_function(title: &str, transfer: &TransferFunction) -> Self {
+        Self {
+            title: title.into(),
+            colours: Colours::Transfer(transfer.clone()),
+        }
+    }
+
+    /// The colours of [`write_column`](crate::io::write_column)'s picture, over
+    /// [`ColumnImage::shown_range`]; `None` where it shows nothing.
+    pub fn of_column(title: &str, column: &ColumnImage) -> Option<Self> {
+        let [least, greatest] = column.shown_range()?.map(f64::from);
+        Some(Self {
+            title: title.into(),
+            // One value alone has the greatest colour, and a decade of its own.
+            colours: Colours::Column([
+                if least < greatest {
+                    least
+                } else {
+                    greatest / 10.0
+                },
+                greatest,
+            ]),
+        })
+    }
+
+    fn range(&self) -> [f64; 2] {
+        match &self.colours {
+            Colours::Transfer(transfer) => transfer.range().map(f64::from),
+            Colours::Column(range) => *range,
+        }
+    }
+
+    fn ticks(&self, most: usize) -> Vec<Tick> {
+        match &self.colours {
+            Colours::Transfer(_) => ticks::linear(self.range(), most),
+            Colours::Column(range) => ticks::logarithmic(*range, most),
+        }
+    }
+
+    /// How far up the bar a value lies, 0 to 1.
+    fn fraction(&self, value: f64) -> f64 {
+        let [low, high] = self.range();
+        let fraction = match self.colours {
+            Colours::Transfer(_) => (value - low) / (high - low),
+            Colours::Column(_) => (value / low).ln() / (high / low).ln(),
+        };
+        fraction.clamp(0.0, 1.0)
+    }
+
+    /// The linear colour at a fraction of the bar's length, and the opacity there as a share of the
+    /// greatest; `None` where all is opaque.
+    fn at(&self, fraction: f64) -> ([f32; 3], Option<f32>) {
+        match &self.colours {
+            Colours::Transfer(transfer) => {
+                let [low, high] = self.range();
+                #[expect(clippy::cast_possible_truncation, reason = "between two f32")]
+                let value = (low + (high - low) * fraction) as f32;
+                let [r, g, b, extinction] = transfer.classify(value);
+                let opacity = |extinction: f32| {
+                    1.0 - (-f64::from(extinction) * transfer.unit_distance()).exp()
+                };
+                let greatest = transfer.table().iter().map(|e| e[3]).fold(0.0, f32::max);
+                #[expect(clippy::cast_possible_truncation, reason = "a share of one")]
+                let share = (opacity(extinction) / opacity(greatest).max(1e-30)) as f32;
+                ([r, g, b], Some(share.clamp(0.0, 1.0)))
+            }
+            Colours::Column(_) => {
+                #[expect(clippy::cast_possible_truncation, reason = "a fraction")]
+                let [r, g, b, _] = viridis()(fraction as f32);
+                ([r, g, b], None)
+            }
+        }
+    }
+}
+
+/// Whether the bars have room in a picture of this width and height, asked before the work of one.
+///
+/// # Errors
+/// A picture that is too small: text of 16 pixels' height and five lines of it beside a bar are
+/// the least.
+pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
+    layout(bars, size).map(|_| ())
+}
+
+/// Draws colour bars into the right upper corner of a picture; nothing outside their plates changes.
+///
+/// Colours are opaque, as a transfer function states them: what a sample looks like where nothing
+/// dims it. The curve to the left of a bar is the opacity per unit distance, its greatest as wide as
+/// the bar. Text is a fortieth of the picture's height, but between lines of 16 pixels and the next
+/// size that the font has.
+///
+/// # Errors
+/// Those of [`check_legend_size`].
+pub fn draw_legend(bars: &[ColourBar], image: &mut Image) -> Result<()> {
+    let plates = layout(bars, [image.width, image.height])?;
+    for (bar, plate) in bars.iter().zip(&plates) {
+        plate.draw(bar, image);
+    }
+    Ok(())
+}
+
+/// Pixels from `left` and `top` on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Rect {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Rect {
+    fn right(&self) -> usize {
+        self.left + self.width
+    }
+
+    fn bottom(&self) -> usize {
+        self.top + self.height
+    }
+}
+
+/// A line of text in the picture.
+#[derive(Debug, Clone)]
+struct Line {
+    text: String,
+    left: usize,
+    top: usize,
+}
+
+/// A tick: its row of the bar, and its label.
+#[derive(Debug, Clone)]
+struct Mark {
+    row: usize,
+    label: Line,
+}
+
+/// Where the parts of one colour bar lie.
+#[derive(Debug, Clone)]
+struct Plate {
+    font: Font,
+    plate: Rect,
+    /// Opaque colours.
+    bar: Rect,
+    /// How far the opacity's curve reaches to the left of the bar, pixels.
+    curve: usize,
+    title: Line,
+    marks: Vec<Mark>,
+}
+
+/// The plates side by side, the last one in the corner.
+fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "shares of a picture's sides"
+    )]
+    let share = |side: usize, share: f64| (side as f64 * share) as usize;
+    let font = Font::of_line(share(width.min(height), LINE_SHARE));
+    let line = font.line_px();
+    let gap = line / 2;
+    // Above and below the bar: the margin, the plate's rim, and the title with a gap.
+    let around = 2 * gap + 2 * gap + line + gap;
+    let least = LEAST_TICKS * line;
+    let length = share(height, BAR_SHARE).max(least);
+    let title_px = share(width, TITLE_SHARE) / bars.len().max(1);
+
+    let mut plates: Vec<Plate> = Vec::with_capacity(bars.len());
+    let mut left = gap;
+    for bar in bars {
+        let ticks = bar.ticks((length / line).clamp(LEAST_TICKS, MOST_TICKS));
+        let labels = ticks::labels(&ticks);
+        let longest = labels.iter().map(|l| font.width_px(l)).max().unwrap_or(0);
+        let curve = if bar.at(0.0).1.is_some() { line } else { 0 };
+        let inner = curve + line + gap + longest;
+        let title = font.shortened(&bar.title, title_px.max(inner));
+        let inner = inner.max(font.width_px(&title));
+        let plate = Rect {
+            left,
+            top: gap,
+            width: gap + inner + gap,
+            height: gap + line + gap + length + gap,
+        };
+        let area = Rect {
+            left: left + gap + curve,
+            top: plate.top + gap + line + gap,
+            width: line,
+            height: length,
+        };
+        let mark = |(tick, text): (&Tick, String)| {
+            let row = row_of(bar.fraction(tick.value()), length);
+            let middle = area.top + row;
+            Mark {
+                row,
+                label: Line {
+                    text,
+                    left: area.right() + gap,
+                    top: middle.saturating_sub(line / 2),
+                },
+            }
+        };
+        plates.push(Plate {
+            font,
+            plate,
+            bar: area,
+            curve,
+            title: Line {
+                text: title,
+                left: left + gap,
+                top: plate.top + gap,
+            },
+            marks: ticks.iter().zip(labels).map(mark).collect(),
+        });
+        left = plate.right() + gap;
+    }
+    // No bars fit anywhere.
+    if !bars.is_empty() && (left > width || length + around > height) {
+        return Err(Error::format(
+            "legend",
+            "image size",
+            format!("{left} x {} pixels at least", least + around),
+            format!("{width} x {height}"),
+            "draw a larger picture, or one without a legend",
+        ));
+    }
+    let moved = width.saturating_sub(left);
+    for plate in &mut plates {
+        plate.move_right(moved);
+    }
+    Ok(plates)
+}
+
+/// The row, from the top, of a bar of `length` rows that a fraction of it falls into.
+fn row_of(fraction: f64, length: usize) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to the bar's length"
+    )]
+    let up = (fraction * length as f64) as usize;
+    length - 1 - up.min(length - 1)
+}
+
+impl Plate {
+    fn move_right(&mut self, px: usize) {
+        self.plate.left += px;
+        self.bar.left += px;
+        self.title.left += px;
+        for mark in &mut self.marks {
+            mark.label.left += px;
+        }
+    }
+
+    fn draw(&self, bar: &ColourBar, image: &mut Image) {
+        let grey = |level: f32| [level, level, level, 1.0];
+        fill(image, self.plate, [0.0, 0.0, 0.0, 1.0], PLATE_OPACITY);
+        let thickness = (self.font.line_px() / 16).max(1);
+        let outline = Rect {
+            left: self.bar.left - thickness,
+            top: self.bar.top - thickness,
+            width: self.bar.width + 2 * thickness,
+            height: self.bar.height + 2 * thickness,
+        };
+        fill(image, outline, grey(OUTLINE), 1.0);
+        for row in 0..self.bar.height {
+            let fraction = 1.0 - (row as f64 + 0.5) / self.bar.height as f64;
+            let ([r, g, b], opacity) = bar.at(fraction);
+            let rows = Rect {
+                top: self.bar.top + row,
+                height: 1,
+                ..self.bar
+            };
+            fill(image, rows, [r, g, b, 1.0], 1.0);
+            if let Some(share) = opacity {
+                self.draw_curve(image, rows, share, thickness);
+            }
+        }
+        for mark in &self.marks {
+            let tick = Rect {
+                left: self.bar.right() + thickness,
+                top: (self.bar.top + mark.row).saturating_sub(thickness / 2),
+                width: self.font.line_px() / 4,
+                height: thickness,
+            };
+            fill(image, tick, grey(1.0), 1.0);
+            self.write(image, &mark.label);
+        }
+        self.write(image, &self.title);
+    }
+
+    /// One row of the opacity's curve: grey from the bar outwards, as far as the share says.
+    fn draw_curve(&self, image: &mut Image, row: Rect, share: f32, thickness: usize) {
+        let most = self.curve - 2 * thickness;
+        let reach = share * most as f32;
+        for i in 0..most {
+            let coverage = (reach - i as f32).clamp(0.0, 1.0);
+            let pixel = Rect {
+                left: row.left - 2 * thickness - i,
+                width: 1,
+                ..row
+            };
+            fill(image, pixel, [OUTLINE, OUTLINE, OUTLINE, 1.0], coverage);
+        }
+    }
+
+    fn write(&self, image: &mut Image, line: &Line) {
+        self.font.draw(&line.text, |x, y, coverage| {
+            let pixel = Rect {
+                left: line.left + x,
+                top: line.top + y,
+                width: 1,
+                height: 1,
+            };
+            fill(image, pixel, [1.0; 4], coverage);
+        });
+    }
+}
+
+/// Lays a colour (linear, opaque) over pixels, `coverage` of it.
+fn fill(image: &mut Image, rect: Rect, colour: [f32; 4], coverage: f32) {
+    for y in rect.top..rect.bottom().min(image.height) {
+        let row = y * image.width;
+        for pixel in &mut image.pixels[row + rect.left..row + rect.right().min(image.width)] {
+            for (channel, new) in pixel.iter_mut().zip(colour) {
+                *channel = if coverage >= 1.0 {
+                    new
+                } else {
+                    *channel * (1.0 - coverage) + new * coverage
+                };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::TransferDefaults;
+
+    fn viridis_bar(title: &str, range: [f32; 2]) -> ColourBar {
+        let defaults = TransferDefaults {
+            range,
+            unit_distance: 0.3,
+        };
+        let transfer = TransferFunction::named("viridis", &defaults).unwrap();
+        ColourBar::of_transfer_function(title, &transfer)
+    }
+
+    fn column_bar(values: Vec<f32>) -> ColourBar {
+        let column = ColumnImage {
+            width: values.len(),
+            height: 1,
+            values,
+            pixel_area: None,
+        };
+        ColourBar::of_column("column density", &column).unwrap()
+    }
+
+    const SIZES: [[usize; 2]; 5] = [
+        [256, 256],
+        [320, 180],
+        [512, 512],
+        [1024, 1024],
+        [2600, 4000],
+    ];
+
+    #[test]
+    fn bars_have_the_colours_of_their_values_at_the_ticks() {
+        let bars = [
+            viridis_bar("density", [-3.0, 41.0]),
+            column_bar(vec![2e-3, 7.0, 30.0]),
+        ];
+        for size in SIZES {
+            for bar in &bars {
+                let mut image = Image::new(size[0], size[1]);
+                draw_legend(std::slice::from_ref(bar), &mut image).unwrap();
+                let plate = &layout(std::slice::from_ref(bar), size).unwrap()[0];
+                let ticks = bar.ticks((plate.bar.height / plate.font.line_px()).clamp(5, 7));
+                assert_eq!(ticks.len(), plate.marks.len());
+                let colour = |value: f64| bar.at(bar.fraction(value)).0;
+                for (tick, mark) in ticks.iter().zip(&plate.marks) {
+                    assert_eq!(mark.label.text.parse::<f64>().unwrap(), tick.value());
+                    let x = plate.bar.left + plate.bar.width / 2;
+                    let [r, g, b, a] = image.pixel(x, plate.bar.top + mark.row);
+                    assert_eq!(a, 1.0);
+                    // The row's own colour, and the tick's lies in the row: they differ by no more
+                    // than the colours at its ends do, and the bend of a gradient within a row.
+                    let end = |row: usize| bar.at(1.0 - row as f64 / plate.bar.height as f64).0;
+                    let ends = [end(mark.row), end(mark.row + 1)];
+                    let expected = colour(tick.value());
+                    for (c, found) in [r, g, b].into_iter().enumerate() {
+                        let width = (ends[0][c] - ends[1][c]).abs() + 1e-3;
+                        assert!((found - expected[c]).abs() <= width, "{found} {expected:?}");
+                    }
+                }
+            }
+        }
+        // What the transfer function itself and the picture of columns say.
+        let Colours::Transfer(transfer) = &bars[0].colours else {
+            panic!("a transfer function")
+        };
+        assert_eq!(
+            bars[0].at(bars[0].fraction(19.0)).0,
+            transfer.classify(19.0)[..3]
+        );
+        let [r, g, b, _] = viridis()(0.5);
+        // Between 3e-3, four decades below 30, and 30.
+        assert_eq!(bars[1].range(), [f64::from(30.0_f32 * 1e-4), 30.0]);
+        let middle = bars[1].at(bars[1].fraction(0.3)).0;
+        for (found, expected) in middle.into_iter().zip([r, g, b]) {
+            assert!((found - expected).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn all_lies_on_the_plates_and_nothing_else_changes() {
+        let long = "a field with a name that is far too long for any legend of any picture";
+        let bars = [
+            viridis_bar("p", [0.0, 1.0]),
+            viridis_bar(long, [1e6, 1e6 + 2.0]),
+            column_bar(vec![1e-12, 1e-8]),
+        ];
+        for size in SIZES {
+            for bars in [&bars[..1], &bars[1..2], &bars[2..], &bars] {
+                let is_small = bars.len() > 1 && size[0] < 1024;
+                let Ok(plates) = layout(bars, size) else {
+                    assert!(is_small);
+                    continue;
+                };
+                let value = |i: usize| (i % 251) as f32 / 251.0;
+                let mut image = Image::new(size[0], size[1]);
+                for (i, pixel) in image.pixels.iter_mut().enumerate() {
+                    *pixel = [value(i); 4];
+                }
+                draw_legend(bars, &mut image).unwrap();
+                let mut changed = 0;
+                for (i, pixel) in image.pixels.iter().enumerate() {
+                    let (x, y) = (i % size[0], i / size[0]);
+                    let is_on = plates.iter().any(|p| {
+                        (p.plate.left..p.plate.right()).contains(&x)
+                            && (p.plate.top..p.plate.bottom()).contains(&y)
+                    });
+                    assert!(pixel.iter().all(|c| (0.0..=1.0).contains(c)));
+                    if !is_on {
+                        assert_eq!(*pixel, [value(i); 4]);
+                    } else if *pixel != [value(i); 4] {
+                        changed += 1;
+                    }
+                }
+                let area: usize = plates.iter().map(|p| p.plate.width * p.plate.height).sum();
+                // A pixel that was as it becomes: one level of 251 on the plate, by chance.
+                assert!(changed > area * 98 / 100);
+                for plate in &plates {
+                    let lines = plate.marks.iter().map(|m| &m.label).chain([&plate.title]);
+                    for line in lines {
+                        assert!(line.left >= plate.plate.left && line.top >= plate.plate.top);
+                        let right = line.left + plate.font.width_px(&line.text);
+                        assert!(right <= plate.plate.right());
+                        assert!(line.top + plate.font.line_px() <= plate.plate.bottom());
+                    }
+                    assert!(plate.plate.right() < size[0] && plate.plate.bottom() < size[1]);
+                    for pair in plate.marks.windows(2) {
+                        // Labels do not touch: capitals have 3/4 of a line.
+                        let apart = pair[0].label.top - pair[1].label.top;
+                        assert!(4 * apart > 3 * plate.font.line_px(), "{apart}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_curve_is_the_opacity() {
+        // From 0 to .2 of opacity, linearly.
+        let bar = viridis_bar("p", [0.0, 1.0]);
+        for (fraction, share) in [(0.0, 0.0), (0.25, 0.25), (1.0, 1.0)] {
+            assert!((bar.at(fraction).1.unwrap() - share).abs() < 1e-3);
+        }
+        let size = [512, 512];
+        let mut image = Image::new(size[0], size[1]);
+        draw_legend(std::slice::from_ref(&bar), &mut image).unwrap();
+        let plate = &layout(std::slice::from_ref(&bar), size).unwrap()[0];
+        let ink = |row: usize| -> f32 {
+            let columns = plate.bar.left - plate.curve..plate.bar.left - 1;
+            let y = plate.bar.top + row;
+            columns.map(|x| image.pixel(x, y)[0]).sum::<f32>() / OUTLINE
+        };
+        let most = (plate.curve - 2) as f32;
+        let rows = plate.bar.height;
+        for row in [0, rows / 2, rows - 1] {
+            let share = 1.0 - (row as f32 + 0.5) / rows as f32;
+            // The table's interpolation of extinctions for opacities.
+            assert!((ink(row) - share * most).abs() < 0.01 * most, "{row}");
+        }
+    }
+
+    #[test]
+    fn pictures_too_small_are_refused() {
+        let bar = [viridis_bar("density", [0.0, 1.0])];
+        assert!(check_legend_size(&bar, [60, 512]).is_err());
+        assert!(check_legend_size(&bar, [512, 100]).is_err());
+        let error = check_legend_size(&bar, [0, 0]).unwrap_err().to_string();
+        // What it says is enough is enough.
+        let numbers: Vec<usize> = error.split(' ').filter_map(|w| w.parse().ok()).collect();
+        assert!(
+            check_legend_size(&bar, [numbers[0], numbers[1]]).is_ok(),
+            "{error}"
+        );
+        let mut image = Image::new(32, 32);
+        assert!(draw_legend(&bar, &mut image).is_err());
+        assert_eq!(image, Image::new(32, 32));
+        assert!(draw_legend(&[], &mut image).is_ok());
+        assert_eq!(image, Image::new(32, 32));
+        let many = vec![bar[0].clone(); 40];
+        assert!(check_legend_size(&many, [1024, 1024]).is_err());
+    }
+}

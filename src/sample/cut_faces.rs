@@ -1,0 +1,224 @@
+//! What a clip plane lays open: the field on it, as opaque surfels.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::{index_u32, narrowed};
+use crate::error::{Error, Result};
+use crate::scene::{Colour, Particles, PointVolume, Strength};
+use crate::view::ClipPlane;
+
+/// How many standard deviations along the plane's normal a kernel may lie off it: what is beyond is
+/// 6e-5 of the kernels' sum on average.
+const REACH: f64 = 4.0;
+
+/// How far inside the plane surfels lie, in standard deviations of their kernels along its normal,
+/// so that rounding does not make the plane cut away what lies on it.
+const INSIDE: f64 = 0.05;
+
+/// The faces of clip planes through a volume: opaque surfels on each plane that show the field there.
+/// `None` where no plane meets a kernel.
+///
+/// A kernel that a plane crosses is sliced: restricted to the plane a Gaussian is one in two
+/// dimensions, with the conditional mean and variance
+///
+/// - mean: m - V n d / s², s² = nᵀ V n, d the centre's signed distance from the plane,
+/// - variance: V - V n nᵀ V / s², of rank two (in factors: L (I - u uᵀ) Lᵀ, u along Lᵀ n),
+/// - weight: the kernel's cell volume times exp(-d²/(2 s²)) / (sqrt(2 pi) s) \[length²\].
+///
+/// Weights and slices sum to what cell volumes times kernels do: to 1 within the volume, with the
+/// same ripple. The surfels are a [`Strength::Surface`] that averages its colours by these areas and
+/// covers what lies behind it; they have the kernels' values, colours and transfer function, which
+/// is asked for its colour alone: also what it leaves transparent is shown. Their fronts face the
+/// side that is cut away, they are drawn from both sides, and they lie a little inside the plane (a
+/// twentieth of the kernel's standard deviation).
+///
+/// - `planes`: as [`ClipPlane`] says; a face is left out where other planes cut it away. They are to
+///   clip the volume when it is drawn, together with its faces.
+///
+/// Kernels without a value (not a finite number) are left out, and kernels that are flat along a
+/// plane, which it meets nowhere or all over.
+///
+/// # Errors
+/// A volume that is not classified or of surfels, colours that depend on the view; a plane without a
+/// direction; what [`PointVolume::validate`] says.
+pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<PointVolume>> {
+    volume.validate()?;
+    let Strength::Classified { volumes } = &volume.strength else {
+        return refuse("masses or opacities of its own");
+    };
+    if matches!(volume.particles, Particles::Surfels { .. }) {
+        return refuse("surfels");
+    }
+    if matches!(volume.colour, Colour::Harmonics { .. }) {
+        return refuse("colours that depend on the view");
+    }
+    let Some(values) = &volume.values else {
+        return refuse("no values");
+    };
+    let count = volume.particles.len();
+    if u32::try_from(count).is_err() {
+        return refuse("more than 4,294,967,295 particles");
+    }
+    let planes: Vec<ClipPlane> = planes.iter().map(normalised).collect::<Result<_>>()?;
+
+    let mut indices = Vec::new();
+    let mut areas = Vec::new();
+    let (mut positions, mut tangents) = (Vec::new(), Vec::new());
+    for (p, plane) in planes.iter().enumerate() {
+        let face = |i: usize| {
+            let kernel = kernel(&volume.particles, volumes, i);
+            let slice = slice(&kernel, plane)?;
+            let is_left = planes.iter().enumerate().all(|(o, other)| {
+                o == p || other.inside(slice.position) >= -REACH * slice.sigma_along(other.normal)
+            });
+            let is_finite = slice.position.is_finite()
+                && slice.area > 0.0
+                && slice.area.is_finite()
+                && slice.tangents.iter().all(|t| t.is_finite());
+            (values.get(i).is_finite() && is_left && is_finite).then_some((i, slice))
+        };
+        let slices: Vec<(usize, Slice)> = (0..count).into_par_iter().filter_map(face).collect();
+        for (i, slice) in slices {
+            indices.push(index_u32(i));
+            areas.push(slice.area);
+            positions.push(slice.position);
+            tangents.push(slice.tangents);
+        }
+    }
+    if indices.is_empty() {
+        return Ok(None);
+    }
+    let colour = match &volume.colour {
+        Colour::PerParticle(colours) => {
+            Colour::PerParticle(indices.iter().map(|&i| colours[i as usize]).collect())
+        }
+        other => other.clone(),
+    };
+    Ok(Some(PointVolume {
+        particles: Particles::Surfels {
+            positions,
+            tangents,
+            is_one_sided: false,
+        },
+        strength: Strength::Surface(areas),
+        colour,
+        values: Some(values.gather(&indices)),
+        transfer_function: volume.transfer_function.clone(),
+        normals: None,
+    }))
+}
+
+fn refuse<T>(found: &str) -> Result<T> {
+    Err(Error::format(
+        "cut faces",
+        "volume",
+        "kernels of a field with a transfer function",
+        found,
+        "clip it without faces",
+    ))
+}
+
+fn normalised(plane: &ClipPlane) -> Result<ClipPlane> {
+    plane.normalised().ok_or_else(|| {
+        let ClipPlane { normal, distance } = plane;
+        Error::format(
+            "cut faces",
+            "clip plane",
+            "a normal of finite numbers that is not zero, and a finite distance",
+            format!("{},{},{},{distance}", normal.x, normal.y, normal.z),
+            "correct the plane",
+        )
+    })
+}
+
+/// One particle: centre, a factor L of V = L Lᵀ and cell volume.
+struct Kernel {
+    centre: DVec3,
+    factor: DMat3,
+    volume: f64,
+}
+
+fn kernel(particles: &Particles, volumes: &[f32], i: usize) -> Kernel {
+    let volume = |of_cell: f64| volumes.get(i).map_or(of_cell, |&v| f64::from(v));
+    match particles {
+        Particles::Lattice {
+            lattice,
+            kernel_width,
+        } => {
+            let [nx, ny, _] = lattice.dims;
+            let cell = [i % nx, i / nx % ny, i / (nx * ny)];
+            let step = lattice.step(cell);
+            Kernel {
+                centre: lattice.position(cell),
+                factor: step * *kernel_width,
+                volume: volume(step.determinant().abs()),
+            }
+        }
+        Particles::Isotropic { positions, sigmas } => Kernel {
+            centre: positions[i],
+            factor: DMat3::from_diagonal(DVec3::splat(sigmas[i].into())),
+            volume: volume(0.0),
+        },
+        Particles::Anisotropic { positions, factors } => {
+            let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
+            Kernel {
+                centre: positions[i],
+                factor: DMat3::from_cols(
+                    DVec3::new(l00, l10, l20),
+                    DVec3::new(0.0, l11, l21),
+                    DVec3::new(0.0, 0.0, l22),
+                ),
+                volume: volume(0.0),
+            }
+        }
+        // Refused before.
+        Particles::Surfels { positions, .. } => Kernel {
+            centre: positions[i],
+            factor: DMat3::ZERO,
+            volume: 0.0,
+        },
+    }
+}
+
+/// What a plane cuts out of a kernel.
+struct Slice {
+    position: DVec3,
+    tangents: [f32; 6],
+    area: f32,
+}
+
+impl Slice {
+    /// The standard deviation along a direction of unit length.
+    fn sigma_along(&self, direction: DVec3) -> f64 {
+        let [ax, ay, az, bx, by, bz] = self.tangents.map(f64::from);
+        let along = [DVec3::new(ax, ay, az), DVec3::new(bx, by, bz)].map(|t| t.dot(direction));
+        along[0].hypot(along[1])
+    }
+}
+
+/// The slice by a plane with a normal of unit length; `None` where the plane does not meet the kernel.
+fn slice(kernel: &Kernel, plane: &ClipPlane) -> Option<Slice> {
+    let along = kernel.factor.transpose() * plane.normal;
+    let sigma = along.length();
+    let distance = plane.inside(kernel.centre);
+    // Phrased so that NaN is left out.
+    if !(sigma > 0.0 && distance.abs() <= REACH * sigma) {
+        return None;
+    }
+    let along = along / sigma;
+    let share = distance / sigma;
+    // L of what is perpendicular to u: in the plane, because n . L e = |Lᵀ n| u . e.
+    let (e1, e2) = along.any_orthonormal_pair();
+    let (mut a, mut b) = (kernel.factor * e1, kernel.factor * e2);
+    if a.cross(b).dot(plane.normal) > 0.0 {
+        (a, b) = (b, a);
+    }
+    let mean = kernel.centre - kernel.factor * along * share;
+    let density = (-0.5 * share * share).exp() / (std::f64::consts::TAU.sqrt() * sigma);
+    Some(Slice {
+        position: mean + plane.normal * (INSIDE * sigma),
+        tangents: [a.x, a.y, a.z, b.x, b.y, b.z].map(narrowed),
+        area: narrowed(kernel.volume * density),
+    })
+}

@@ -1,0 +1,446 @@
+//! Directions of gradients, for light: unit normals of the surfaces of equal value.
+//!
+//! | data | gradient | error |
+//! |---|---|---|
+//! | lattices, curvilinear grids | central differences along each index of values and of positions, g = F⁻ᵀ ∂v/∂(i, j, k), F = ∂x/∂(i, j, k) by the same differences; one-sided at borders and beside samples without a value | second order in the spacing where it is even, first where it changes |
+//! | cells | least squares over the samples that share a cell or a node, weights 1/distance² | first order |
+//! | particles | the same over the 14 nearest, more where these lie in a plane | first order |
+//!
+//! All are exact for linear fields, but at a sample whose neighbours do not span space: there the
+//! field counts as constant across them. Directions are stored to .12 degrees
+//! ([`normal_code`]).
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::cells::polyhedron_faces;
+use super::index_u32;
+use super::neighbours::PointIndex;
+use crate::io::{CellKind, CellMesh};
+use crate::math::normal_code;
+use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
+
+/// Columns of F span space if its determinant is above this share of the product of their lengths:
+/// that of cells sheared to nothing, not of thin ones.
+const SPANNING: f64 = 1e-9;
+
+/// Added to the diagonal of the normal equations, as a share of their trace: where neighbours lie
+/// in a plane the gradient then lies in it too, and elsewhere it changes by less than what is
+/// stored of it.
+const DAMPING: f64 = 1e-9;
+
+/// Neighbours lie in all directions if the determinant of the sum of their unit dyads is above this
+/// share of an even spread's: one in a hundred out of the plane of the others, at least.
+const EVEN: f64 = 0.05;
+
+/// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
+pub(super) fn complete(volume: &mut PointVolume) {
+    let is_of_splats = matches!(volume.strength, Strength::PeakOpacity { .. });
+    let (Some(values), None, false) = (&volume.values, &volume.normals, is_of_splats) else {
+        return;
+    };
+    volume.normals = match &volume.particles {
+        Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values)),
+        Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
+            PointIndex::new(positions).map(|index| index.normals(|i| values.get(i)))
+        }
+        Particles::Surfels { .. } => None,
+    };
+}
+
+fn of_lattice(lattice: &Lattice, values: &Values) -> Vec<u32> {
+    let [nx, ny, _] = lattice.dims;
+    let samples = Samples {
+        dims: lattice.dims,
+        periods: [None; 3],
+        at: |cell: [usize; 3]| {
+            let value = values.get(cell[0] + nx * (cell[1] + ny * cell[2]));
+            value
+                .is_finite()
+                .then(|| (lattice.position(cell), f64::from(value)))
+        },
+    };
+    (0..lattice.len())
+        .into_par_iter()
+        .map(|i| normal_code(samples.gradient([i % nx, i / nx % ny, i / (nx * ny)])))
+        .collect()
+}
+
+/// Samples with a place in a three-dimensional array.
+pub(super) struct Samples<F> {
+    pub(super) dims: [usize; 3],
+    /// After how many samples an index begins again, where the grid closes on itself.
+    pub(super) periods: [Option<usize>; 3],
+    /// Position and value of a sample that has both.
+    pub(super) at: F,
+}
+
+impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
+    /// The gradient at a sample; zero where nothing is known of it.
+    pub(super) fn gradient(&self, sample: [usize; 3]) -> DVec3 {
+        let Some(own) = (self.at)(sample) else {
+            return DVec3::ZERO;
+        };
+        let mut columns = [DVec3::ZERO; 3];
+        let mut changes = DVec3::ZERO;
+        for axis in 0..3 {
+            let side = |step: isize| {
+                let mut steps = [0; 3];
+                steps[axis] = step;
+                self.neighbour(sample, steps).unwrap_or(own)
+            };
+            let (below, above) = (side(-1), side(1));
+            columns[axis] = above.0 - below.0;
+            changes[axis] = above.1 - below.1;
+        }
+        let jacobian = DMat3::from_cols_array_2d(&columns.map(Into::into));
+        let lengths: f64 = columns.iter().map(|c| c.length()).product();
+        if jacobian.determinant().abs() > SPANNING * lengths {
+            return jacobian.inverse().transpose() * changes;
+        }
+        // A singular line, a single layer, or neighbours without values: all around, also across.
+        let around = (0..27_usize).filter_map(|n| {
+            let steps = [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1);
+            let (position, value) = self.neighbour(sample, steps)?;
+            Some((position - own.0, value - own.1))
+        });
+        least_squares(around)
+    }
+
+    fn neighbour(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<(DVec3, f64)> {
+        let mut other = sample;
+        for axis in 0..3 {
+            let moved = sample[axis].checked_add_signed(steps[axis]);
+            other[axis] = match (moved, self.periods[axis]) {
+                (None, Some(period)) => period - 1,
+                (Some(i), Some(period)) => i % period,
+                (Some(i), None) if i < self.dims[axis] => i,
+                _ => return None,
+            };
+        }
+        (self.at)(other)
+    }
+}
+
+/// The gradient that fits offsets and changes of value best, weighted by 1/distance²; zero
+/// without any.
+pub(super) fn least_squares(neighbours: impl Iterator<Item = (DVec3, f64)>) -> DVec3 {
+    Fit::of(neighbours).gradient()
+}
+
+/// Sums of the normal equations.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    matrix: DMat3,
+    right: DVec3,
+}
+
+impl Fit {
+    /// Of neighbours' offsets and changes of value; those without either do not count.
+    pub(super) fn of(neighbours: impl Iterator<Item = (DVec3, f64)>) -> Self {
+        let mut fit = Self {
+            matrix: DMat3::ZERO,
+            right: DVec3::ZERO,
+        };
+        for (offset, change) in neighbours {
+            let squared = offset.length_squared();
+            if squared > 0.0 && change.is_finite() {
+                let weighted = offset / squared;
+                fit.matrix += DMat3::from_cols(
+                    weighted * offset.x,
+                    weighted * offset.y,
+                    weighted * offset.z,
+                );
+                fit.right += weighted * change;
+            }
+        }
+        fit
+    }
+
+    /// Whether the neighbours lie in all directions: those of a plane alone do not.
+    pub(super) fn spans(&self) -> bool {
+        self.matrix.determinant() > EVEN * (self.trace() / 3.0).powi(3)
+    }
+
+    /// The gradient; zero without neighbours.
+    pub(super) fn gradient(&self) -> DVec3 {
+        let trace = self.trace();
+        if !(trace > 0.0) {
+            return DVec3::ZERO;
+        }
+        let damping = DMat3::from_diagonal(DVec3::splat(DAMPING * trace));
+        (self.matrix + damping).inverse() * self.right
+    }
+
+    fn trace(&self) -> f64 {
+        self.matrix.x_axis.x + self.matrix.y_axis.y + self.matrix.z_axis.z
+    }
+}
+
+/// Codes of the normals of some samples of an unstructured grid, from those with which they share a
+/// cell (values of nodes) or a node (values of cells): in layers of cells far thinner than wide, the
+/// nearest in space all lie in one direction.
+///
+/// - `first`: of the nodes at one position the first, for each node; empty where none share any.
+/// - `of_nodes`: whether samples are nodes; cells otherwise.
+/// - `samples`: which, with their `places`; others count for nothing.
+pub(super) fn of_mesh(
+    mesh: &CellMesh,
+    first: &[u32],
+    of_nodes: bool,
+    samples: &[u32],
+    places: impl Fn(usize) -> DVec3,
+    values: &Values,
+) -> Vec<u32> {
+    let count = if of_nodes {
+        mesh.nodes.len()
+    } else {
+        mesh.cell_count()
+    };
+    let mut known = vec![DVec3::NAN; count];
+    for (n, &sample) in samples.iter().enumerate() {
+        known[sample as usize] = places(n);
+    }
+    let around = CellsAround::new(mesh, first);
+    let normal = |&sample: &u32| {
+        let own = sample as usize;
+        let offset = |other: u32| {
+            let other = other as usize;
+            let change = f64::from(values.get(other)) - f64::from(values.get(own));
+            (known[other] - known[own], change)
+        };
+        let gradient = if of_nodes {
+            let cells = around.of(first_of(first, sample)).iter();
+            least_squares(cells.flat_map(|&c| nodes_of(mesh, c as usize)).map(offset))
+        } else {
+            let nodes = nodes_of(mesh, own).map(|n| first_of(first, n));
+            least_squares(nodes.flat_map(|n| around.of(n)).map(|&c| offset(c)))
+        };
+        normal_code(gradient)
+    };
+    samples.par_iter().map(normal).collect()
+}
+
+fn first_of(first: &[u32], node: u32) -> u32 {
+    first.get(node as usize).copied().unwrap_or(node)
+}
+
+/// The nodes of a cell; of a polyhedron once for each face.
+fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
+    let entries = mesh.cell(cell);
+    let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
+    let (plain, faces) = if is_polyhedron {
+        (&[][..], entries)
+    } else {
+        (entries, &[][..])
+    };
+    let of_faces = polyhedron_faces(faces).flatten();
+    plain.iter().chain(of_faces).copied()
+}
+
+/// Which cells meet at each node.
+struct CellsAround {
+    /// Where the cells of each node begin in `cells`; one more at the end.
+    starts: Vec<usize>,
+    cells: Vec<u32>,
+}
+
+impl CellsAround {
+    fn new(mesh: &CellMesh, first: &[u32]) -> Self {
+        let each = |visit: &mut dyn FnMut(usize, u32)| {
+            let mut last = vec![u32::MAX; mesh.nodes.len()];
+            for cell in 0..mesh.cell_count() {
+                for node in nodes_of(mesh, cell) {
+                    let node = first_of(first, node) as usize;
+                    if last[node] != index_u32(cell) {
+                        last[node] = index_u32(cell);
+                        visit(node, index_u32(cell));
+                    }
+                }
+            }
+        };
+        let mut starts = vec![0; mesh.nodes.len() + 1];
+        each(&mut |node, _| starts[node + 1] += 1);
+        for node in 0..mesh.nodes.len() {
+            starts[node + 1] += starts[node];
+        }
+        let mut next = starts.clone();
+        let mut cells = vec![0; starts[mesh.nodes.len()]];
+        each(&mut |node, cell| {
+            cells[next[node]] = cell;
+            next[node] += 1;
+        });
+        Self { starts, cells }
+    }
+
+    fn of(&self, node: u32) -> &[u32] {
+        let node = node as usize;
+        &self.cells[self.starts[node]..self.starts[node + 1]]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Samples at `place` of each index, values by `field`; NaN is no value.
+    fn samples(
+        dims: [usize; 3],
+        place: impl Fn([f64; 3]) -> DVec3,
+        field: impl Fn(DVec3) -> f64,
+    ) -> Samples<impl Fn([usize; 3]) -> Option<(DVec3, f64)>> {
+        Samples {
+            dims,
+            periods: [None; 3],
+            at: move |sample: [usize; 3]| {
+                let position = place(sample.map(|i| i as f64));
+                let value = field(position);
+                value.is_finite().then_some((position, value))
+            },
+        }
+    }
+
+    fn all(dims: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+        let [ni, nj, nk] = dims;
+        (0..ni * nj * nk).map(move |n| [n % ni, n / ni % nj, n / (ni * nj)])
+    }
+
+    const SLOPE: DVec3 = DVec3::new(0.3, -1.7, 0.9);
+
+    fn linear(x: DVec3) -> f64 {
+        4.0 + SLOPE.dot(x)
+    }
+
+    /// Stretched, sheared, and bent around an axis whose line of samples is one place.
+    fn places() -> [fn([f64; 3]) -> DVec3; 3] {
+        [
+            |[i, j, k]| DVec3::new(1.1_f64.powf(i), j * j, 0.3 * k),
+            |[i, j, k]| DVec3::new(i + 0.4 * j, j - 0.2 * k, 1e-3 * k + 0.5 * i),
+            |[i, j, k]| DVec3::new(j * (0.5 * i).cos(), j * (0.5 * i).sin(), k + 0.1 * j * i),
+        ]
+    }
+
+    #[test]
+    fn linear_fields_are_exact_on_any_grid() {
+        let dims = [6, 5, 4];
+        for (n, place) in places().into_iter().enumerate() {
+            let samples = samples(dims, place, linear);
+            for sample in all(dims) {
+                let error = (samples.gradient(sample) - SLOPE).length();
+                // Differences of f64 values of some 10, over steps down to 1e-3; by least squares, on
+                // the singular line, damped by 1e-9 of the trace.
+                let most = if n == 2 && sample[1] == 0 {
+                    1e-6
+                } else {
+                    1e-10
+                };
+                assert!(error < most, "{n}, {sample:?}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn quadratic_fields_err_by_the_change_of_spacing() {
+        // v = x²: (v+ - v-) / (x+ - x-) = x+ + x-, 2 x where the spacing is even.
+        let square = |x: DVec3| x.x * x.x;
+        let place = |[i, j, k]: [f64; 3]| DVec3::new(1.2_f64.powf(i), j, k);
+        let dims = [8, 3, 3];
+        let stretched = samples(dims, place, square);
+        let x = |i: usize| 1.2_f64.powi(i32::try_from(i).unwrap());
+        for i in 1..7 {
+            let gradient = stretched.gradient([i, 1, 1]).x;
+            let stated = x(i + 1) - 2.0 * x(i) + x(i - 1);
+            assert!((gradient - 2.0 * x(i) - stated).abs() < 1e-12, "{i}");
+        }
+        let even = samples(dims, |[i, j, k]| DVec3::new(0.5 * i, j, k), square);
+        for i in 0..8 {
+            // Half a step to the side at the ends.
+            let off = [0.5, 0.0, -0.5][usize::from(i > 0) + usize::from(i == 7)];
+            let gradient = even.gradient([i, 1, 1]);
+            assert!(
+                (gradient.x - (i as f64 + off)).abs() < 1e-12,
+                "{i}: {gradient}"
+            );
+        }
+    }
+
+    #[test]
+    fn curved_grids_are_of_second_order() {
+        let field = |x: DVec3| x.x * x.x - x.y * x.z + 0.5 * x.z * x.z;
+        let truth = |x: DVec3| DVec3::new(2.0 * x.x, -x.z, x.z - x.y);
+        let worst = |n: usize| {
+            let place = move |[i, j, k]: [f64; 3]| {
+                let [a, r, z] = [i, j, k].map(|t| 1.0 + t / n as f64);
+                DVec3::new(r * a.cos(), r * a.sin(), z + 0.2 * a * r)
+            };
+            let samples = samples([n + 1; 3], place, field);
+            let inside = all([n + 1; 3]).filter(|s| s.iter().all(|&i| i > 0 && i < n));
+            inside
+                .map(|s| {
+                    let at = place(s.map(|i| i as f64));
+                    (samples.gradient(s) - truth(at)).length()
+                })
+                .fold(0.0, f64::max)
+        };
+        let (coarse, fine) = (worst(8), worst(16));
+        let ratio = coarse / fine;
+        assert!((3.4..4.6).contains(&ratio), "{coarse} {fine}");
+    }
+
+    #[test]
+    fn samples_without_a_value_are_gone_around() {
+        let dims = [7, 7, 7];
+        let place = |s: [f64; 3]| DVec3::from(s);
+        let holes = |x: DVec3| {
+            let n = x.dot(DVec3::new(1.0, 7.0, 49.0)).round();
+            if n % 3.0 == 0.0 { f64::NAN } else { linear(x) }
+        };
+        let samples = samples(dims, place, holes);
+        for sample in all(dims) {
+            let gradient = samples.gradient(sample);
+            if holes(place(sample.map(|i| i as f64))).is_nan() {
+                assert_eq!(gradient, DVec3::ZERO);
+            } else {
+                assert!((gradient - SLOPE).length() < 1e-6, "{sample:?}: {gradient}");
+            }
+        }
+    }
+
+    #[test]
+    fn layers_and_lone_samples_have_what_they_can() {
+        let flat = samples([5, 5, 1], DVec3::from, linear);
+        let gradient = flat.gradient([2, 0, 0]);
+        assert!((gradient - SLOPE.with_z(0.0)).length() < 1e-6, "{gradient}");
+        let lone = samples([1; 3], DVec3::from, linear);
+        assert_eq!(lone.gradient([0; 3]), DVec3::ZERO);
+        assert_eq!(least_squares(std::iter::empty()), DVec3::ZERO);
+    }
+
+    #[test]
+    fn the_near_count_more_than_the_far() {
+        // x² at 1 and at -2: (1 - 4/2) / (1 + 1) with weights 1/distance², (1 - 8) / (1 + 4) without.
+        let neighbours = [(DVec3::X, 1.0), (-2.0 * DVec3::X, 4.0)];
+        let gradient = least_squares(neighbours.into_iter());
+        assert!((gradient - DVec3::X * -0.5).length() < 1e-8, "{gradient}");
+        assert!(!Fit::of(neighbours.into_iter()).spans());
+    }
+
+    #[test]
+    fn closed_grids_have_no_border() {
+        let n = 12;
+        let angle = |i: f64| std::f64::consts::TAU * i / n as f64;
+        let place = move |[i, j, k]: [f64; 3]| {
+            (1.0 + j) * DVec3::new(angle(i).cos(), angle(i).sin(), 0.0) + DVec3::Z * k
+        };
+        let open = samples([n + 1, 3, 3], place, |x| x.x * x.x);
+        let closed = Samples {
+            periods: [Some(n), None, None],
+            ..samples([n + 1, 3, 3], place, |x| x.x * x.x)
+        };
+        let (a, b) = (closed.gradient([0, 1, 1]), closed.gradient([6, 1, 1]));
+        // The field is the same half a turn away, its gradient the other way.
+        assert!((a + b).length() < 1e-12, "{a} {b}");
+        assert!((open.gradient([0, 1, 1]) - a).length() > 1e-3);
+        assert_eq!(open.gradient([6, 1, 1]), b);
+    }
+}
