@@ -67,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     // What is shown of real data: the hard parts of an engine, or a computed skull, translucent.
     let (data, value) = match engine()? {
         Some(engine) => (engine, 200.0),
-        None => (head(128), 150.0),
+        None => (head(arguments.size), 150.0),
     };
     let mut row = Vec::new();
     for scene in [

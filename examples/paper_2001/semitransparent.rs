@@ -22,7 +22,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     // The surface, and where the piece begins: it holds the surface and what lies around it.
     let (data, value, first) = match engine()? {
         Some(engine) => (engine, 200.0, [112, 128, 32]),
-        None => (head(128), 150.0, [56, 6, 60]),
+        None => {
+            let head = head(arguments.size);
+            let at = |n: usize| n * head.dims[0] / 128;
+            let first = [at(56), at(6), at(60)];
+            (head, 150.0, first)
+        }
     };
     let piece = data.part(first, [PIECE; 3]);
     println!(

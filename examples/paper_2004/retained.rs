@@ -34,7 +34,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         vec![checkerboard(arguments.size.max(16))?],
         arguments.size as f64,
     )];
-    for (volume, transfer) in volumes()? {
+    for (volume, transfer) in volumes(arguments.size)? {
         let side = volume.dims.into_iter().max().unwrap_or(1) as f64;
         scenes.push((volume.name, volume.scene(None, &transfer)?, side));
     }

@@ -22,7 +22,7 @@ const TURN_DEG: f64 = 0.02;
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let data = match engine()? {
         Some(engine) => engine,
-        None => head(128),
+        None => head(arguments.size),
     };
     // The truth is slow.
     let size = arguments.size / 2;

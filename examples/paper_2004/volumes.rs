@@ -21,14 +21,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "{:>14} {:>6} {:>9} {:>7} {:>12} {:>8} {:>9} {:>8} {:>8} {:>8}",
         "data", "view", "visible", "of all", "filter", "ms", "ewa's:1", "rms", "99.9 %", "FLIP"
     );
-    for (volume, transfer) in volumes()? {
+    for (volume, transfer) in volumes(arguments.size)? {
         measure(&volume, &transfer, arguments)?;
     }
     Ok(())
 }
 
 /// The volumes at hand, each with a transfer function that leaves its inside translucent.
-pub(crate) fn volumes() -> Result<Vec<(Volume, TransferFunction)>> {
+pub(crate) fn volumes(size: usize) -> Result<Vec<(Volume, TransferFunction)>> {
     let (cold, warm) = ([0.15, 0.35, 0.8], [1.0, 0.75, 0.35]);
     let between = |clear: f32, soft: f32, hard: f32| {
         transfer(&[
@@ -45,7 +45,7 @@ pub(crate) fn volumes() -> Result<Vec<(Volume, TransferFunction)>> {
     if let Some(nucleon) = nucleon()? {
         all.push((nucleon, between(20.0, 60.0, 150.0)?));
     }
-    all.push((head(128), between(20.0, 50.0, 150.0)?));
+    all.push((head(size), between(20.0, 50.0, 150.0)?));
     Ok(all)
 }
 

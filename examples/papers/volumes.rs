@@ -135,9 +135,10 @@ fn real(name: &'static str, file: &str, dims: [usize; 3]) -> Result<Option<Volum
 }
 
 /// A head, computed: skin (60 to 90) around a skull (200) around a brain that wavers (100 to 130),
-/// with sockets of the eyes; `side` voxels along each axis. Edges are two voxels of 128 wide, as those
-/// of a scanner.
-pub(crate) fn head(side: usize) -> Volume {
+/// with sockets of the eyes; 128 voxels along each axis for pictures of 512, fewer for smaller ones.
+/// Edges are two voxels of 128 wide, as those of a scanner.
+pub(crate) fn head(size: usize) -> Volume {
+    let side = (size / 4).clamp(32, 128);
     // 1 within, 0 outside, over an edge of `width`.
     let within = |distance: f64, width: f64| 0.5 - 0.5 * (distance / width).tanh();
     let ellipsoid = |p: DVec3, centre: [f64; 3], radii: [f64; 3]| {
