@@ -72,7 +72,8 @@
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
 //! on how each kind of data becomes kernels and what its lengths mean, [`shading`] one on light,
-//! [`surfels`] one on meshes, surfaces and what they do among volumes.
+//! [`surfels`] one on meshes, surfaces and what they do among volumes, [`papers`] one on what the papers
+//! claim and what was found.
 //!
 //! # Conventions
 //!
@@ -119,6 +120,8 @@ pub mod layout;
 pub mod legend;
 pub mod math;
 pub mod measure;
+#[doc = include_str!("../docs/papers.md")]
+pub mod papers {}
 pub mod reference;
 pub mod render;
 pub mod sample;

@@ -1,0 +1,185 @@
+//! Figure 9 of volumes: an iso-surface by volume kernels, whose transfer function shows a band of
+//! values or all from the value on, against kernels flattened onto it. Claim (section 5): flattening
+//! along the gradient makes iso-surfaces more precise. On a ball whose place is known, and on an
+//! engine.
+#![allow(clippy::cast_possible_truncation, reason = "values are stored in f32")]
+
+use std::f64::consts::TAU;
+
+use ewa_splat::scene::{PointVolume, TransferFunction, Values};
+use ewa_splat::view::{Camera, Lens, Viewpoint};
+use ewa_splat::{Image, Renderer, Result, Settings};
+use glam::{DVec2, DVec3};
+
+use crate::papers::Arguments;
+use crate::papers::pictures::table_of;
+use crate::papers::volumes::{Volume, engine, head, transfer};
+
+/// Cells along each side of the ball's volume, and its radius.
+const CELLS: usize = 48;
+const RADIUS: f64 = 18.0;
+/// Change of the value from cell to cell.
+const SLOPE: f64 = 8.0;
+/// The value of the ball's surface.
+const ON_BALL: f32 = 128.0;
+/// Opacity of a cell of the surface.
+const OPACITY: f32 = 0.9;
+const BONE: [f32; 3] = [0.9, 0.8, 0.65];
+
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let ball = ball();
+    let camera = Camera::orthographic(
+        DVec3::new(0.0, -100.0, 0.0),
+        DVec3::ZERO,
+        DVec3::Z,
+        CELLS as f64,
+        [arguments.size; 2],
+    );
+    let pixel = CELLS as f64 / arguments.size as f64;
+    println!(
+        "\na ball of {RADIUS} cells, a pixel is {pixel:.3} cells: its silhouette, in cells: the mean \
+         radius, how far it strays (rms), and how wide its edge is (90 to 10 %)"
+    );
+    println!("{:>26} {:>8} {:>8} {:>8}", "", "radius", "strays", "edge");
+    let slope = SLOPE as f32;
+    for (name, scene) in [
+        (
+            "a band of one cell",
+            volume(&ball, &band(ON_BALL, 0.5 * slope, OPACITY)?)?,
+        ),
+        (
+            "a band of three cells",
+            volume(&ball, &band(ON_BALL, 1.5 * slope, OPACITY)?)?,
+        ),
+        (
+            "all from the value on",
+            volume(&ball, &solid(ON_BALL, OPACITY)?)?,
+        ),
+        ("flattened", surface(&ball, ON_BALL, OPACITY)?),
+    ] {
+        let mut renderer = Renderer::new(scene)?;
+        let image = renderer.render(&camera, &Settings::default())?;
+        let [radius, strays, edge] = rim(image).map(|r| r * pixel);
+        println!("{name:>26} {radius:>8.3} {strays:>8.3} {edge:>8.3}");
+        arguments.write(&format!("ball-{}.png", name.replace(' ', "-")), image)?;
+    }
+
+    // What is shown of real data: the hard parts of an engine, or a computed skull, translucent.
+    let (data, value) = match engine()? {
+        Some(engine) => (engine, 200.0),
+        None => (head(arguments.size), 150.0),
+    };
+    let mut row = Vec::new();
+    for scene in [
+        volume(&data, &band(value, 0.1 * value, 0.2)?)?,
+        surface(&data, value, 0.2)?,
+    ] {
+        let mut renderer = Renderer::new(scene)?;
+        let view = Viewpoint {
+            azimuth_deg: 30.0,
+            elevation_deg: 30.0,
+            zoom: 1.0,
+            up: DVec3::Z,
+        };
+        let size = [arguments.size; 2];
+        let camera = view.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), size);
+        let Some(camera) = camera else { continue };
+        let settings = Settings {
+            background: Some([0.0; 3]),
+            ..Settings::default()
+        };
+        row.push(renderer.render(&camera, &settings)?.clone());
+    }
+    println!(
+        "{}: iso-surface.png, value {value}, a band of volume kernels and flattened ones",
+        data.name
+    );
+    arguments.write("iso-surface.png", &table_of(&[row.iter().collect()]))
+}
+
+/// The volume's kernels, none flattened.
+fn volume(data: &Volume, transfer: &TransferFunction) -> Result<Vec<PointVolume>> {
+    data.scene(None, transfer)
+}
+
+/// The iso-surface of `value` alone.
+fn surface(data: &Volume, value: f32, opacity: f32) -> Result<Vec<PointVolume>> {
+    let mut volumes = data.scene(Some(f64::from(value)), &solid(value - 1.0, opacity)?)?;
+    Ok(volumes.split_off(1))
+}
+
+/// Shown where the value is less than `reach` off.
+fn band(value: f32, reach: f32, opacity: f32) -> Result<TransferFunction> {
+    let edge = 0.01 * reach;
+    transfer(&[
+        (value - reach, BONE, 0.0),
+        (value - reach + edge, BONE, opacity),
+        (value + reach - edge, BONE, opacity),
+        (value + reach, BONE, 0.0),
+    ])
+}
+
+/// Shown from a value on.
+fn solid(value: f32, opacity: f32) -> Result<TransferFunction> {
+    transfer(&[(value - 0.1, BONE, 0.0), (value, BONE, opacity)])
+}
+
+/// Values that fall evenly from the middle to all sides.
+fn ball() -> Volume {
+    let at = |i: usize| i as f64 + 0.5 - 0.5 * CELLS as f64;
+    let values = (0..CELLS.pow(3))
+        .map(|i| DVec3::new(at(i % CELLS), at(i / CELLS % CELLS), at(i / CELLS / CELLS)))
+        .map(|p| (f64::from(ON_BALL) + SLOPE * (RADIUS - p.length())).clamp(0.0, 255.0) as f32);
+    Volume {
+        name: "ball",
+        dims: [CELLS; 3],
+        values: Values::F32(values.collect()),
+    }
+}
+
+/// The silhouette of a ball around the middle of the picture, pixels: the mean radius at which its
+/// opacity crosses a half, how far that strays (root mean square), and over how many pixels the
+/// opacity falls from 90 % to 10 %.
+fn rim(image: &Image) -> [f64; 3] {
+    const SIDES: u32 = 720;
+    const PER_PIXEL: u32 = 8;
+    let centre = DVec2::new(image.width as f64, image.height as f64) / 2.0;
+    let longest = (centre.min_element() - 2.0) * f64::from(PER_PIXEL);
+    let (mut sum, mut squares, mut edges) = (0.0, 0.0, 0.0);
+    for side in 0..SIDES {
+        let direction = DVec2::from_angle(TAU * f64::from(side) / f64::from(SIDES));
+        // From outside, where the opacity first passes a share.
+        let reach = |share: f64| {
+            let mut steps = longest;
+            while steps > 0.0
+                && opacity(image, centre + direction * (steps / f64::from(PER_PIXEL))) < share
+            {
+                steps -= 1.0;
+            }
+            steps / f64::from(PER_PIXEL)
+        };
+        let half = reach(0.5);
+        sum += half;
+        squares += half * half;
+        edges += reach(0.1) - reach(0.9 * f64::from(OPACITY));
+    }
+    let sides = f64::from(SIDES);
+    let mean = sum / sides;
+    [
+        mean,
+        (squares / sides - mean * mean).max(0.0).sqrt(),
+        edges / sides,
+    ]
+}
+
+/// Between the four pixels around a place.
+fn opacity(image: &Image, place: DVec2) -> f64 {
+    let corner = place - 0.5;
+    let whole = corner.floor();
+    let within = corner - whole;
+    #[expect(clippy::cast_sign_loss, reason = "a place within the picture")]
+    let [x, y] = [whole.x as usize, whole.y as usize];
+    let at = |x: usize, y: usize| f64::from(image.pixel(x, y)[3]);
+    let row = |y| at(x, y) + (at(x + 1, y) - at(x, y)) * within.x;
+    row(y) + (row(y + 1) - row(y)) * within.y
+}

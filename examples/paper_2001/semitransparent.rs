@@ -1,0 +1,129 @@
+//! Figure 10: a CT of which one iso-surface is drawn by flattened kernels, all the rest by volume
+//! kernels, under a series of transfer functions. Claim: semi-transparent objects are rendered
+//! correctly. A piece of the volume is held against the true integral, which knows neither
+//! footprints nor an order.
+
+use ewa_splat::measure::compare;
+use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
+use ewa_splat::scene::TransferFunction;
+use ewa_splat::view::{Camera, Lens, Viewpoint};
+use ewa_splat::{Image, Renderer, Result, Settings};
+use glam::DVec3;
+
+use crate::papers::Arguments;
+use crate::papers::pictures::table_of;
+use crate::papers::volumes::{Volume, engine, head, transfer};
+
+/// Voxels along each side of the piece, pixels of its picture.
+const PIECE: usize = 16;
+const PIECE_PX: usize = 40;
+
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    // The surface, and where the piece begins: it holds the surface and what lies around it.
+    let (data, value, first) = match engine()? {
+        Some(engine) => (engine, 200.0, [112, 128, 32]),
+        None => {
+            let head = head(arguments.size);
+            let at = |n: usize| n * head.dims[0] / 128;
+            let first = [at(56), at(6), at(60)];
+            (head, 150.0, first)
+        }
+    };
+    let piece = data.part(first, [PIECE; 3]);
+    println!(
+        "{}, iso-surface at {value}; {} x {}; from the true integral: a piece of {PIECE}³ voxels, \
+         {PIECE_PX} x {PIECE_PX}",
+        data.name, arguments.size, arguments.size
+    );
+    println!(
+        "{:>24} {:>9} {:>9} {:>9} {:>8} {:>9} {:>9}",
+        "transfer function", "surfels", "visible", "ms", "opacity", "RMSE", "99.9 %"
+    );
+    let series = series(value)?;
+    // The same for all: what the fullest shows.
+    let fullest = Renderer::new(data.scene(None, &series[2].2)?)?;
+    let view = Viewpoint {
+        azimuth_deg: 30.0,
+        elevation_deg: 30.0,
+        zoom: 1.0,
+        up: DVec3::Z,
+    };
+    let size = [arguments.size; 2];
+    let Some(camera) = view.camera(&fullest.visible_boxes(), Lens::FovDeg(30.0), size) else {
+        println!("nothing to see");
+        return Ok(());
+    };
+    let mut pictures = Vec::new();
+    for (name, flatten, transfer) in series {
+        let flatten = flatten.then_some(f64::from(value));
+        let scene = data.scene(flatten, &transfer)?;
+        let surfels = scene.get(1).map_or(0, |surface| surface.particles.len());
+        let mut renderer = Renderer::new(scene)?;
+        let settings = Settings {
+            background: Some([0.0; 3]),
+            ..Settings::default()
+        };
+        let image = renderer.render(&camera, &settings)?.clone();
+        let (counts, ms) = (renderer.counts(), renderer.times().frame);
+        let (truth, drawn) = true_piece(&piece, flatten, &transfer)?;
+        let errors = compare(&drawn, &truth)?;
+        let opacity =
+            truth.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>() / truth.pixels.len() as f64;
+        println!(
+            "{name:>24} {surfels:>9} {:>9} {ms:>9.0} {opacity:>8.2} {:>9.4} {:>9.4}",
+            counts.classified, errors.rmse, errors.p999
+        );
+        let file = name.replace(' ', "-");
+        arguments.write(&format!("semi-{file}.png"), &image)?;
+        pictures.push(image);
+    }
+    let rows: Vec<Vec<&Image>> = pictures.chunks(2).map(|row| row.iter().collect()).collect();
+    arguments.write("semi-transparent.png", &table_of(&rows))
+}
+
+/// From the surface alone to everything; whether the surface is flattened.
+fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
+    let (bone, flesh, haze) = ([1.0, 0.75, 0.35], [0.15, 0.35, 0.8], [0.3, 0.6, 0.4]);
+    let (below, rise) = (0.92 * value, 0.05 * value);
+    let hard = |opacity| [(below, bone, 0.0), (below + rise, bone, opacity)];
+    let soft = |opacity| {
+        [
+            (0.25 * value, haze, 0.0),
+            (0.5 * value, flesh, opacity),
+            (below - rise, flesh, opacity),
+        ]
+    };
+    let all = |a, b| [soft(a).as_slice(), hard(b).as_slice()].concat();
+    Ok([
+        ("surface alone", true, transfer(&hard(0.8))?),
+        ("in a haze", true, transfer(&all(0.006, 0.8))?),
+        ("in denser flesh", true, transfer(&all(0.04, 0.8))?),
+        (
+            "translucent, no surface",
+            false,
+            transfer(&all(0.015, 0.15))?,
+        ),
+    ])
+}
+
+/// The true picture of a piece of the volume, and the drawn one. The low-pass filter is the kernels'
+/// in both, so that what differs is the order and the overlap of kernels.
+fn true_piece(
+    piece: &Volume,
+    flatten: Option<f64>,
+    transfer: &TransferFunction,
+) -> Result<(Image, Image)> {
+    let scene = piece.scene(flatten, transfer)?;
+    let eye = DVec3::new(1.6, -2.6, 1.7) * PIECE as f64;
+    let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 30.0, [PIECE_PX; 2]);
+    let settings = ReferenceSettings {
+        error: 1e-3,
+        pixel_filter: PixelFilter::Kernels,
+        ..ReferenceSettings::default()
+    };
+    let truth = Integrator::new(&scene)?.render(&camera, &settings, &|_| ())?;
+    let drawn = Renderer::new(scene)?
+        .render(&camera, &Settings::default())?
+        .clone();
+    Ok((truth.image, drawn))
+}

@@ -1,0 +1,109 @@
+//! What the examples that redo the papers' experiments share: arguments and times here, the truth,
+//! pictures and volumes in rooms of their own.
+#![allow(dead_code, reason = "each example uses a part")]
+
+pub(crate) mod pictures;
+pub(crate) mod truth;
+pub(crate) mod volumes;
+
+use std::path::PathBuf;
+
+use ewa_splat::io::write_image;
+use ewa_splat::view::Camera;
+use ewa_splat::{Error, Image, Renderer, Result, Settings};
+
+/// `FIGURE [FOLDER [SIZE [FRAMES]]]`.
+#[derive(Debug)]
+pub(crate) struct Arguments {
+    /// Which experiment, or `all`.
+    pub(crate) figure: String,
+    /// Where pictures go.
+    pub(crate) folder: PathBuf,
+    /// Pixels along a side of a picture.
+    pub(crate) size: usize,
+    /// Frames of which a time is the median.
+    pub(crate) frames: usize,
+}
+
+impl Arguments {
+    /// Those of the program; the folder is made.
+    pub(crate) fn read() -> Result<Self> {
+        let given: Vec<String> = std::env::args().skip(1).collect();
+        let number = |i: usize, default| {
+            let given = given.get(i).and_then(|a| a.parse().ok());
+            given.unwrap_or(default)
+        };
+        let text = |i: usize, default: &str| given.get(i).map_or(default, String::as_str).into();
+        let folder: String = text(1, "papers");
+        let folder = PathBuf::from(folder);
+        std::fs::create_dir_all(&folder)
+            .map_err(|e| Error::io(&folder, "making the folder", e, "name a folder elsewhere"))?;
+        Ok(Self {
+            figure: text(0, "all"),
+            folder,
+            size: number(2, 512).max(16),
+            frames: number(3, 5).max(1),
+        })
+    }
+
+    /// Runs the experiment that was asked for, or all.
+    ///
+    /// # Errors
+    /// Those of the experiments; a figure that is none of `experiments`.
+    pub(crate) fn run(&self, experiments: &[(&str, Experiment)]) -> Result<()> {
+        let is_asked_for = |name: &str| self.figure == "all" || self.figure == name;
+        let names: Vec<&str> = experiments.iter().map(|(name, _)| *name).collect();
+        if !names.iter().any(|name| is_asked_for(name)) {
+            return Err(Error::format(
+                "command line",
+                "figure",
+                format!("all, or one of {}", names.join(", ")),
+                self.figure.clone(),
+                "give it first, then a folder for pictures",
+            ));
+        }
+        for (name, experiment) in experiments.iter().filter(|(name, _)| is_asked_for(name)) {
+            println!("== {name} ==");
+            experiment(self)?;
+            println!();
+        }
+        Ok(())
+    }
+
+    /// Writes a picture to the folder.
+    pub(crate) fn write(&self, name: &str, image: &Image) -> Result<()> {
+        write_image(&self.folder.join(name), image)
+    }
+}
+
+/// Prints a table and writes pictures.
+pub(crate) type Experiment = fn(&Arguments) -> Result<()>;
+
+/// The middle one.
+pub(crate) fn median(times: &mut [f64]) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+/// Milliseconds of `frames` frames of each of the settings, medians; in rounds, so that a
+/// disturbance of the machine falls on all alike. Of each two frames the second counts: the first
+/// finds the memory as the settings before it left it.
+///
+/// # Errors
+/// Those of the renderer.
+pub(crate) fn times(
+    renderer: &mut Renderer,
+    camera: &Camera,
+    settings: &[Settings],
+    frames: usize,
+) -> Result<Vec<f64>> {
+    let mut all = vec![Vec::with_capacity(frames); settings.len()];
+    for _ in 0..frames {
+        for (settings, times) in settings.iter().zip(&mut all) {
+            renderer.render(camera, settings)?;
+            renderer.render(camera, settings)?;
+            times.push(renderer.times().frame);
+        }
+    }
+    Ok(all.iter_mut().map(|times| median(times)).collect())
+}
