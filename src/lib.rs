@@ -71,9 +71,9 @@
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
-//! on how each kind of data becomes kernels and what its lengths mean, [`shading`] one on light,
-//! [`surfels`] one on meshes, surfaces and what they do among volumes, [`papers`] one on what the papers
-//! claim and what was found.
+//! on how each kind of data becomes kernels and what its lengths mean, [`compositing`] one on sheets,
+//! slabs and clip planes, [`shading`] one on light, [`surfels`] one on meshes, surfaces and what they do
+//! among volumes, [`papers`] one on what the papers claim and what was found.
 //!
 //! # Conventions
 //!
@@ -106,6 +106,8 @@
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
 pub mod blocks;
+#[doc = include_str!("../docs/compositing.md")]
+pub mod compositing {}
 pub mod constants;
 pub mod cpu;
 pub mod error;

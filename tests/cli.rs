@@ -842,3 +842,58 @@ fn light_changes_colours_and_nothing_else() {
     let nine = refused(1, &["--light", "1,0,0"].repeat(9));
     assert!(nine.contains("at most 8"), "{nine}");
 }
+
+#[test]
+fn compositing_and_clipping_reach_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let draw = |name: &str, options: &[&str]| {
+        let common = [
+            "render",
+            &wake,
+            "--transfer-function",
+            &transfer,
+            "--size",
+            "64x48",
+            "--backend",
+            "cpu",
+            "--out",
+            name,
+            "--stats",
+            "s.json",
+        ];
+        let output = run(folder.path(), &[&common[..], options].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+        (image, json(folder.path().join("s.json")))
+    };
+    let (over, stats) = draw("over.npy", &[]);
+    assert!(stats["layer_thickness"].is_null());
+    let thick = ["--composite", "slabs", "--slab-thickness", "0.25"];
+    let (_, stats) = draw("thick.npy", &thick);
+    assert_eq!(stats["layer_thickness"], 0.25);
+    let opacity =
+        |image: &ewa_splat::Image| -> f64 { image.pixels.iter().map(|p| f64::from(p[3])).sum() };
+    for mode in ["sheets", "axis-sheets", "slabs"] {
+        let (layered, stats) = draw("layered.npy", &["--composite", mode]);
+        assert!(stats["layer_thickness"].as_f64().unwrap() > 0.0, "{stats}");
+        // Colours mix otherwise, opacities do not: but for where tiles stop early, a share of the
+        // tolerance.
+        let (a, b) = (opacity(&over), opacity(&layered));
+        assert!((a - b).abs() < 1e-3 * a, "{mode}: {a} {b}");
+        assert_ne!(over, layered, "{mode}");
+    }
+    let (half, _) = draw("half.npy", &["--clip", "0,0,1,0"]);
+    let (other, _) = draw("other.npy", &["--clip", "0,0,-1,0"]);
+    let (boxed, _) = draw("boxed.npy", &["--clip", "-1e3,-1e3,-1e3,1e3,1e3,1e3"]);
+    assert_eq!(boxed, over);
+    assert!(opacity(&half) < 0.9 * opacity(&over));
+    assert!(opacity(&other) < 0.9 * opacity(&over));
+    for bad in ["1,2,3", "0,0,0,1", "1,1,1,0,0,0", "1,2,3,x"] {
+        let output = run(
+            folder.path(),
+            &["render", &wake, "--clip", bad, "--out", "bad.png"],
+        );
+        assert_eq!(output.status.code(), Some(2), "{bad}");
+    }
+}

@@ -525,8 +525,9 @@ fn a_face_on_its_own_plane_stays_whole() {
                 draw(std::slice::from_ref(&scene), &camera, &whole).image(),
                 draw(std::slice::from_ref(&scene), &camera, &clipped).image(),
             );
-            // Of surfels whose centres lie inside nothing is cut but by roundings.
-            assert!(off < 1e-3, "{focal} {projection:?}: {off}");
+            // Of surfels whose centres lie inside nothing is cut but by roundings: they decide at pixels
+            // that see a surfel's plane near its horizon, the tails of its filtered kernel.
+            assert!(off < 5e-3, "{focal} {projection:?}: {off}");
         }
     }
 }

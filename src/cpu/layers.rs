@@ -56,23 +56,30 @@ impl Layer {
     }
 
     /// Adds optical depths to the pixels from `first` on.
+    ///
+    /// - `has_depth`: whether depths are wanted.
     #[inline(always)]
-    fn add<const N: usize>(&mut self, first: usize, taus: [f32; N], footprint: &Footprint) {
-        let [red, green, blue] = footprint.colour;
-        let sums = [
-            (&mut self.tau, 1.0),
-            (&mut self.red, red),
-            (&mut self.green, green),
-            (&mut self.blue, blue),
-            (&mut self.depth, footprint.depth),
-        ];
-        for (plane, factor) in sums {
-            let Some(sums) = plane[first..].first_chunk_mut::<N>() else {
-                continue;
-            };
-            for (sum, tau) in sums.iter_mut().zip(taus) {
-                *sum += tau * factor;
+    fn add<const N: usize>(
+        &mut self,
+        first: usize,
+        taus: [f32; N],
+        footprint: &Footprint,
+        has_depth: bool,
+    ) {
+        let add = |plane: &mut Plane, factor: f32| {
+            if let Some(sums) = plane[first..].first_chunk_mut::<N>() {
+                for (sum, tau) in sums.iter_mut().zip(taus) {
+                    *sum += tau * factor;
+                }
             }
+        };
+        let [red, green, blue] = footprint.colour;
+        add(&mut self.tau, 1.0);
+        add(&mut self.red, red);
+        add(&mut self.green, green);
+        add(&mut self.blue, blue);
+        if has_depth {
+            add(&mut self.depth, footprint.depth);
         }
     }
 }
@@ -438,22 +445,27 @@ impl Add<'_> {
     #[inline(always)]
     fn add_row<const FMA: bool>(&mut self, row: &Row, first: usize) {
         let place = self.ring.place(self.layers[0]);
+        let has_depth = self.raster.settings.depth;
         let Some(spans) = self.spans else {
-            self.ring.layers[place].add(first, row.tau, self.footprint);
+            self.ring.layers[place].add(first, row.tau, self.footprint, has_depth);
             return;
         };
         let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
             .map(|plane| row.shares_up_to::<FMA>(&plane[first..], false));
         let in_front = row.between(&near, &middle);
-        self.ring.layers[place].add(first, in_front, self.footprint);
+        self.ring.layers[place].add(first, in_front, self.footprint, has_depth);
         let behind = row.between(&middle, &far);
-        self.ring.divided.add(first, behind, self.footprint);
+        self.ring
+            .divided
+            .add(first, behind, self.footprint, has_depth);
     }
 
     /// Cuts kernels into slabs: the first takes what lies in front of it, the last what lies behind.
     #[inline(always)]
     fn slice_row<const FMA: bool>(&mut self, row: &Row, first: usize) {
         let view = self.raster.view;
+        // A slab's depth is its own.
+        let has_depth = false;
         let [nearest, last] = self.layers;
         let mut below = match self.spans {
             None => [0.0; TILE_SIZE],
@@ -475,7 +487,7 @@ impl Add<'_> {
                     }
                 }
                 let own = row.between(&below, &above);
-                self.ring.layers[place].add(first, own, self.footprint);
+                self.ring.layers[place].add(first, own, self.footprint, has_depth);
                 below = above;
                 continue;
             };
@@ -492,9 +504,11 @@ impl Add<'_> {
                 }
             }
             let own = row.between(&below, &divide);
-            self.ring.layers[place].add(first, own, self.footprint);
+            self.ring.layers[place].add(first, own, self.footprint, has_depth);
             let behind = row.between(&divide, &above);
-            self.ring.divided.add(first, behind, self.footprint);
+            self.ring
+                .divided
+                .add(first, behind, self.footprint, has_depth);
             below = above;
         }
     }
@@ -502,6 +516,7 @@ impl Add<'_> {
     /// Adds a pixel of a kernel that crosses the plane of the eye.
     fn add_near(&mut self, terms: &NearTerms, i: usize) -> u32 {
         let (raster, footprint) = (self.raster, self.footprint);
+        let has_depth = raster.settings.depth;
         let pixel: Vec2 = raster.pixel(i);
         let tau = near_depth(raster.view, footprint, terms, pixel);
         if !(tau > 0.0) {
@@ -532,8 +547,8 @@ impl Add<'_> {
             };
             let place = self.ring.place(number);
             let (own, behind) = (tau * (divide - below), tau * (above - divide));
-            self.ring.layers[place].add(i, [own], footprint);
-            self.ring.divided.add(i, [behind], footprint);
+            self.ring.layers[place].add(i, [own], footprint, has_depth);
+            self.ring.divided.add(i, [behind], footprint, has_depth);
             below = above;
         }
         1

@@ -47,10 +47,18 @@ impl<'a> RowWalk<'a> {
     /// - `ray_length`: of its pixels; read on the exact path alone.
     #[inline(always)]
     pub(super) fn row<const FMA: bool>(&self, y: usize, ray_length: &[f32]) -> Row {
+        if self.footprint.path == PATH_EXACT {
+            self.row_of::<FMA, true>(y, ray_length)
+        } else {
+            self.row_of::<FMA, false>(y, ray_length)
+        }
+    }
+
+    #[inline(always)]
+    fn row_of<const FMA: bool, const EXACT: bool>(&self, y: usize, ray_length: &[f32]) -> Row {
         let (footprint, terms) = (self.footprint, self.terms);
         let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let ([gx, gy], [hxx, hxy, hyy]) = (terms.gradient, terms.hessian);
-        let is_exact = footprint.path == PATH_EXACT;
         let flat_per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
         let dy = self.first[1] + y as f32;
         let mut row = Row {
@@ -72,7 +80,7 @@ impl<'a> RowWalk<'a> {
             let (mut tau, mut per_sigma) = (footprint.tau, flat_per_sigma);
             let mut z = footprint.depth + slope;
             let mut is_inside = true;
-            if is_exact {
+            if EXACT {
                 let w = 1.0 + slope + dx * (hxx * dx + hxy * dy) + hyy * dy * dy;
                 let root = w.sqrt();
                 q /= w;
