@@ -80,12 +80,11 @@ fn measure(volume: &Volume, transfer: &TransferFunction, arguments: &Arguments) 
         thresholds,
         ..Settings::default()
     };
-    let names = ["ewa", "thresholds", "adaptive", "exact"];
+    let names = ["ewa", "thresholds", "adaptive"];
     let settings = [
         of(Filter::Ewa, None),
         of(Filter::Adaptive, Some(PAPER_THRESHOLDS)),
         of(Filter::Adaptive, None),
-        of(Filter::Exact, None),
     ];
     for (view, camera) in views(&renderer, arguments.size) {
         let times = times(&mut renderer, &camera, &settings, arguments.frames)?;
