@@ -66,20 +66,23 @@ impl Layer {
         footprint: &Footprint,
         has_depth: bool,
     ) {
-        let add = |plane: &mut Plane, factor: f32| {
-            if let Some(sums) = plane[first..].first_chunk_mut::<N>() {
-                for (sum, tau) in sums.iter_mut().zip(taus) {
-                    *sum += tau * factor;
-                }
-            }
-        };
         let [red, green, blue] = footprint.colour;
-        add(&mut self.tau, 1.0);
-        add(&mut self.red, red);
-        add(&mut self.green, green);
-        add(&mut self.blue, blue);
+        add_scaled(&mut self.tau, first, &taus, 1.0);
+        add_scaled(&mut self.red, first, &taus, red);
+        add_scaled(&mut self.green, first, &taus, green);
+        add_scaled(&mut self.blue, first, &taus, blue);
         if has_depth {
-            add(&mut self.depth, footprint.depth);
+            add_scaled(&mut self.depth, first, &taus, footprint.depth);
+        }
+    }
+}
+
+/// Adds numbers times a factor to the pixels from `first` on.
+#[inline(always)]
+fn add_scaled<const N: usize>(plane: &mut Plane, first: usize, numbers: &[f32; N], factor: f32) {
+    if let Some(sums) = plane[first..].first_chunk_mut::<N>() {
+        for (sum, number) in sums.iter_mut().zip(numbers) {
+            *sum += number * factor;
         }
     }
 }
@@ -337,27 +340,44 @@ impl Kernel for Flush<'_> {
         let settings = raster.settings;
         let start = layer_start(raster.view, number);
         let end = layer_start(raster.view, number + 1);
-        for i in 0..TILE_PIXELS {
-            let is_part = match part {
-                Part::All => true,
-                Part::Front(middle) => start < middle[i],
-                Part::Behind(middle) => start >= middle[i],
-                Part::Divided(middle) => start < middle[i] && middle[i] < end,
-            };
-            let tau = if is_part { layer.tau[i] } else { 0.0 };
+        let mut taus = layer.tau;
+        let keep = |taus: &mut Plane, middle: &Plane, is_kept: fn(f32, [f32; 2]) -> bool| {
+            for (tau, middle) in taus.iter_mut().zip(middle) {
+                if !is_kept(*middle, [start, end]) {
+                    *tau = 0.0;
+                }
+            }
+        };
+        match part {
+            Part::All => {}
+            Part::Front(middle) => keep(&mut taus, middle, |m, [start, _]| start < m),
+            Part::Behind(middle) => keep(&mut taus, middle, |m, [start, _]| start >= m),
+            Part::Divided(middle) => {
+                keep(&mut taus, middle, |m, [start, end]| start < m && m < end);
+            }
+        }
+        // Of each pixel what the layer adds, for one of its optical depth.
+        let mut per_tau = [0.0; TILE_PIXELS];
+        for ((per_tau, alpha), &tau) in per_tau.iter_mut().zip(&mut tile.alpha).zip(&taus) {
             let opacity = if settings.linear_opacity {
                 tau.min(1.0)
             } else {
                 opacity::<FMA>(tau)
             };
-            let before = tile.alpha[i];
-            let weight = opacity * (1.0 - before);
-            tile.alpha[i] = before + weight;
-            if !settings.count {
-                let per_tau = if tau > 0.0 { weight / tau } else { 0.0 };
-                tile.red[i] += per_tau * layer.red[i];
-                tile.green[i] += per_tau * layer.green[i];
-                tile.blue[i] += per_tau * layer.blue[i];
+            let weight = opacity * (1.0 - *alpha);
+            *alpha += weight;
+            *per_tau = weight / tau.max(f32::MIN_POSITIVE);
+        }
+        if !settings.count {
+            let colours = [
+                (&mut tile.red, &layer.red),
+                (&mut tile.green, &layer.green),
+                (&mut tile.blue, &layer.blue),
+            ];
+            for (sums, of_layer) in colours {
+                for ((sum, c), per_tau) in sums.iter_mut().zip(of_layer).zip(&per_tau) {
+                    *sum += per_tau * c;
+                }
             }
         }
         if settings.depth {
