@@ -29,6 +29,8 @@ pub struct Layers {
 const SLAB_ERROR: f64 = 0.01;
 /// Share of the tolerance that is the slabs'.
 const SLAB_SHARE: f64 = 0.5;
+/// Slabs that a kernel may reach at most: a tile keeps their sums, 5 KiB each.
+const MOST_SLABS: f64 = 4096.0;
 /// Slabs are no thicker than so many standard deviations of the thinnest kernels, however faint they
 /// are, and no thinner than a share of the thickest ones.
 const THICKEST: f64 = 2.0;
@@ -42,7 +44,7 @@ impl Layers {
     ///   (of a lattice's along the axis), of slabs the tolerance.
     ///
     /// # Errors
-    /// A thickness so small that the layers cannot be told apart.
+    /// A thickness so small that the layers cannot be told apart, or that a kernel reaches thousands.
     pub fn new(
         volumes: &[BlockedVolume],
         camera: &Camera,
@@ -63,6 +65,15 @@ impl Layers {
             }
         };
         let thickness = thickness.unwrap_or(spacing);
+        let refuse = |least: f64| {
+            Err(Error::format(
+                "settings",
+                "thickness of layers",
+                format!("at least {least:.1e} for this scene"),
+                thickness.to_string(),
+                "make it larger",
+            ))
+        };
         let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
         for block in volumes.iter().flat_map(|v| &v.blocks) {
             let centre = axis.dot(camera.camera_point(block.origin));
@@ -80,13 +91,16 @@ impl Layers {
         let bits = count.log2().ceil();
         // Phrased so that NaN is refused.
         if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0) {
-            return Err(Error::format(
-                "settings",
-                "thickness of layers",
-                format!("at least {:.1e}", (last - first) / 2_f64.powi(31)),
-                thickness.to_string(),
-                "make it larger",
-            ));
+            return refuse((last - first) / 2_f64.powi(31));
+        }
+        let blocks = volumes
+            .iter()
+            .filter(|v| !v.is_surface())
+            .flat_map(|v| &v.blocks);
+        let thickest = blocks.map(|b| f64::from(b.max_sigma)).fold(0.0, f64::max);
+        let least = 2.0 * f64::from(MAX_CUTOFF) * thickest / MOST_SLABS;
+        if composite == Composite::Slabs && thickness < least {
+            return refuse(least);
         }
         Ok(Some(Self {
             axis,
