@@ -156,6 +156,7 @@ fn stages(c: &mut Criterion) {
                 &bins,
                 frame.tiles[0],
                 &[],
+                None,
                 &mut tiles,
             )
         };

@@ -1,5 +1,5 @@
 // Stage: opaque surfaces, and what shows through them, behind what lies in front. Twin: `compose` in
-// src/cpu/hybrid.rs.
+// src/cpu/cut.rs.
 
 struct Background {
     // Linear RGB.

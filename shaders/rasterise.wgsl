@@ -40,6 +40,7 @@ override SLICE: u32 = 0xffffffffu;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
 // The surface's pixels as surface.wgsl leaves them: four floats each, then a depth each.
 @group(0) @binding(9) var<storage, read> surface: array<f32>;
+// Bindings 10 and 11 are of classified.wgsl.
 
 // Footprints on their way to all pixels of the tile, four vectors each: `centre_px` and `form_p`;
 // `form_r`, `tau` and `cutoff_squared`; `colour` and `depth`; `path`, `columns`, `rows` and `key`.
@@ -201,6 +202,15 @@ var<private> ring_depth: f32;
 // What lies behind the surface in the layer that it divides.
 var<private> divided: vec4<f32>;
 var<private> divided_depth: f32;
+// How what a layer carries, and its optical depth, change across it: with the pixel's column, its row and
+// with z. Where light falls on layers.
+struct Slopes {
+    carried: vec3<f32>,
+    length: vec3<f32>,
+}
+var<private> ring_slopes: array<Slopes, SLOPE_SLOTS>;
+var<private> divided_slopes: Slopes;
+var<private> pixel_centre: vec2<f32>;
 // The nearest open layer; NO_LAYER where all are closed for good.
 var<private> first_layer: u32;
 var<private> span: Span;
@@ -225,26 +235,91 @@ fn add_to_layer(layer: u32, tau: f32, rest: f32, colour: vec3<f32>, depth: f32) 
     }
 }
 
+// How a footprint changes from pixel to pixel.
+struct FootprintSlope {
+    // Of the logarithm of its optical depth.
+    log_tau: vec2<f32>,
+    // Of its mean depth.
+    mean: vec2<f32>,
+}
+
+// Of a footprint at `d` from its centre; nothing of kernels that cross the plane of the eye.
+fn footprint_slope(
+    path: u32,
+    place: vec4<f32>,
+    form: vec4<f32>,
+    d: vec2<f32>,
+    depth: f32,
+    terms: ExactTerms,
+) -> FootprintSlope {
+    if (path & 2u) != 0u {
+        return FootprintSlope();
+    }
+    let p = place.z * d.x + place.w * d.y;
+    let r = form.x * d.x + form.y * d.y;
+    var log_tau = -(p * place.zw + r * form.xy);
+    let gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]);
+    var mean = gradient;
+    if path == PATH_EXACT {
+        let h = terms.hessian;
+        let slope = gradient.x * d.x + gradient.y * d.y;
+        let w = 1.0 + slope + d.x * (h[0] * d.x + h[1] * d.y) + h[2] * d.y * d.y;
+        let w_slope = gradient
+            + vec2<f32>(2.0 * h[0] * d.x + h[1] * d.y, h[1] * d.x + 2.0 * h[2] * d.y);
+        let q = (p * p + r * r) / w;
+        // The length of the ray changes alike for all kernels.
+        log_tau = (log_tau + (0.5 * q - 0.5) * w_slope) / w;
+        mean = (depth / w) * (0.5 * gradient - (1.0 + 0.5 * slope) / w * w_slope);
+    }
+    return FootprintSlope(log_tau, mean);
+}
+
+// The density of a kernel's place along the ray at a depth; none at the ends of the ray.
+fn density_at(depth: f32, mean: f32, per_sigma: f32) -> f32 {
+    let ahead = (depth - mean) * per_sigma;
+    if abs(depth) >= LARGEST || is_nan(ahead) || !(abs(ahead) <= 7.0) {
+        return 0.0;
+    }
+    return exp_minus_half(ahead * ahead) * (FRAC_1_SQRT_2PI * per_sigma);
+}
+
+// How a part of a footprint changes: `tau` of optical depth between two depths, of which `rise` is
+// how much it grows where both lie deeper.
+fn part_slope(footprint: FootprintSlope, tau: f32, rise: f32) -> vec3<f32> {
+    return vec3<f32>(footprint.log_tau * tau - footprint.mean * rise, rise);
+}
+
+fn with_slope(slopes: Slopes, slope: vec3<f32>, carried: f32) -> Slopes {
+    return Slopes(slopes.carried + carried * slope, slopes.length + slope);
+}
+
 // Puts a layer behind what a pixel has.
 fn accumulate_layer(
     pixel: ptr<function, Pixel>,
     layer: u32,
     sums: vec4<f32>,
+    slopes: Slopes,
     depth_sum: f32,
 ) {
     if !is_positive(sums.w) {
         return;
     }
     let before = (*pixel).alpha;
-    let weight = opacity_by(PATH_AFFINE, sums.w) * (1.0 - before);
+    let depth = 0.5 * (layer_start(layer) + layer_start(layer + 1u));
+    let class_of = classify_layer(sums, slopes, pixel_centre, depth);
+    let tau = class_of.w;
+    if !is_positive(tau) {
+        return;
+    }
+    let weight = opacity_by(PATH_AFFINE, tau) * (1.0 - before);
     (*pixel).alpha = before + weight;
     if !IS_COUNT {
-        (*pixel).colour = (*pixel).colour + (weight / sums.w) * sums.xyz;
+        (*pixel).colour = (*pixel).colour + (weight / tau) * class_of.xyz;
     }
     if HAS_DEPTH && before < 0.5 && (*pixel).alpha >= 0.5 {
         (*pixel).depth = max(depth_sum / sums.w, 0.0);
         if COMPOSITE == COMPOSITE_SLABS {
-            (*pixel).depth = 0.5 * (layer_start(layer) + layer_start(layer + 1u));
+            (*pixel).depth = depth;
         }
     }
 }
@@ -256,24 +331,27 @@ fn close_layers(until: u32, front: ptr<function, Pixel>, behind: ptr<function, P
         let layer = first_layer + ahead;
         let at = layer % LAYER_SLOTS;
         let sums = ring[at];
+        let slopes = ring_slopes[at % SLOPE_SLOTS];
         if COMPOSITE != COMPOSITE_SLABS {
-            accumulate_layer(front, layer, sums, ring_depth);
+            accumulate_layer(front, layer, sums, slopes, ring_depth);
             if HAS_SURFACE {
-                accumulate_layer(behind, layer, divided, divided_depth);
+                accumulate_layer(behind, layer, divided, divided_slopes, divided_depth);
             }
             divided = vec4<f32>(0.0);
             ring_depth = 0.0;
             divided_depth = 0.0;
         } else if HAS_SURFACE && layer_start(layer) >= span.middle {
-            accumulate_layer(behind, layer, sums, 0.0);
+            accumulate_layer(behind, layer, sums, slopes, 0.0);
         } else {
-            accumulate_layer(front, layer, sums, 0.0);
+            accumulate_layer(front, layer, sums, slopes, 0.0);
             if HAS_SURFACE && span.middle < layer_start(layer + 1u) {
-                accumulate_layer(behind, layer, divided, 0.0);
+                accumulate_layer(behind, layer, divided, divided_slopes, 0.0);
                 divided = vec4<f32>(0.0);
+                divided_slopes = Slopes();
             }
         }
         ring[at] = vec4<f32>(0.0);
+        ring_slopes[at % SLOPE_SLOTS] = Slopes();
     }
     first_layer = max(first_layer, until);
 }
@@ -282,6 +360,25 @@ fn close_layers(until: u32, front: ptr<function, Pixel>, behind: ptr<function, P
 fn carried_at(place: u32, index: u32, count: u32) -> u32 {
     let words = select(4u, 5u, HAS_DEPTH) * select(1u, 2u, HAS_SURFACE);
     return words * count + 4u * (place * count + index);
+}
+
+// The same of slopes, which lie behind the others.
+fn carried_slopes_at(place: u32, index: u32, count: u32) -> u32 {
+    return carried_at(LAYER_SLOTS + 2u, 0u, count) + 6u * (place * count + index);
+}
+
+fn load_slopes(at: u32) -> Slopes {
+    return Slopes(
+        vec3<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u]),
+        vec3<f32>(pixels[at + 3u], pixels[at + 4u], pixels[at + 5u]),
+    );
+}
+
+fn store_slopes(at: u32, slopes: Slopes) {
+    for (var i = 0u; i < 3u; i = i + 1u) {
+        pixels[at + i] = slopes.carried[i];
+        pixels[at + 3u + i] = slopes.length[i];
+    }
 }
 
 fn load_layers(index: u32, count: u32) {
@@ -296,6 +393,12 @@ fn load_layers(index: u32, count: u32) {
             ring_depth = four.x;
             divided_depth = four.y;
         }
+    }
+    if HAS_SLOPES {
+        for (var k = 0u; k < SLOPE_SLOTS; k = k + 1u) {
+            ring_slopes[k] = load_slopes(carried_slopes_at(k, index, count));
+        }
+        divided_slopes = load_slopes(carried_slopes_at(SLOPE_SLOTS, index, count));
     }
 }
 
@@ -312,6 +415,12 @@ fn store_layers(index: u32, count: u32) {
         pixels[at + 1u] = four.y;
         pixels[at + 2u] = four.z;
         pixels[at + 3u] = four.w;
+    }
+    if HAS_SLOPES {
+        for (var k = 0u; k < SLOPE_SLOTS; k = k + 1u) {
+            store_slopes(carried_slopes_at(k, index, count), ring_slopes[k]);
+        }
+        store_slopes(carried_slopes_at(SLOPE_SLOTS, index, count), divided_slopes);
     }
 }
 
@@ -380,7 +489,7 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
 }
 
 // Of what `near_depth` finds in front of the eye: the share up to the depth `at_depth`. Twins:
-// `near_cut` in src/cpu/hybrid.rs and `near_share` in src/splat/near.rs.
+// `near_cut` in src/cpu/cut.rs and `near_share` in src/splat/near.rs.
 fn near_cut(path: u32, place: vec4<f32>, pixel: vec2<f32>, at_depth: f32) -> f32 {
     if at_depth >= LARGEST {
         return 1.0;
@@ -486,6 +595,7 @@ fn rasterise(
     }
     let corner = vec2<f32>(own.origin) + 0.5;
     let pixel = corner + vec2<f32>(own.local);
+    pixel_centre = pixel;
     var ray_length = 1.0;
     if HAS_EXACT {
         let direction = ray_through(view, pixel);
@@ -669,6 +779,12 @@ fn rasterise(
                     if drawn_span.near > -LARGEST {
                         below = place_share(is_near, path, place, pixel, drawn_span.near, mean, per_sigma);
                     }
+                    var begin = drawn_span.near;
+                    var slope: FootprintSlope;
+                    if HAS_SLOPES {
+                        let d = (corner - place.xy) + vec2<f32>(own.local);
+                        slope = footprint_slope(path, place, form, d, light.w, batch_exact[n]);
+                    }
                     for (var layer = reached.x; layer <= last; layer = layer + 1u) {
                         var end = LARGEST;
                         if layer < last {
@@ -691,6 +807,24 @@ fn rasterise(
                             light.xyz,
                             light.w,
                         );
+                        if HAS_SLOPES {
+                            var divide_depth = end;
+                            if layer_start(layer) < drawn_span.middle {
+                                divide_depth = max(min(drawn_span.middle, end), begin);
+                            }
+                            let at_begin = density_at(begin, mean, per_sigma);
+                            let at_divide = density_at(divide_depth, mean, per_sigma);
+                            let at_end = density_at(end, mean, per_sigma);
+                            let own_slope =
+                                part_slope(slope, tau * (divide - below), tau * (at_divide - at_begin));
+                            let rest_slope =
+                                part_slope(slope, tau * (above - divide), tau * (at_end - at_divide));
+                            let at_slot = layer % SLOPE_SLOTS;
+                            ring_slopes[at_slot] =
+                                with_slope(ring_slopes[at_slot], own_slope, light.x);
+                            divided_slopes = with_slope(divided_slopes, rest_slope, light.x);
+                        }
+                        begin = end;
                         below = above;
                     }
                     continue;

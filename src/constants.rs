@@ -72,5 +72,12 @@ pub const MAX_PLANES: usize = 5 + MAX_CLIP_PLANES;
 /// filter on either side; beyond there is nothing of it.
 pub const CLIP_SOFTNESS: f32 = 3.3;
 
+/// A field that changes by less over the thickness of a layer, in shares of its range, has no direction
+/// that light could tell: roundings of its mean are a hundredth of it.
+pub const LEAST_SLOPE: f32 = 1e-5;
+
+/// 1 / sqrt(2 pi), the greatest density of a unit Gaussian.
+pub const FRAC_1_SQRT_2PI: f32 = 0.398_942_28;
+
 /// Directional lights of a scene at most: a key, fills and rims, with room to spare.
 pub const MAX_LIGHTS: usize = 8;

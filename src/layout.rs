@@ -122,10 +122,10 @@ pub struct CameraUniform {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightUniform {
-    /// Towards the light, camera space, unit length.
-    pub direction: [f32; 3],
-    /// Linear RGB.
-    pub colour: [f32; 3],
+    /// Towards the light, camera space, unit length; 0.
+    pub direction: [f32; 4],
+    /// Linear RGB; 0.
+    pub colour: [f32; 4],
 }
 
 /// What lighting needs: [`Lighting`] in camera space.
@@ -146,6 +146,8 @@ pub struct LightingUniform {
     pub specular: f32,
     /// As in [`Lighting`].
     pub shininess: f32,
+    /// Fills up four words.
+    pub unused: [u32; 2],
 }
 
 impl LightingUniform {
@@ -165,13 +167,15 @@ impl LightingUniform {
                 LightFrame::World => camera.camera_from_world * light.direction,
                 LightFrame::Camera => light.direction,
             };
+            let [red, green, blue] = light.colour;
             *slot = LightUniform {
                 direction: direction
                     .try_normalize()
                     .unwrap_or(DVec3::ZERO)
                     .as_vec3()
+                    .extend(0.0)
                     .into(),
-                colour: light.colour,
+                colour: [red, green, blue, 0.0],
             };
             uniform.count += 1;
         }

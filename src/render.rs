@@ -12,7 +12,9 @@ use crate::blocks::{
 use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE, MAX_CLIP_PLANES, MAX_CUTOFF, TILE_SIZE,
 };
-use crate::cpu::{self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
+use crate::cpu::{
+    self, Bins, NormalTile, PostClassification, ProjectOutput, RasteriseSettings, SimdLevel, Tile,
+};
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::gpu::{AdapterChoice, DeviceScene, FrameInput, FrameOutput, Gpu};
@@ -21,7 +23,7 @@ use crate::layout::{
     BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, LightingUniform,
     PATH_EXACT, ViewUniform,
 };
-use crate::scene::{Lighting, PointVolume, Requirements, TransferFunction};
+use crate::scene::{Colour, Lighting, PointVolume, Requirements, Strength, TransferFunction};
 use crate::splat::{Composite, Filter, SPLAT_LOW_PASS_PX2};
 use crate::view::{Bounds, Camera, ClipPlane, Projection};
 use glam::{DVec2, DVec3};
@@ -57,6 +59,10 @@ pub struct Settings {
     /// Thickness of sheets and slabs, world units. `None`: of slabs what the tolerance allows, of sheets
     /// the distance between samples.
     pub layer_thickness: Option<f64>,
+    /// Whether the transfer function, and light, are asked for each slab of each pixel, of the mean value
+    /// there, instead of for each particle: sharper where the function is steep and samples are few.
+    /// With [`Composite::Slabs`], for scenes of one volume with a field (and surfaces).
+    pub post_classification: bool,
     /// Planes that keep one side of everything that is drawn; eight at most.
     pub clip: Vec<ClipPlane>,
     /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
@@ -98,6 +104,7 @@ impl Default for Settings {
             linear_opacity: false,
             composite: Composite::Over,
             layer_thickness: None,
+            post_classification: false,
             clip: Vec::new(),
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,
@@ -177,6 +184,8 @@ pub struct Renderer {
     normals: Option<NormalImage>,
     column: ColumnMemory,
     layers: Option<Layers>,
+    /// The transfer function of the volume whose particles carry values in its place.
+    carried: Option<TransferFunction>,
     counts: FrameCounts,
     times: StageTimes,
     #[cfg(feature = "gpu")]
@@ -236,6 +245,7 @@ impl Renderer {
             normals: None,
             column: ColumnMemory::default(),
             layers: None,
+            carried: None,
             counts: FrameCounts::default(),
             times: StageTimes::default(),
             #[cfg(feature = "gpu")]
@@ -322,6 +332,13 @@ impl Renderer {
             ));
         }
         let family = &mut self.volumes[self.families[volume].clone()];
+        let transfer = if self.carried.is_some() && !family[0].is_surface() {
+            let carrier = transfer.carrier();
+            self.carried = Some(transfer);
+            carrier
+        } else {
+            transfer
+        };
         set_transfer_function(family, &transfer);
         #[cfg(feature = "gpu")]
         if let Some(device) = &mut self.device {
@@ -352,6 +369,7 @@ impl Renderer {
                 "leave it out",
             ));
         }
+        self.carry_values(settings)?;
         let layers = Layers::new(
             &self.volumes,
             camera,
@@ -369,6 +387,41 @@ impl Renderer {
         }
         self.render_on_cpu(camera, settings, layers, &frustum);
         Ok(&self.image)
+    }
+
+    /// Lets the particles of the one volume with a field carry their values, or their colours again, as
+    /// the settings ask.
+    fn carry_values(&mut self, settings: &Settings) -> Result<()> {
+        if settings.post_classification == self.carried.is_some() {
+            return Ok(());
+        }
+        let refuse = |found: &str| {
+            Err(Error::format(
+                "settings",
+                "classification of slabs",
+                "--composite slabs and one volume with a field",
+                found,
+                "leave it out",
+            ))
+        };
+        let is_field = |v: &BlockedVolume| {
+            matches!(v.strength, Strength::Classified { .. }) && v.colour == Colour::Classified
+        };
+        let mut volumes = (0..self.families.len())
+            .filter(|&i| !self.volumes[self.families[i].start].is_surface());
+        let (Some(volume), None) = (volumes.next(), volumes.next()) else {
+            return refuse("none or several");
+        };
+        let own = &self.volumes[self.families[volume].start];
+        let Some(transfer) = own.transfer_function.clone().filter(|_| is_field(own)) else {
+            return refuse("masses or colours of its own");
+        };
+        if let Some(carried) = self.carried.take() {
+            return self.set_transfer_function(volume, carried);
+        }
+        self.set_transfer_function(volume, transfer.carrier())?;
+        self.carried = Some(transfer);
+        Ok(())
     }
 
     /// The frame on the GPU.
@@ -398,6 +451,7 @@ impl Renderer {
             count: settings.show == Show::Count,
             background: settings.shown_background(),
             lighting: lighting_uniform(camera, settings),
+            post: self.carried.as_ref(),
         };
         let output = FrameOutput {
             image: &mut self.image,
@@ -531,11 +585,12 @@ impl Renderer {
 
         // Classify.
         let lighting = lighting_uniform(camera, settings);
+        let carries = self.carried.is_some();
         let rotation = camera.camera_from_world.as_mat3();
         let totals = self.fill_classified(cpu::count_classified, |volume, views, out| {
             cpu::classify(volume, views, out);
             cpu::shade(volume, views, camera, out);
-            if let Some(lighting) = &lighting {
+            if let (Some(lighting), false) = (&lighting, carries && !volume.is_surface()) {
                 cpu::light(volume, views, rotation, lighting, out);
             }
         });
@@ -595,6 +650,11 @@ impl Renderer {
             composite: settings.composite,
             level: settings.simd,
         };
+        let post = self.carried.as_ref().map(|transfer| PostClassification {
+            transfer,
+            per_extinction: 1.0 / transfer.greatest_extinction(),
+            lighting: lighting.as_ref(),
+        });
         counts.splat_pixels += cpu::rasterise(
             &uniform,
             raster,
@@ -604,6 +664,7 @@ impl Renderer {
             &self.bins,
             columns,
             &self.surface,
+            post,
             &mut self.tiles,
         );
         times.rasterise += clock.lap();
@@ -884,7 +945,9 @@ fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
-        level_of_detail: u32::from(is_adaptive && !by_hand && settings.level_of_detail),
+        level_of_detail: u32::from(
+            is_adaptive && !by_hand && settings.level_of_detail && !settings.post_classification,
+        ),
     }
 }
 
@@ -943,6 +1006,10 @@ fn check(camera: &Camera, settings: &Settings) -> Result<()> {
     {
         let found = thickness.to_string();
         return refuse("thickness of layers", "a number above 0", found);
+    }
+    if settings.post_classification && settings.composite != Composite::Slabs {
+        let found = settings.composite.name().to_string();
+        return refuse("composite of classified slabs", "slabs", found);
     }
     if settings.clip.len() > MAX_CLIP_PLANES {
         let expected = format!("at most {MAX_CLIP_PLANES}");

@@ -50,6 +50,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32;
         bins,
         frame.tiles[0],
         &[],
+        None,
         &mut tiles,
     );
     let mut image = Image::new(width, height);

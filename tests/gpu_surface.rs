@@ -1310,6 +1310,7 @@ fn cut_on_cpu(
         bins,
         frame.tiles[0],
         surface,
+        None,
         &mut tiles,
     );
     let ViewUniform {

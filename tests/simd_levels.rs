@@ -467,6 +467,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
         &frame.bins(),
         frame.tiles[0],
         &[],
+        None,
         &mut tiles,
     );
     let mut image = Image::new(width, height);

@@ -401,6 +401,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
         &frame.bins(),
         frame.tiles[0],
         &[],
+        None,
         &mut tiles,
     );
     let mut image = ewa_splat::Image::new(camera.width, camera.height);

@@ -7,6 +7,7 @@
 //! - `fig8`: a zebra of elliptical kernels, the EWA filter against Swan's uniform scaling;
 //! - `fig9`: volume kernels against surface kernels, on a textured plane and of iso-surfaces;
 //! - `fig10`: semi-transparent CT with flattened iso-surfaces;
+//! - `classification`: slabs classified and lit themselves, against particles (conclusions);
 //! - `footprint`: a table in one dimension and finite differences for the footprint (section 6).
 //!
 //! `docs/papers.md` says what the paper claims and what was found.
@@ -14,6 +15,7 @@
 #[path = "../papers/mod.rs"]
 mod papers;
 
+mod classification;
 mod footprint;
 mod isosurface;
 mod plane;
@@ -30,6 +32,7 @@ fn main() -> ewa_splat::Result<()> {
             isosurface::run(arguments)
         }),
         ("fig10", semitransparent::run),
+        ("classification", classification::run),
         ("footprint", footprint::run),
     ])
 }

@@ -44,8 +44,8 @@ struct CameraUniform {
 }
 
 struct LightUniform {
-    direction: array<f32, 3>,
-    colour: array<f32, 3>,
+    direction: vec4<f32>,
+    colour: vec4<f32>,
 }
 
 struct LightingUniform {
@@ -56,6 +56,7 @@ struct LightingUniform {
     diffuse: f32,
     specular: f32,
     shininess: f32,
+    unused: vec2<u32>,
 }
 
 struct ChoiceUniform {

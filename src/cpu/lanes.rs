@@ -218,6 +218,21 @@ fn by_output<const FMA: bool, const LANES: usize, const EXACT: bool>(
     }
 }
 
+/// Adds numbers times a factor to the pixels from `first` on.
+#[inline(always)]
+pub(super) fn add_scaled<const N: usize>(
+    plane: &mut Plane,
+    first: usize,
+    numbers: &[f32; N],
+    factor: f32,
+) {
+    if let Some(sums) = plane[first..].first_chunk_mut::<N>() {
+        for (sum, number) in sums.iter_mut().zip(numbers) {
+            *sum += number * factor;
+        }
+    }
+}
+
 /// Work that gains from being compiled for an instruction set as a whole.
 pub(super) trait Kernel {
     /// What it returns.

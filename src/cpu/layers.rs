@@ -13,9 +13,10 @@
 use glam::Vec2;
 
 use super::cut::{CutTile, Side, Spans, depth_reach, near_cut, near_terms_of};
-use super::lanes::{Kernel, Plane, SimdLevel, Tile, cdf, opacity, run_at};
+use super::lanes::{Kernel, Plane, SimdLevel, Tile, add_scaled, cdf, opacity, run_at};
+use super::post::{PostClassification, RowEdge, Slopes};
 use super::rasterise::{TileRaster, near_depth};
-use super::row::{Row, RowWalk};
+use super::row::{Row, RowSlope, RowWalk};
 use crate::constants::{TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::splat::Composite;
@@ -31,6 +32,8 @@ struct Layer {
     blue: Plane,
     /// Optical depth times depth; of sheets, where depths are wanted.
     depth: Plane,
+    /// How the sums change, where light asks for it.
+    slopes: Option<Box<Slopes>>,
     /// Whether anything was added since it was cleared.
     is_used: bool,
 }
@@ -43,6 +46,7 @@ impl Default for Layer {
             green: [0.0; TILE_PIXELS],
             blue: [0.0; TILE_PIXELS],
             depth: [0.0; TILE_PIXELS],
+            slopes: None,
             is_used: false,
         }
     }
@@ -51,7 +55,30 @@ impl Default for Layer {
 impl Layer {
     fn clear(&mut self) {
         if self.is_used {
-            *self = Self::default();
+            let mut slopes = self.slopes.take();
+            if let Some(slopes) = &mut slopes {
+                **slopes = Slopes::default();
+            }
+            *self = Self {
+                slopes,
+                ..Self::default()
+            };
+        }
+    }
+
+    /// Forgets pixel `i`.
+    fn clear_pixel(&mut self, i: usize) {
+        for plane in [
+            &mut self.tau,
+            &mut self.red,
+            &mut self.green,
+            &mut self.blue,
+            &mut self.depth,
+        ] {
+            plane[i] = 0.0;
+        }
+        if let Some(slopes) = &mut self.slopes {
+            slopes.clear_pixel(i);
         }
     }
 
@@ -73,16 +100,6 @@ impl Layer {
         add_scaled(&mut self.blue, first, &taus, blue);
         if has_depth {
             add_scaled(&mut self.depth, first, &taus, footprint.depth);
-        }
-    }
-}
-
-/// Adds numbers times a factor to the pixels from `first` on.
-#[inline(always)]
-fn add_scaled<const N: usize>(plane: &mut Plane, first: usize, numbers: &[f32; N], factor: f32) {
-    if let Some(sums) = plane[first..].first_chunk_mut::<N>() {
-        for (sum, number) in sums.iter_mut().zip(numbers) {
-            *sum += number * factor;
         }
     }
 }
@@ -153,6 +170,7 @@ impl Ring {
 /// A tile drawn in layers.
 pub(super) struct LayeredTile<'a, 'b> {
     pub(super) raster: &'a TileRaster<'a>,
+    pub(super) post: Option<PostClassification<'a>>,
     pub(super) ring: &'a mut Ring,
     pub(super) cut: Option<CutTile<'b>>,
 }
@@ -210,6 +228,7 @@ impl LayeredTile<'_, '_> {
             near,
             layers: [first, last],
             is_slabs,
+            has_slopes: self.post.is_some_and(|post| post.lighting.is_some()),
             tile,
         };
         run_at(self.raster.settings.level, work)
@@ -235,6 +254,7 @@ impl LayeredTile<'_, '_> {
             let flush = |layer: &Layer, front: &mut Tile, part: Part<'_>| {
                 let work = Flush {
                     raster: self.raster,
+                    post: self.post,
                     number,
                     layer,
                     tile: front,
@@ -263,15 +283,7 @@ impl LayeredTile<'_, '_> {
                             let end = layer_start(self.raster.view, number + 1);
                             let divided = &mut self.ring.divided;
                             for i in (0..TILE_PIXELS).filter(|&i| middle[i] < end) {
-                                for plane in [
-                                    &mut divided.tau,
-                                    &mut divided.red,
-                                    &mut divided.green,
-                                    &mut divided.blue,
-                                    &mut divided.depth,
-                                ] {
-                                    plane[i] = 0.0;
-                                }
+                                divided.clear_pixel(i);
                             }
                         }
                     }
@@ -319,6 +331,7 @@ enum Part<'a> {
 /// A layer on its way into a tile.
 struct Flush<'a> {
     raster: &'a TileRaster<'a>,
+    post: Option<PostClassification<'a>>,
     number: u32,
     layer: &'a Layer,
     tile: &'a mut Tile,
@@ -332,6 +345,7 @@ impl Kernel for Flush<'_> {
     fn run<const FMA: bool>(self) {
         let Self {
             raster,
+            post,
             number,
             layer,
             tile,
@@ -355,6 +369,23 @@ impl Kernel for Flush<'_> {
             Part::Divided(middle) => {
                 keep(&mut taus, middle, |m, [start, end]| start < m && m < end);
             }
+        }
+        let mut classified;
+        let mut layer = layer;
+        if let Some(post) = post {
+            classified = Layer::default();
+            for (i, length) in taus.into_iter().enumerate().filter(|(_, tau)| *tau > 0.0) {
+                let sums = [length, layer.red[i]];
+                let depth = 0.5 * (start + end);
+                let slopes = layer.slopes.as_deref();
+                let [red, green, blue, tau] = post.classify(raster, i, sums, slopes, depth);
+                classified.tau[i] = tau;
+                classified.red[i] = tau * red;
+                classified.green[i] = tau * green;
+                classified.blue[i] = tau * blue;
+            }
+            layer = &classified;
+            taus = layer.tau;
         }
         // Of each pixel what the layer adds, for one of its optical depth.
         let mut per_tau = [0.0; TILE_PIXELS];
@@ -413,6 +444,8 @@ struct Add<'a> {
     /// The first and the last layer that it reaches.
     layers: [u32; 2],
     is_slabs: bool,
+    /// Whether light asks how layers change.
+    has_slopes: bool,
     /// For counts.
     tile: &'a mut Tile,
 }
@@ -445,6 +478,9 @@ impl Kernel for Add<'_> {
             }
             if self.is_slabs {
                 self.slice_row::<FMA>(&row, first);
+                if self.has_slopes {
+                    self.slope_row::<FMA>(&row, &walk.slope(y), first);
+                }
             } else {
                 self.add_row::<FMA>(&row, first);
             }
@@ -530,6 +566,56 @@ impl Add<'_> {
                 .divided
                 .add(first, behind, self.footprint, has_depth);
             below = above;
+        }
+    }
+
+    /// What [`Self::slice_row`] adds, by how it changes from pixel to pixel.
+    #[inline(always)]
+    fn slope_row<const FMA: bool>(&mut self, row: &Row, slope: &RowSlope, first: usize) {
+        const NONE: [f32; TILE_SIZE] = [f32::INFINITY; TILE_SIZE];
+        let view = self.raster.view;
+        let [nearest, last] = self.layers;
+        let carried = self.footprint.colour[0];
+        let of_rays = |plane: fn(&Spans) -> &Plane| {
+            let spans = self
+                .spans
+                .and_then(|s| plane(s)[first..].first_chunk::<TILE_SIZE>());
+            spans.copied()
+        };
+        let nears = of_rays(|s| &s.near).unwrap_or(NONE.map(|x| -x));
+        let middles = of_rays(|s| &s.middle);
+        let fars = of_rays(|s| &s.far).unwrap_or(NONE);
+        let mut begins = nears;
+        let mut below = RowEdge::new::<FMA>(row, &begins);
+        for number in nearest..=last {
+            let start = layer_start(view, number);
+            let end = if number < last {
+                layer_start(view, number + 1)
+            } else {
+                f32::INFINITY
+            };
+            let mut ends = [end; TILE_SIZE];
+            for lane in 0..TILE_SIZE {
+                ends[lane] = end.max(nears[lane]).min(fars[lane]);
+            }
+            let above = RowEdge::new::<FMA>(row, &ends);
+            let place = self.ring.place(number);
+            let own = self.ring.layers[place].slopes.get_or_insert_default();
+            if let Some(middles) = &middles {
+                let mut divides = ends;
+                for lane in 0..TILE_SIZE {
+                    if start < middles[lane] {
+                        divides[lane] = middles[lane].min(ends[lane]).max(begins[lane]);
+                    }
+                }
+                let divide = RowEdge::new::<FMA>(row, &divides);
+                own.add(first, row, slope, [&below, &divide], carried);
+                let behind = self.ring.divided.slopes.get_or_insert_default();
+                behind.add(first, row, slope, [&divide, &above], carried);
+            } else {
+                own.add(first, row, slope, [&below, &above], carried);
+            }
+            (begins, below) = (ends, above);
         }
     }
 

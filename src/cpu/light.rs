@@ -1,6 +1,6 @@
 //! Stage: light on particles that have a normal, per visible particle, once.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::blocks::{BlockedParticles, BlockedVolume};
@@ -89,7 +89,7 @@ pub fn lit(
     let mut reflected = Vec3::splat(lighting.ambient);
     let mut highlight = Vec3::ZERO;
     for light in &lighting.lights[..lighting.count as usize] {
-        let direction = Vec3::from(light.direction);
+        let direction = Vec4::from(light.direction).truncate();
         let diffuse = seen(normal.dot(direction));
         // Behind a surface.
         if !(diffuse > 0.0) {
@@ -97,7 +97,7 @@ pub fn lit(
         }
         let halfway = (direction + to_eye).normalize_or_zero();
         let specular = seen(normal.dot(halfway)).min(1.0);
-        let light = Vec3::from(light.colour);
+        let light = Vec4::from(light.colour).truncate();
         reflected += light * (lighting.diffuse * diffuse);
         highlight += light * (lighting.specular * specular.powf(lighting.shininess));
     }

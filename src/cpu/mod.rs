@@ -36,6 +36,7 @@ mod cut;
 mod lanes;
 mod layers;
 mod light;
+mod post;
 mod project;
 mod rasterise;
 mod resolve;
@@ -50,6 +51,7 @@ pub use classify::{classify, count_classified};
 pub use column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use lanes::{SimdLevel, Tile};
 pub use light::{Sides, light, lit};
+pub use post::PostClassification;
 #[cfg(feature = "gpu")]
 pub(crate) use project::Rule;
 pub use project::{ProjectOutput, project};

@@ -7,6 +7,7 @@ use super::bin::Bins;
 use super::cut::{CutTile, Spans};
 use super::lanes::{Mode, Patch, SimdLevel, Tile, prefetch, splat};
 use super::layers::{LayeredTile, Ring};
+use super::post::PostClassification;
 use crate::constants::{TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE};
 use crate::layout::{
     ExactTerms, Footprint, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform,
@@ -40,6 +41,7 @@ pub(super) const PREFETCH: usize = 4;
 ///
 /// - `surface`: opaque surfaces among the kernels, as
 ///   [`rasterise_surface`](super::rasterise_surface) leaves them; empty where there are none.
+/// - `post`: what classifies layers, where particles carry values.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -53,6 +55,7 @@ pub fn rasterise(
     bins: &Bins,
     columns: usize,
     surface: &[Tile],
+    post: Option<PostClassification<'_>>,
     tiles: &mut [Tile],
 ) -> u64 {
     // The inner loop trusts its level: no caller may ask for more than the processor has.
@@ -86,6 +89,7 @@ pub fn rasterise(
                 ring.clear();
                 Drawing::Layers(LayeredTile {
                     raster: &raster,
+                    post,
                     ring,
                     cut,
                 })

@@ -28,6 +28,14 @@ pub(super) struct Row {
     pub(super) count: u32,
 }
 
+/// How a footprint changes from pixel to pixel of a row: along the columns and the rows of the image.
+pub(super) struct RowSlope {
+    /// The logarithm of its optical depth.
+    pub(super) log_tau: [[f32; TILE_SIZE]; 2],
+    /// Its mean z.
+    pub(super) mean: [[f32; TILE_SIZE]; 2],
+}
+
 impl<'a> RowWalk<'a> {
     #[inline(always)]
     pub(super) fn new(footprint: &'a Footprint, terms: &'a ExactTerms, patch: Patch) -> Self {
@@ -102,6 +110,46 @@ impl<'a> RowWalk<'a> {
         }
         row.count = row.inside.iter().sum();
         row
+    }
+}
+
+impl RowWalk<'_> {
+    /// How the footprint changes along row `y` of the tile. Of the exact path without what all kernels
+    /// have in common, the length of the ray, and without the change of `per_sigma`.
+    #[inline(always)]
+    pub(super) fn slope(&self, y: usize) -> RowSlope {
+        let (footprint, terms) = (self.footprint, self.terms);
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let ([gx, gy], [hxx, hxy, hyy]) = (terms.gradient, terms.hessian);
+        let dy = self.first[1] + y as f32;
+        let mut out = RowSlope {
+            log_tau: [[0.0; TILE_SIZE]; 2],
+            mean: [[gx; TILE_SIZE], [gy; TILE_SIZE]],
+        };
+        let is_exact = footprint.path == PATH_EXACT;
+        for lane in 0..TILE_SIZE {
+            let dx = self.first[0] + lane as f32;
+            let (p, r) = (px * dx + py * dy, rx * dx + ry * dy);
+            let mut log_tau = [-(p * px + r * rx), -(p * py + r * ry)];
+            if is_exact {
+                let slope = gx * dx + gy * dy;
+                let w = 1.0 + slope + dx * (hxx * dx + hxy * dy) + hyy * dy * dy;
+                let w_slope = [
+                    gx + 2.0 * hxx * dx + hxy * dy,
+                    gy + hxy * dx + 2.0 * hyy * dy,
+                ];
+                let q = (p * p + r * r) / w;
+                for (k, g) in [gx, gy].into_iter().enumerate() {
+                    log_tau[k] = (log_tau[k] + (0.5 * q - 0.5) * w_slope[k]) / w;
+                    let mean = 0.5 * g - (1.0 + 0.5 * slope) / w * w_slope[k];
+                    out.mean[k][lane] = footprint.depth / w * mean;
+                }
+            }
+            for (plane, d) in out.log_tau.iter_mut().zip(log_tau) {
+                plane[lane] = d;
+            }
+        }
+        out
     }
 }
 

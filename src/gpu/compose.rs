@@ -1,4 +1,4 @@
-//! Stage: opaque surfaces behind what lies in front of them. Twin: `compose` of `cpu/hybrid.rs`.
+//! Stage: opaque surfaces behind what lies in front of them. Twin: `compose` of `cpu/cut.rs`.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};

@@ -19,6 +19,7 @@ use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::layout::{ChoiceUniform, LightingUniform, ViewUniform};
+use crate::scene::TransferFunction;
 use crate::splat::{Composite, Filter};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::Camera;
@@ -37,6 +38,8 @@ pub struct FrameInput<'a> {
     pub view: ViewUniform,
     /// The layers in which kernels are summed, if they are.
     pub layers: Option<Layers>,
+    /// What classifies layers, where particles carry values.
+    pub post: Option<&'a TransferFunction>,
     /// What blocks are drawn by.
     pub choice: ChoiceUniform,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
@@ -66,6 +69,8 @@ pub(super) struct FrameKind {
     /// Whether planes clip.
     pub(super) clip: bool,
     pub(super) composite: Composite,
+    /// Whether layers are classified.
+    pub(super) post: bool,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
     /// Whether there is light.
@@ -84,6 +89,7 @@ impl FrameKind {
             count: input.count,
             clip: input.view.clip_count > 0,
             composite: Composite::ALL[input.view.composite as usize],
+            post: input.post.is_some(),
             detail: input.choice.level_of_detail != 0,
             is_lit: input.lighting.is_some(),
         }

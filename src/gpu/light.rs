@@ -43,7 +43,7 @@ pub(super) fn bind_light(
     let kernel = gpu.kernel(
         shader,
         "light",
-        &[Read, Read, Read, Uniform, Read, Read, Write, Read],
+        &[Read, Read, Uniform, Uniform, Read, Read, Write, Read],
         &[(
             "IS_SURFEL",
             f64::from(u8::from(kind == ParticleKind::Surfels)),

@@ -53,7 +53,12 @@ impl Gpu {
     /// # Errors
     /// Those of [`Gpu::buffer`].
     pub(super) fn uniform<T: Pod>(&self, label: &str, value: &T) -> Result<wgpu::Buffer> {
-        let bytes = bytemuck::bytes_of(value);
+        self.uniform_list(label, std::slice::from_ref(value))
+    }
+
+    /// The same of an array.
+    pub(super) fn uniform_list<T: Pod>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
+        let bytes = bytemuck::cast_slice(values);
         let buffer = self.create(
             label,
             bytes.len().next_multiple_of(16) as u64,

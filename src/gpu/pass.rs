@@ -24,7 +24,7 @@ use super::gather::{BoundGather, Gather, Terms};
 use super::kernel::BoundKernel;
 use super::light::{BoundLight, bind_light};
 use super::project::{Project, ProjectBuffers, ProjectSpec, near_bytes};
-use super::rasterise::{LAYER_SLOTS, RasterSpec, Rasterise, slice_of};
+use super::rasterise::{IsLit, LAYER_SLOTS, RasterSpec, Rasterise, classes, slice_of};
 use super::resolve::Resolve;
 use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene};
 use super::shade::{BoundShade, bind_shade};
@@ -38,6 +38,7 @@ use crate::error::{Error, Result};
 use crate::layout::{
     ChunkState, ChunkUniform, ExactTerms, Footprint, FrameState, PartState, SortState, ViewUniform,
 };
+use crate::scene::CLASSIFICATION_TABLE_LEN;
 use crate::splat::{Composite, Filter};
 use crate::stats::FrameCounts;
 
@@ -264,6 +265,7 @@ impl Pass {
                     surface: is_cut,
                     clip: frame.clip,
                     composite: frame.composite,
+                    post: frame.post.then_some(IsLit(frame.is_lit)),
                     slots: if frame.composite == Composite::Slabs {
                         self.room.slots
                     } else {
@@ -393,6 +395,8 @@ pub(super) struct PassFrame {
     gather: BoundGather,
     bin: BoundBin,
     rasterise: BoundRaster,
+    /// What classifies layers, where anything does.
+    classes: Option<wgpu::Buffer>,
     /// Pixels of a band.
     pub(super) pixels: wgpu::Buffer,
     progress: wgpu::Buffer,
@@ -525,10 +529,17 @@ impl PassFrame {
         let classify = bind_classify(gpu, &buffers, &drawn, &parts)?;
         let shade = drawn.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
-        let light = drawn.iter().zip(&parts).filter(|_| frame.is_lit);
+        // Layers that are classified are lit themselves.
+        let is_lit = frame.is_lit && (pass.is_surface() || !frame.post);
+        let light = drawn.iter().zip(&parts).filter(|_| is_lit);
         let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
+        let no_classes = [[0.0_f32; 4]; CLASSIFICATION_TABLE_LEN];
+        let is_classified = frame.post && !pass.is_surface();
+        let classes = is_classified
+            .then(|| gpu.uniform_list("classes of layers", &no_classes))
+            .transpose()?;
         let raster = pass.raster(gpu, frame);
         let (is_cut, exact, terms) = match raster {
             Raster::Surface(_) => (false, false, Terms::OfAll),
@@ -609,7 +620,9 @@ impl PassFrame {
                 pixels = pixels_of("pixels", spec.pixel_words())?;
                 let none = gpu.buffer("no surface", 0)?;
                 let behind = surface.unwrap_or(&none);
-                let bound = Rasterise::new(gpu, spec).bind(gpu, &of_tiles, &pixels, behind);
+                let rasterise = Rasterise::new(gpu, spec);
+                let post = classes.as_ref().map(|classes| [classes, &buffers.lighting]);
+                let bound = rasterise.bind(gpu, &of_tiles, &pixels, behind, post);
                 let compose = surface
                     .map(|surface| Compose::new(gpu, spec).bind(gpu, background, &pixels, surface));
                 BoundRaster::Volumes(bound, compose)
@@ -632,6 +645,7 @@ impl PassFrame {
             gather,
             bin,
             rasterise,
+            classes,
             pixels,
             progress,
             plan,
@@ -651,6 +665,9 @@ impl PassFrame {
         );
         let lighting = input.lighting.as_ref();
         self.buffers.write(gpu, &input.view, &camera, lighting);
+        if let (Some(buffer), Some(transfer)) = (&self.classes, input.post) {
+            gpu.write(buffer, bytemuck::cast_slice(&classes(transfer)));
+        }
         let mut encoder = gpu.encoder();
         self.encode_until_sorted(&mut encoder, timer);
         gpu.submit(encoder);

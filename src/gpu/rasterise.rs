@@ -9,10 +9,11 @@ use super::tile::{
     BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice, upload_lists,
     word_of_depth,
 };
-use crate::constants::TILE_SIZE;
+use crate::constants::{MAX_LIGHTS, TILE_SIZE};
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::scene::TransferFunction;
 use crate::splat::Composite;
 
 /// What specialises the rasteriser.
@@ -35,11 +36,17 @@ pub struct RasterSpec {
     pub clip: bool,
     /// How footprints become a picture.
     pub composite: Composite,
+    /// Whether layers are classified by their mean value, and whether they are lit then.
+    pub post: Option<IsLit>,
     /// Layers that a pixel keeps open at most: 1, 16, 32, 64 or 256.
     pub slots: u32,
     /// Whether layers that are open may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
+
+/// Whether there is light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct IsLit(pub bool);
 
 /// Of how many open layers there are pipelines.
 pub(super) const LAYER_SLOTS: [u32; 5] = [
@@ -56,7 +63,16 @@ impl RasterSpec {
         let words = picture_words(self.depth);
         let words = if self.surface { 2 * words } else { words };
         let is_carried = self.carries && self.composite != Composite::Over;
-        let carried = if is_carried { 4 * (self.slots + 2) } else { 0 };
+        let slopes = if self.post == Some(IsLit(true)) {
+            6 * (self.slots + 1)
+        } else {
+            0
+        };
+        let carried = if is_carried {
+            4 * (self.slots + 2) + slopes
+        } else {
+            0
+        };
         words + u64::from(carried)
     }
 
@@ -69,6 +85,15 @@ impl RasterSpec {
 /// Words of a pixel of the picture.
 pub(super) fn picture_words(depth: bool) -> u64 {
     if depth { 5 } else { 4 }
+}
+
+/// What classifies layers: linear colours, and extinctions over the greatest.
+pub(super) fn classes(transfer: &TransferFunction) -> Vec<[f32; 4]> {
+    let per_extinction = 1.0 / transfer.greatest_extinction();
+    let table = transfer.table().iter();
+    table
+        .map(|&[r, g, b, extinction]| [r, g, b, extinction * per_extinction])
+        .collect()
 }
 
 /// The rasteriser's pipeline.
@@ -91,7 +116,13 @@ pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
         Composite::Sheets | Composite::AxisSheets => 2,
         Composite::Slabs => spec.slots * if spec.near { 12 } else { 2 },
     };
-    slice(gpu, near + layers)
+    // Where layers are lit, all lights once for each that is closed.
+    let lights = if spec.post == Some(IsLit(true)) {
+        spec.slots * MAX_LIGHTS as u32
+    } else {
+        0
+    };
+    slice(gpu, near + layers + lights)
 }
 
 impl Rasterise {
@@ -99,57 +130,60 @@ impl Rasterise {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
         let slice = slice_of(gpu, &spec);
-        let shader = shaders::RASTERISE
-            .iter()
-            .find(|(slots, _)| *slots == spec.slots);
-        let (_, shader) = shader.unwrap_or(&shaders::RASTERISE[0]);
-        let kernel = gpu.kernel(
-            shader,
-            "rasterise",
-            &[
-                Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
-            ],
-            &[
-                ("HAS_EXACT", flag(spec.exact)),
-                ("HAS_NEAR", flag(spec.near)),
-                ("HAS_DEPTH", flag(spec.depth)),
-                ("IS_COUNT", flag(spec.count)),
-                ("IS_LINEAR", flag(spec.linear_opacity)),
-                ("HAS_SURFACE", flag(spec.surface)),
-                ("IS_CUT", flag(spec.surface || spec.clip)),
-                ("COMPOSITE", f64::from(spec.composite as u32)),
-                ("CARRIES", flag(spec.carries)),
-                ("SLICE", f64::from(slice)),
-            ],
-        );
+        let place = LAYER_SLOTS.iter().position(|slots| *slots == spec.slots);
+        let place = place.unwrap_or(0);
+        let mut bindings = vec![
+            Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
+        ];
+        let mut constants = vec![
+            ("HAS_EXACT", flag(spec.exact)),
+            ("HAS_NEAR", flag(spec.near)),
+            ("HAS_DEPTH", flag(spec.depth)),
+            ("IS_COUNT", flag(spec.count)),
+            ("IS_LINEAR", flag(spec.linear_opacity)),
+            ("HAS_SURFACE", flag(spec.surface)),
+            ("IS_CUT", flag(spec.surface || spec.clip)),
+            ("COMPOSITE", f64::from(spec.composite as u32)),
+            ("CARRIES", flag(spec.carries)),
+            ("SLICE", f64::from(slice)),
+        ];
+        let shader = match spec.post {
+            None => &shaders::RASTERISE[place].1,
+            Some(IsLit(is_lit)) => {
+                bindings.extend([Uniform, Uniform]);
+                constants.push(("HAS_SLOPES", flag(is_lit)));
+                &shaders::RASTERISE_CLASSIFIED[place.max(1) - 1]
+            }
+        };
+        let kernel = gpu.kernel(shader, "rasterise", &bindings, &constants);
         Self { kernel, slice }
     }
 
     /// - `surface`: its pixels; of any buffer where there is none.
+    /// - `post`: what [`classes`] gives and lighting, where layers are classified.
     pub(super) fn bind(
         &self,
         gpu: &Gpu,
         b: &TileBuffers<'_>,
         pixels: &wgpu::Buffer,
         surface: &wgpu::Buffer,
+        post: Option<[&wgpu::Buffer; 2]>,
     ) -> BoundTiles {
-        let kernel = self.kernel.bind(
-            gpu,
-            &[
-                b.chunk,
-                b.view,
-                b.tile_ranges,
-                b.tile_lists,
-                b.footprints,
-                b.terms,
-                b.near,
-                pixels,
-                b.progress,
-                surface,
-            ],
-        );
+        let mut buffers = vec![
+            b.chunk,
+            b.view,
+            b.tile_ranges,
+            b.tile_lists,
+            b.footprints,
+            b.terms,
+            b.near,
+            pixels,
+            b.progress,
+            surface,
+        ];
+        buffers.extend(post.into_iter().flatten());
         BoundTiles {
-            kernel,
+            kernel: self.kernel.bind(gpu, &buffers),
             slice: self.slice,
         }
     }
@@ -212,7 +246,7 @@ pub fn rasterise(
             near: &near,
             progress: &progress,
         };
-        let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface);
+        let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface, None);
         gpu.run(|pass| bound.encode(pass, tiles[0] * tiles[1], longest(lists)));
     }
     let colour = background.unwrap_or([0.0; 3]);

@@ -129,6 +129,7 @@ fn structs_are_laid_out_alike() {
         diffuse,
         specular,
         shininess,
+        unused,
     });
     check_layout!(BrickUniform { dims, first });
     check_layout!(FrameState {

@@ -529,7 +529,7 @@ impl FrameBuffers {
             view: gpu.uniform("view", &ViewUniform::zeroed())?,
             rotation: gpu.uniform("rotation", &rotation_uniform([[0.0; 3]; 3]))?,
             camera: gpu.buffer("camera", size_of::<CameraUniform>() as u64)?,
-            lighting: gpu.buffer("lighting", size_of::<LightingUniform>() as u64)?,
+            lighting: gpu.uniform("lighting", &LightingUniform::zeroed())?,
             state: gpu.buffer("frame state", size_of::<FrameState>() as u64)?,
         })
     }

@@ -11,9 +11,9 @@ use super::scene::{ColourKind, PARTICLE_ARGUMENTS, StrengthKind, VIEW_ARGUMENTS,
 use super::tile::{NO_DEPTH, NO_LAYER};
 use crate::blocks::DEPTH_KEY_SPAN;
 use crate::constants::{
-    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, MAX_CLIP_PLANES,
-    MAX_CUTOFF, MAX_LIGHTS, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS, TERMINATION_INTERVAL,
-    TERMINATION_SHARE, TILE_SIZE,
+    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, FRAC_1_SQRT_2PI,
+    LEAST_SLOPE, MAX_CLIP_PLANES, MAX_CUTOFF, MAX_LIGHTS, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS,
+    TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::layout::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
@@ -80,6 +80,10 @@ impl Shader {
         RASTERISE[2].1,
         RASTERISE[3].1,
         RASTERISE[4].1,
+        RASTERISE_CLASSIFIED[0],
+        RASTERISE_CLASSIFIED[1],
+        RASTERISE_CLASSIFIED[2],
+        RASTERISE_CLASSIFIED[3],
         COMPOSE,
         SURFACE,
         RESOLVE,
@@ -105,19 +109,32 @@ const LAYOUT: Shader = Shader {
 };
 
 macro_rules! rasterise {
-    ($name:literal, $slots:literal) => {
+    ($name:expr, $slots:literal, $slope_slots:literal, $classify:expr) => {
         Shader {
             name: $name,
             parts: &[
                 concat!("const LAYER_SLOTS: u32 = ", $slots, "u;\n"),
+                concat!("const SLOPE_SLOTS: u32 = ", $slope_slots, "u;\n"),
                 DISPATCH,
                 STRUCTS,
                 EXPONENTIAL,
+                TRANSFER,
                 TILE,
+                FLOATS,
+                NORMAL,
+                $classify,
                 include_str!("../../shaders/shared/clip.wgsl"),
                 include_str!("../../shaders/rasterise.wgsl"),
             ],
         }
+    };
+    ($name:expr, $slots:literal) => {
+        rasterise!(
+            $name,
+            $slots,
+            1,
+            include_str!("../../shaders/shared/unclassified.wgsl")
+        )
     };
 }
 
@@ -128,6 +145,28 @@ pub(super) const RASTERISE: [(u32, Shader); 5] = [
     (32, rasterise!("rasterise in 32 layers", 32)),
     (64, rasterise!("rasterise in 64 layers", 64)),
     (256, rasterise!("rasterise in 256 layers", 256)),
+];
+
+macro_rules! rasterise_classified {
+    ($slots:literal) => {
+        rasterise!(
+            concat!("rasterise in ", $slots, " classified layers"),
+            $slots,
+            $slots,
+            concat!(
+                include_str!("../../shaders/shared/lit.wgsl"),
+                include_str!("../../shaders/shared/classified.wgsl")
+            )
+        )
+    };
+}
+
+/// The same of layers that are classified, from 16 on.
+pub(super) const RASTERISE_CLASSIFIED: [Shader; 4] = [
+    rasterise_classified!(16),
+    rasterise_classified!(32),
+    rasterise_classified!(64),
+    rasterise_classified!(256),
 ];
 
 /// Surfaces behind what lies in front of them.
@@ -338,6 +377,7 @@ macro_rules! light_parts {
             $particles,
             NORMAL,
             TANGENTS,
+            include_str!("../../shaders/shared/lit.wgsl"),
             include_str!("../../shaders/light.wgsl"),
         ]
     };
@@ -439,6 +479,8 @@ pub fn prelude() -> String {
         ("LN_2", std::f32::consts::LN_2),
         ("LOG2_E", std::f32::consts::LOG2_E),
         ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
+        ("FRAC_1_SQRT_2PI", FRAC_1_SQRT_2PI),
+        ("LEAST_SLOPE", LEAST_SLOPE),
         ("SPLAT_LOW_PASS_PX2", SPLAT_LOW_PASS_PX2),
         ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
         ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),

@@ -144,6 +144,31 @@ impl TransferFunction {
         Ok(Self::from_table(table, range, unit_distance))
     }
 
+    /// The greatest extinction \[1/length\] of any value.
+    pub(crate) fn greatest_extinction(&self) -> f32 {
+        self.maxima.greatest(0, CLASSIFICATION_TABLE_LEN - 1)
+    }
+
+    /// A function under which particles carry their values: the share of the range as red, green and
+    /// blue, and everywhere the greatest extinction of this one. What it says of a mixture of particles
+    /// is a mean value and a length, of which this function makes a colour and a depth.
+    pub(crate) fn carrier(&self) -> Self {
+        let greatest = self.greatest_extinction();
+        let table = (0..CLASSIFICATION_TABLE_LEN).map(|i| {
+            let share = i as f32 / (CLASSIFICATION_TABLE_LEN - 1) as f32;
+            [share, share, share, greatest]
+        });
+        Self::from_table(table.collect(), self.range, self.unit_distance)
+    }
+
+    /// Linear red, green, blue and the extinction \[1/length\] of the value at a share of the range.
+    #[inline]
+    pub(crate) fn classify_share(&self, share: f32) -> [f32; 4] {
+        let (i, s) = table_segment(share * (CLASSIFICATION_TABLE_LEN - 1) as f32);
+        let (a, b) = (&self.table[i], &self.table[i + 1]);
+        [0, 1, 2, 3].map(|c| a[c] + (b[c] - a[c]) * s)
+    }
+
     /// From a finished table of [`CLASSIFICATION_TABLE_LEN`] entries and a widened range.
     fn from_table(table: Vec<[f32; 4]>, range: [f32; 2], unit_distance: f64) -> Self {
         debug_assert_eq!(table.len(), CLASSIFICATION_TABLE_LEN);

@@ -94,6 +94,10 @@ struct Method {
     /// the distance between samples]
     #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = ["reference", "column_density"])]
     slab_thickness: Option<f64>,
+    /// With slabs: ask the transfer function for the mean value of each slab at each pixel, instead of
+    /// for each particle
+    #[arg(long, conflicts_with_all = ["reference", "column_density"])]
+    post_classification: bool,
     /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
     /// again for more, eight planes at most
     #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
@@ -230,7 +234,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
-        normals: arguments.light.lighting().is_some(),
+        // Slabs that are classified have slopes of their own.
+        normals: arguments.light.lighting().is_some() && !arguments.method.post_classification,
         ..arguments.data.sample_options()
     };
     let scene = arguments
@@ -465,6 +470,7 @@ impl Arguments {
                 CompositeName::Slabs => Composite::Slabs,
             },
             layer_thickness: self.method.slab_thickness,
+            post_classification: self.method.post_classification,
             clip: self.clip_planes(),
             low_pass_variance_px2: self
                 .method

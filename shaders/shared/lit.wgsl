@@ -1,0 +1,45 @@
+// What lights make of a colour; `lighting` is the binding of who includes this. Twin: `lit` in
+// src/cpu/light.rs.
+
+// How much of what falls in at an angle is seen.
+fn seen(cosine: f32, is_surface: bool) -> f32 {
+    return select(abs(cosine), max(cosine, 0.0), is_surface);
+}
+
+// x^y for x from 0 to 1, y from 1 up.
+fn power(x: f32, y: f32) -> f32 {
+    if x <= 0.0 {
+        return 0.0;
+    }
+    return exp2(y * log2(x));
+}
+
+// A colour under the lights, on the eye's side of a surface or on both sides of a gradient.
+fn lit(
+    colour: vec3<f32>,
+    plane_normal: vec3<f32>,
+    is_surface: bool,
+    to_eye: vec3<f32>,
+) -> vec3<f32> {
+    var normal = plane_normal;
+    if is_surface && dot3(normal, to_eye) < 0.0 {
+        normal = -normal;
+    }
+    var reflected = vec3<f32>(lighting.ambient);
+    var highlight = vec3<f32>(0.0);
+    for (var i = 0u; i < lighting.count; i = i + 1u) {
+        let direction = lighting.lights[i].direction.xyz;
+        let diffuse = seen(dot3(normal, direction), is_surface);
+        // Behind a surface.
+        if !(diffuse > 0.0) {
+            continue;
+        }
+        let halfway = unit_or_zero(direction + to_eye);
+        let specular = min(seen(dot3(normal, halfway), is_surface), 1.0);
+        let light = lighting.lights[i].colour.xyz;
+        reflected = reflected + light * (lighting.diffuse * diffuse);
+        highlight = highlight
+            + light * (lighting.specular * power(specular, lighting.shininess));
+    }
+    return colour * reflected + highlight;
+}
