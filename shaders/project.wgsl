@@ -187,6 +187,11 @@ fn splat_footprint(
     return out;
 }
 
+// Whether surfels seen from behind are left out: a cut shows the inside of what was closed.
+fn is_one_sided(view: ViewUniform) -> bool {
+    return IS_ONE_SIDED && view.clip_count == 0u;
+}
+
 // The footprint of a surfel of an opaque surface. Its terms, if any, are those of `index`.
 fn surfel(
     view: ViewUniform,
@@ -203,7 +208,7 @@ fn surfel(
         return out;
     }
     if is_at_most(kernel.centre.z, NEAR_MARGIN * reach) && view.orthographic == 0u {
-        let found = near_surfel(kernel, IS_ONE_SIDED);
+        let found = near_surfel(kernel, is_one_sided(view));
         if !found.exists {
             return out;
         }
@@ -226,7 +231,7 @@ fn surfel(
         }
         return out;
     }
-    let surfel = surfel_footprint(view, kernel, IS_ONE_SIDED, r);
+    let surfel = surfel_footprint(view, kernel, is_one_sided(view), r);
     if !surfel.exists {
         return out;
     }
@@ -267,7 +272,7 @@ fn facing(view: ViewUniform, kernel: Kernel) -> f32 {
     let ray = select(u / largest_of(u), vec3<f32>(0.0, 0.0, 1.0), view.orthographic != 0u);
     let across = dot3(normal, ray);
     let lengths = length3(normal) * length3(ray);
-    if !is_above(lengths, 0.0) || (IS_ONE_SIDED && is_above(across, 0.0)) {
+    if !is_above(lengths, 0.0) || (is_one_sided(view) && is_above(across, 0.0)) {
         return 0.0;
     }
     return abs(across) / lengths;

@@ -77,7 +77,7 @@ pub const CLIP_SOFTNESS: f32 = 3.3;
 pub const LEAST_SLOPE: f32 = 1e-5;
 
 /// 1 / sqrt(2 pi), the greatest density of a unit Gaussian.
-pub const FRAC_1_SQRT_2PI: f32 = 0.398_942_28;
+pub const FRAC_1_SQRT_2PI: f32 = 0.398_942_3;
 
 /// Directional lights of a scene at most: a key, fills and rims, with room to spare.
 pub const MAX_LIGHTS: usize = 8;

@@ -370,6 +370,34 @@ fn wall(colour: [f32; 3]) -> PointVolume {
 }
 
 #[test]
+fn a_cut_shows_the_inside_of_a_closed_surface() {
+    // A wall that turns its back, as the far side of something closed.
+    let mut back = wall([0.2, 0.5, 0.9]);
+    if let Particles::Surfels { is_one_sided, .. } = &mut back.particles {
+        *is_one_sided = true;
+    }
+    let camera = camera(Projection::Perspective, [30.0; 2], [24, 24]);
+    for (clip, seen) in [
+        (vec![], 0.0),
+        (
+            vec![ClipPlane {
+                normal: DVec3::Z,
+                distance: -4.0,
+            }],
+            1.0,
+        ),
+    ] {
+        let settings = Settings {
+            clip,
+            ..settings(Composite::Over)
+        };
+        let renderer = draw(std::slice::from_ref(&back), &camera, &settings);
+        let alpha = renderer.image().pixel(12, 12)[3];
+        assert!((alpha - seen).abs() < 0.01, "{alpha}");
+    }
+}
+
+#[test]
 fn surfaces_among_layers_cut_them() {
     let mut random = Random::new(23);
     let particles: Vec<Particle> = (0..150)
@@ -573,7 +601,17 @@ fn splats_and_absurd_layers_are_refused() {
             ..settings(Composite::Slabs)
         };
         let error = renderer.render(&camera, &settings).unwrap_err();
-        assert!(error.to_string().contains("thickness"), "{error}");
+        let error = error.to_string();
+        assert!(error.contains("thickness"), "{error}");
+        // What it asks for is enough.
+        if let Some((_, rest)) = error.split_once("at least ") {
+            let least = rest.split_once(' ').unwrap().0.parse().unwrap();
+            let settings = Settings {
+                layer_thickness: Some(least),
+                ..settings
+            };
+            renderer.render(&camera, &settings).unwrap();
+        }
     }
     let plane = ClipPlane {
         normal: DVec3::X,

@@ -306,7 +306,7 @@ fn light_falls_as_the_field_slopes() {
                     }],
                     ..settings()
                 };
-                let image = draw(&[scene.clone()], &camera, &settings);
+                let image = draw(std::slice::from_ref(&scene), &camera, &settings);
                 let uniform = LightingUniform::new(&lighting(), &camera);
                 let mut worst = 0.0_f32;
                 for i in (0..24 * 24)

@@ -21,6 +21,8 @@ pub struct Layers {
     pub thickness: f64,
     /// A key belongs to the layer `key >> shift`.
     pub shift: u32,
+    /// By how much slabs of this thickness err, about; 0 of sheets, of which nothing is promised.
+    pub error: f64,
 }
 
 /// A slab of thickness D is off by about .01 kappa D²/sigma, kappa the extinction and sigma the
@@ -29,10 +31,11 @@ pub struct Layers {
 const SLAB_ERROR: f64 = 0.01;
 /// Share of the tolerance that is the slabs'.
 const SLAB_SHARE: f64 = 0.5;
-/// Slabs that a kernel may reach at most: a tile keeps their sums, 5 KiB each.
+/// Slabs that a kernel may reach at most: a tile keeps their sums, 5 KiB each, 11 where they are lit.
 const MOST_SLABS: f64 = 4096.0;
 /// Slabs are no thicker than so many standard deviations of the thinnest kernels, however faint they
-/// are, and no thinner than a share of the thickest ones.
+/// are, and (unless they are given) no thinner than a share of the thickest ones: a kernel then reaches
+/// 200 of them, which a GPU keeps.
 const THICKEST: f64 = 2.0;
 const THINNEST: f64 = 1.0 / 16.0;
 
@@ -53,9 +56,10 @@ impl Layers {
         tolerance: f64,
     ) -> Result<Option<Self>> {
         let rotation = camera.camera_from_world;
+        let kernels = SlabKernels::of(volumes);
         let (axis, phase, spacing) = match composite {
             Composite::Over => return Ok(None),
-            Composite::Slabs => (DVec3::Z, 0.0, slab_thickness(volumes, tolerance)),
+            Composite::Slabs => (DVec3::Z, 0.0, kernels.thickness(tolerance)),
             Composite::Sheets => (DVec3::Z, 0.0, sample_spacing(volumes)),
             Composite::AxisSheets => {
                 let (axis, place, spacing) = nearest_axis(volumes, rotation.row(2));
@@ -65,15 +69,6 @@ impl Layers {
             }
         };
         let thickness = thickness.unwrap_or(spacing);
-        let refuse = |least: f64| {
-            Err(Error::format(
-                "settings",
-                "thickness of layers",
-                format!("at least {least:.1e} for this scene"),
-                thickness.to_string(),
-                "make it larger",
-            ))
-        };
         let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
         for block in volumes.iter().flat_map(|v| &v.blocks) {
             let centre = axis.dot(camera.camera_point(block.origin));
@@ -89,24 +84,36 @@ impl Layers {
         let number = ((first - phase) / thickness).floor() - 2.0;
         let count = ((last - phase) / thickness).ceil() + 2.0 - number;
         let bits = count.log2().ceil();
-        // Phrased so that NaN is refused.
-        if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0) {
-            return refuse((last - first) / 2_f64.powi(31));
-        }
         let blocks = volumes
             .iter()
             .filter(|v| !v.is_surface())
             .flat_map(|v| &v.blocks);
         let thickest = blocks.map(|b| f64::from(b.max_sigma)).fold(0.0, f64::max);
-        let least = 2.0 * f64::from(MAX_CUTOFF) * thickest / MOST_SLABS;
-        if composite == Composite::Slabs && thickness < least {
-            return refuse(least);
+        let mut least = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
+        if composite == Composite::Slabs {
+            least = least.max(2.0 * f64::from(MAX_CUTOFF) * thickest / MOST_SLABS);
         }
+        // Phrased so that NaN is refused.
+        if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0 && thickness >= least) {
+            return Err(Error::format(
+                "settings",
+                "thickness of layers",
+                format!("at least {:.1e} for this scene", 1.1 * least),
+                thickness.to_string(),
+                "make it larger",
+            ));
+        }
+        let error = if composite == Composite::Slabs {
+            kernels.error(thickness)
+        } else {
+            0.0
+        };
         Ok(Some(Self {
             axis,
             near: phase + number * thickness,
             thickness,
             shift: DEPTH_KEY_BITS - bits.max(1.0) as u32,
+            error,
         }))
     }
 
@@ -127,36 +134,61 @@ impl Layers {
     }
 }
 
-/// The thickness at which slabs keep their share of the tolerance.
-fn slab_thickness(volumes: &[BlockedVolume], tolerance: f64) -> f64 {
-    let (mut steepest, mut thinnest, mut thickest) = (0.0_f64, f64::INFINITY, 0.0_f64);
-    for volume in volumes
-        .iter()
-        .filter(|v| v.merged.is_none() && !v.is_surface())
-    {
-        for block in &volume.blocks {
-            let sigma = f64::from(block.min_sigma);
-            let [lo, hi] = block.value_range;
-            let kappa = match (&volume.strength, &volume.transfer_function) {
-                (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
-                    f64::from(transfer.max_extinction(lo, hi))
+/// What the thickness of slabs follows from.
+struct SlabKernels {
+    /// The greatest extinction over the standard deviation of a block's thinnest kernels.
+    steepest: f64,
+    /// Standard deviations.
+    thinnest: f64,
+    thickest: f64,
+}
+
+impl SlabKernels {
+    fn of(volumes: &[BlockedVolume]) -> Self {
+        let mut all = Self {
+            steepest: 0.0,
+            thinnest: f64::INFINITY,
+            thickest: 0.0,
+        };
+        for volume in volumes
+            .iter()
+            .filter(|v| v.merged.is_none() && !v.is_surface())
+        {
+            for block in &volume.blocks {
+                let sigma = f64::from(block.min_sigma);
+                let [lo, hi] = block.value_range;
+                let kappa = match (&volume.strength, &volume.transfer_function) {
+                    (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
+                        f64::from(transfer.max_extinction(lo, hi))
+                    }
+                    (Strength::Classified { .. }, _) => 0.0,
+                    // A kernel fills a cube of 1/.6 of its standard deviation.
+                    _ => f64::from(block.max_strength) * (0.6 / sigma).powi(3),
+                };
+                if kappa > 0.0 && sigma > 0.0 {
+                    all.steepest = all.steepest.max(kappa / sigma);
+                    all.thinnest = all.thinnest.min(sigma);
+                    all.thickest = all.thickest.max(f64::from(block.max_sigma));
                 }
-                (Strength::Classified { .. }, _) => 0.0,
-                // A kernel fills a cube of 1/.6 of its standard deviation.
-                _ => f64::from(block.max_strength) * (0.6 / sigma).powi(3),
-            };
-            if kappa > 0.0 && sigma > 0.0 {
-                steepest = steepest.max(kappa / sigma);
-                thinnest = thinnest.min(sigma);
-                thickest = thickest.max(f64::from(block.max_sigma));
             }
         }
+        all
     }
-    if thickest == 0.0 {
-        return 1.0;
+
+    /// The thickness at which slabs keep their share of the tolerance, as far as that goes.
+    fn thickness(&self, tolerance: f64) -> f64 {
+        if self.thickest == 0.0 {
+            return 1.0;
+        }
+        let wanted = (SLAB_SHARE * tolerance / (SLAB_ERROR * self.steepest)).sqrt();
+        let most = THICKEST * self.thinnest;
+        wanted.min(most).max(THINNEST * self.thickest)
     }
-    let wanted = (SLAB_SHARE * tolerance / (SLAB_ERROR * steepest)).sqrt();
-    wanted.min(THICKEST * thinnest).max(THINNEST * thickest)
+
+    /// What slabs of a thickness are off by.
+    fn error(&self, thickness: f64) -> f64 {
+        SLAB_ERROR * self.steepest * thickness * thickness
+    }
 }
 
 /// The distance between samples: of lattices the mean of their cells' edges, otherwise what kernels of

@@ -75,12 +75,13 @@ impl RowEdge {
             share: row.shares_up_to::<FMA>(depths, false),
             density: [0.0; TILE_SIZE],
         };
-        for lane in 0..TILE_SIZE {
-            let ahead = (depths[lane] - row.depth[lane]) * row.per_sigma[lane];
+        let kernels = row.depth.iter().zip(&row.per_sigma);
+        for ((out, depth), (mean, per_sigma)) in edge.density.iter_mut().zip(depths).zip(kernels) {
+            let ahead = (depth - mean) * per_sigma;
             let density = exp_minus_half::<FMA>((ahead * ahead).min(49.0));
             // NaN and what lies far out have none.
             let near_by = if ahead.abs() <= 7.0 { density } else { 0.0 };
-            edge.density[lane] = near_by * FRAC_1_SQRT_2PI * row.per_sigma[lane];
+            *out = near_by * FRAC_1_SQRT_2PI * per_sigma;
         }
         edge
     }

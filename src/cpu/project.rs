@@ -73,6 +73,8 @@ pub fn project(
     const GRAIN: usize = 2048;
     let shapes = Shapes::new(volume, rotation);
     let rule = Rule::of(volume);
+    // A cut shows the inside of what was closed.
+    let is_opened = view.clip_count > 0;
     let is_opaque = matches!(rule, Rule::Surface { .. });
     let task =
         |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
@@ -106,10 +108,11 @@ pub fn project(
                         splat_footprint(view, &kernel, is_anti_aliased, colour, key)
                     }
                     Rule::Surface { is_one_sided } => {
+                        let is_one_sided = is_one_sided && !is_opened;
                         surfel(view, &kernel, is_one_sided, colour, key, &mut terms, near)
                     }
                     Rule::Pane { is_one_sided } => {
-                        kernel.mass *= facing(view, &kernel, is_one_sided);
+                        kernel.mass *= facing(view, &kernel, is_one_sided && !is_opened);
                         footprint(
                             view, filter, is_lone, &kernel, colour, key, is_cut, &mut terms, near,
                         )

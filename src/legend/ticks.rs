@@ -17,6 +17,25 @@ const PLAIN_LEN: usize = 6;
 /// the range begins at .100000001.
 const SLACK: f64 = 1e-6;
 
+/// A range narrower than this share of its values is that of a field of one value, widened by a few
+/// steps of f32.
+const ONE_VALUE: f64 = 1e-6;
+
+/// The tick of a number rounded to six digits.
+fn single(value: f64) -> Option<Tick> {
+    let digits = format!("{value:.5e}");
+    let (mantissa, exponent) = digits.split_once('e')?;
+    let mut tick = Tick {
+        mantissa: mantissa.replace('.', "").parse().ok()?,
+        exponent: exponent.parse::<i32>().ok()? - 5,
+    };
+    while tick.exponent < 0 && tick.mantissa % 10 == 0 {
+        tick.mantissa /= 10;
+        tick.exponent += 1;
+    }
+    Some(tick)
+}
+
 impl Tick {
     /// The number itself, correctly rounded where 10^|exponent| is a double (to 22), within an ulp
     /// or two beyond.
@@ -72,6 +91,10 @@ impl Tick {
 /// finite.
 pub(super) fn linear([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     let span = high - low;
+    let greatest = low.abs().max(high.abs());
+    if span > 0.0 && span < ONE_VALUE * greatest && greatest < f64::INFINITY {
+        return single(0.5 * (low + high)).into_iter().collect();
+    }
     let first_exponent = (span / most as f64).log10().floor();
     if !(span > 0.0 && first_exponent.is_finite()) {
         return Vec::new();
@@ -165,6 +188,10 @@ mod tests {
     fn labels_are_what_a_person_would_write() {
         let linear = |low, high| texts(&linear([low, high], 7));
         assert_eq!(linear(0.0, 255.0), "0 50 100 150 200 250");
+        // A field of one value.
+        assert_eq!(linear(5.0, 5.000_004), "5");
+        assert_eq!(linear(-0.25, -0.249_999_9), "-0.25");
+        assert_eq!(linear(1e-9, 1e-9 * (1.0 + 5e-7)), "1e-9");
         assert_eq!(linear(0.0, 1.0), "0.0 0.2 0.4 0.6 0.8 1.0");
         assert_eq!(linear(-1.0, 1.0), "-1.0 -0.5 0.0 0.5 1.0");
         assert_eq!(linear(-250.0, -190.0), "-250 -240 -230 -220 -210 -200 -190");

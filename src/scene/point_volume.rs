@@ -60,7 +60,8 @@ pub enum Particles {
         /// Two tangents t1 and t2 each, world units: x, y, z of the first, then of the second.
         /// They need not be orthogonal; the front faces the side to which t1 x t2 points.
         tangents: Vec<[f32; 6]>,
-        /// Whether surfels seen from behind are left out, as those of a closed surface may be.
+        /// Whether surfels seen from behind are left out, as those of a closed surface may be. Where
+        /// planes clip, which open it, all are drawn.
         is_one_sided: bool,
     },
 }

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::fit::Bounds;
+
 /// A plane that keeps one side of what is drawn: the points x with normal . x + distance >= 0.
 ///
 /// Several keep what all keep; six make a box.
@@ -49,6 +51,31 @@ impl ClipPlane {
     }
 }
 
+/// What planes leave of boxes, about: those that lie beyond a plane are left out, and planes across an
+/// axis of the world cut the others. For a camera that fits what is drawn.
+pub fn clip_boxes(boxes: &[Bounds], planes: &[ClipPlane]) -> Vec<Bounds> {
+    let clip = |&(middle, half): &Bounds| {
+        let (mut lower, mut upper) = (middle - half, middle + half);
+        for plane in planes {
+            let ClipPlane { normal, distance } = plane.normalised()?;
+            let middle = (lower + upper) / 2.0;
+            let reach = normal.abs().dot((upper - lower) / 2.0);
+            if normal.dot(middle) + distance < -reach {
+                return None;
+            }
+            for axis in 0..3 {
+                if normal[axis] == 1.0 {
+                    lower[axis] = lower[axis].max(-distance);
+                } else if normal[axis] == -1.0 {
+                    upper[axis] = upper[axis].min(distance);
+                }
+            }
+        }
+        Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
+    };
+    boxes.iter().filter_map(clip).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,6 +94,35 @@ mod tests {
                 assert!(keeps(at - unit * out) && !keeps(at + unit * out));
             }
         }
+    }
+
+    #[test]
+    fn boxes_are_cut_to_what_is_left_of_them() {
+        let boxes = [
+            (DVec3::ZERO, DVec3::ONE),
+            (DVec3::X * 10.0, DVec3::ONE),
+            (DVec3::Y * 3.0, DVec3::ONE),
+        ];
+        let planes = [
+            ClipPlane {
+                normal: DVec3::X * 2.0,
+                distance: -1.0,
+            },
+            ClipPlane {
+                normal: DVec3::new(-1.0, -1.0, 0.0),
+                distance: 3.0,
+            },
+        ];
+        let left = clip_boxes(&boxes, &planes);
+        assert_eq!(left.len(), 2, "{left:?}");
+        // Kept from x = .5 on; the slanting plane cuts nothing off, but leaves out the second.
+        assert_eq!(left[0], (DVec3::X * 0.75, DVec3::new(0.25, 1.0, 1.0)));
+        assert_eq!(left[1].0, DVec3::new(0.75, 3.0, 0.0));
+        let beyond = ClipPlane {
+            normal: DVec3::Z,
+            distance: -7.0,
+        };
+        assert_eq!(clip_boxes(&boxes, &[beyond]), []);
     }
 
     #[test]

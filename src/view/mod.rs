@@ -11,5 +11,5 @@ mod fit;
 
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
-pub use clip::ClipPlane;
+pub use clip::{ClipPlane, clip_boxes};
 pub use fit::{Bounds, Lens, Viewpoint};

@@ -15,7 +15,7 @@ use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::splat::{Composite, Filter};
-use ewa_splat::view::{Camera, ClipPlane, Lens};
+use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -92,7 +92,8 @@ struct Method {
     composite: CompositeName,
     /// Thickness of slabs (or sheets) in world units [default: slabs from the tolerance, sheets from
     /// the distance between samples]
-    #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = ["reference", "column_density"])]
+    #[arg(long, value_name = "D", value_parser = parse::positive, requires = "composite",
+          conflicts_with_all = ["reference", "column_density"])]
     slab_thickness: Option<f64>,
     /// With slabs: ask the transfer function for the mean value of each slab at each pixel, instead of
     /// for each particle
@@ -268,7 +269,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let (boxes, lens) = if is_column {
         (renderer.boxes(), Lens::OrthoHeight(None))
     } else {
-        (renderer.visible_boxes(), DEFAULT_LENS)
+        let (all, planes) = (renderer.visible_boxes(), arguments.clip_planes());
+        let left = clip_boxes(&all, &planes);
+        (if left.is_empty() { all } else { left }, DEFAULT_LENS)
     };
     let camera = arguments
         .camera
@@ -316,6 +319,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         eprintln!("nothing visible: no particle reaches the image with an opacity above zero");
     } else if shows_count {
         eprintln!("{}", describe(renderer.image(), arguments.is_png()));
+    }
+    if let (Some(layers), None) = (renderer.layers(), arguments.method.slab_thickness) {
+        let tolerance = f64::from(settings.tolerance);
+        if layers.error > tolerance {
+            eprintln!(
+                "slabs {:.2e} thick err by about {:.1e} where it is densest, more than the tolerance of \
+                 {tolerance:.1e}: --slab-thickness makes them thinner",
+                layers.thickness, layers.error
+            );
+        }
     }
     Ok(())
 }
@@ -523,6 +536,7 @@ pub(crate) fn stats(
         },
         "tile_entries": counts.tile_entries,
         "layer_thickness": renderer.layers().map(|layers| layers.thickness),
+        "layer_error": renderer.layers().map(|layers| layers.error),
         "splat_pixels": counts.splat_pixels,
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
