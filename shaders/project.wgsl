@@ -437,7 +437,10 @@ fn half_line_footprint(
     let half_size = vec2<f32>(sqrt(image.a), sqrt(image.c)) * r;
     set_bounds(view, out, screen.centre_px, half_size);
     if (*out).rows != 0u {
-        let path = push(half_line_terms(view, kernel, image), PATH_HALF_LINE);
+        let h2 = view.low_pass_variance_px2;
+        let determinant = filtered(screen, FILTER_EWA, h2).determinant;
+        let depths = depth_terms(view, screen, h2, determinant, kernel.centre.z);
+        let path = push(half_line_terms(kernel, depths.slope, depths.sigma), PATH_HALF_LINE);
         if path == NO_PLACE {
             (*out).columns = 0u;
             (*out).rows = 0u;

@@ -189,7 +189,13 @@ fn layers_of(i: u32) -> vec2<u32> {
     if COMPOSITE != COMPOSITE_SLABS {
         return vec2<u32>(first);
     }
-    let end = bitcast<f32>(footprints[4u * i + 2u].w) + reach_of(i);
+    let depth = bitcast<f32>(footprints[4u * i + 2u].w);
+    var reach = reach_of(i);
+    if (footprints[4u * i + 3u].x & 2u) == 0u {
+        // No farther behind its centre than it begins before that: slopes are rounded.
+        reach = min(reach, depth - layer_start(first));
+    }
+    let end = depth + reach;
     let last = clamp((end - view.layer_near) / view.layer_thickness, 0.0, 2147483520.0);
     return vec2<u32>(first, max(u32(last), first));
 }
@@ -300,6 +306,8 @@ fn accumulate_layer(
     sums: vec4<f32>,
     slopes: Slopes,
     depth_sum: f32,
+    from_depth: f32,
+    to_depth: f32,
 ) {
     if !is_positive(sums.w) {
         return;
@@ -317,10 +325,11 @@ fn accumulate_layer(
         (*pixel).colour = (*pixel).colour + (weight / tau) * class_of.xyz;
     }
     if HAS_DEPTH && before < 0.5 && (*pixel).alpha >= 0.5 {
-        (*pixel).depth = max(depth_sum / sums.w, 0.0);
+        var at_half = depth_sum / sums.w;
         if COMPOSITE == COMPOSITE_SLABS {
-            (*pixel).depth = depth;
+            at_half = depth;
         }
+        (*pixel).depth = max(min(max(at_half, 0.0), to_depth), from_depth);
     }
 }
 
@@ -333,19 +342,23 @@ fn close_layers(until: u32, front: ptr<function, Pixel>, behind: ptr<function, P
         let sums = ring[at];
         let slopes = ring_slopes[at % SLOPE_SLOTS];
         if COMPOSITE != COMPOSITE_SLABS {
-            accumulate_layer(front, layer, sums, slopes, ring_depth);
+            accumulate_layer(front, layer, sums, slopes, ring_depth, span.near, span.middle);
             if HAS_SURFACE {
-                accumulate_layer(behind, layer, divided, divided_slopes, divided_depth);
+                accumulate_layer(
+                    behind, layer, divided, divided_slopes, divided_depth, span.middle, span.far,
+                );
             }
             divided = vec4<f32>(0.0);
             ring_depth = 0.0;
             divided_depth = 0.0;
         } else if HAS_SURFACE && layer_start(layer) >= span.middle {
-            accumulate_layer(behind, layer, sums, slopes, 0.0);
+            accumulate_layer(behind, layer, sums, slopes, 0.0, span.middle, span.far);
         } else {
-            accumulate_layer(front, layer, sums, slopes, 0.0);
+            accumulate_layer(front, layer, sums, slopes, 0.0, span.near, span.middle);
             if HAS_SURFACE && span.middle < layer_start(layer + 1u) {
-                accumulate_layer(behind, layer, divided, divided_slopes, 0.0);
+                accumulate_layer(
+                    behind, layer, divided, divided_slopes, 0.0, span.middle, span.far,
+                );
                 divided = vec4<f32>(0.0);
                 divided_slopes = Slopes();
             }
@@ -861,10 +874,12 @@ fn rasterise(
                     end = place_share(is_near, path, place, pixel, span.far, mean, per_sigma);
                 }
                 let in_front = tau * max(middle - begin, 0.0);
-                accumulate(&front, opacity_by(path, in_front), light.xyz, depth);
+                let at_front = max(min(depth, span.middle), span.near);
+                accumulate(&front, opacity_by(path, in_front), light.xyz, at_front);
                 if HAS_SURFACE && !IS_COUNT && atomicLoad(&surface_partial) != 0u {
                     let rest = opacity_by(path, tau * max(end - middle, 0.0));
-                    accumulate(&behind, rest, light.xyz, depth);
+                    let at_behind = max(min(depth, span.far), span.middle);
+                    accumulate(&behind, rest, light.xyz, at_behind);
                 }
                 continue;
             }

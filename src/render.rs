@@ -494,7 +494,8 @@ impl Renderer {
                 pass,
                 camera,
                 settings,
-                layers,
+                // Surfels have layers of their own.
+                layers: layers.filter(|_| pass != Pass::Surface),
                 frustum,
             };
             self.draw(&frame, &mut counts, &mut times);
@@ -946,7 +947,11 @@ fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUniform {
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
         level_of_detail: u32::from(
-            is_adaptive && !by_hand && settings.level_of_detail && !settings.post_classification,
+            // Slabs cut kernels that stand for many as if these were one.
+            is_adaptive
+                && !by_hand
+                && settings.level_of_detail
+                && settings.composite != Composite::Slabs,
         ),
     }
 }

@@ -14,11 +14,11 @@ use ewa_splat::constants::COVERAGE_FULL;
 use ewa_splat::cpu::SimdLevel;
 use ewa_splat::math::normal_cdf;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Composite;
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::splat::{Composite, Filter};
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Image, Renderer, Settings};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Modes that sum kernels before they composite.
 const LAYERED: [Composite; 3] = [Composite::Sheets, Composite::AxisSheets, Composite::Slabs];
@@ -155,6 +155,67 @@ fn slabs_converge_with_the_square_of_their_thickness() {
 }
 
 #[test]
+fn the_thickness_that_follows_keeps_the_tolerance() {
+    // Extinctions and volumes that differ from what the width of the kernels would say.
+    let mut random = Random::new(31);
+    for density in [0.3, 3.0, 30.0] {
+        let (particles, camera) = pile(&mut random, density);
+        let cells = particles.iter().map(|p| p.mass).collect();
+        let values: Vec<f32> = particles
+            .iter()
+            .map(|_| random.range(0.0, 1.0) as f32)
+            .collect();
+        let colour = |value: f32| [value, 0.5, 1.0 - value];
+        let transfer =
+            TransferFunction::from_curves(colour, |_| 0.632_120_56, [0.0, 1.0], 1.0).unwrap();
+        let scene = [PointVolume {
+            strength: Strength::Classified { volumes: cells },
+            colour: Colour::Classified,
+            values: Some(Values::F32(values)),
+            transfer_function: Some(transfer),
+            ..volume(&particles)
+        }];
+        let truth = truth(&scene, &camera, &[]);
+        for tolerance in [0.02, 0.002] {
+            let settings = Settings {
+                tolerance,
+                low_pass_variance_px2: 0.0,
+                ..settings(Composite::Slabs)
+            };
+            let mut renderer = Renderer::new(scene.to_vec()).unwrap();
+            let off = difference(renderer.render(&camera, &settings).unwrap(), &truth);
+            let layers = renderer.layers().unwrap();
+            println!(
+                "depth {density}, {tolerance}: {off:.1e} at {:.3}",
+                layers.thickness
+            );
+            assert!(off < tolerance, "{density} {tolerance}: {off}");
+            assert!(layers.error <= f64::from(tolerance), "{layers:?}");
+        }
+    }
+}
+
+#[test]
+fn no_scene_is_refused_at_its_own_thickness() {
+    // Small kernels far apart, whose levels of detail are wide; and one kernel of vast extent that is
+    // transparent.
+    let mut random = Random::new(13);
+    let small =
+        (0..5_000).map(|_| Particle::sphere(random.point(1.0) + DVec3::Z * 5.0, 0.002, 1e-4));
+    let vast = Particle::sphere(DVec3::Z * 5.0, 1e4, 0.0);
+    let scene = [volume(&small.collect::<Vec<_>>()), volume(&[vast])];
+    let camera = camera(Projection::Perspective, [60.0; 2], [32, 32]);
+    let defaults = Settings {
+        composite: Composite::Slabs,
+        ..Settings::default()
+    };
+    let mut renderer = Renderer::new(scene.to_vec()).unwrap();
+    renderer.render(&camera, &defaults).unwrap();
+    assert!(renderer.layers().unwrap().thickness < 0.005);
+    assert_eq!(renderer.counts().blocks_merged, 0);
+}
+
+#[test]
 fn opacity_is_the_same_in_every_mode() {
     let mut random = Random::new(7);
     for projection in [Projection::Orthographic, Projection::Perspective] {
@@ -271,16 +332,126 @@ fn planes_cut_kernels_where_they_cross_them() {
         for mode in Composite::ALL {
             let settings = Settings {
                 clip: planes.clone(),
-                filter: ewa_splat::splat::Filter::Exact,
+                filter: Filter::Exact,
                 low_pass_variance_px2: 0.0,
                 depth: true,
                 ..settings(mode)
             };
             let clipped = draw(&scene, &camera, &settings);
+            let depth = clipped.depth().unwrap();
+            for (i, &z) in depth
+                .depths
+                .iter()
+                .enumerate()
+                .filter(|(_, z)| z.is_finite())
+            {
+                // Depths lie in what is kept, but for roundings.
+                let pixel = DVec2::new((i % 24) as f64 + 0.5, (i / 24) as f64 + 0.5);
+                let d = ((pixel - camera.centre_px) / camera.focal_px).extend(1.0);
+                let z = f64::from(z);
+                let at = match projection {
+                    Projection::Perspective => d * z,
+                    Projection::Orthographic => d.with_z(z),
+                };
+                let inside = planes.iter().map(|plane| plane.inside(at));
+                let least = inside.fold(f64::INFINITY, f64::min);
+                assert!(least > -1e-4, "{round} {mode:?}: {at} by {least}");
+            }
             let off = difference(clipped.image(), &truth);
             println!("{round} {mode:?}: {off:.1e}");
             // f32 along rays of twelve kernels, 1e-5, and what the cut-off at six leaves out.
             assert!(off < 5e-5, "{round} {mode:?}: {off}");
+        }
+    }
+}
+
+#[test]
+fn needles_are_cut_as_well_as_drawn() {
+    let mut random = Random::new(23);
+    for ratio in [30.0, 1e3, 1e4] {
+        for (projection, near) in [
+            (Projection::Perspective, 8.0),
+            (Projection::Orthographic, 8.0),
+            // Across the plane of the eye.
+            (Projection::Orthographic, 0.4),
+        ] {
+            let focal = match projection {
+                Projection::Perspective => 40.0,
+                Projection::Orthographic => 5.0,
+            };
+            let camera = camera(projection, [focal, focal], [11, 11]);
+            let mut worst = [0.0_f32; 2];
+            for _ in 0..5 {
+                // The ray through the middle pixel meets it off its centre.
+                let turn = random.rotation();
+                let middle = DVec3::Z * near;
+                let along = turn * DVec3::Z * random.range(0.3, 1.5);
+                let needle = Particle {
+                    position: middle - along,
+                    factor: turn * DMat3::from_diagonal(DVec3::new(1.0, 1.0, ratio) / ratio),
+                    mass: (6.0 / ratio) as f32,
+                    colour: [0.9, 0.5, 0.1],
+                };
+                let scene = [volume(&[needle])];
+                let normal = random.point(1.0).normalize();
+                let through = middle + along / ratio * random.range(-1.0, 1.0);
+                let plane = ClipPlane {
+                    normal,
+                    distance: -normal.dot(through),
+                };
+                for (worst, clip) in worst.iter_mut().zip([vec![], vec![plane]]) {
+                    let truth = truth(&scene, &camera, &clip);
+                    let settings = Settings {
+                        clip,
+                        filter: Filter::Exact,
+                        low_pass_variance_px2: 0.0,
+                        ..settings(Composite::Over)
+                    };
+                    let drawn = draw(&scene, &camera, &settings);
+                    *worst = worst.max(difference(drawn.image(), &truth));
+                }
+            }
+            println!(
+                "1:{ratio:e} {projection:?} at {near}: {:.1e} whole, {:.1e} cut",
+                worst[0], worst[1]
+            );
+            // Roundings of f32 times the ratio of the axes, as the footprint's own.
+            let bound = 3e-5 + 3e-7 * ratio as f32;
+            assert!(worst[1] < bound, "1:{ratio} {projection:?}: {worst:?}");
+        }
+    }
+}
+
+#[test]
+fn needles_along_the_ray_reach_no_more_slabs_than_they_have() {
+    // A million times as long as wide, all but along the ray: its slope is made of roundings.
+    let mut random = Random::new(5);
+    let camera = camera(Projection::Perspective, [400.0; 2], [20, 20]);
+    for round in 0..12 {
+        let length = if round % 2 == 0 { 1.0 } else { 100.0 };
+        let tilt = random.range(1e-7, 1e-5);
+        let needle = Particle {
+            position: DVec3::Z * 1000.0,
+            factor: DMat3::from_cols(
+                DVec3::X * 1e-6 * length,
+                DVec3::Y * 1e-6 * length,
+                DVec3::new(tilt, 0.3 * tilt, 1.0) * length,
+            ),
+            mass: 1e-3,
+            colour: [0.9, 0.5, 0.1],
+        };
+        let scene = [volume(&[needle])];
+        let over = draw(&scene, &camera, &settings(Composite::Over));
+        for filter in [Filter::Exact, Filter::UniformScaling] {
+            let settings = Settings {
+                filter,
+                ..settings(Composite::Slabs)
+            };
+            let slabs = draw(&scene, &camera, &settings);
+            if filter == Filter::Exact {
+                let off = difference(over.image(), slabs.image());
+                assert!(off < 2e-5, "{round}: {off}");
+            }
         }
     }
 }
@@ -395,6 +566,79 @@ fn a_cut_shows_the_inside_of_a_closed_surface() {
         let alpha = renderer.image().pixel(12, 12)[3];
         assert!((alpha - seen).abs() < 0.01, "{alpha}");
     }
+}
+
+#[test]
+fn surfaces_look_the_same_in_every_mode() {
+    // A ball, seen from where no axis of the world points.
+    let (mut positions, mut tangents, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+    let count = 3_000;
+    for i in 0..count {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+        let angle = f64::from(i) * 2.399_963;
+        let normal =
+            DVec3::new(angle.cos(), angle.sin(), 0.0) * (1.0 - z * z).sqrt() + DVec3::Z * z;
+        let a = normal.any_orthonormal_vector() * 0.06;
+        let b = normal.cross(a);
+        positions.push(normal);
+        tangents.push([a.x, a.y, a.z, b.x, b.y, b.z].map(|x| x as f32));
+        areas.push((4.0 * std::f64::consts::PI / f64::from(count)) as f32);
+    }
+    let colours = positions.iter().map(|n| (*n * 0.5 + 0.5).as_vec3().into());
+    let ball = PointVolume {
+        colour: Colour::PerParticle(colours.collect()),
+        particles: Particles::Surfels {
+            positions,
+            tangents,
+            is_one_sided: false,
+        },
+        strength: Strength::Surface(areas),
+        ..wall([0.0; 3])
+    };
+    let eye = DVec3::new(2.0, -2.2, 2.1);
+    let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 35.0, [64, 64]);
+    let over = draw(
+        std::slice::from_ref(&ball),
+        &camera,
+        &settings(Composite::Over),
+    );
+    assert!(over.image().pixel(32, 32)[3] > 0.99);
+    for mode in LAYERED {
+        let layered = draw(std::slice::from_ref(&ball), &camera, &settings(mode));
+        assert_eq!(over.image(), layered.image(), "{mode:?}");
+    }
+}
+
+#[test]
+fn long_lists_of_surfels_are_clipped_to_their_end() {
+    // 40,000 in one tile: more than half of the rounds that a software adapter grants a loop.
+    let step = 0.03;
+    let count = 200;
+    let positions = (0..count * count)
+        .map(|i| DVec3::new(f64::from(i % count), f64::from(i / count), 0.0) * step)
+        .map(|x| x + DVec3::new(-3.0, -3.0, 8.0))
+        .collect();
+    let s = (0.6 * step) as f32;
+    let dense = PointVolume {
+        particles: Particles::Surfels {
+            positions,
+            tangents: vec![[s, 0.0, 0.0, 0.0, s, 0.0]; count as usize * count as usize],
+            is_one_sided: false,
+        },
+        strength: Strength::Surface(vec![(step * step) as f32; count as usize * count as usize]),
+        ..wall([0.2, 0.5, 0.9])
+    };
+    let camera = camera(Projection::Perspective, [16.0; 2], [16, 16]);
+    let far_away = ClipPlane {
+        normal: DVec3::X,
+        distance: 100.0,
+    };
+    let settings = Settings {
+        clip: vec![far_away; 4],
+        ..settings(Composite::Over)
+    };
+    let renderer = draw(&[dense], &camera, &settings);
+    assert!(renderer.image().pixel(8, 8)[3] > 0.99);
 }
 
 #[test]

@@ -531,6 +531,22 @@ fn the_pixel_filter_is_a_gaussian_over_the_image() {
 }
 
 #[test]
+fn a_filter_narrower_than_the_first_lattices_is_all_but_none() {
+    let integrator = integrator(&cloud(5, 8));
+    let camera = scene::camera(Projection::Perspective, [12.0; 2], [9, 7]);
+    let sharp = filtered(&integrator, &camera, 0.0, 1e-6);
+    for h2 in [1e-2, 1e-3] {
+        let frame = filtered(&integrator, &camera, h2, 1e-5);
+        assert_eq!(frame.unconverged, 0);
+        let pairs = frame.pixels.iter().zip(&sharp.pixels);
+        let off = pairs.map(|(a, b)| largest(a, b)).fold(0.0, f64::max);
+        println!("h² {h2}: {off:.1e}");
+        // Half of h² times the curvature of kernels some pixels wide.
+        assert!(off <= h2, "{off:e}");
+    }
+}
+
+#[test]
 fn a_stated_error_is_kept_by_pixels() {
     for seed in 0..2 {
         // Sub-pixel needles and points among wide kernels: what lattices may miss.

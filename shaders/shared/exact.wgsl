@@ -36,16 +36,13 @@ fn depth_terms(
     let x = screen.row_x;
     let y = screen.row_y;
     let s = screen.relative_depth;
-    let cx = dot3(x, s);
-    let cy = dot3(y, s);
-    let xx = dot3(x, x) + h2;
-    let xy = dot3(x, y);
-    let yy = dot3(y, y) + h2;
-    let inv = 1.0 / determinant;
-    let slope = vec2<f32>(yy * cx - xy * cy, xx * cy - xy * cx) * inv;
-    let volume = dot3(cross3(x, y), s);
+    let m = cross3(x, y);
     let xs = cross3(x, s);
     let ys = cross3(y, s);
+    let inv = 1.0 / determinant;
+    // Minors, not products of squares, which would cancel where the kernel is long.
+    let slope = vec2<f32>(h2 * dot3(x, s) - dot3(m, ys), h2 * dot3(y, s) + dot3(m, xs)) * inv;
+    let volume = dot3(m, s);
     let squares = volume * volume + h2 * (dot3(xs, xs) + dot3(ys, ys)) + h2 * h2 * dot3(s, s);
     // `relative_depth` is relative under perspective alone.
     let scale = select(depth, 1.0, view.orthographic != 0u);

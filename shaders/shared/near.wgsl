@@ -58,16 +58,10 @@ fn near_terms(view: ViewUniform, kernel: Kernel) -> NearKernel {
 }
 
 // For an orthographic camera: the kernel's depth along the ray at offset d is z* = u2 + g . d with
-// a constant standard deviation. `image`: the low-passed footprint.
-fn half_line_terms(view: ViewUniform, kernel: Kernel, image: ImageKernel) -> NearTerms {
-    let z = kernel.factor.z;
-    let zx = dot3(z, kernel.factor.x) * view.focal_px.x;
-    let zy = dot3(z, kernel.factor.y) * view.focal_px.y;
-    let gx = (image.c * zx - image.b * zy) / image.determinant;
-    let gy = (image.a * zy - image.b * zx) / image.determinant;
-    let variance = dot3(z, z) - (gx * zx + gy * zy);
+// a constant standard deviation; `slope`, `sigma`: those of `depth_terms`.
+fn half_line_terms(kernel: Kernel, slope: vec2<f32>, sigma: f32) -> NearTerms {
     var terms: NearTerms;
-    terms.half_line = array<f32, 3>(gx, gy, kernel.centre.z);
-    terms.sigma = sqrt(max_number(variance, 0.0));
+    terms.half_line = array<f32, 3>(slope.x, slope.y, kernel.centre.z);
+    terms.sigma = sigma;
     return terms;
 }

@@ -31,8 +31,8 @@ pub struct Layers {
 const SLAB_ERROR: f64 = 0.01;
 /// Share of the tolerance that is the slabs'.
 const SLAB_SHARE: f64 = 0.5;
-/// Slabs that a kernel may reach at most: a tile keeps their sums, 5 KiB each, 11 where they are lit.
-const MOST_SLABS: f64 = 4096.0;
+/// Slabs that a kernel reaches at most: a tile keeps their sums, 5 KiB each, 11 where they are lit.
+pub(crate) const MOST_SLABS: u32 = 4096;
 /// Slabs are no thicker than so many standard deviations of the thinnest kernels, however faint they
 /// are, and (unless they are given) no thinner than a share of the thickest ones: a kernel then reaches
 /// 200 of them, which a GPU keeps.
@@ -84,14 +84,10 @@ impl Layers {
         let number = ((first - phase) / thickness).floor() - 2.0;
         let count = ((last - phase) / thickness).ceil() + 2.0 - number;
         let bits = count.log2().ceil();
-        let blocks = volumes
-            .iter()
-            .filter(|v| !v.is_surface())
-            .flat_map(|v| &v.blocks);
-        let thickest = blocks.map(|b| f64::from(b.max_sigma)).fold(0.0, f64::max);
         let mut least = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
         if composite == Composite::Slabs {
-            least = least.max(2.0 * f64::from(MAX_CUTOFF) * thickest / MOST_SLABS);
+            least =
+                least.max(2.0 * f64::from(MAX_CUTOFF) * kernels.thickest / f64::from(MOST_SLABS));
         }
         // Phrased so that NaN is refused.
         if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0 && thickness >= least) {
@@ -157,14 +153,15 @@ impl SlabKernels {
             for block in &volume.blocks {
                 let sigma = f64::from(block.min_sigma);
                 let [lo, hi] = block.value_range;
-                let kappa = match (&volume.strength, &volume.transfer_function) {
+                let extinction = match (&volume.strength, &volume.transfer_function) {
                     (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
                         f64::from(transfer.max_extinction(lo, hi))
                     }
                     (Strength::Classified { .. }, _) => 0.0,
-                    // A kernel fills a cube of 1/.6 of its standard deviation.
-                    _ => f64::from(block.max_strength) * (0.6 / sigma).powi(3),
+                    _ => 1.0,
                 };
+                // A kernel fills a cube of 1/.6 of its standard deviation.
+                let kappa = extinction * f64::from(block.max_strength) * (0.6 / sigma).powi(3);
                 if kappa > 0.0 && sigma > 0.0 {
                     all.steepest = all.steepest.max(kappa / sigma);
                     all.thinnest = all.thinnest.min(sigma);

@@ -33,6 +33,7 @@ pub use choose::choose;
 pub(crate) use cull::DEPTH_KEY_SPAN;
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
 pub use layers::Layers;
+pub(crate) use layers::MOST_SLABS;
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 

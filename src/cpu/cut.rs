@@ -149,6 +149,11 @@ impl<'a> CutTile<'a> {
         })
     }
 
+    /// Whether a surface lies in the tile.
+    pub(super) fn has_surface(&self) -> bool {
+        self.surface.is_some()
+    }
+
     /// Where a footprint lies that does not cross the plane of the eye.
     pub(super) fn side(&self, footprint: &Footprint, terms: &ExactTerms) -> Side {
         let Spans {
@@ -248,19 +253,15 @@ impl<'a> CutTile<'a> {
                 } else {
                     footprint.colour
                 };
-                let [begin, middle, end] =
-                    [&self.spans.near, &self.spans.middle, &self.spans.far].map(|s| up_to(s[i]));
-                accumulate(
-                    front,
-                    i,
-                    opacity(tau * (middle - begin)),
-                    colour,
-                    depth,
-                    mode,
-                );
+                let ends = [&self.spans.near, &self.spans.middle, &self.spans.far].map(|s| s[i]);
+                let [begin, middle, end] = ends.map(up_to);
+                let in_front = opacity(tau * (middle - begin));
+                let at = within(depth, [ends[0], ends[1]]);
+                accumulate(front, i, in_front, colour, at, mode);
                 if self.is_partial && !mode.count {
                     let rest = opacity(tau * (end - middle));
-                    accumulate(self.behind, i, rest, colour, depth, mode);
+                    let at = within(depth, [ends[1], ends[2]]);
+                    accumulate(self.behind, i, rest, colour, at, mode);
                 }
             }
         }
@@ -336,6 +337,12 @@ pub(super) fn depth_reach(footprint: &Footprint, terms: &ExactTerms) -> f32 {
     }
 }
 
+/// A depth held to the part of a ray that is drawn.
+#[inline(always)]
+pub(super) fn within(depth: f32, [from, to]: [f32; 2]) -> f32 {
+    depth.min(to).max(from)
+}
+
 /// A footprint that is cut: each pixel has its own share in front.
 struct Cut<'a> {
     spans: &'a Spans,
@@ -393,13 +400,15 @@ impl Kernel for Cut<'_> {
                 if mode.count && row.inside[lane] == 0 {
                     continue;
                 }
-                let alpha = opacity(tau);
-                accumulate(front, first + lane, alpha, colour, depth, mode);
+                let (i, alpha) = (first + lane, opacity(tau));
+                let at = within(depth, [spans.near[i], spans.middle[i]]);
+                accumulate(front, i, alpha, colour, at, mode);
             }
             if let (Some(behind), false) = (&mut behind, mode.count) {
                 for (lane, tau) in row.between(&middle, &far).into_iter().enumerate() {
-                    let alpha = opacity(tau);
-                    accumulate(behind, first + lane, alpha, colour, depth, mode);
+                    let (i, alpha) = (first + lane, opacity(tau));
+                    let at = within(depth, [spans.middle[i], spans.far[i]]);
+                    accumulate(behind, i, alpha, colour, at, mode);
                 }
             }
         }

@@ -12,11 +12,12 @@
 
 use glam::Vec2;
 
-use super::cut::{CutTile, Side, Spans, depth_reach, near_cut, near_terms_of};
+use super::cut::{CutTile, Side, Spans, depth_reach, near_cut, near_terms_of, within};
 use super::lanes::{Kernel, Plane, SimdLevel, Tile, add_scaled, cdf, opacity, run_at};
 use super::post::{PostClassification, RowEdge, Slopes};
 use super::rasterise::{TileRaster, near_depth};
 use super::row::{Row, RowSlope, RowWalk};
+use crate::blocks::MOST_SLABS;
 use crate::constants::{TILE_PIXELS, TILE_SIZE};
 use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::splat::Composite;
@@ -189,6 +190,7 @@ impl LayeredTile<'_, '_> {
         let first = footprint.key >> view.layer_shift;
         self.flush(tile, first);
         // Keys of sheets are in order; of slabs, within their rounding.
+        let own_first = first;
         let first = first.max(self.ring.first);
         let is_slabs = self.raster.settings.composite == Composite::Slabs;
         let none = ExactTerms::default();
@@ -205,9 +207,14 @@ impl LayeredTile<'_, '_> {
         let last = if is_slabs {
             let reach = match near {
                 Some(_) => near_reach(footprint, near),
-                None => depth_reach(footprint, terms),
+                // No farther behind its centre than it begins before that: slopes are rounded.
+                None => {
+                    let before = footprint.depth - layer_start(view, own_first);
+                    depth_reach(footprint, terms).min(before)
+                }
             };
-            layer_at(view, footprint.depth + reach, first)
+            let last = layer_at(view, footprint.depth + reach, first);
+            last.min(first.saturating_add(MOST_SLABS))
         } else {
             first
         };
@@ -218,7 +225,8 @@ impl LayeredTile<'_, '_> {
         }
         let has_cut = side != Side::Front;
         let spans = self.cut.as_ref().filter(|_| has_cut).map(|cut| cut.spans);
-        self.ring.divided.is_used |= spans.is_some();
+        let has_surface = self.cut.as_ref().is_some_and(CutTile::has_surface);
+        self.ring.divided.is_used |= has_surface && has_cut;
         let work = Add {
             raster: self.raster,
             ring: self.ring,
@@ -228,6 +236,7 @@ impl LayeredTile<'_, '_> {
             near,
             layers: [first, last],
             is_slabs,
+            has_surface,
             has_slopes: self.post.is_some_and(|post| post.lighting.is_some()),
             tile,
         };
@@ -251,7 +260,7 @@ impl LayeredTile<'_, '_> {
             if !self.ring.layers[place].is_used {
                 continue;
             }
-            let flush = |layer: &Layer, front: &mut Tile, part: Part<'_>| {
+            let flush = |layer: &Layer, front: &mut Tile, part: Part<'_>, bounds: Bounds<'_>| {
                 let work = Flush {
                     raster: self.raster,
                     post: self.post,
@@ -259,22 +268,26 @@ impl LayeredTile<'_, '_> {
                     layer,
                     tile: front,
                     part,
+                    bounds,
                 };
                 run_at(level(self.raster), work);
             };
             let layer = &self.ring.layers[place];
             match &mut self.cut {
-                None => flush(layer, tile, Part::All),
+                None => flush(layer, tile, Part::All, None),
                 Some(cut) => {
                     let is_slabs = self.raster.settings.composite == Composite::Slabs;
-                    let middle = is_slabs.then_some(&cut.spans.middle);
-                    flush(layer, tile, middle.map_or(Part::All, Part::Front));
+                    let spans = cut.spans;
+                    let middle = (is_slabs && cut.has_surface()).then_some(&spans.middle);
+                    let in_front = Some([&spans.near, &spans.middle]);
+                    let beyond = Some([&spans.middle, &spans.far]);
+                    flush(layer, tile, middle.map_or(Part::All, Part::Front), in_front);
                     if cut.is_partial {
                         if let Some(middle) = middle {
-                            flush(layer, cut.behind, Part::Behind(middle));
+                            flush(layer, cut.behind, Part::Behind(middle), beyond);
                         }
                         let divided = middle.map_or(Part::All, Part::Divided);
-                        flush(&self.ring.divided, cut.behind, divided);
+                        flush(&self.ring.divided, cut.behind, divided, beyond);
                     }
                     // Of sheets the whole is done with; of slabs what belongs to this layer.
                     match middle {
@@ -336,7 +349,11 @@ struct Flush<'a> {
     layer: &'a Layer,
     tile: &'a mut Tile,
     part: Part<'a>,
+    bounds: Bounds<'a>,
 }
+
+/// Between which depths a pixel's ray is drawn, where anything cuts it.
+type Bounds<'a> = Option<[&'a Plane; 2]>;
 
 impl Kernel for Flush<'_> {
     type Output = ();
@@ -350,6 +367,7 @@ impl Kernel for Flush<'_> {
             layer,
             tile,
             part,
+            bounds,
         } = self;
         let settings = raster.settings;
         let start = layer_start(raster.view, number);
@@ -415,7 +433,9 @@ impl Kernel for Flush<'_> {
             for i in 0..TILE_PIXELS {
                 let after = tile.alpha[i];
                 if after >= 0.5 && tile.depth[i] == f32::INFINITY {
-                    tile.depth[i] = depth_of_half(settings.composite, layer, i, [start, end]);
+                    let depth = depth_of_half(settings.composite, layer, i, [start, end]);
+                    let bounds = bounds.map(|[from, to]| [from[i], to[i]]);
+                    tile.depth[i] = bounds.map_or(depth, |bounds| within(depth, bounds));
                 }
             }
         }
@@ -426,7 +446,7 @@ impl Kernel for Flush<'_> {
 /// its middle.
 fn depth_of_half(composite: Composite, layer: &Layer, i: usize, [start, end]: [f32; 2]) -> f32 {
     if composite == Composite::Slabs {
-        0.5 * (start + end)
+        (0.5 * (start + end)).max(0.0)
     } else {
         (layer.depth[i] / layer.tau[i]).max(0.0)
     }
@@ -444,6 +464,8 @@ struct Add<'a> {
     /// The first and the last layer that it reaches.
     layers: [u32; 2],
     is_slabs: bool,
+    /// Whether a surface divides them.
+    has_surface: bool,
     /// Whether light asks how layers change.
     has_slopes: bool,
     /// For counts.
@@ -523,10 +545,9 @@ impl Add<'_> {
         // A slab's depth is its own.
         let has_depth = false;
         let [nearest, last] = self.layers;
-        let mut below = match self.spans {
-            None => [0.0; TILE_SIZE],
-            Some(spans) => row.shares_up_to::<FMA>(&spans.near[first..], false),
-        };
+        let share_of = |plane: &Plane| row.shares_up_to::<FMA>(&plane[first..], false);
+        let mut below = self.spans.map_or([0.0; TILE_SIZE], |s| share_of(&s.near));
+        let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
         for number in nearest..=last {
             let (start, end) = (layer_start(view, number), layer_start(view, number + 1));
             let place = self.ring.place(number);
@@ -552,7 +573,7 @@ impl Add<'_> {
                 *end = end.max(*near).min(*far);
             }
             let above = row.shares_up_to::<FMA>(&ends, false);
-            let mut divide = row.shares_up_to::<FMA>(&spans.middle[first..], false);
+            let mut divide = divide_at;
             for lane in 0..TILE_SIZE {
                 // A layer behind the surface is all behind it.
                 if !(start < spans.middle[first + lane] && divide[lane] < above[lane]) {
@@ -561,10 +582,12 @@ impl Add<'_> {
             }
             let own = row.between(&below, &divide);
             self.ring.layers[place].add(first, own, self.footprint, has_depth);
-            let behind = row.between(&divide, &above);
-            self.ring
-                .divided
-                .add(first, behind, self.footprint, has_depth);
+            if self.has_surface {
+                let behind = row.between(&divide, &above);
+                self.ring
+                    .divided
+                    .add(first, behind, self.footprint, has_depth);
+            }
             below = above;
         }
     }
@@ -610,6 +633,10 @@ impl Add<'_> {
                 }
                 let divide = RowEdge::new::<FMA>(row, &divides);
                 own.add(first, row, slope, [&below, &divide], carried);
+                if !self.has_surface {
+                    (begins, below) = (ends, above);
+                    continue;
+                }
                 let behind = self.ring.divided.slopes.get_or_insert_default();
                 behind.add(first, row, slope, [&divide, &above], carried);
             } else {

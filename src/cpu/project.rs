@@ -572,8 +572,10 @@ fn half_line_footprint(
     let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
     set_bounds(view, out, screen.centre_px, half);
     if out.is_visible() {
-        let moments = [image.a, image.b, image.c, image.determinant];
-        out.path = push(near, half_line_terms(view, kernel, moments), PATH_HALF_LINE);
+        let h2 = view.low_pass_variance_px2;
+        let determinant = screen.filtered(Filter::Ewa, h2).determinant;
+        let (slope, sigma) = depth_terms(view, screen, h2, determinant, kernel.centre.z);
+        out.path = push(near, half_line_terms(kernel, slope, sigma), PATH_HALF_LINE);
     }
 }
 

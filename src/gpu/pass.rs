@@ -395,6 +395,8 @@ pub(super) struct PassFrame {
     gather: BoundGather,
     bin: BoundBin,
     rasterise: BoundRaster,
+    /// Whether this is the pass of opaque surfels.
+    is_surface: bool,
     /// What classifies layers, where anything does.
     classes: Option<wgpu::Buffer>,
     /// Pixels of a band.
@@ -645,6 +647,7 @@ impl PassFrame {
             gather,
             bin,
             rasterise,
+            is_surface: pass.is_surface(),
             classes,
             pixels,
             progress,
@@ -656,15 +659,21 @@ impl PassFrame {
 
     /// Submits what all bands begin with: cull, classify, shade, project, sort.
     pub(super) fn begin(&self, gpu: &Gpu, timer: &mut Timer, input: &FrameInput<'_>) {
+        // Surfels have layers of their own.
+        let layers = input.layers.as_ref().filter(|_| !self.is_surface);
         let camera = camera_uniform(
             input.camera,
             input.frustum,
             input.is_culled,
             input.choice,
-            input.layers.as_ref(),
+            layers,
         );
+        let view = ViewUniform {
+            directional_keys: u32::from(layers.is_some()),
+            ..input.view
+        };
         let lighting = input.lighting.as_ref();
-        self.buffers.write(gpu, &input.view, &camera, lighting);
+        self.buffers.write(gpu, &view, &camera, lighting);
         if let (Some(buffer), Some(transfer)) = (&self.classes, input.post) {
             gpu.write(buffer, bytemuck::cast_slice(&classes(transfer)));
         }

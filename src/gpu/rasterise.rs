@@ -104,8 +104,8 @@ pub(super) struct Rasterise {
 }
 
 /// Rounds of a kernel that may be near: its five columns and their ten pairs, and the pairs once more
-/// where a surface cuts it.
-const NEAR_ROUNDS: u32 = 25;
+/// for each of the three depths at which it may be cut.
+const NEAR_ROUNDS: u32 = 45;
 
 /// Entries of a list that a dispatch draws at most.
 pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {

@@ -7,7 +7,7 @@ use super::shaders;
 use super::tile::{
     BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice, upload_lists,
 };
-use crate::constants::{SURFACE_LAYERS, TILE_SIZE};
+use crate::constants::{MAX_CLIP_PLANES, SURFACE_LAYERS, TILE_SIZE};
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
@@ -62,7 +62,8 @@ impl Surface {
     pub(super) fn new(gpu: &Gpu, spec: SurfaceSpec) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
-        let slice = slice(gpu, 0);
+        // Planes are looked at anew for every surfel.
+        let slice = slice(gpu, if spec.clip { MAX_CLIP_PLANES as u32 } else { 0 });
         let constants = [
             ("HAS_NEAR", flag(spec.near)),
             ("HAS_NORMALS", flag(spec.normals)),

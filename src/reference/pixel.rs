@@ -496,6 +496,10 @@ impl Region {
                     }
                     weights += weight;
                 }
+                if weights == 0.0 {
+                    // The filter is too narrow for the lattice: no sample near the pixel.
+                    continue;
+                }
                 let pixel = &mut self.pixels[y * w + x];
                 pixel.ray_error = pixel.ray_error.max(ray_error);
                 if level == 0 {

@@ -60,13 +60,13 @@ pub fn depth_terms(
     depth: f32,
 ) -> (Vec2, f32) {
     let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
-    let (cx, cy) = (x.dot(s), y.dot(s));
-    let (xx, xy, yy) = (x.length_squared() + h2, x.dot(y), y.length_squared() + h2);
+    let (m, xs, ys) = (x.cross(y), x.cross(s), y.cross(s));
     let inv = 1.0 / determinant;
-    let slope = Vec2::new(yy * cx - xy * cy, xx * cy - xy * cx) * inv;
-    let triple = x.cross(y).dot(s);
+    // Minors, not products of squares, which would cancel where the kernel is long.
+    let slope = Vec2::new(h2 * x.dot(s) - m.dot(ys), h2 * y.dot(s) + m.dot(xs)) * inv;
+    let triple = m.dot(s);
     let squares = triple * triple
-        + h2 * (x.cross(s).length_squared() + y.cross(s).length_squared())
+        + h2 * (xs.length_squared() + ys.length_squared())
         + h2 * h2 * s.length_squared();
     // `relative_depth` is relative under perspective alone.
     let scale = if view.orthographic != 0 { 1.0 } else { depth };

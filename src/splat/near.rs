@@ -114,23 +114,13 @@ pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
 }
 
 /// For an orthographic camera: the kernel's depth along the ray at offset d is
-/// z* = u2 + g . d with a constant standard deviation. `low-passed` (a, b, c, det) as in the
-/// footprint.
-pub fn half_line_terms(
-    view: &ViewUniform,
-    kernel: &Kernel,
-    [a, b, c, determinant]: [f32; 4],
-) -> NearTerms {
-    let focal = Vec2::from(view.focal_px);
-    let z = kernel.factor.z;
-    let zx = z.dot(kernel.factor.x) * focal.x;
-    let zy = z.dot(kernel.factor.y) * focal.y;
-    let gx = (c * zx - b * zy) / determinant;
-    let gy = (a * zy - b * zx) / determinant;
-    let variance = z.length_squared() - (gx * zx + gy * zy);
+/// z* = u2 + g . d with a constant standard deviation.
+///
+/// - `slope`, `sigma`: those of [`depth_terms`](super::depth_terms).
+pub fn half_line_terms(kernel: &Kernel, slope: Vec2, sigma: f32) -> NearTerms {
     NearTerms {
-        half_line: [gx, gy, kernel.centre.z],
-        sigma: variance.max(0.0).sqrt(),
+        half_line: [slope.x, slope.y, kernel.centre.z],
+        sigma,
         ..NearTerms::default()
     }
 }
