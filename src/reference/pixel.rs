@@ -225,6 +225,8 @@ struct Region {
 #[derive(Clone)]
 struct Pixel {
     mean: [f64; 4],
+    /// The filter's weights of all samples so far.
+    weight: f64,
     /// How far the last lattice moved the mean.
     change: f64,
     /// What the error may be.
@@ -273,6 +275,8 @@ const CROWD_LEVEL: usize = 2;
 struct Line {
     y: f64,
     columns: Vec<[f64; 4]>,
+    /// The filter's weights of the samples around a pixel, summed along the row.
+    weight: f64,
     error: f64,
     rays: u64,
 }
@@ -283,6 +287,7 @@ impl Region {
         let reach = filter_reach(settings);
         let pixel = Pixel {
             mean: [0.0; 4],
+            weight: 0.0,
             change: 0.0,
             estimate: 0.0,
             worst: 0.0,
@@ -425,6 +430,7 @@ impl Region {
         let mut line = Line {
             y,
             columns: vec![[0.0; 4]; self.size[0]],
+            weight: 0.0,
             error: 0.0,
             rays: 0,
         };
@@ -441,6 +447,7 @@ impl Region {
             .filter(|x| *x >= -self.reach)
             .map(|x| self.weight(x))
             .sum();
+        line.weight = weights;
         let first = ((-self.reach - offset) / spacing).ceil() as i64;
         let last = (((self.size[0] - 1) as f64 + self.reach - offset) / spacing).floor() as i64;
         for i in first..=last {
@@ -482,7 +489,7 @@ impl Region {
             let near: Vec<(f64, &Line)> = lines
                 .iter()
                 .filter(|l| (l.y - y as f64).abs() <= self.reach)
-                .map(|l| (self.weight(l.y - y as f64), l))
+                .map(|l| (self.weight(l.y - y as f64) * l.weight, l))
                 .collect();
             let ray_error = near.iter().map(|(_, l)| l.error).fold(0.0, f64::max);
             for x in 0..w {
@@ -502,15 +509,17 @@ impl Region {
                 }
                 let pixel = &mut self.pixels[y * w + x];
                 pixel.ray_error = pixel.ray_error.max(ray_error);
+                pixel.weight += weights;
                 if level == 0 {
                     pixel.mean = sum.map(|s| s / weights);
                     continue;
                 }
-                // As many samples as all lattices before together.
+                // Half, of lattices finer than the filter: each has as many samples as all before.
+                let share = weights / pixel.weight;
                 let before = pixel.change;
                 pixel.change = 0.0;
                 for (mean, s) in pixel.mean.iter_mut().zip(sum) {
-                    let change = 0.5 * (s / weights - *mean);
+                    let change = share * (s / weights - *mean);
                     *mean += change;
                     pixel.change = pixel.change.max(change.abs());
                 }
