@@ -378,7 +378,7 @@ impl Renderer {
             settings.tolerance.into(),
         )?;
         self.layers = layers;
-        let planes = clip_planes(camera, &settings.clip);
+        let planes = cull_planes(camera, &settings.clip, low_pass);
         let frustum = frustum(camera, low_pass).clipped(planes);
         #[cfg(feature = "gpu")]
         if self.device.is_some() {
@@ -879,6 +879,26 @@ fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (D
                 plane.inside(camera.eye),
             )
         })
+}
+
+/// The same moved out by the reach of the low-pass filter, which spreads what lies beyond them: blocks
+/// are left out by these.
+fn cull_planes(
+    camera: &Camera,
+    planes: &[ClipPlane],
+    low_pass_variance_px2: f32,
+) -> impl Iterator<Item = (DVec3, f64)> {
+    let reach_px = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
+    // World units, under perspective at a depth of 1.
+    let reach = reach_px / camera.focal_px.min_element();
+    clip_planes(camera, planes).map(move |(normal, distance)| match camera.projection {
+        Projection::Orthographic => (normal, distance + reach),
+        Projection::Perspective => {
+            let wider = normal + DVec3::Z * reach;
+            let length = wider.length().max(f64::MIN_POSITIVE);
+            (wider / length, distance / length)
+        }
+    })
 }
 
 #[allow(

@@ -889,6 +889,28 @@ fn compositing_and_clipping_reach_the_picture() {
     assert_eq!(boxed, over);
     assert!(opacity(&half) < 0.9 * opacity(&over));
     assert!(opacity(&other) < 0.9 * opacity(&over));
+    // The camera is fitted to what is left: an eighth of the length fills as much of the picture.
+    let covered = |image: &ewa_splat::Image| image.pixels.iter().filter(|p| p[3] > 0.01).count();
+    let (piece, _) = draw("piece.npy", &["--clip", "0,-9,-9,1,9,9"]);
+    assert!(covered(&piece) > covered(&over) / 2, "{}", covered(&piece));
+    let slabs = ["--composite", "slabs", "--slab-thickness", "0.1"];
+    let (before, _) = draw("before.npy", &slabs);
+    let (after, _) = draw(
+        "after.npy",
+        &[&slabs[..], &["--post-classification"]].concat(),
+    );
+    let (lit, _) = draw(
+        "lit.npy",
+        &[&slabs[..], &["--post-classification", "--lit"]].concat(),
+    );
+    assert_ne!(before, after);
+    assert_ne!(after, lit);
+    for useless in [vec!["--slab-thickness", "1"], vec!["--post-classification"]] {
+        let input = ["render", &wake, "--out", "bad.png"];
+        let output = run(folder.path(), &[&input[..], &useless].concat());
+        assert!(!output.status.success(), "{useless:?}");
+        assert!(text(&output.stderr).contains("composite"), "{useless:?}");
+    }
     for bad in ["1,2,3", "0,0,0,1", "1,1,1,0,0,0", "1,2,3,x"] {
         let output = run(
             folder.path(),

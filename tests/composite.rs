@@ -484,6 +484,46 @@ fn a_box_leaves_nothing_outside() {
 }
 
 #[test]
+fn what_lies_beyond_a_plane_by_less_than_the_filter_counts() {
+    // Far below a pixel: what the filter spreads over the plane is half of the edge.
+    let mut random = Random::new(29);
+    let mut some = |from: f64, to: f64| -> Vec<Particle> {
+        let at =
+            |random: &mut Random| DVec3::new(random.range(from, to), random.range(-1.0, 1.0), 8.0);
+        (0..2_000)
+            .map(|_| Particle::sphere(at(&mut random), 1e-3, 2e-4))
+            .collect()
+    };
+    let (kept, beyond) = (some(-1.0, 0.0), some(0.0, 1.0));
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        let focal = match projection {
+            Projection::Perspective => 64.0,
+            Projection::Orthographic => 8.0,
+        };
+        let camera = camera(projection, [focal; 2], [24, 24]);
+        let settings = Settings {
+            clip: vec![ClipPlane {
+                normal: DVec3::NEG_X,
+                distance: 0.05,
+            }],
+            ..settings(Composite::Over)
+        };
+        let scene = [volume(&kept), volume(&beyond)];
+        let whole = Settings {
+            clip: vec![],
+            ..settings.clone()
+        };
+        let [cut, whole] = [&settings, &whole].map(|s| draw(&scene, &camera, s));
+        for y in 0..24 {
+            // Of the column at the plane, whose middle is kept, half comes from beyond.
+            let [a, b] = [&cut, &whole].map(|r| r.image().pixel(11, y)[3]);
+            assert!((a - b).abs() < 1e-5, "{projection:?} {y}: {a}, not {b}");
+        }
+        assert!(whole.image().pixel(11, 12)[3] > 0.1);
+    }
+}
+
+#[test]
 fn the_eye_may_lie_within_a_kernel() {
     let kernel = Particle {
         position: DVec3::new(0.1, -0.1, 0.2),

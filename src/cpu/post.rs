@@ -3,8 +3,8 @@
 //! Particles carry the value's share of the range as their colour, and the extinction is the same for
 //! all: then the optical depth W of a layer is the length of the ray in it, in units of that extinction,
 //! and the sum N of optical depth times colour is the mean value f = N / W times it. Light asks for the
-//! slope of f, (∇N - f ∇W) / W, from the derivatives of the footprints (Zwicker et al. 2001, section 5.1:
-//! of the resampling filter), low-pass filter and all.
+//! slope of f, (∇N - f ∇W) / W, from the derivatives of the footprints (as section 8 of
+//! Zwicker et al. 2001 proposes, of the resampling filter), low-pass filter and all.
 //!
 //! Twin: `shaders/shared/classified.wgsl`.
 

@@ -151,7 +151,7 @@ impl ClipEdges {
             let spread = (view.low_pass_variance_px2 / kept.max(LEAST_SHOWN)).sqrt();
             let softness = slope.length() * spread;
             let scale = 1.0 / softness.max(f32::MIN_POSITIVE);
-            if inside * scale - slope.length() * scale * reach < CLIP_SOFTNESS {
+            if inside * scale - slope.length() * scale * reach < WHOLE {
                 let slope = slope * scale;
                 edges.edges[edges.count] = [inside * scale, slope.x, slope.y];
                 edges.count += 1;
@@ -176,6 +176,9 @@ impl ClipEdges {
         share
     }
 }
+
+/// So many standard deviations inside a plane a surfel is whole: Phi is 1 to f32.
+const WHOLE: f32 = 5.5;
 
 /// What a surfel shows at a pixel.
 #[derive(Debug, Clone, Copy)]
