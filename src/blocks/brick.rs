@@ -232,6 +232,11 @@ impl BrickGrid {
         })
     }
 
+    /// Standard deviations of kernels, in spacings.
+    pub(super) fn kernel_width(&self) -> f64 {
+        self.kernel_width
+    }
+
     /// One block per brick, of level of detail `level`.
     pub(super) fn blocks(&self, values: Option<&Values>, level: u32) -> Vec<Block> {
         let count: usize = self.bricks.iter().product();

@@ -2,8 +2,9 @@
 //! them apart.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::{BlockedParticles, BlockedVolume, DepthRange};
+use super::{Block, BlockedParticles, BlockedVolume, DepthRange};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::error::{Error, Result};
 use crate::scene::Strength;
@@ -21,7 +22,8 @@ pub struct Layers {
     pub thickness: f64,
     /// A key belongs to the layer `key >> shift`.
     pub shift: u32,
-    /// By how much slabs of this thickness err, about; 0 of sheets, of which nothing is promised.
+    /// By how much slabs of this thickness err at most, about, wherever kernels are densest; 0 of
+    /// sheets, of which nothing is promised.
     pub error: f64,
 }
 
@@ -29,6 +31,10 @@ pub struct Layers {
 /// standard deviation of the kernels: worst of 40 random arrangements of 120 kernels of random
 /// colours, optical depths 2 to 40, D/sigma 2 to 1/4 (`tests/composite.rs`).
 const SLAB_ERROR: f64 = 0.01;
+/// And never by more than kappa D / 8, however thin the kernels: a slab of depth t = kappa D whose front
+/// half has one colour and whose back half another is off by t²/8 of their difference, and as much of
+/// each of the slabs behind it shows as these let through, 1/t of them.
+const MIXED_ERROR: f64 = 0.125;
 /// Share of the tolerance that is the slabs'.
 const SLAB_SHARE: f64 = 0.5;
 /// Slabs that a kernel reaches at most: a tile keeps their sums, 5 KiB each, 11 where they are lit.
@@ -87,7 +93,7 @@ impl Layers {
         let mut least = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
         if composite == Composite::Slabs {
             least =
-                least.max(2.0 * f64::from(MAX_CUTOFF) * kernels.thickest / f64::from(MOST_SLABS));
+                least.max(2.0 * f64::from(MAX_CUTOFF) * kernels.thickest() / f64::from(MOST_SLABS));
         }
         // Phrased so that NaN is refused.
         if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0 && thickness >= least) {
@@ -130,62 +136,95 @@ impl Layers {
     }
 }
 
-/// What the thickness of slabs follows from.
-struct SlabKernels {
-    /// The greatest extinction over the standard deviation of a block's thinnest kernels.
-    steepest: f64,
-    /// Standard deviations.
-    thinnest: f64,
-    thickest: f64,
-}
+/// What the thickness of slabs follows from: of each visible block the greatest extinction that a kernel
+/// has where it is densest by itself, and the least and the greatest standard deviation.
+struct SlabKernels(Vec<[f64; 3]>);
 
 impl SlabKernels {
     fn of(volumes: &[BlockedVolume]) -> Self {
-        let mut all = Self {
-            steepest: 0.0,
-            thinnest: f64::INFINITY,
-            thickest: 0.0,
-        };
-        for volume in volumes
+        let visible = volumes
             .iter()
-            .filter(|v| v.merged.is_none() && !v.is_surface())
-        {
-            for block in &volume.blocks {
-                let sigma = f64::from(block.min_sigma);
-                let [lo, hi] = block.value_range;
-                let extinction = match (&volume.strength, &volume.transfer_function) {
-                    (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
-                        f64::from(transfer.max_extinction(lo, hi))
-                    }
-                    (Strength::Classified { .. }, _) => 0.0,
-                    _ => 1.0,
-                };
-                // A kernel fills a cube of 1/.6 of its standard deviation.
-                let kappa = extinction * f64::from(block.max_strength) * (0.6 / sigma).powi(3);
-                if kappa > 0.0 && sigma > 0.0 {
-                    all.steepest = all.steepest.max(kappa / sigma);
-                    all.thinnest = all.thinnest.min(sigma);
-                    all.thickest = all.thickest.max(f64::from(block.max_sigma));
-                }
-            }
-        }
-        all
+            .filter(|v| v.merged.is_none() && !v.is_surface());
+        let of_volume = |volume: &BlockedVolume| -> Vec<[f64; 3]> {
+            let blocks = volume.blocks.par_iter().map(|block| {
+                let kappa = densest(volume, block);
+                [kappa, block.min_sigma.into(), block.max_sigma.into()]
+            });
+            blocks
+                .filter(|[kappa, sigma, _]| *kappa > 0.0 && *sigma > 0.0)
+                .collect()
+        };
+        Self(visible.flat_map(of_volume).collect())
+    }
+
+    fn thickest(&self) -> f64 {
+        self.0
+            .iter()
+            .fold(0.0, |most, [_, _, sigma]| sigma.max(most))
     }
 
     /// The thickness at which slabs keep their share of the tolerance, as far as that goes.
     fn thickness(&self, tolerance: f64) -> f64 {
-        if self.thickest == 0.0 {
-            return 1.0;
+        let share = SLAB_SHARE * tolerance;
+        let mut wanted = f64::INFINITY;
+        for [kappa, sigma, _] in &self.0 {
+            let by_kernels = (share * sigma / (SLAB_ERROR * kappa)).sqrt();
+            wanted = wanted
+                .min(by_kernels.max(share / (MIXED_ERROR * kappa)))
+                .min(THICKEST * sigma);
         }
-        let wanted = (SLAB_SHARE * tolerance / (SLAB_ERROR * self.steepest)).sqrt();
-        let most = THICKEST * self.thinnest;
-        wanted.min(most).max(THINNEST * self.thickest)
+        let least = THINNEST * self.thickest();
+        if self.0.is_empty() {
+            1.0
+        } else {
+            wanted.max(least)
+        }
     }
 
     /// What slabs of a thickness are off by.
     fn error(&self, thickness: f64) -> f64 {
-        SLAB_ERROR * self.steepest * thickness * thickness
+        let of_block = |[kappa, sigma, _]: &[f64; 3]| {
+            (SLAB_ERROR * kappa * thickness * thickness / sigma)
+                .min(MIXED_ERROR * kappa * thickness)
+        };
+        self.0.iter().map(of_block).fold(0.0, f64::max).min(1.0)
     }
+}
+
+/// The greatest extinction \[1/length\] of a block's kernels: strength over the volume that a kernel of
+/// the default width stands for, (sigma / .6)³. Flat ones have none: a slab holds all of such a kernel.
+fn densest(volume: &BlockedVolume, block: &Block) -> f64 {
+    let [lo, hi] = block.value_range;
+    let extinction = match (&volume.strength, &volume.transfer_function) {
+        (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
+            f64::from(transfer.max_extinction(lo, hi))
+        }
+        (Strength::Classified { .. }, _) => 0.0,
+        _ => 1.0,
+    };
+    if extinction == 0.0 {
+        return 0.0;
+    }
+    let members = block.first as usize..(block.first + block.count) as usize;
+    let strengths = volume.strength.stored();
+    let density = |i: usize, volume: f64| {
+        let density = 0.6_f64.powi(3) * f64::from(strengths[i]) / volume;
+        if density.is_finite() { density } else { 0.0 }
+    };
+    let densities = match &volume.particles {
+        BlockedParticles::Lattice(grid) => (0.6 / grid.kernel_width()).powi(3),
+        BlockedParticles::Isotropic { sigmas, .. } => members
+            .map(|i| density(i, f64::from(sigmas[i]).powi(3)))
+            .fold(0.0, f64::max),
+        BlockedParticles::Anisotropic { factors, .. } => members
+            .map(|i| {
+                let [a, _, b, _, _, c] = factors[i].map(f64::from);
+                density(i, (a * b * c).abs())
+            })
+            .fold(0.0, f64::max),
+        BlockedParticles::Surfels { .. } => 0.0,
+    };
+    extinction * densities
 }
 
 /// The distance between samples: of lattices the mean of their cells' edges, otherwise what kernels of

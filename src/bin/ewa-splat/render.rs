@@ -324,8 +324,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let tolerance = f64::from(settings.tolerance);
         if layers.error > tolerance {
             eprintln!(
-                "slabs {:.2e} thick err by about {:.1e} where it is densest, more than the tolerance of \
-                 {tolerance:.1e}: --slab-thickness makes them thinner",
+                "slabs {:.1e} thick are thicker than the tolerance of {tolerance:.1e} asks of the \
+                 thinnest kernels: they err by {:.1e} at most, as a rule far less; --slab-thickness \
+                 makes them thinner",
                 layers.thickness, layers.error
             );
         }
