@@ -494,7 +494,7 @@ fn what_lies_beyond_a_plane_by_less_than_the_filter_counts() {
             .map(|_| Particle::sphere(at(&mut random), 1e-3, 2e-4))
             .collect()
     };
-    let (kept, beyond) = (some(-1.0, 0.0), some(0.0, 1.0));
+    let (kept, beyond) = (some(-1.0, 0.0), some(0.06, 1.0));
     for projection in [Projection::Perspective, Projection::Orthographic] {
         let focal = match projection {
             Projection::Perspective => 64.0,
