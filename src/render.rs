@@ -779,7 +779,11 @@ impl Renderer {
     /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
     /// world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
-        self.data().flat_map(BlockedVolume::visible_boxes).collect()
+        let of_volume = |volume: &BlockedVolume| match &self.carried {
+            Some(transfer) if !volume.is_surface() => volume.visible_boxes_under(Some(transfer)),
+            _ => volume.visible_boxes(),
+        };
+        self.data().flat_map(of_volume).collect()
     }
 
     /// Middles and half extents of the boxes that hold all particles, grown by one standard

@@ -449,6 +449,9 @@ fn colours_come_back() {
         let fresh = [field(|x| 0.5 + x.x / 16.0, transfer)];
         let expected = draw(&fresh, &camera, &settings);
         assert!(difference(image, &expected) == 0.0);
+        // What is visible is what the function itself shows.
+        let fresh = Renderer::new(fresh.to_vec()).unwrap();
+        assert_eq!(renderer.visible_boxes(), fresh.visible_boxes());
     }
 }
 

@@ -220,7 +220,15 @@ impl BlockedVolume {
     /// standard deviation; world units. What the transfer function gives less than
     /// a hundredth of its greatest extinction does not count.
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
-        let (transfer, values) = match (&self.strength, &self.transfer_function, &self.values) {
+        self.visible_boxes_under(self.transfer_function.as_ref())
+    }
+
+    /// The same under another transfer function.
+    pub(crate) fn visible_boxes_under(
+        &self,
+        transfer: Option<&TransferFunction>,
+    ) -> Vec<(DVec3, DVec3)> {
+        let (transfer, values) = match (&self.strength, transfer, &self.values) {
             (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
                 let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
