@@ -62,10 +62,14 @@ impl Layers {
         tolerance: f64,
     ) -> Result<Option<Self>> {
         let rotation = camera.camera_from_world;
-        let kernels = SlabKernels::of(volumes);
+        // Sheets take kernels whole: nothing follows from these.
+        let mut kernels = SlabKernels::default();
         let (axis, phase, spacing) = match composite {
             Composite::Over => return Ok(None),
-            Composite::Slabs => (DVec3::Z, 0.0, kernels.thickness(tolerance)),
+            Composite::Slabs => {
+                kernels = SlabKernels::of(volumes);
+                (DVec3::Z, 0.0, kernels.thickness(tolerance))
+            }
             Composite::Sheets => (DVec3::Z, 0.0, sample_spacing(volumes)),
             Composite::AxisSheets => {
                 let (axis, place, spacing) = nearest_axis(volumes, rotation.row(2));
@@ -90,11 +94,9 @@ impl Layers {
         let number = ((first - phase) / thickness).floor() - 2.0;
         let count = ((last - phase) / thickness).ceil() + 2.0 - number;
         let bits = count.log2().ceil();
-        let mut least = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
-        if composite == Composite::Slabs {
-            least =
-                least.max(2.0 * f64::from(MAX_CUTOFF) * kernels.thickest() / f64::from(MOST_SLABS));
-        }
+        let least_of_keys = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
+        let reach = 2.0 * f64::from(MAX_CUTOFF) * kernels.thickest();
+        let least = least_of_keys.max(reach / f64::from(MOST_SLABS));
         // Phrased so that NaN is refused.
         if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0 && thickness >= least) {
             return Err(Error::format(
@@ -105,17 +107,12 @@ impl Layers {
                 "make it larger",
             ));
         }
-        let error = if composite == Composite::Slabs {
-            kernels.error(thickness)
-        } else {
-            0.0
-        };
         Ok(Some(Self {
             axis,
             near: phase + number * thickness,
             thickness,
             shift: DEPTH_KEY_BITS - bits.max(1.0) as u32,
-            error,
+            error: kernels.error(thickness),
         }))
     }
 
@@ -138,6 +135,7 @@ impl Layers {
 
 /// What the thickness of slabs follows from: of each visible block the greatest extinction that a kernel
 /// has where it is densest by itself, and the least and the greatest standard deviation.
+#[derive(Default)]
 struct SlabKernels(Vec<[f64; 3]>);
 
 impl SlabKernels {

@@ -532,15 +532,15 @@ impl PassFrame {
         let shade = drawn.iter().zip(&parts);
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
         // Layers that are classified are lit themselves.
-        let is_lit = frame.is_lit && (pass.is_surface() || !frame.post);
+        let is_classified = frame.post && !pass.is_surface();
+        let is_lit = frame.is_lit && !is_classified;
         let light = drawn.iter().zip(&parts).filter(|_| is_lit);
         let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
         let near = gpu.buffer("near kernels", near_bytes(room.near.max(1) as usize))?;
 
-        let no_classes = [[0.0_f32; 4]; CLASSIFICATION_TABLE_LEN];
-        let is_classified = frame.post && !pass.is_surface();
+        let no_classes = || vec![[0.0_f32; 4]; CLASSIFICATION_TABLE_LEN];
         let classes = is_classified
-            .then(|| gpu.uniform_list("classes of layers", &no_classes))
+            .then(|| gpu.uniform_list("classes of layers", &no_classes()))
             .transpose()?;
         let raster = pass.raster(gpu, frame);
         let (is_cut, exact, terms) = match raster {
