@@ -232,7 +232,7 @@ struct Span {
 fn add_to_layer(layer: u32, tau: f32, rest: f32, colour: vec3<f32>, depth: f32) {
     let at = layer % LAYER_SLOTS;
     ring[at] = ring[at] + vec4<f32>(tau * colour, tau);
-    if IS_CUT {
+    if HAS_SURFACE {
         divided = divided + vec4<f32>(rest * colour, rest);
     }
     if HAS_DEPTH && COMPOSITE != COMPOSITE_SLABS {
@@ -835,7 +835,9 @@ fn rasterise(
                             let at_slot = layer % SLOPE_SLOTS;
                             ring_slopes[at_slot] =
                                 with_slope(ring_slopes[at_slot], own_slope, light.x);
-                            divided_slopes = with_slope(divided_slopes, rest_slope, light.x);
+                            if HAS_SURFACE {
+                                divided_slopes = with_slope(divided_slopes, rest_slope, light.x);
+                            }
                         }
                         begin = end;
                         below = above;

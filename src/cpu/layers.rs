@@ -573,6 +573,12 @@ impl Add<'_> {
                 *end = end.max(*near).min(*far);
             }
             let above = row.shares_up_to::<FMA>(&ends, false);
+            if !self.has_surface {
+                let own = row.between(&below, &above);
+                self.ring.layers[place].add(first, own, self.footprint, has_depth);
+                below = above;
+                continue;
+            }
             let mut divide = divide_at;
             for lane in 0..TILE_SIZE {
                 // A layer behind the surface is all behind it.
@@ -582,12 +588,10 @@ impl Add<'_> {
             }
             let own = row.between(&below, &divide);
             self.ring.layers[place].add(first, own, self.footprint, has_depth);
-            if self.has_surface {
-                let behind = row.between(&divide, &above);
-                self.ring
-                    .divided
-                    .add(first, behind, self.footprint, has_depth);
-            }
+            let behind = row.between(&divide, &above);
+            self.ring
+                .divided
+                .add(first, behind, self.footprint, has_depth);
             below = above;
         }
     }
@@ -606,7 +610,7 @@ impl Add<'_> {
             spans.copied()
         };
         let nears = of_rays(|s| &s.near).unwrap_or(NONE.map(|x| -x));
-        let middles = of_rays(|s| &s.middle);
+        let middles = of_rays(|s| &s.middle).filter(|_| self.has_surface);
         let fars = of_rays(|s| &s.far).unwrap_or(NONE);
         let mut begins = nears;
         let mut below = RowEdge::new::<FMA>(row, &begins);
@@ -633,10 +637,6 @@ impl Add<'_> {
                 }
                 let divide = RowEdge::new::<FMA>(row, &divides);
                 own.add(first, row, slope, [&below, &divide], carried);
-                if !self.has_surface {
-                    (begins, below) = (ends, above);
-                    continue;
-                }
                 let behind = self.ring.divided.slopes.get_or_insert_default();
                 behind.add(first, row, slope, [&divide, &above], carried);
             } else {
