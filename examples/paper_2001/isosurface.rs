@@ -7,13 +7,13 @@
 use std::f64::consts::TAU;
 
 use ewa_splat::scene::{PointVolume, TransferFunction, Values};
-use ewa_splat::view::{Camera, Lens, Viewpoint};
+use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DVec2, DVec3};
 
-use crate::papers::Arguments;
 use crate::papers::pictures::table_of;
 use crate::papers::volumes::{Volume, engine, head, transfer};
+use crate::papers::{Arguments, fitted_camera};
 
 /// Cells along each side of the ball's volume, and its radius.
 const CELLS: usize = 48;
@@ -75,15 +75,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         surface(&data, value, 0.2)?,
     ] {
         let mut renderer = Renderer::new(scene)?;
-        let view = Viewpoint {
-            azimuth_deg: 30.0,
-            elevation_deg: 30.0,
-            zoom: 1.0,
-            up: DVec3::Z,
+        let Some(camera) = fitted_camera(&renderer, arguments.size) else {
+            continue;
         };
-        let size = [arguments.size; 2];
-        let camera = view.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), size);
-        let Some(camera) = camera else { continue };
         let settings = Settings {
             background: Some([0.0; 3]),
             ..Settings::default()

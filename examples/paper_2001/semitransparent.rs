@@ -6,13 +6,13 @@
 use ewa_splat::measure::compare;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::scene::TransferFunction;
-use ewa_splat::view::{Camera, Lens, Viewpoint};
+use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::DVec3;
 
-use crate::papers::Arguments;
 use crate::papers::pictures::table_of;
 use crate::papers::volumes::{Volume, engine, head, transfer};
+use crate::papers::{Arguments, fitted_camera};
 
 /// Voxels along each side of the piece, pixels of its picture.
 const PIECE: usize = 16;
@@ -42,14 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let series = series(value)?;
     // The same for all: what the fullest shows.
     let fullest = Renderer::new(data.scene(None, &series[2].2)?)?;
-    let view = Viewpoint {
-        azimuth_deg: 30.0,
-        elevation_deg: 30.0,
-        zoom: 1.0,
-        up: DVec3::Z,
-    };
-    let size = [arguments.size; 2];
-    let Some(camera) = view.camera(&fullest.visible_boxes(), Lens::FovDeg(30.0), size) else {
+    let Some(camera) = fitted_camera(&fullest, arguments.size) else {
         println!("nothing to see");
         return Ok(());
     };

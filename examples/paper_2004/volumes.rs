@@ -3,12 +3,12 @@
 use ewa_splat::measure::{PAPER_THRESHOLDS, compare};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::splat::Filter;
-use ewa_splat::view::{Camera, Lens, Viewpoint};
+use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;
 
 use crate::papers::volumes::{Volume, engine, head, nucleon, transfer};
-use crate::papers::{Arguments, times};
+use crate::papers::{Arguments, fitted_camera, times};
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     println!(
@@ -51,14 +51,7 @@ pub(crate) fn volumes(size: usize) -> Result<Vec<(Volume, TransferFunction)>> {
 
 /// All of it, and from so far that a voxel is a fraction of a pixel.
 fn views(renderer: &Renderer, size: usize) -> Vec<(&'static str, Camera)> {
-    let view = Viewpoint {
-        azimuth_deg: 30.0,
-        elevation_deg: 30.0,
-        zoom: 1.0,
-        up: DVec3::Z,
-    };
-    let fitted = view.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), [size; 2]);
-    let Some(fitted) = fitted else {
+    let Some(fitted) = fitted_camera(renderer, size) else {
         return Vec::new();
     };
     let middle = DVec3::ZERO;

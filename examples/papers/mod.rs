@@ -9,8 +9,9 @@ pub(crate) mod volumes;
 use std::path::PathBuf;
 
 use ewa_splat::io::write_image;
-use ewa_splat::view::Camera;
+use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Error, Image, Renderer, Result, Settings};
+use glam::DVec3;
 
 /// `FIGURE [FOLDER [SIZE [FRAMES]]]`.
 #[derive(Debug)]
@@ -78,6 +79,17 @@ impl Arguments {
 
 /// Prints a table and writes pictures.
 pub(crate) type Experiment = fn(&Arguments) -> Result<()>;
+
+/// The camera that sees all that a renderer shows, 30 degrees from the side and from above.
+pub(crate) fn fitted_camera(renderer: &Renderer, size: usize) -> Option<Camera> {
+    let view = Viewpoint {
+        azimuth_deg: 30.0,
+        elevation_deg: 30.0,
+        zoom: 1.0,
+        up: DVec3::Z,
+    };
+    view.camera(&renderer.visible_boxes(), Lens::FovDeg(30.0), [size; 2])
+}
 
 /// The middle one.
 pub(crate) fn median(times: &mut [f64]) -> f64 {

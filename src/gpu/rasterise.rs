@@ -161,26 +161,16 @@ impl Rasterise {
 
     /// - `surface`: its pixels; of any buffer where there is none.
     /// - `post`: what [`classes`] gives and lighting, where layers are classified.
-    pub(super) fn bind(
+    pub(super) fn bind<'a>(
         &self,
         gpu: &Gpu,
-        b: &TileBuffers<'_>,
-        pixels: &wgpu::Buffer,
-        surface: &wgpu::Buffer,
-        post: Option<[&wgpu::Buffer; 2]>,
+        b: &TileBuffers<'a>,
+        pixels: &'a wgpu::Buffer,
+        surface: &'a wgpu::Buffer,
+        post: Option<[&'a wgpu::Buffer; 2]>,
     ) -> BoundTiles {
-        let mut buffers = vec![
-            b.chunk,
-            b.view,
-            b.tile_ranges,
-            b.tile_lists,
-            b.footprints,
-            b.terms,
-            b.near,
-            pixels,
-            b.progress,
-            surface,
-        ];
+        let mut buffers = b.with(pixels).to_vec();
+        buffers.push(surface);
         buffers.extend(post.into_iter().flatten());
         BoundTiles {
             kernel: self.kernel.bind(gpu, &buffers),

@@ -95,20 +95,7 @@ impl Surface {
         layers: &wgpu::Buffer,
         pixels: &wgpu::Buffer,
     ) -> BoundSurface {
-        let kernel = self.kernel.bind(
-            gpu,
-            &[
-                b.chunk,
-                b.view,
-                b.tile_ranges,
-                b.tile_lists,
-                b.footprints,
-                b.terms,
-                b.near,
-                layers,
-                b.progress,
-            ],
-        );
+        let kernel = self.kernel.bind(gpu, &b.with(layers));
         BoundSurface {
             tiles: BoundTiles {
                 kernel,

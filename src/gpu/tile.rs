@@ -102,6 +102,23 @@ pub(super) struct TileBuffers<'a> {
     pub(super) progress: &'a wgpu::Buffer,
 }
 
+impl<'a> TileBuffers<'a> {
+    /// The bindings that all rasterisers begin with; `pixels`: what they write.
+    pub(super) fn with(&self, pixels: &'a wgpu::Buffer) -> [&'a wgpu::Buffer; 9] {
+        [
+            self.chunk,
+            self.view,
+            self.tile_ranges,
+            self.tile_lists,
+            self.footprints,
+            self.terms,
+            self.near,
+            pixels,
+            self.progress,
+        ]
+    }
+}
+
 /// The near terms as the device keeps them: their number, then the terms, room for one at least.
 pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
     let mut words = vec![near.len() as u32];

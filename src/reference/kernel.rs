@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::PixelFilter;
-use crate::scene::{Colour, Particles, PointVolume, Strength};
+use crate::scene::{Colour, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 
 /// How many standard deviations a kernel reaches: beyond, e^(-49/2) = 2e-11 of its peak.
@@ -53,7 +53,7 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
         let class = |i: usize| classes.map_or([0.0; 4], |(v, t)| t.classify(v.get(i)));
         for i in 0..volume.particles.len() {
             let class = class(i);
-            let (position, factor, cell_volume) = shape(&volume.particles, i);
+            let (position, factor, cell_volume) = volume.particles.shape(i);
             let mass = match &volume.strength {
                 Strength::Classified { volumes } => {
                     f64::from(class[3]) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
@@ -84,45 +84,6 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
         }
     }
     out
-}
-
-/// Position, factor and, of a lattice, the volume of the cell.
-fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, f64) {
-    match particles {
-        Particles::Lattice {
-            lattice,
-            kernel_width,
-        } => {
-            let [nx, ny, _] = lattice.dims;
-            let cell = [i % nx, i / nx % ny, i / (nx * ny)];
-            let step = lattice.step(cell);
-            let volume = step.determinant().abs();
-            (lattice.position(cell), step * *kernel_width, volume)
-        }
-        Particles::Isotropic { positions, sigmas } => (
-            positions[i],
-            DMat3::from_diagonal(DVec3::splat(f64::from(sigmas[i]))),
-            0.0,
-        ),
-        Particles::Anisotropic { positions, factors } => {
-            let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-            let factor = DMat3::from_cols(
-                DVec3::new(l00, l10, l20),
-                DVec3::new(0.0, l11, l21),
-                DVec3::new(0.0, 0.0, l22),
-            );
-            (positions[i], factor, 0.0)
-        }
-        Particles::Surfels {
-            positions,
-            tangents,
-            ..
-        } => {
-            let [ax, ay, az, bx, by, bz] = tangents[i].map(f64::from);
-            let (a, b) = (DVec3::new(ax, ay, az), DVec3::new(bx, by, bz));
-            (positions[i], DMat3::from_cols(a, b, DVec3::ZERO), 0.0)
-        }
-    }
 }
 
 impl Kernel {

@@ -86,7 +86,12 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
             if !is_shown(i) {
                 return None;
             }
-            let kernel = kernel(&volume.particles, volumes, i);
+            let (centre, factor, of_cell) = volume.particles.shape(i);
+            let kernel = Kernel {
+                centre,
+                factor,
+                volume: volumes.get(i).map_or(of_cell, |&v| f64::from(v)),
+            };
             let slice = slice(&kernel, plane)?;
             let is_left = planes.iter().enumerate().all(|(o, other)| {
                 o == p || other.inside(slice.position) >= -REACH * slice.sigma_along(other.normal)
@@ -156,48 +161,6 @@ struct Kernel {
     centre: DVec3,
     factor: DMat3,
     volume: f64,
-}
-
-fn kernel(particles: &Particles, volumes: &[f32], i: usize) -> Kernel {
-    let volume = |of_cell: f64| volumes.get(i).map_or(of_cell, |&v| f64::from(v));
-    match particles {
-        Particles::Lattice {
-            lattice,
-            kernel_width,
-        } => {
-            let [nx, ny, _] = lattice.dims;
-            let cell = [i % nx, i / nx % ny, i / (nx * ny)];
-            let step = lattice.step(cell);
-            Kernel {
-                centre: lattice.position(cell),
-                factor: step * *kernel_width,
-                volume: volume(step.determinant().abs()),
-            }
-        }
-        Particles::Isotropic { positions, sigmas } => Kernel {
-            centre: positions[i],
-            factor: DMat3::from_diagonal(DVec3::splat(sigmas[i].into())),
-            volume: volume(0.0),
-        },
-        Particles::Anisotropic { positions, factors } => {
-            let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-            Kernel {
-                centre: positions[i],
-                factor: DMat3::from_cols(
-                    DVec3::new(l00, l10, l20),
-                    DVec3::new(0.0, l11, l21),
-                    DVec3::new(0.0, 0.0, l22),
-                ),
-                volume: volume(0.0),
-            }
-        }
-        // Refused before.
-        Particles::Surfels { positions, .. } => Kernel {
-            centre: positions[i],
-            factor: DMat3::ZERO,
-            volume: 0.0,
-        },
-    }
 }
 
 /// What a plane cuts out of a kernel.

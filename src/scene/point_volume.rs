@@ -1,6 +1,6 @@
 //! The volume as the renderer takes it: particles with a shape, a strength and a colour.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::{Lattice, TransferFunction, Values};
 use crate::error::{Error, Result};
@@ -142,6 +142,46 @@ impl Particles {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Of a particle: its centre, a factor L of its variance V = L Lᵀ, world units, and of a lattice's
+    /// cell the volume, 0 of others.
+    pub(crate) fn shape(&self, i: usize) -> (DVec3, DMat3, f64) {
+        match self {
+            Self::Lattice {
+                lattice,
+                kernel_width,
+            } => {
+                let [nx, ny, _] = lattice.dims;
+                let cell = [i % nx, i / nx % ny, i / (nx * ny)];
+                let step = lattice.step(cell);
+                let volume = step.determinant().abs();
+                (lattice.position(cell), step * *kernel_width, volume)
+            }
+            Self::Isotropic { positions, sigmas } => (
+                positions[i],
+                DMat3::from_diagonal(DVec3::splat(f64::from(sigmas[i]))),
+                0.0,
+            ),
+            Self::Anisotropic { positions, factors } => {
+                let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
+                let factor = DMat3::from_cols(
+                    DVec3::new(l00, l10, l20),
+                    DVec3::new(0.0, l11, l21),
+                    DVec3::new(0.0, 0.0, l22),
+                );
+                (positions[i], factor, 0.0)
+            }
+            Self::Surfels {
+                positions,
+                tangents,
+                ..
+            } => {
+                let [ax, ay, az, bx, by, bz] = tangents[i].map(f64::from);
+                let (a, b) = (DVec3::new(ax, ay, az), DVec3::new(bx, by, bz));
+                (positions[i], DMat3::from_cols(a, b, DVec3::ZERO), 0.0)
+            }
+        }
     }
 }
 

@@ -164,9 +164,7 @@ impl TransferFunction {
     /// Linear red, green, blue and the extinction \[1/length\] of the value at a share of the range.
     #[inline]
     pub(crate) fn classify_share(&self, share: f32) -> [f32; 4] {
-        let (i, s) = table_segment(share * (CLASSIFICATION_TABLE_LEN - 1) as f32);
-        let (a, b) = (&self.table[i], &self.table[i + 1]);
-        [0, 1, 2, 3].map(|c| a[c] + (b[c] - a[c]) * s)
+        self.between(table_segment(share * (CLASSIFICATION_TABLE_LEN - 1) as f32))
     }
 
     /// From a finished table of [`CLASSIFICATION_TABLE_LEN`] entries and a widened range.
@@ -202,14 +200,14 @@ impl TransferFunction {
         if value.is_nan() {
             return [0.0; 4];
         }
-        let (i, s) = self.position(value);
+        self.between(self.position(value))
+    }
+
+    /// What stands between an entry of the table and the next.
+    #[inline]
+    fn between(&self, (i, s): (usize, f32)) -> [f32; 4] {
         let (a, b) = (&self.table[i], &self.table[i + 1]);
-        [
-            a[0] + (b[0] - a[0]) * s,
-            a[1] + (b[1] - a[1]) * s,
-            a[2] + (b[2] - a[2]) * s,
-            a[3] + (b[3] - a[3]) * s,
-        ]
+        [0, 1, 2, 3].map(|c| a[c] + (b[c] - a[c]) * s)
     }
 
     /// The entry below a value, at most the last but one, and the fraction to the next.

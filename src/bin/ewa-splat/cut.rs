@@ -9,7 +9,8 @@ use ewa_splat::{Error, Result};
 #[derive(Args)]
 #[command(next_help_heading = "Method")]
 pub(crate) struct CutOptions {
-    /// Show the field on the planes of --clip, in the transfer function's colours, opaque
+    /// Show the field on the planes of --clip, opaque and (unless --lit) in the transfer function's
+    /// colours
     #[arg(long, requires = "clip", conflicts_with_all = ["reference", "column_density"])]
     pub(crate) cut_faces: bool,
 }
