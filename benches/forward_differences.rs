@@ -2,7 +2,7 @@
 //!
 //! The paper updates the radial index Q along a row of pixels by two additions each and looks
 //! exp(-Q/2) up in a table. The renderer evaluates Q from its triangular form and the exponential by a
-//! series, each pixel for itself (`src/cpu/lanes.rs`). Printed first: the largest error, as a share
+//! series, each pixel for itself (`src/cpu/tile/accumulate/over.rs`). Printed first: the largest error, as a share
 //! of the footprint's peak; then the time per pixel, both compiled for the processor's vectors.
 //!
 //! On an AMD EPYC with AVX2 direct evaluation takes .42 to .65 ns a pixel, forward differences 3 to 3.7

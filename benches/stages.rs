@@ -21,6 +21,7 @@ use ewa_splat::cpu::{
     Bins, RasteriseSettings, Tile, bin, classify, count_classified, rasterise, resolve, sort,
 };
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::splat::Axes;
 use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
@@ -126,7 +127,7 @@ fn stages(c: &mut Criterion) {
             b.iter(|| {
                 bin(
                     &frame.footprints,
-                    &frame.exact,
+                    frame.terms(),
                     &frame.order,
                     frame.tiles,
                     &mut bins,
@@ -139,11 +140,13 @@ fn stages(c: &mut Criterion) {
     for (name, frame) in [("affine", &frame), ("exact", &exact), ("round", &round)] {
         let bins = frame.bins();
         let raster = RasteriseSettings {
-            composite: ewa_splat::splat::Composite::Over,
-            linear_opacity: false,
-            depth: false,
-            count: false,
-            exact: frame.any_exact,
+            axes: Axes {
+                linear_opacity: false,
+                depth: false,
+                count: false,
+                may_be_exact: frame.any_exact,
+                ..Axes::default()
+            },
             level: frame.settings.simd,
         };
         let mut draw = || {

@@ -10,9 +10,8 @@ use std::path::Path;
 
 use ewa_splat::measure::median_times;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::{Error, Renderer, Result, Settings, io};
+use ewa_splat::{Renderer, Result, Settings, io};
 use glam::DVec3;
-use plotters::prelude::*;
 use scenes::{camera, uniform};
 
 /// Optical depth through the cube, on average.
@@ -56,9 +55,7 @@ fn main() -> Result<()> {
         count *= 10;
     }
     if let Some(path) = arguments.get(1) {
-        let svg = plot(&rows)
-            .map_err(|e| Error::format(path, "plot", "a drawing", e.to_string(), "report this"))?;
-        io::write_bytes_atomically(Path::new(path), svg.as_bytes())?;
+        io::write_bytes_atomically(Path::new(path), plot(&rows).as_bytes())?;
     }
     Ok(())
 }
@@ -143,57 +140,67 @@ fn spheres(count: usize) -> PointVolume {
 }
 
 /// Milliseconds against particles, both logarithmic, as SVG.
-fn plot(rows: &[Row]) -> std::result::Result<String, Box<dyn std::error::Error>> {
-    let counts = || rows.iter().map(|row| row.count as f64);
-    let all_ms = || rows.iter().flat_map(|row| row.ms);
+fn plot(rows: &[Row]) -> String {
+    const INK: [&str; 2] = ["#b33c2e", "#2b2f36"];
+    /// Left, right, top and bottom of the plot in a picture of 720 x 480 pixels.
+    const FRAME: [f64; 4] = [76.0, 680.0, 12.0, 420.0];
+    let [left, right, top, bottom] = FRAME;
     // Whole decades, whose ends have labels.
-    let range = |values: &mut dyn Iterator<Item = f64>| {
+    let decades = |values: &mut dyn Iterator<Item = f64>| {
         let logs = values.map(f64::log10);
         let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
             (a.min(v.floor()), b.max(v.ceil()))
         });
-        (10_f64.powf(low)..10_f64.powf(high.max(low + 1.0))).log_scale()
+        (low, high.max(low + 1.0))
     };
-    let mut svg = String::new();
-    let root = SVGBackend::with_string(&mut svg, (720, 480)).into_drawing_area();
-    root.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&root)
-        .margin(12)
-        .margin_right(40)
-        .x_label_area_size(48)
-        .y_label_area_size(64)
-        .build_cartesian_2d(range(&mut counts()), range(&mut all_ms()))?;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .x_label_formatter(&|x| format!("{x:.0}"))
-        .y_label_formatter(&|y| {
-            if *y < 1.0 {
-                y.to_string()
-            } else {
-                format!("{y:.0}")
-            }
-        })
-        .x_desc("particles")
-        .y_desc("milliseconds per frame")
-        .draw()?;
-    let ink = [RGBColor(0xb3, 0x3c, 0x2e), RGBColor(0x2b, 0x2f, 0x36)];
-    for (i, name) in ["with level of detail", "without"].into_iter().enumerate() {
-        let points = || rows.iter().map(|row| (row.count as f64, row.ms[i]));
-        chart
-            .draw_series(LineSeries::new(points(), ink[i].stroke_width(2)))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], ink[i]));
-        chart.draw_series(points().map(|at| Circle::new(at, 4, ink[i].filled())))?;
+    let (first, last) = decades(&mut rows.iter().map(|row| row.count as f64));
+    let (least, most) = decades(&mut rows.iter().flat_map(|row| row.ms));
+    let x = |count: f64| left + (count.log10() - first) / (last - first) * (right - left);
+    let y = |ms: f64| bottom - (ms.log10() - least) / (most - least) * (bottom - top);
+    // From one whole logarithm to another.
+    let powers = |low: f64, high: f64| {
+        let logs = std::iter::successors(Some(low), |log| Some(log + 1.0));
+        let logs = logs.take_while(move |log| *log <= high).take(20);
+        logs.map(|log| 10_f64.powf(log))
+    };
+    let number = |x: f64| {
+        if x < 1.0 {
+            x.to_string()
+        } else {
+            format!("{x:.0}")
+        }
+    };
+
+    let mut svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"720\" height=\"480\" \
+                   font-family=\"sans-serif\" font-size=\"13\" text-anchor=\"middle\">\n\
+                   <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
+        .to_owned();
+    for count in powers(first, last) {
+        let (x, count) = (x(count), number(count));
+        svg += &format!("<path d=\"M{x:.1} {top}V{bottom}\" stroke=\"#ccc\"/>");
+        svg += &format!("<text x=\"{x:.1}\" y=\"440\">{count}</text>\n");
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
-        .border_style(BLACK.mix(0.3))
-        .background_style(WHITE)
-        .draw()?;
-    root.present()?;
-    drop(chart);
-    drop(root);
-    Ok(svg)
+    for ms in powers(least, most) {
+        let (y, ms) = (y(ms), number(ms));
+        svg += &format!("<path d=\"M{left} {y:.1}H{right}\" stroke=\"#ccc\"/>");
+        svg += &format!("<text x=\"48\" y=\"{y:.1}\" dy=\".35em\">{ms}</text>\n");
+    }
+    svg += "<text x=\"378\" y=\"466\">particles</text>\n\
+            <text transform=\"translate(18 216) rotate(-90)\">milliseconds per frame</text>\n";
+    for (i, name) in ["with level of detail", "without"].into_iter().enumerate() {
+        let ink = INK[i];
+        let points = rows.iter().map(|row| (x(row.count as f64), y(row.ms[i])));
+        let places: Vec<String> = points
+            .clone()
+            .map(|(x, y)| format!("{x:.1},{y:.1}"))
+            .collect();
+        let line = places.join(" ");
+        svg += &format!("<polyline points=\"{line}\" fill=\"none\" stroke=\"{ink}\"/>\n");
+        for (x, y) in points {
+            svg += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"{ink}\"/>");
+        }
+        let below = 32 + 20 * i;
+        svg += &format!("<text x=\"170\" y=\"{below}\" fill=\"{ink}\">{name}</text>\n");
+    }
+    svg + "</svg>\n"
 }

@@ -4,7 +4,7 @@
 //!
 //!     cargo run --example make_fixtures [FOLDER]
 //!
-//! The files are the same bytes on every machine; `tests/fixtures.rs` compares them.
+//! The files are the same bytes on every machine; `tests/data/fixtures.rs` compares them.
 
 mod fixtures;
 

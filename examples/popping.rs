@@ -12,9 +12,9 @@
     reason = "colours and masses are f32"
 )]
 
+use ewa_splat::Composite;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Composite;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
@@ -200,21 +200,23 @@ fn main() -> Result<()> {
     let mut renderer = Renderer::new(vec![scene])?;
     for composite in Composite::ALL {
         let thicknesses: &[Option<f64>] = match composite {
-            Composite::Over => &[None],
-            Composite::Slabs => &[None, Some(0.4), Some(0.2), Some(0.1)],
-            Composite::Sheets | Composite::AxisSheets => &[Some(0.4), Some(0.2), Some(0.1)],
+            Composite::Slabs { .. } => &[None, Some(0.4), Some(0.2), Some(0.1)],
+            Composite::Sheets { .. } | Composite::AxisSheets { .. } => {
+                &[Some(0.4), Some(0.2), Some(0.1)]
+            }
+            // Without layers.
+            _ => &[None],
         };
-        for &layer_thickness in thicknesses {
+        for &thickness in thicknesses {
             let settings = Settings {
-                composite,
-                layer_thickness,
+                composite: composite.with_thickness(thickness),
                 tolerance: 1e-3,
                 ..Settings::default()
             };
             let images = (0..FRAMES)
                 .map(|n| Ok(renderer.render(&camera(n), &settings)?.clone()))
                 .collect::<Result<Vec<_>>>()?;
-            let thickness = layer_thickness.map_or(String::new(), |d| format!(", {d} thick"));
+            let thickness = thickness.map_or(String::new(), |d| format!(", {d} thick"));
             show(&format!("{}{thickness}", composite.name()), &images);
         }
     }

@@ -12,7 +12,7 @@ use std::time::Instant;
 use ewa_splat::blocks::{BlockedVolume, cull};
 use ewa_splat::cpu;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::layout::{ClassifiedParticle, LightingUniform};
+use ewa_splat::record::{ClassifiedParticle, LightingUniform};
 use ewa_splat::sample::{SampleOptions, volume};
 use ewa_splat::scene::Lighting;
 use ewa_splat::view::{Lens, Viewpoint};

@@ -22,7 +22,7 @@ struct BinStep {
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> entry_footprints: array<u32>;
 
-// Whether there are exact terms.
+// Whether there are exact terms, or what lies in their place.
 override EXACT: bool = true;
 
 // Tiles that each thread's footprint touches, as far as they are found.
@@ -88,8 +88,8 @@ fn is_known(tiles: TileBox) -> bool {
     return bin_step.emit == 0u && !tiles.test;
 }
 
-// Every tile of the band that holds a pixel centre within the cut-off of footprint k, by the exact test of ellipse
-// against rectangle: the tiles `begin`, `begin + stride`, ... of its box. In any order: a footprint meets a tile once,
+// Every tile of the band that holds a pixel centre within the cut-off of footprint k, by the exact test of its
+// outline against rectangles: the tiles `begin`, `begin + stride`, ... of its box. In any order: a footprint meets a tile once,
 // and the sort by tile keeps the footprints' order.
 fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     let footprint = footprints[k];
@@ -98,9 +98,9 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
         atomicStore(&found[owner], tiles.count);
         return;
     }
-    var conic: Conic;
+    var outline: Outline;
     if tiles.test {
-        conic = conic_new(footprint, k);
+        outline = outline_of(footprint, k);
     }
     let box_first = vec2<u32>(footprint.columns & 0xffffu, footprint.rows & 0xffffu);
     let box_end = vec2<u32>(footprint.columns >> 16u, footprint.rows >> 16u);
@@ -117,7 +117,8 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
             // The pixel centres of the tile that lie in the box.
             let lower = vec2<f32>(max(tile * TILE_SIZE, box_first));
             let upper = vec2<f32>(min((tile + 1u) * TILE_SIZE, box_end));
-            touched = conic_touches(conic, lower + 0.5, upper - 0.5);
+            let centre = footprint.centre_px;
+            touched = outline_touches(outline, lower + 0.5 - centre, upper - 0.5 - centre);
         }
         if touched {
             let n = atomicAdd(&found[owner], 1u);
@@ -131,107 +132,46 @@ fn for_each_tile(k: u32, owner: u32, begin: u32, stride: u32) {
     }
 }
 
-// The cut-off's outline: Q(d) - r² w(d) = 0, a convex quadratic of the pixel offset.
-struct Conic {
-    centre_px: vec2<f32>,
-    p: vec2<f32>,
-    r: vec2<f32>,
-    // r² times the gradient and Hessian of w; zero on affine paths.
-    gradient: vec2<f32>,
-    hessian: vec3<f32>,
-    cutoff_squared: f32,
-    // Where the quadratic is least, relative to the centre.
-    middle: vec2<f32>,
+// The outline of a footprint's cut-off.
+struct Outline {
+    // Whether it is a surfel's that follows the homography of its plane.
+    is_plane: bool,
+    kernel: KernelOutline,
+    plane: PlaneOutline,
 }
 
-fn conic_new(footprint: Footprint, k: u32) -> Conic {
+fn outline_of(footprint: Footprint, k: u32) -> Outline {
+    var outline: Outline;
+    let p = footprint.form_p;
+    let r = footprint.form_r;
     let r2 = footprint.cutoff_squared;
-    var conic = Conic(
-        footprint.centre_px,
-        footprint.form_p,
-        footprint.form_r,
-        vec2<f32>(),
-        vec3<f32>(),
-        r2,
-        vec2<f32>(),
-    );
+    if EXACT && footprint.path == PATH_SURFEL {
+        // `SurfelTerms`, word by word: the nearness and whether it follows a homography.
+        let terms = exact[k];
+        let nearness = terms.hessian[0];
+        let homography = terms.hessian[2];
+        if is_above(homography, 0.0) {
+            outline.is_plane = true;
+            let gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]) / nearness;
+            outline.plane = plane_outline(p, r, r2, gradient);
+            return outline;
+        }
+    }
     if EXACT && (footprint.path & 3u) == PATH_EXACT {
         let terms = exact[k];
-        conic.gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]) * r2;
-        conic.hessian = vector(terms.hessian) * r2;
-        let abc = conic_second(conic);
-        let determinant = abc.x * abc.z - abc.y * abc.y;
-        if determinant > 0.0 && !is_nan(determinant) {
-            let g = conic.gradient * 0.5;
-            conic.middle =
-                vec2<f32>(abc.z * g.x - abc.y * g.y, abc.x * g.y - abc.y * g.x) / determinant;
-        }
+        let gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]);
+        outline.kernel = kernel_exact(p, r, r2, gradient, vector(terms.hessian));
+        return outline;
     }
-    return conic;
+    outline.kernel = kernel_affine(p, r, r2);
+    return outline;
 }
 
-// Coefficients of dx², 2 dx dy and dy².
-fn conic_second(conic: Conic) -> vec3<f32> {
-    let p = conic.p;
-    let r = conic.r;
-    return vec3<f32>(
-        p.x * p.x + r.x * r.x - conic.hessian.x,
-        p.x * p.y + r.x * r.y - 0.5 * conic.hessian.y,
-        p.y * p.y + r.y * r.y - conic.hessian.z,
-    );
-}
-
-fn conic_value(conic: Conic, d: vec2<f32>) -> f32 {
-    let h = conic.hessian;
-    let pd = dot2(conic.p, d);
-    let rd = dot2(conic.r, d);
-    let q = pd * pd + rd * rd;
-    let w = dot2(conic.gradient, d) + h.x * d.x * d.x + h.y * d.x * d.y + h.z * d.y * d.y;
-    return q - w - conic.cutoff_squared;
-}
-
-// Whether a point is inside. Not a number counts as inside, as it does on the CPU.
-fn conic_inside(conic: Conic, d: vec2<f32>) -> bool {
-    let value = conic_value(conic, d);
-    // A hair of slack: the value of a needle's edge is a difference of large numbers.
-    return is_nan(value) || !(value > conic.cutoff_squared * 1e-4);
-}
-
-// Between two numbers; the lower one for what is not a number.
-fn clamped(x: f32, lower: f32, upper: f32) -> f32 {
-    return select(min(max(x, lower), upper), lower, is_nan(x));
-}
-
-// Whether the rectangle between two points (pixels) meets the inside. The least value in a rectangle that does not
-// hold the middle lies on an edge that faces it.
-fn conic_touches(conic: Conic, lower_px: vec2<f32>, upper_px: vec2<f32>) -> bool {
-    let lower = lower_px - conic.centre_px;
-    let upper = upper_px - conic.centre_px;
-    if is_nan(lower.x) || is_nan(lower.y) {
-        return true;
+fn outline_touches(outline: Outline, lower: vec2<f32>, upper: vec2<f32>) -> bool {
+    if outline.is_plane {
+        return plane_touches(outline.plane, lower, upper);
     }
-    let middle = conic.middle;
-    let nearest = vec2<f32>(
-        clamped(middle.x, lower.x, upper.x),
-        clamped(middle.y, lower.y, upper.y),
-    );
-    let beside = nearest.x != middle.x || is_nan(middle.x);
-    let above = nearest.y != middle.y || is_nan(middle.y);
-    if !beside && !above {
-        return true;
-    }
-    let abc = conic_second(conic);
-    if beside {
-        let y = (0.5 * conic.gradient.y - abc.y * nearest.x) / abc.z;
-        if conic_inside(conic, vec2<f32>(nearest.x, clamped(y, lower.y, upper.y))) {
-            return true;
-        }
-    }
-    if above {
-        let x = (0.5 * conic.gradient.x - abc.y * nearest.y) / abc.x;
-        return conic_inside(conic, vec2<f32>(clamped(x, lower.x, upper.x), nearest.y));
-    }
-    return false;
+    return kernel_touches(outline.kernel, lower, upper);
 }
 
 struct BinCapacity {

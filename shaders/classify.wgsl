@@ -1,18 +1,15 @@
-// Stage: from values to masses and colours, per particle, once. A workgroup is a view, a thread a
+// Stage: from values to masses and colours, or to signed amplitudes, per particle, once. A workgroup is a view, a thread a
 // particle of its block. Counting and emitting share `visit`; should a compiler round the two
 // differently all the same, a view keeps to its places. Colours that depend on the view are left to
 // shade.wgsl.
-// Twin: src/cpu/classify.rs.
+// Twins: src/cpu/classify.rs, src/cpu/amplitude.rs.
 //
 // Passes: classify_count, a prefix sum of `counts`, classify_place, classify_emit.
 
 // What kinds of data a part has; `Kinds` of src/gpu/scene.rs.
 override VALUES: u32 = VALUES_NONE;
 override STRENGTH: u32 = STRENGTH_GIVEN;
-override COLOUR: u32 = COLOUR_CLASSIFIED;
 override IS_LATTICE: bool = false;
-// Of merged points: each strength is followed by the particle's clump.
-override HAS_CLUMPS: bool = false;
 
 @group(0) @binding(0) var<uniform> bricks: BrickUniform;
 @group(0) @binding(1) var<storage, read_write> state: PartState;
@@ -26,10 +23,9 @@ override HAS_CLUMPS: bool = false;
 @group(0) @binding(5) var<storage, read_write> arguments: array<u32>;
 // One per particle; of a lattice's cells their one volume, or their widths along x, y and z.
 @group(0) @binding(6) var<storage, read> strengths: array<f32>;
-@group(0) @binding(7) var<storage, read> transfer: TransferTable;
-@group(0) @binding(8) var<storage, read> colours: array<f32>;
+// Bindings 7 and 8 are of classify/class.wgsl, or 7 is of classify/amplitude.wgsl.
 
-// What the transfer function and the strengths make of a particle.
+// What classify/class.wgsl or classify/amplitude.wgsl makes of a particle.
 struct Visit {
     // Its index in arrays of one entry per particle.
     index: u32,
@@ -65,12 +61,6 @@ fn brick_corner(block: u32) -> vec3<u32> {
     return vec3<u32>(brick % x, brick / x % y, brick / (x * y)) * vec3<u32>(BRICK_X, BRICK_Y, BRICK_Z);
 }
 
-fn cell_volume(cell: vec3<u32>) -> f32 {
-    let y = bricks.dims.x + cell.y;
-    let z = bricks.dims.x + bricks.dims.y + cell.z;
-    return strengths[cell.x] * strengths[y] * strengths[z];
-}
-
 // Particle `local` of a block; of no mass where the block has no such particle.
 fn visit(block: u32, local: u32) -> Visit {
     let b = blocks[block];
@@ -84,64 +74,7 @@ fn visit(block: u32, local: u32) -> Visit {
     } else if local >= b.count {
         return particle;
     }
-    if VALUES != VALUES_NONE {
-        particle.class_of_value = class_at(particle.index);
-    }
-    if STRENGTH == STRENGTH_GIVEN {
-        particle.mass = as_clump(strength_at(particle.index), particle.index);
-        return particle;
-    }
-    // Most cells of most volumes end here.
-    if !is_positive(particle.class_of_value.w) {
-        return particle;
-    }
-    var volume = 0.0;
-    if STRENGTH == STRENGTH_CELL {
-        volume = strengths[0];
-    } else if STRENGTH == STRENGTH_WIDTHS {
-        volume = cell_volume(cell);
-    } else {
-        volume = strength_at(particle.index);
-    }
-    particle.mass = as_clump(particle.class_of_value.w * volume, particle.index);
-    return particle;
-}
-
-// What the transfer function makes of value i; of merged particles, of the interval it stands for.
-fn class_at(i: u32) -> vec4<f32> {
-    if VALUES == VALUES_SPREAD {
-        let mean = bitcast<f32>(values[2u * i]);
-        let spread = bitcast<f32>(values[2u * i + 1u]);
-        return classify_spread(mean, spread, STRENGTH == STRENGTH_GIVEN);
-    }
-    return classify(value_at(i));
-}
-
-fn strength_at(i: u32) -> f32 {
-    return strengths[select(i, 2u * i, HAS_CLUMPS)];
-}
-
-// Of members that lie apart, each is less opaque than their mean depth says.
-fn as_clump(mass: f32, i: u32) -> f32 {
-    if HAS_CLUMPS {
-        return mass * ein_share(mass * strengths[2u * i + 1u]);
-    }
-    return mass;
-}
-
-fn colour_of(particle: Visit) -> array<f32, 3> {
-    if COLOUR == COLOUR_CLASSIFIED {
-        return triple(particle.class_of_value.xyz);
-    }
-    if COLOUR == COLOUR_PER_PARTICLE {
-        let i = 3u * particle.index;
-        return array<f32, 3>(colours[i], colours[i + 1u], colours[i + 2u]);
-    }
-    if COLOUR == COLOUR_UNIFORM {
-        return array<f32, 3>(colours[0], colours[1], colours[2]);
-    }
-    // shade.wgsl fills these in.
-    return array<f32, 3>(0.0, 0.0, 0.0);
+    return weighed(particle.index, cell);
 }
 
 var<workgroup> visible_count: atomic<u32>;
@@ -215,8 +148,8 @@ fn classify_emit(
     }
     let view = views[v];
     if is_visible && place < view.count {
-        let colour = colour_of(particle);
-        classified[view.first + place] = ClassifiedParticle(v, thread, particle.mass, colour);
+        let carried = carried_by(particle);
+        classified[view.first + place] = ClassifiedParticle(v, thread, particle.mass, carried);
     }
     if thread >= scan_total && thread < view.count {
         classified[view.first + thread] = ClassifiedParticle(v, 0u, 0.0, array<f32, 3>());

@@ -8,7 +8,7 @@ struct Background {
     pixels: u32,
 }
 
-// Of it the number.
+// Only the number of pixels is read.
 @group(0) @binding(0) var<uniform> background: Background;
 // As rasterise.wgsl leaves them: in front of the surface, then behind it.
 @group(0) @binding(1) var<storage, read_write> pixels: array<f32>;

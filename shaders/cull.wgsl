@@ -5,6 +5,9 @@
 // Passes: cull_begin; for each part of merged particles cull_close; for each part cull_count and
 // cull_scan; cull_range; for each part cull_emit.
 
+// Whether blocks choose their filters; of column densities all have the one asked for.
+override HAS_CHOICE: bool = true;
+
 const NOT_KEPT: u32 = 0xffffffffu;
 
 // What a workgroup of `cull_count` has seen.
@@ -308,7 +311,10 @@ fn cull_emit(
         let block = blocks[i];
         let centre = camera_point(block.origin);
         let origin = narrowed(centre);
-        let filter_kind = filter_of(camera.choice, block, origin);
+        var filter_kind = camera.choice.filter_kind;
+        if HAS_CHOICE {
+            filter_kind = filter_of(camera.choice, block, origin);
+        }
         views[groups_seen[index].count + place] = BlockView(
             triple(origin),
             i,
@@ -318,7 +324,9 @@ fn cull_emit(
             filter_kind,
             block.level,
         );
-        atomicAdd(&filters_seen[filter_kind], 1u);
+        if HAS_CHOICE {
+            atomicAdd(&filters_seen[filter_kind], 1u);
+        }
     }
     workgroupBarrier();
     if thread < FILTER_COUNT {

@@ -52,5 +52,5 @@ fn light(
         let offset = times(rotation, world_offset(view.block, particle.local));
         to_eye = -unit_or_zero(vector(view.origin_camera) + offset);
     }
-    classified[n].colour = triple(lit(vector(particle.colour), normal, IS_SURFEL, to_eye));
+    classified[n].carried = triple(lit(vector(particle.carried), normal, IS_SURFEL, to_eye));
 }

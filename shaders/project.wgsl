@@ -55,6 +55,7 @@ fn project(
     let block = views[particle.view];
     let offset = times(rotation, world_offset(block.block, particle.local));
     let factor = camera_factor(rotation, block.block, particle.local);
+    let crowding = crowding_of(block.block);
     let origin = vector(block.origin_camera);
     var kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
@@ -67,20 +68,20 @@ fn project(
             // Without a depth of its own: where its centre lies.
             exact[i] = ExactTerms();
         }
-        out = splat_footprint(view, kernel, particle.colour, key);
+        out = splat_footprint(view, kernel, crowding, particle.carried, key);
     } else if RULE == RULE_SURFACE {
-        out = surfel(view, kernel, particle.colour, key, i);
+        out = surfel(view, kernel, particle.carried, key, i);
     } else {
         if RULE == RULE_PANE {
             kernel.mass = kernel.mass * facing(view, kernel);
         }
-        out = footprint(view, filter_kind, is_lone, kernel, particle.colour, key, i);
+        out = footprint(view, filter_kind, is_lone, kernel, crowding, particle.carried, key, i);
     }
-    if RULE != RULE_SURFACE && view.composite == COMPOSITE_SLABS {
+    if RULE != RULE_SURFACE && view.keys_begin != 0u {
         out.key = slab_key(view, block.key, origin, kernel, out);
     }
     if view.show_choice != 0u {
-        out.colour = CHOICE_COLOURS[choice_index(block.level, out.path, filter_kind)];
+        out.carried = CHOICE_COLOURS[choice_index(block.level, out.path, filter_kind)];
     }
     footprints[i] = out;
 }
@@ -157,9 +158,9 @@ fn slab_key(
 }
 
 // A footprint that reaches no pixel yet.
-fn invisible(kernel: Kernel, colour: array<f32, 3>, key: u32) -> Footprint {
+fn invisible(kernel: Kernel, carried: array<f32, 3>, key: u32) -> Footprint {
     var out: Footprint;
-    out.colour = colour;
+    out.carried = carried;
     out.depth = kernel.centre.z;
     out.path = PATH_AFFINE;
     out.key = key;
@@ -170,15 +171,17 @@ fn invisible(kernel: Kernel, colour: array<f32, 3>, key: u32) -> Footprint {
 fn splat_footprint(
     view: ViewUniform,
     kernel: Kernel,
-    colour: array<f32, 3>,
+    crowding: f32,
+    carried: array<f32, 3>,
     key: u32,
 ) -> Footprint {
-    var out = invisible(kernel, colour, key);
+    var out = invisible(kernel, carried, key);
     let peak = peak_footprint(view, kernel, IS_ANTI_ALIASED);
     if !peak.exists {
         return out;
     }
-    let r = cutoff_radius(peak.image.tau * peak.image.pile, 1.0, view.tolerance, view.cutoff);
+    let depth = peak.image.tau * peak.image.pile * crowding;
+    let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
     out.path = PATH_PEAK;
@@ -196,11 +199,11 @@ fn is_one_sided(view: ViewUniform) -> bool {
 fn surfel(
     view: ViewUniform,
     kernel: Kernel,
-    colour: array<f32, 3>,
+    carried: array<f32, 3>,
     key: u32,
     index: u32,
 ) -> Footprint {
-    var out = invisible(kernel, colour, key);
+    var out = invisible(kernel, carried, key);
     // Weights are averaged: where a kernel ends counts as a share of it.
     let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
     let reach = r * length3(kernel.factor.z);
@@ -251,13 +254,13 @@ fn surfel(
         half_size = extent.half_size;
     }
     set_bounds(view, &out, screen.centre_px + middle, half_size);
-    // The nearness within the box: no fragment of it is nearer.
+    // The inverse depth within the box: no fragment of it is nearer.
     let gradient = vec2<f32>(plane.gradient[0], plane.gradient[1]);
-    let nearest = plane.nearness + dot2(gradient, middle) + dot2(abs(gradient), half_size);
+    let nearest = plane.inverse_depth + dot2(gradient, middle) + dot2(abs(gradient), half_size);
     out.depth = nearest + plane.slack;
     exact[index] = ExactTerms(
         plane.gradient,
-        array<f32, 3>(plane.nearness, plane.slack, plane.homography),
+        array<f32, 3>(plane.inverse_depth, plane.slack, plane.homography),
         plane.normal,
     );
     return out;
@@ -285,11 +288,12 @@ fn footprint(
     filter_kind: u32,
     is_lone: bool,
     kernel: Kernel,
-    colour: array<f32, 3>,
+    crowding: f32,
+    carried: array<f32, 3>,
     key: u32,
     index: u32,
 ) -> Footprint {
-    var out = invisible(kernel, colour, key);
+    var out = invisible(kernel, carried, key);
     let h2 = view.low_pass_variance_px2;
     let z = kernel.factor.z;
     var reach = length3(z);
@@ -302,7 +306,7 @@ fn footprint(
     }
     let orthographic = view.orthographic != 0u;
     if kernel.centre.z <= 0.0 && !orthographic {
-        near_footprint(view, kernel, &out);
+        near_footprint(view, kernel, crowding, &out);
         return out;
     }
     let screen = project_kernel(view, kernel);
@@ -315,20 +319,22 @@ fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    var r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
-    let choice = choose_exact(view, filter_kind, screen, image);
+    // Of what ends together.
+    let depth = image.tau * image.pile * crowding;
+    var r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    let choice = choose_exact(view, filter_kind, screen, image, crowding);
     if choice.exists {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, screen, image, choice.terms, 1.1 * r);
-        let wider = cutoff_radius(image.tau * image.pile, growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
         r = max(r, wider);
     }
     if kernel.centre.z <= NEAR_MARGIN * r * reach {
         if orthographic {
             half_line_footprint(view, kernel, &out, screen, image, r);
         } else {
-            near_footprint(view, kernel, &out);
+            near_footprint(view, kernel, crowding, &out);
         }
         return out;
     }
@@ -451,7 +457,12 @@ fn half_line_footprint(
 }
 
 // A perspective kernel that reaches the camera plane.
-fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprint>) {
+fn near_footprint(
+    view: ViewUniform,
+    kernel: Kernel,
+    crowding: f32,
+    out: ptr<function, Footprint>,
+) {
     let found = near_terms(view, kernel);
     if !found.exists {
         return;
@@ -474,19 +485,20 @@ fn near_footprint(view: ViewUniform, kernel: Kernel, out: ptr<function, Footprin
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = LARGEST;
     }
-    let r = cutoff_radius(highest, 1.0, view.tolerance, view.cutoff);
+    let r = cutoff_radius(highest * crowding, 1.0, view.tolerance, view.cutoff);
     let x_axis = vec3<f32>(1.0, 0.0, 0.0);
     let y_axis = vec3<f32>(0.0, 1.0, 0.0);
     let columns = near_range(kernel, x_axis, kernel.factor.x, view, 0u, r, h);
     let rows = near_range(kernel, y_axis, kernel.factor.y, view, 1u, r, h);
     if columns != 0u && rows != 0u {
-        let path = push(found.terms, PATH_NEAR);
+        var terms = found.terms;
+        terms.reach = r * length3(kernel.factor.z);
+        let path = push(terms, PATH_NEAR);
         if path == NO_PLACE {
             return;
         }
         (*out).columns = columns;
         (*out).rows = rows;
-        (*out).form_p = vec2<f32>(r * length3(kernel.factor.z), 0.0);
         (*out).tau = weight / cutoff_share(r);
         (*out).cutoff_squared = r * r;
         (*out).path = path;

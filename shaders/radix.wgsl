@@ -1,6 +1,6 @@
 // Stable sort of pairs (key, value) by the keys' low bits, RADIX_BITS of them a pass: digits counted per workgroup,
 // prefix sums of the counts (scan.wgsl), places.
-// No twin: the stage's is a library's radix sort; tests/gpu_sort.rs holds it to that.
+// No twin: the stage's is a library's radix sort; tests/frames/gpu_sort.rs holds it to that.
 
 const RADIX: u32 = 1u << RADIX_BITS;
 // Consecutive pairs per thread.

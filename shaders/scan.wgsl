@@ -1,6 +1,6 @@
 // Exclusive prefix sums of u32, in place: sums per workgroup, their prefix, and the rest. A sum
 // beyond 32 bits is the greatest word.
-// No twin; tests/gpu_stages.rs holds it to a loop.
+// No twin; tests/frames/gpu_stages.rs holds it to a loop.
 
 // How many words are summed: written by the stage that filled them.
 @group(0) @binding(0) var<storage, read> scan_length: array<u32>;

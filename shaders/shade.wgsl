@@ -107,5 +107,5 @@ fn shade(
         direction = normalize_or_zero(from_eye + vec3<f32>(points[p], points[p + 1u], points[p + 2u]));
     }
     let codes = harmonics_sum(3u * HARMONICS_COUNT * i, harmonics(direction));
-    classified[n].colour = array<f32, 3>(decoded(codes.x), decoded(codes.y), decoded(codes.z));
+    classified[n].carried = array<f32, 3>(decoded(codes.x), decoded(codes.y), decoded(codes.z));
 }

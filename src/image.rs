@@ -1,7 +1,7 @@
 //! The picture that a render returns: linear, premultiplied, f32.
 
 /// An image of linear premultiplied RGBA in f32, rows from the top.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Image {
     /// Width in pixels.
     pub width: usize,
@@ -94,6 +94,11 @@ impl Image {
             height,
             pixels: vec![[0.0; 4]; width * height],
         }
+    }
+
+    /// Whether there are as many pixels as width and height say.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.width.checked_mul(self.height) == Some(self.pixels.len())
     }
 
     /// The pixel in column `x` and row `y`.

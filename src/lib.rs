@@ -8,23 +8,16 @@
 //! composited front to back.
 //!
 //! ```
-//! use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+//! use ewa_splat::scene::PointVolume;
 //! use ewa_splat::view::Camera;
 //! use ewa_splat::{Renderer, Settings};
 //! use glam::DVec3;
 //!
 //! # fn main() -> ewa_splat::Result<()> {
-//! let needle = PointVolume {
-//!     particles: Particles::Anisotropic {
-//!         positions: vec![DVec3::ZERO],
-//!         factors: vec![[0.5, 0.3, 0.05, 0.0, 0.0, 0.1]],
-//!     },
-//!     strength: Strength::Mass(vec![0.5]),
-//!     colour: Colour::Uniform([1.0, 0.6, 0.2]),
-//!     values: None,
-//!     transfer_function: None,
-//!     normals: None,
-//! };
+//! // Its variance: xx, xy, xz, yy, yz, zz.
+//! let needle = PointVolume::ellipsoids([DVec3::ZERO], &[[0.25, 0.15, 0.0, 0.0925, 0.0, 0.01]])?
+//!     .with_masses([0.5])
+//!     .with_colour([1.0, 0.6, 0.2]);
 //! let eye = DVec3::new(0.0, -5.0, 1.0);
 //! let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [320, 240]);
 //! let mut renderer = Renderer::new(vec![needle])?;
@@ -33,6 +26,14 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # From memory
+//!
+//! [`scene::PointVolume::spheres`], [`ellipsoids`](scene::PointVolume::ellipsoids),
+//! [`turned`](scene::PointVolume::turned) and [`lattice`](scene::PointVolume::lattice) make volumes of
+//! arrays; [`sample::grid`] and [`sample::points`] give kernels to samples that state none,
+//! [`io::Mesh::of_triangles`] and [`sample::mesh::surfels`] to triangles. [`io::read`] takes the bytes
+//! of a file.
 //!
 //! # From files
 //!
@@ -60,7 +61,7 @@
 //! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
 //! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
-//! | [`layout`] | the structs that stages exchange |
+//! | [`record`] | the structs that stages exchange |
 //! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |
 //! | [`stats`] | what frames count, and their times |
 //! | [`cpu`] | the stages of a frame on the CPU |
@@ -96,7 +97,7 @@
 //! | h, V_h | `low_pass_variance_px2` |
 //! | T^2D | M, the mapping of a surfel's plane to the image: [`splat::surfel_footprint`] |
 //! | surfel | a flat kernel: [`scene::Particles::Surfels`] |
-//! | q_k, rho_k | [`layout::Footprint`]: the resampling filter, times the mass |
+//! | q_k, rho_k | [`record::Footprint`]: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
 //! | amplitude | value x volume, or mass: what column densities sum |
@@ -117,17 +118,18 @@ pub mod image;
 pub mod io;
 #[doc = include_str!("../docs/irregular.md")]
 pub mod irregular {}
-pub mod layout;
 #[cfg(feature = "legend")]
 pub mod legend;
 pub mod math;
 pub mod measure;
+pub mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}
 pub mod reference;
 pub mod render;
 pub mod sample;
 pub mod scene;
+pub mod simd;
 pub mod splat;
 pub mod stats;
 #[doc = include_str!("../docs/shading.md")]
@@ -138,4 +140,4 @@ pub mod view;
 
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
-pub use render::{Backend, ColumnSettings, Renderer, Settings, Show};
+pub use render::{Backend, ClassifyAt, ColumnSettings, Composite, Keep, Renderer, Settings, Show};

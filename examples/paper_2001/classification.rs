@@ -13,8 +13,8 @@
 
 use ewa_splat::measure::compare;
 use ewa_splat::scene::{Lighting, TransferFunction, Values};
-use ewa_splat::splat::Composite;
 use ewa_splat::view::Camera;
+use ewa_splat::{ClassifyAt, Composite};
 use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;
 
@@ -55,7 +55,7 @@ fn one(
         Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 38.0, [arguments.size; 2])
     };
     let slabs = Settings {
-        composite: Composite::Slabs,
+        composite: Composite::SLABS,
         background: Some([0.0; 3]),
         level_of_detail: false,
         ..Settings::default()
@@ -69,16 +69,18 @@ fn one(
     let mut renderer = Renderer::new(coarse.scene(None, shells)?)?;
     let thin = Some(0.25);
     let mut pictures = vec![truth.clone()];
-    for (name, post, thickness, is_lit) in [
-        ("particles", false, None, false),
-        ("slabs", true, None, false),
-        ("slabs a quarter thick", true, thin, false),
-        ("slabs, lit", true, None, true),
-        ("slabs a quarter thick, lit", true, thin, true),
+    for (name, classify, thickness, is_lit) in [
+        ("particles", ClassifyAt::Particle, None, false),
+        ("slabs", ClassifyAt::Slab, None, false),
+        ("slabs a quarter thick", ClassifyAt::Slab, thin, false),
+        ("slabs, lit", ClassifyAt::Slab, None, true),
+        ("slabs a quarter thick, lit", ClassifyAt::Slab, thin, true),
     ] {
         let settings = Settings {
-            post_classification: post,
-            layer_thickness: thickness,
+            composite: Composite::Slabs {
+                thickness,
+                classify,
+            },
             lighting: is_lit.then(Lighting::default),
             ..slabs.clone()
         };

@@ -3,9 +3,9 @@
 //! slices across an axis of the volume pop where the axis changes. The truth is slabs so thin that
 //! thinner ones change nothing.
 
+use ewa_splat::Composite;
 use ewa_splat::measure::compare;
 use ewa_splat::scene::TransferFunction;
-use ewa_splat::splat::Composite;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::DVec3;
@@ -75,13 +75,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let settings = [
             of(Composite::Over, false),
             of(Composite::Over, true),
-            of(Composite::AxisSheets, false),
-            of(Composite::AxisSheets, true),
-            of(Composite::Sheets, false),
+            of(Composite::AXIS_SHEETS, false),
+            of(Composite::AXIS_SHEETS, true),
+            of(Composite::SHEETS, false),
         ];
         let truth = Settings {
-            composite: Composite::Slabs,
-            layer_thickness: Some(THIN),
+            composite: Composite::SLABS.with_thickness(Some(THIN)),
             ..Settings::default()
         };
         let truth = renderer.render(&fitted, &truth)?.clone();

@@ -59,6 +59,8 @@ struct Kernels {
     sigmas: vec2<f32>,
     // The greatest mass.
     mass: f32,
+    // The most that lie in one place, as a multiple of OVERLAP.
+    crowding: f32,
     // Greatest change of the colour, or of the extinction as a share of its greatest, per unit of
     // value.
     slope: f32,
@@ -80,6 +82,7 @@ fn kernels_of(block: DeviceBlock) -> Kernels {
     return Kernels(
         vec2<f32>(block.min_sigma, block.max_sigma),
         block.max_strength * extinction,
+        block.crowding,
         slope,
     );
 }
@@ -131,7 +134,7 @@ fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels)
     let greatest_px = appearance.scale_px.y;
     let least = kernels.sigmas.x;
     let greatest = kernels.sigmas.y;
-    let amplification = amplification(peak_of(kernels, appearance, h2));
+    let amplification = amplification(peak_of(kernels, appearance, h2) * kernels.crowding);
     if choice.orthographic == 0u {
         let filter_variance = h2 / (least_px * least_px);
         let widest = sqrt(greatest * greatest + filter_variance) / appearance.distance;
@@ -209,11 +212,15 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
     }
     let many = MANY_SHARE * sqrt(min_number(tau, 1.0));
     var varied = 0.0;
+    var unlike = 0.0;
     if kernels.slope != 0.0 {
         varied = kernels.slope * bounds.spread;
+        unlike = kernels.slope * bounds.uneven;
     }
     let contrast = min_number(bounds.colour + varied, 1.0);
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
+    // Values are classified as if they were spread evenly; all clusters along a ray may be alike.
+    let misread = MISREAD_SHARE * min_number(unlike, 1.0);
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
@@ -221,7 +228,7 @@ fn merge_error(h2: f32, appearance: Appearance, kernels: Kernels, bounds: MergeB
     let mixed = min_number(MIXED_SHARE * layer, 1.0) * trend;
     let of_one = alone * merge_shape(bounds.third * unit, bounds.fourth * unit);
     let of_many = many * merge_shape(bounds.third_mean * unit, bounds.fourth * unit);
-    return max_number(of_one, of_many) + contrast * blurred + mixed;
+    return max_number(of_one, of_many) + contrast * blurred + mixed + misread;
 }
 
 fn merge_shape(third: f32, fourth: f32) -> f32 {

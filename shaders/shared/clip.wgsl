@@ -1,4 +1,4 @@
-// Planes that clip. Twins: `clip_span` in src/cpu/cut.rs, `ClipEdges` in src/cpu/surface.rs.
+// Planes that clip. Twins: `clip_span` in src/cpu/tile/interval/cut.rs, `ClipEdges` in src/cpu/tile/interval/edges.rs.
 
 // Between which depths planes leave something of the ray through a point of the image, -LARGEST and
 // LARGEST where nothing ends it; from LARGEST to LARGEST where they leave nothing.
@@ -33,13 +33,13 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
 // The share of a surfel that planes leave of what a pixel shows of it, Phi of how far that lies inside
 // them in standard deviations of the low-pass filter; 0 beyond the softness.
 //
-// - `at`: where what it shows lies on the image; `nearness`, `gradient`: of the surfel's plane there, and
+// - `at`: where what it shows lies on the image; `inverse_depth`, `gradient`: of the surfel's plane there, and
 //   its change per pixel.
 // - `shown`: how `at` changes per pixel, a symmetric matrix: xx, xy, yy.
 fn clip_share(
     view: ViewUniform,
     at: vec2<f32>,
-    nearness: f32,
+    inverse_depth: f32,
     gradient: vec2<f32>,
     shown: vec3<f32>,
 ) -> f32 {
@@ -47,12 +47,12 @@ fn clip_share(
     var share = 1.0;
     for (var i = 0u; i < view.clip_count; i = i + 1u) {
         let plane = view.clip_planes[i];
-        // Of the point D / nearness (orthographic: X, Y, -nearness), times what is positive.
+        // Of the point D / inverse depth (orthographic: X, Y, -inverse depth), times what is positive.
         let across = plane.x * direction.x + plane.y * direction.y;
-        var inside = across + plane.z + plane.w * nearness;
+        var inside = across + plane.z + plane.w * inverse_depth;
         var rate = plane.w;
         if view.orthographic != 0u {
-            inside = across - plane.z * nearness + plane.w;
+            inside = across - plane.z * inverse_depth + plane.w;
             rate = -plane.z;
         }
         let across_px = plane.xy / view.focal_px;

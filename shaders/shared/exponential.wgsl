@@ -1,4 +1,4 @@
-// Exponentials with a known error, the same on every device. Twin: src/cpu/lanes.rs.
+// Exponentials with a known error, the same on every device. Twin: src/cpu/tile/arithmetic.rs.
 
 // (2^n, 2^f - 1) of 2^y, n the nearest integer, for y in [-126, 0].
 fn exp2_parts(y: f32) -> vec2<f32> {

@@ -12,6 +12,7 @@ fn choose_exact(
     filter_kind: u32,
     screen: ScreenFactor,
     kernel: ImageKernel,
+    crowding: f32,
 ) -> ExactChoice {
     var choice: ExactChoice;
     let is_exact = filter_kind == FILTER_EXACT;
@@ -23,7 +24,7 @@ fn choose_exact(
         choice.exists = true;
         return choice;
     }
-    let amplification = max(opacity_amplification(kernel.tau), 1.0);
+    let amplification = max(opacity_amplification(kernel.tau * crowding), 1.0);
     let error = affine_error(view, screen, kernel, choice.terms) * amplification;
     // NaN takes the safe side.
     choice.exists = is_nan(error) || error > view.tolerance * AFFINE_SHARE;

@@ -1,4 +1,4 @@
-// The structs that stages exchange. Twin: src/layout.rs; src/gpu/reflection.rs compares offsets.
+// The structs that stages exchange. Twin: src/record/; src/gpu/reflection.rs compares offsets.
 // Triples are arrays: a vec3 would be aligned to four words.
 
 struct ViewUniform {
@@ -13,15 +13,15 @@ struct ViewUniform {
     key_scale: f32,
     show_choice: u32,
     directional_keys: u32,
-    layer_near: f32,
+    layer_first: i32,
     layer_thickness: f32,
     // Aligned to four words, as it lies.
     key_axis: vec3<f32>,
     layer_shift: u32,
-    composite: u32,
+    keys_begin: u32,
     clip_count: u32,
     sub_pixel_opacity: u32,
-    unused: u32,
+    least_length: f32,
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 
@@ -81,6 +81,8 @@ struct DeviceBlock {
     count: u32,
     parent: u32,
     level: u32,
+    crowding: f32,
+    unused: u32,
 }
 
 struct MergeBounds {
@@ -90,6 +92,7 @@ struct MergeBounds {
     second: f32,
     spread: f32,
     colour: f32,
+    uneven: f32,
 }
 
 struct MergedBlock {
@@ -143,7 +146,7 @@ struct ClassifiedParticle {
     view: u32,
     local: u32,
     mass: f32,
-    colour: array<f32, 3>,
+    carried: array<f32, 3>,
 }
 
 struct Footprint {
@@ -152,7 +155,8 @@ struct Footprint {
     form_r: vec2<f32>,
     tau: f32,
     cutoff_squared: f32,
-    colour: array<f32, 3>,
+    // A colour; where slabs are classified a value, thrice; in sums of columns a sign.
+    carried: array<f32, 3>,
     depth: f32,
     path: u32,
     columns: u32,
@@ -168,7 +172,7 @@ struct ExactTerms {
 
 struct SurfelTerms {
     gradient: array<f32, 2>,
-    nearness: f32,
+    inverse_depth: f32,
     slack: f32,
     homography: f32,
     normal: f32,
@@ -179,6 +183,8 @@ struct NearTerms {
     minors: array<array<f32, 3>, 10>,
     minor_depths: array<f32, 10>,
     sigma: f32,
+    unit: f32,
+    reach: f32,
     half_line: array<f32, 3>,
 }
 

@@ -51,7 +51,7 @@ fn near_terms(view: ViewUniform, kernel: Kernel) -> NearKernel {
         }
     }
     out.terms.sigma = sqrt(determinant);
-    out.terms.half_line[0] = unit;
+    out.terms.unit = unit;
     out.exists = any_minor;
     out.weight = kernel.mass * scale * scale / TAU;
     return out;

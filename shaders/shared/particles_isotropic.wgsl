@@ -9,6 +9,11 @@ fn particle_index(block: u32, local: u32) -> u32 {
     return blocks[block].first + local;
 }
 
+// The most of a block's kernels that lie in one place, as a multiple of OVERLAP; 1 at least.
+fn crowding_of(block: u32) -> f32 {
+    return blocks[block].crowding;
+}
+
 // Offset from the block's origin, world units.
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
     return shapes[particle_index(block, local)].xyz;

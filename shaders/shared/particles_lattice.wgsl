@@ -36,6 +36,11 @@ fn particle_index(block: u32, local: u32) -> u32 {
     return block * (BRICK_X * BRICK_Y * BRICK_Z) + local;
 }
 
+// The most of a block's kernels that lie in one place, as a multiple of OVERLAP: cells lie apart.
+fn crowding_of(block: u32) -> f32 {
+    return 1.0;
+}
+
 // Offset from the block's origin, world units.
 fn world_offset(block: u32, local: u32) -> vec3<f32> {
     let first = corner(block);

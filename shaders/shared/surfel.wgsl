@@ -41,7 +41,7 @@ fn surfel_footprint(
     if !(is_shape && is_above(image.tau, 0.0) && is_finite(image.tau)) {
         return out;
     }
-    // The nearness D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
+    // The inverse depth D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
     let least = GRAZING * screen.ray_length;
     if across < 0.0 {
         across = min_number(across, -least);
@@ -55,20 +55,20 @@ fn surfel_footprint(
     var plane: vec2<f32>;
     if is_orthographic {
         plane = slope;
-        terms.nearness = -u.z;
+        terms.inverse_depth = -u.z;
         terms.slack = SLACK_SIGMAS * sigma + SLACK_PIXELS * pixel;
     } else {
         let per_depth = 1.0 / u.z;
         plane = slope * per_depth;
-        terms.nearness = per_depth;
+        terms.inverse_depth = per_depth;
         terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_PIXELS * pixel) * per_depth;
     }
     if is_above(length3(screen.relative_depth) * cutoff, PERSPECTIVE_FROM) && !is_orthographic {
         terms.homography = 1.0;
         terms.gradient = array<f32, 2>(plane.x, plane.y);
     } else {
-        // The mean of the nearness where the filtered kernel meets the pixel: what the filter has
-        // spread has the nearness of where it came from.
+        // The mean of the inverse depth where the filtered kernel meets the pixel: what the filter has
+        // spread has the inverse depth of where it came from.
         let x = screen.row_x;
         let y = screen.row_y;
         let along = vec2<f32>(
@@ -124,10 +124,11 @@ fn near_surfel(kernel: Kernel, is_one_sided: bool) -> NearKernel {
     }
     let along_a = cross3(b, normal) / squared;
     let along_b = cross3(normal, a) / squared;
-    let nearness = normal / distance;
-    let miss_a = along_a - nearness * dot3(along_a, u);
-    let miss_b = along_b - nearness * dot3(along_b, u);
-    let miss_n = nearness / unit;
+    let inverse_depth = normal / distance;
+    // All three per world unit, not per `unit`.
+    let miss_a = (along_a - inverse_depth * dot3(along_a, u)) / unit;
+    let miss_b = (along_b - inverse_depth * dot3(along_b, u)) / unit;
+    let miss_n = inverse_depth / unit;
     out.terms.misses[0] = triple(miss_a);
     out.terms.misses[1] = triple(miss_b);
     out.terms.misses[2] = triple(miss_n);

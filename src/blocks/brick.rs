@@ -274,6 +274,7 @@ impl BrickGrid {
                 value_range: values.map_or(EMPTY_RANGE, |v| self.brick_range(v, cells)),
                 parent: NO_PARENT,
                 level,
+                crowding: 1.0,
             }
         };
         (0..u32::try_from(count).unwrap_or(u32::MAX))

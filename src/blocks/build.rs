@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::brick::outwards;
 use super::merge::{Shapes, Source, Tree, merge_lattice, merge_points, widen_to_members};
+use super::overlap::Crowds;
 use super::{
     Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, NO_PARENT,
     set_transfer_function, value_range,
@@ -17,8 +18,70 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::math::{harmonics_count, principal_sigmas};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 
-/// A volume in blocks and, where `detail` asks for it, its levels of detail, the finest first.
-pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
+/// How a volume becomes blocks.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct BuildOptions {
+    /// Whether there are levels of detail.
+    pub(super) detail: bool,
+    /// Whether blocks keep which of the caller's particles each is.
+    pub(super) indices: bool,
+}
+
+/// A volume in blocks and, where the options ask for it, its levels of detail, the finest first.
+pub(super) fn build(volume: PointVolume, options: BuildOptions) -> Vec<BlockedVolume> {
+    build_ordered(volume, options, None)
+}
+
+/// A volume whose values can be exchanged: all of it but these, and its particles in the order of a tree.
+#[derive(Debug, Clone)]
+pub(super) struct Exchangeable {
+    volume: PointVolume,
+    ordered: Option<Ordered>,
+    options: BuildOptions,
+}
+
+impl Exchangeable {
+    pub(super) fn new(volume: &PointVolume, options: BuildOptions) -> Self {
+        let ordered = match &volume.particles {
+            Particles::Lattice { .. } => None,
+            Particles::Isotropic { positions, .. }
+            | Particles::Anisotropic { positions, .. }
+            | Particles::Surfels { positions, .. } => Some(finite_block_order(positions)),
+        };
+        Self {
+            volume: PointVolume {
+                values: None,
+                particles: volume.particles.clone(),
+                strength: volume.strength.clone(),
+                colour: volume.colour.clone(),
+                transfer_function: volume.transfer_function.clone(),
+                normals: volume.normals.clone(),
+            },
+            ordered,
+            options,
+        }
+    }
+
+    /// How many particles, and so values, there are.
+    pub(super) fn len(&self) -> usize {
+        self.volume.particles.len()
+    }
+
+    /// The volume with values, in blocks, and its levels of detail.
+    pub(super) fn with_values(&self, values: Option<Values>) -> Vec<BlockedVolume> {
+        let volume = PointVolume {
+            values,
+            ..self.volume.clone()
+        };
+        build_ordered(volume, self.options, self.ordered.clone())
+    }
+}
+
+fn build_ordered(
+    volume: PointVolume,
+    options: BuildOptions,
+    ordered: Option<Ordered>,
+) -> Vec<BlockedVolume> {
     let PointVolume {
         particles,
         strength,
@@ -28,7 +91,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         normals,
     } = volume;
     // Merged particles reflect like none of their members; see `PointVolume::normals`.
-    let detail = detail && normals.is_none();
+    let detail = options.detail && normals.is_none();
     let mut sides = None;
     let (positions, sigmas) = match particles {
         Particles::Lattice {
@@ -49,6 +112,8 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
                 values,
                 transfer_function,
                 normals,
+                // A cell's number is its place.
+                indices: None,
                 merged: None,
             };
             let levels = if detail {
@@ -73,7 +138,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         mut order,
         runs,
         tree,
-    } = finite_block_order(&positions);
+    } = ordered.unwrap_or_else(|| finite_block_order(&positions));
     let sigma_ranges = sigma_ranges(&sigmas, sides.is_some());
     let source = Source {
         positions: &positions,
@@ -88,12 +153,18 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
     };
     // Clusters are runs of the tree's order, which the blocks' own order is not.
     // Surfels are not merged: a cluster of them need not lie in a plane.
+    let crowds = Crowds::new(&order, &tree, &positions, &sigma_ranges);
     let merged = if detail && sides.is_none() {
-        merge_points(&source, &tree, &order)
+        merge_points(&source, &tree, &order, &crowds)
     } else {
         None
     };
     drop(tree);
+    // Before blocks are split: particles are looked for where the tree had them.
+    let crowding: Vec<(usize, f32)> = runs
+        .iter()
+        .map(|run| (run.end, crowds.greatest(run, 1.0)))
+        .collect();
     let runs = without_outliers(&mut order, runs, &positions, &|i| {
         sigma_ranges[i as usize][1]
     });
@@ -104,6 +175,10 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         .par_iter()
         .map(|run| block(&order[run.clone()], run.start, &source))
         .collect();
+    for (block, run) in blocks.iter_mut().zip(&runs) {
+        let whole = crowding.partition_point(|(end, _)| *end <= run.start);
+        block.crowding = crowding[whole].1;
+    }
     if let Some(merged) = &merged {
         for block in &mut blocks {
             block.parent = merged.parent_of(block.first as usize);
@@ -173,6 +248,7 @@ pub(super) fn build(volume: PointVolume, detail: bool) -> Vec<BlockedVolume> {
         transfer_function,
         normals: normals.map(|n| order.iter().map(|&i| n[i as usize]).collect()),
         blocks,
+        indices: options.indices.then_some(order),
         merged: None,
     };
     family(base, coarse.into_iter().collect())
@@ -311,11 +387,12 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
         }),
         parent: NO_PARENT,
         level: 0,
+        crowding: 1.0,
     }
 }
 
 /// Particles in the order of a tree.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Ordered {
     order: Vec<u32>,
     /// The blocks: runs of the order.
@@ -388,7 +465,7 @@ fn block_order(positions: &[DVec3]) -> Ordered {
         0,
     );
     drop(points);
-    let (tree, order) = Tree::new(&bvh);
+    let (tree, order) = Tree::new(&bvh, 1.0 / scale);
     let subtrees = tree.subtrees(BLOCK_CAPACITY);
     Ordered {
         order,

@@ -8,12 +8,12 @@ use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume, MergeBounds};
-use crate::layout::{BlockView, ChoiceUniform};
+use crate::record::{BlockView, ChoiceUniform};
 use crate::scene::{Colour, Strength};
 use crate::splat::Filter;
 use crate::splat::budget::{
     AFFINE_SHARE, CONTRAST_SHARE, FILTER_SHARE, MANY_SHARE, MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD,
-    MIXED_SHARE, TREND,
+    MISREAD_SHARE, MIXED_SHARE, TREND,
 };
 use crate::view::Camera;
 
@@ -78,6 +78,8 @@ struct Kernels {
     are_round: bool,
     /// The greatest mass.
     mass: f32,
+    /// The most that lie in one place, as [`Block::crowding`].
+    crowding: f32,
     /// Greatest change of the colour, or of the extinction as a share of its greatest, per unit of
     /// value.
     slope: f32,
@@ -100,6 +102,7 @@ impl Kernels {
             sigmas: [block.min_sigma, block.max_sigma],
             are_round: matches!(volume.particles, BlockedParticles::Isotropic { .. }),
             mass: block.max_strength * extinction,
+            crowding: block.crowding,
             slope,
         }
     }
@@ -171,7 +174,7 @@ fn by_tolerance(choice: &ChoiceUniform, appearance: &Appearance, kernels: &Kerne
     let h2 = choice.low_pass_variance_px2;
     let [least_px, greatest_px] = appearance.scale_px;
     let [least, greatest] = kernels.sigmas;
-    let amplification = amplification(kernels.peak(appearance, h2));
+    let amplification = amplification(kernels.peak(appearance, h2) * kernels.crowding);
     // Section 2 of the mathematics: the low-pass filter, as a width at the kernel, counts with the
     // widest; no smaller than it is at the far side.
     if choice.orthographic == 0 {
@@ -255,18 +258,23 @@ fn merge_error(h2: f32, appearance: &Appearance, kernels: &Kernels, bounds: &Mer
     // A cluster by itself; and many behind one another, whose errors have either sign.
     let alone = if tau < 1.0 { tau } else { tau.sqrt().sqrt() };
     let many = MANY_SHARE * tau.min(1.0).sqrt();
-    let varied = if kernels.slope == 0.0 {
+    let [varied, unlike] = if kernels.slope == 0.0 {
         // However far the values of a cluster spread: infinitely in places.
-        0.0
+        [0.0; 2]
     } else {
-        kernels.slope * bounds.spread
+        [bounds.spread, bounds.uneven].map(|values| kernels.slope * values)
     };
     let contrast = (bounds.colour + varied).min(1.0);
     let blurred = CONTRAST_SHARE * bounds.second * unit * many;
+    // Values are classified as if they were spread evenly; all clusters along a ray may be alike.
+    let misread = MISREAD_SHARE * unlike.min(1.0);
     // Clusters side by side are a layer of this depth, in which front and back become one colour;
     // of the layers that are seen, each errs to the same side.
     let layer = kernels.mass / (4.0 * bounds.second * bounds.second);
     let trend = contrast.min(TREND * layer.sqrt());
     let mixed = (MIXED_SHARE * layer).min(1.0) * trend;
-    (alone * shape(bounds.third)).max(many * shape(bounds.third_mean)) + contrast * blurred + mixed
+    (alone * shape(bounds.third)).max(many * shape(bounds.third_mean))
+        + contrast * blurred
+        + mixed
+        + misread
 }

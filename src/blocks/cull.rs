@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use super::choose::merge_fits;
 use super::{Block, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
-use crate::layout::{BlockView, ChoiceUniform};
+use crate::record::{BlockView, ChoiceUniform};
 use crate::scene::Strength;
 use crate::view::{Camera, Projection};
 
 /// The planes that bound what a camera sees: the sides, widened by the reach of the low-pass
 /// filter, the plane of the eye, and those that clip.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Frustum {
     /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
     planes: Vec<(DVec3, f64)>,

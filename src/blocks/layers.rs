@@ -2,13 +2,11 @@
 //! them apart.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
-use super::{Block, BlockedParticles, BlockedVolume, DepthRange};
+use super::{Block, BlockedParticles, BlockedScene, BlockedVolume, DepthRange};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::error::{Error, Result};
 use crate::scene::Strength;
-use crate::splat::Composite;
 use crate::view::Camera;
 
 /// The layers of a frame: from `near` on along an axis, each as thick as the next.
@@ -29,7 +27,7 @@ pub struct Layers {
 
 /// A slab of thickness D is off by about .01 kappa D²/sigma, kappa the extinction and sigma the
 /// standard deviation of the kernels: worst of 40 random arrangements of 120 kernels of random
-/// colours, optical depths 2 to 40, D/sigma 2 to 1/4 (`tests/composite.rs`).
+/// colours, optical depths 2 to 40, D/sigma 2 to 1/4 (`tests/frames/composite.rs`).
 const SLAB_ERROR: f64 = 0.01;
 /// And never by more than kappa D / 8, however thin the kernels: a slab of depth t = kappa D whose front
 /// half has one colour and whose back half another is off by t²/8 of their difference, and as much of
@@ -45,9 +43,23 @@ pub(crate) const MOST_SLABS: u32 = 4096;
 const THICKEST: f64 = 2.0;
 const THINNEST: f64 = 1.0 / 16.0;
 
+/// What the layers of a frame are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LayerKind {
+    /// Sheets parallel to the image.
+    Sheets,
+    /// Sheets across the axis of the data that is nearest to the direction of view.
+    AxisSheets,
+    /// Slabs parallel to the image, into which kernels are cut.
+    Slabs,
+}
+
+/// Slabs are no thinner than this share of the greatest depth: 16 roundings of f32, so that where one
+/// begins is right to a sixteenth of it.
+const LEAST_STEP: f64 = 16.0 / (1 << 24) as f64;
+
 impl Layers {
-    /// The layers in which `composite` sums the kernels of some volumes that a camera sees; `None` where
-    /// it does not.
+    /// The layers of a kind in which the kernels of a scene that a camera sees are summed.
     ///
     /// - `thickness`: world units; `None` follows from the data: of sheets the spacing of the samples
     ///   (of a lattice's along the axis), of slabs the tolerance.
@@ -55,30 +67,28 @@ impl Layers {
     /// # Errors
     /// A thickness so small that the layers cannot be told apart, or that a kernel reaches thousands.
     pub fn new(
-        volumes: &[BlockedVolume],
+        scene: &BlockedScene,
         camera: &Camera,
-        composite: Composite,
+        kind: LayerKind,
         thickness: Option<f64>,
         tolerance: f64,
-    ) -> Result<Option<Self>> {
-        let rotation = camera.camera_from_world;
+    ) -> Result<Self> {
+        let (volumes, rotation) = (scene.volumes(), camera.camera_from_world);
         // Sheets take kernels whole: nothing follows from these.
         let mut kernels = SlabKernels::default();
-        let (axis, phase, spacing) = match composite {
-            Composite::Over => return Ok(None),
-            Composite::Slabs => {
-                kernels = SlabKernels::of(volumes);
+        let (axis, phase, spacing) = match kind {
+            LayerKind::Slabs => {
+                kernels = SlabKernels::of(scene, camera);
                 (DVec3::Z, 0.0, kernels.thickness(tolerance))
             }
-            Composite::Sheets => (DVec3::Z, 0.0, sample_spacing(volumes)),
-            Composite::AxisSheets => {
+            LayerKind::Sheets => (DVec3::Z, 0.0, sample_spacing(volumes)),
+            LayerKind::AxisSheets => {
                 let (axis, place, spacing) = nearest_axis(volumes, rotation.row(2));
                 // Layers begin half-way between samples.
                 let at = (place - camera.eye).dot(axis) - 0.5 * thickness.unwrap_or(spacing);
                 ((rotation * axis).normalize(), at, spacing)
             }
         };
-        let thickness = thickness.unwrap_or(spacing);
         let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
         for block in volumes.iter().flat_map(|v| &v.blocks) {
             let centre = axis.dot(camera.camera_point(block.origin));
@@ -90,16 +100,21 @@ impl Layers {
         if first > last {
             (first, last) = (0.0, 0.0);
         }
+        // Slabs begin at depths of f32: below some roundings of the farthest kernels' they would coincide.
+        let resolved = kernels.farthest * LEAST_STEP;
+        let thickness = thickness.unwrap_or(spacing.max(resolved));
         // Whole layers from the phase on; two to spare for roundings.
         let number = ((first - phase) / thickness).floor() - 2.0;
         let count = ((last - phase) / thickness).ceil() + 2.0 - number;
         let bits = count.log2().ceil();
         let least_of_keys = (last - first) / f64::from(DEPTH_KEY_BITS).exp2();
         let reach = 2.0 * f64::from(MAX_CUTOFF) * kernels.thickest();
-        let least = least_of_keys.max(reach / f64::from(MOST_SLABS));
+        let least = least_of_keys
+            .max(reach / f64::from(MOST_SLABS))
+            .max(resolved);
         // Phrased so that NaN is refused.
         if !(bits <= f64::from(DEPTH_KEY_BITS) && thickness > 0.0 && thickness >= least) {
-            return Err(Error::format(
+            return Err(Error::invalid(
                 "settings",
                 "thickness of layers",
                 format!("at least {:.1e} for this scene", 1.1 * least),
@@ -107,13 +122,13 @@ impl Layers {
                 "make it larger",
             ));
         }
-        Ok(Some(Self {
+        Ok(Self {
             axis,
             near: phase + number * thickness,
             thickness,
             shift: DEPTH_KEY_BITS - bits.max(1.0) as u32,
             error: kernels.error(thickness),
-        }))
+        })
     }
 
     /// Depth keys along the axis, so many that a layer has a power of two.
@@ -136,27 +151,36 @@ impl Layers {
 /// What the thickness of slabs follows from: of each visible block the greatest extinction that a kernel
 /// has where it is densest by itself, and the least and the greatest standard deviation.
 #[derive(Default)]
-struct SlabKernels(Vec<[f64; 3]>);
+struct SlabKernels {
+    kernels: Vec<[f64; 3]>,
+    /// The greatest distance of a block's centres from the plane of the eye.
+    farthest: f64,
+}
 
 impl SlabKernels {
-    fn of(volumes: &[BlockedVolume]) -> Self {
-        let visible = volumes
-            .iter()
-            .filter(|v| v.merged.is_none() && !v.is_surface());
-        let of_volume = |volume: &BlockedVolume| -> Vec<[f64; 3]> {
-            let blocks = volume.blocks.par_iter().map(|block| {
-                let kappa = densest(volume, block);
-                [kappa, block.min_sigma.into(), block.max_sigma.into()]
-            });
-            blocks
-                .filter(|[kappa, sigma, _]| *kappa > 0.0 && *sigma > 0.0)
-                .collect()
-        };
-        Self(visible.flat_map(of_volume).collect())
+    fn of(scene: &BlockedScene, camera: &Camera) -> Self {
+        let mut all = Self::default();
+        for (volume, densities) in scene.volumes().iter().zip(scene.densities()) {
+            if volume.merged.is_some() || volume.is_surface() {
+                continue;
+            }
+            for (block, density) in volume.blocks.iter().zip(densities) {
+                let kappa = greatest_extinction(volume, block) * density;
+                let [thin, thick] = [block.min_sigma, block.max_sigma].map(f64::from);
+                // Phrased so that NaN is left out.
+                if kappa > 0.0 && thin > 0.0 {
+                    all.kernels.push([kappa, thin, thick]);
+                    let reach = block.half_extent.as_dvec3().length();
+                    let depth = camera.camera_point(block.origin).z.abs() + reach;
+                    all.farthest = all.farthest.max(depth);
+                }
+            }
+        }
+        all
     }
 
     fn thickest(&self) -> f64 {
-        self.0
+        self.kernels
             .iter()
             .fold(0.0, |most, [_, _, sigma]| sigma.max(most))
     }
@@ -165,14 +189,14 @@ impl SlabKernels {
     fn thickness(&self, tolerance: f64) -> f64 {
         let share = SLAB_SHARE * tolerance;
         let mut wanted = f64::INFINITY;
-        for [kappa, sigma, _] in &self.0 {
+        for [kappa, sigma, _] in &self.kernels {
             let by_kernels = (share * sigma / (SLAB_ERROR * kappa)).sqrt();
             wanted = wanted
                 .min(by_kernels.max(share / (MIXED_ERROR * kappa)))
                 .min(THICKEST * sigma);
         }
         let least = THINNEST * self.thickest();
-        if self.0.is_empty() {
+        if self.kernels.is_empty() {
             1.0
         } else {
             wanted.max(least)
@@ -185,44 +209,24 @@ impl SlabKernels {
             (SLAB_ERROR * kappa * thickness * thickness / sigma)
                 .min(MIXED_ERROR * kappa * thickness)
         };
-        self.0.iter().map(of_block).fold(0.0, f64::max).min(1.0)
+        self.kernels
+            .iter()
+            .map(of_block)
+            .fold(0.0, f64::max)
+            .min(1.0)
     }
 }
 
-/// The greatest extinction \[1/length\] of a block's kernels: strength over the volume that a kernel of
-/// the default width stands for, (sigma / .6)³. Flat ones have none: a slab holds all of such a kernel.
-fn densest(volume: &BlockedVolume, block: &Block) -> f64 {
+/// The greatest extinction that a value of a block has, and 1 where masses are given.
+fn greatest_extinction(volume: &BlockedVolume, block: &Block) -> f64 {
     let [lo, hi] = block.value_range;
-    let extinction = match (&volume.strength, &volume.transfer_function) {
+    match (&volume.strength, &volume.transfer_function) {
         (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
             f64::from(transfer.max_extinction(lo, hi))
         }
         (Strength::Classified { .. }, _) => 0.0,
         _ => 1.0,
-    };
-    if extinction == 0.0 {
-        return 0.0;
     }
-    let members = block.first as usize..(block.first + block.count) as usize;
-    let strengths = volume.strength.stored();
-    let density = |i: usize, volume: f64| {
-        let density = 0.6_f64.powi(3) * f64::from(strengths[i]) / volume;
-        if density.is_finite() { density } else { 0.0 }
-    };
-    let densities = match &volume.particles {
-        BlockedParticles::Lattice(grid) => (0.6 / grid.kernel_width()).powi(3),
-        BlockedParticles::Isotropic { sigmas, .. } => members
-            .map(|i| density(i, f64::from(sigmas[i]).powi(3)))
-            .fold(0.0, f64::max),
-        BlockedParticles::Anisotropic { factors, .. } => members
-            .map(|i| {
-                let [a, _, b, _, _, c] = factors[i].map(f64::from);
-                density(i, (a * b * c).abs())
-            })
-            .fold(0.0, f64::max),
-        BlockedParticles::Surfels { .. } => 0.0,
-    };
-    extinction * densities
 }
 
 /// The distance between samples: of lattices the mean of their cells' edges, otherwise what kernels of

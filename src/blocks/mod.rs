@@ -2,40 +2,55 @@
 //!
 //! | file | subject |
 //! |---|---|
+//! | `amplitude.rs` | what column densities sum |
 //! | `build.rs` | blocks of a point set, from an obvhs BVH |
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `merge/` | level of detail: clusters of particles as one particle each |
+//! | `overlap.rs` | where many kernels lie in one place |
 //! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
+//! | `density.rs` | how dense their kernels are |
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
+//! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
+//! | `scene.rs` | all volumes of a scene |
 
 #![allow(
     clippy::cast_possible_truncation,
     reason = "positions become f32 offsets here by design, and counts were checked to fit u32"
 )]
 
+mod amplitude;
 mod brick;
 mod build;
 mod choose;
 mod cull;
+mod density;
 mod layers;
 mod merge;
+mod overlap;
+mod rule;
+mod scene;
 
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
 use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
+use build::BuildOptions;
 
+pub use amplitude::AmplitudeSummary;
+pub(crate) use amplitude::visit_amplitudes;
 pub use brick::{AxisSample, BrickGrid};
 pub use choose::choose;
 #[cfg(feature = "gpu")]
 pub(crate) use cull::DEPTH_KEY_SPAN;
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
-pub use layers::Layers;
 pub(crate) use layers::MOST_SLABS;
+pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
+pub(crate) use rule::Rule;
+pub use scene::{BlockedScene, Keep};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -56,6 +71,8 @@ pub struct BlockedVolume {
     pub transfer_function: Option<TransferFunction>,
     /// Codes of normals in the order of the values, where light may fall on particles.
     pub normals: Option<Vec<u32>>,
+    /// Which of the caller's particles each is, where that is kept; a lattice's stay in their order.
+    pub indices: Option<Vec<u32>>,
     /// Of a level of detail: what its particles stand for.
     pub merged: Option<Merged>,
 }
@@ -114,6 +131,9 @@ pub struct Block {
     pub parent: u32,
     /// 0 for the data's own particles, above for merged ones.
     pub level: u32,
+    /// The most kernels that lie in one place, as a multiple of
+    /// [`OVERLAP`](crate::splat::budget::OVERLAP); no less than 1.
+    pub crowding: f32,
 }
 
 /// In place of a block's parent: none.
@@ -132,13 +152,17 @@ impl BlockedVolume {
     /// # Panics
     /// Never: the first of a family is the volume itself.
     pub fn new(volume: PointVolume) -> Self {
-        build::build(volume, false).swap_remove(0)
+        build::build(volume, BuildOptions::default()).swap_remove(0)
     }
 
     /// The same, and its levels of detail after it, the finest first; those of a point set are one
     /// volume.
     pub fn with_detail(volume: PointVolume) -> Vec<Self> {
-        build::build(volume, true)
+        let options = BuildOptions {
+            detail: true,
+            ..BuildOptions::default()
+        };
+        build::build(volume, options)
     }
 
     /// Bytes kept per particle of a volume, its levels of detail and all blocks included.
@@ -169,12 +193,14 @@ impl BlockedVolume {
             size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.clumps)
         });
         let normals = self.normals.as_ref().map_or(0, |n| 4 * n.len());
+        let indices = self.indices.as_ref().map_or(0, |n| 4 * n.len());
         strengths
             + colours
             + values
             + blocks
             + merged
             + normals
+            + indices
             + self.particle_count() * per_particle
     }
 

@@ -9,8 +9,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
-use crate::layout::{BlockView, ClassifiedParticle};
 use crate::math::ein_share;
+use crate::record::{BlockView, Carried, ClassifiedParticle};
 use crate::scene::{Colour, Strength, Values};
 
 /// Views per leaf of the parallel recursion.
@@ -30,8 +30,8 @@ pub fn classify(volume: &BlockedVolume, views: &[BlockView], out: &mut [Classifi
 
 /// What finds the visible particles of a block: the one loop body of counting and emitting.
 pub(super) trait Visit: Sync {
-    /// Calls `emit(local, mass, colour)` for each visible particle of a block, in order.
-    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, [f32; 3]));
+    /// Calls `emit(local, mass, carried)` for each visible particle of a block, in order.
+    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, Carried));
 }
 
 /// Particles as the transfer function leaves them.
@@ -51,7 +51,7 @@ impl<'a> Classes<'a> {
 
 impl Visit for Classes<'_> {
     #[inline]
-    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, [f32; 3])) {
+    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, Carried)) {
         visit(self.volume, &self.table, block, emit);
     }
 }
@@ -90,13 +90,13 @@ pub(super) fn fill(
     }
     let mut out = out.iter_mut();
     for (v, view) in (first_view..).zip(views) {
-        particles.visit(view.block, |local, mass, colour| {
+        particles.visit(view.block, |local, mass, carried| {
             if let Some(particle) = out.next() {
                 *particle = ClassifiedParticle {
                     view: v,
                     local,
                     mass,
-                    colour,
+                    carried,
                 };
             }
         });
@@ -113,13 +113,13 @@ fn byte_table(volume: &BlockedVolume) -> Vec<[f32; 4]> {
     }
 }
 
-/// Calls `emit(local, mass, colour)` for each visible particle of a block, in order.
+/// Calls `emit(local, mass, carried)` for each visible particle of a block, in order.
 #[inline]
 fn visit(
     volume: &BlockedVolume,
     table: &[[f32; 4]],
     block: u32,
-    emit: impl FnMut(u32, f32, [f32; 3]),
+    emit: impl FnMut(u32, f32, Carried),
 ) {
     let transfer = volume.transfer_function.as_ref();
     let of = |value: f32| transfer.map_or([0.0; 4], |t| t.classify(value));
@@ -145,7 +145,7 @@ fn visit_with(
     volume: &BlockedVolume,
     block: u32,
     class_of: impl Fn(usize) -> [f32; 4],
-    mut emit: impl FnMut(u32, f32, [f32; 3]),
+    mut emit: impl FnMut(u32, f32, Carried),
 ) {
     let colour_of = |i: usize, class: [f32; 4]| match &volume.colour {
         Colour::Classified => [class[0], class[1], class[2]],
@@ -180,7 +180,8 @@ fn visit_with(
             _ => mass,
         };
         if mass > 0.0 {
-            emit(local, mass, colour_of(i, class));
+            // Where slabs are classified, the function gives the value for a colour.
+            emit(local, mass, Carried::of_colour(colour_of(i, class)));
         }
     };
     match seen_run(volume, block) {

@@ -4,8 +4,8 @@ use glam::{Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::blocks::{BlockedParticles, BlockedVolume};
-use crate::layout::{BlockView, ClassifiedParticle, LightingUniform};
 use crate::math::normal_of_code;
+use crate::record::{BlockView, Carried, ClassifiedParticle, LightingUniform};
 use crate::splat::unit_normal;
 
 /// Lights the colours of `classified`: of surfels by the normals of their planes, of other particles
@@ -45,7 +45,8 @@ pub fn light(
             (_, Some(codes)) => (rotation * normal_of_code(codes[i]), Sides::Both),
             (_, None) => return,
         };
-        particle.colour = lit(lighting, sides, particle.colour, normal, to_eye);
+        let colour = particle.carried.colour();
+        particle.carried = Carried::of_colour(lit(lighting, sides, colour, normal, to_eye));
     };
     classified
         .par_iter_mut()

@@ -6,16 +6,16 @@ use std::sync::{Mutex, PoisonError};
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, Rule};
 use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
-use crate::layout::{
-    BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT,
-    PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, ViewUniform, pack_range,
-};
 use crate::math::Factor;
-use crate::scene::Strength;
+use crate::record::{
+    BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE,
+    PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms,
+    ViewUniform, pack_range,
+};
 use crate::splat::{
-    CHOICE_COLOURS, Composite, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
+    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
     budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
     edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
     project_kernel, surfel_footprint,
@@ -49,10 +49,11 @@ impl ProjectOutput {
     }
 }
 
-/// Projects every particle of `classified`: `footprints` and `exact` have its length (`exact` may
-/// be empty where no filter of the frame asks for it and nothing is cut).
+/// Projects every particle of `classified`: `footprints` has its length, and so has `surfels` of surfels
+/// of opaque surfaces, `exact` of all else (empty where no filter of the frame asks for it and nothing
+/// is cut).
 ///
-/// - `is_cut`: whether kernels may be cut, by surfaces, clip planes or slabs, so that all have terms of
+/// - `is_cut`: whether kernels may be cut, by surfaces, clip surfels or slabs, so that all have terms of
 ///   their depth.
 #[allow(
     clippy::too_many_arguments,
@@ -67,6 +68,7 @@ pub fn project(
     is_cut: bool,
     footprints: &mut [Footprint],
     exact: &mut [ExactTerms],
+    surfels: &mut [SurfelTerms],
     output: &ProjectOutput,
 ) {
     /// Particles per parallel task: a few blocks.
@@ -76,111 +78,88 @@ pub fn project(
     // A cut shows the inside of what was closed.
     let is_opened = view.clip_count > 0;
     let is_opaque = matches!(rule, Rule::Surface { .. });
-    let task =
-        |particles: &[ClassifiedParticle], out: &mut [Footprint], exact: &mut [ExactTerms]| {
-            let mut any_exact = false;
-            let mut run = None;
-            for (i, particle) in particles.iter().enumerate() {
-                let block = &views[particle.view as usize];
-                // Particles of a block follow one another: what they share is found once.
-                let shapes = match &run {
-                    Some((view, shapes)) if *view == particle.view => shapes,
-                    _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
-                };
-                let (offset, factor) = shapes.get(particle.local);
-                let origin = Vec3::from(block.origin_camera);
-                let mut kernel = Kernel {
-                    centre: origin + offset,
-                    factor,
-                    mass: particle.mass,
-                };
-                let key = depth_key(view, block, origin, offset);
-                let filter = Filter::ALL[block.filter_kind as usize];
-                // Merged particles know of their members' opacity.
-                let is_lone = view.sub_pixel_opacity != 0 && block.level == 0;
-                let colour = particle.colour;
-                let mut terms = None;
-                let near = &output.near;
-                out[i] = match rule {
-                    Rule::Peak { is_anti_aliased } => {
-                        // Without a depth of its own: where its centre lies.
-                        terms = is_cut.then(ExactTerms::default);
-                        splat_footprint(view, &kernel, is_anti_aliased, colour, key)
-                    }
-                    Rule::Surface { is_one_sided } => {
-                        let is_one_sided = is_one_sided && !is_opened;
-                        surfel(view, &kernel, is_one_sided, colour, key, &mut terms, near)
-                    }
-                    Rule::Pane { is_one_sided } => {
-                        kernel.mass *= facing(view, &kernel, is_one_sided && !is_opened);
-                        footprint(
-                            view, filter, is_lone, &kernel, colour, key, is_cut, &mut terms, near,
-                        )
-                    }
-                    Rule::Kernel => footprint(
-                        view, filter, is_lone, &kernel, colour, key, is_cut, &mut terms, near,
-                    ),
-                };
-                if view.composite == Composite::Slabs as u32 && !is_opaque {
-                    out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
+    let task = |particles: &[ClassifiedParticle],
+                out: &mut [Footprint],
+                exact: &mut [ExactTerms],
+                surfels: &mut [SurfelTerms]| {
+        let mut any_exact = false;
+        let mut run = None;
+        for (i, particle) in particles.iter().enumerate() {
+            let block = &views[particle.view as usize];
+            // Particles of a block follow one another: what they share is found once.
+            let shapes = match &run {
+                Some((view, shapes)) if *view == particle.view => shapes,
+                _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
+            };
+            let (offset, factor) = shapes.get(particle.local);
+            let crowding = shapes.block.crowding;
+            let origin = Vec3::from(block.origin_camera);
+            let mut kernel = Kernel {
+                centre: origin + offset,
+                factor,
+                mass: particle.mass,
+            };
+            let key = depth_key(view, block, origin, offset);
+            let filter = Filter::ALL[block.filter_kind as usize];
+            // Merged particles know of their members' opacity.
+            let is_lone = view.sub_pixel_opacity != 0 && block.level == 0;
+            let carried = particle.carried;
+            let (mut terms, mut plane) = (None, None);
+            let near = &output.near;
+            out[i] = match rule {
+                Rule::Peak { is_anti_aliased } => {
+                    // Without a depth of its own: where its centre lies.
+                    terms = is_cut.then(ExactTerms::default);
+                    splat_footprint(view, &kernel, crowding, is_anti_aliased, carried, key)
                 }
-                if view.show_choice != 0 {
-                    let shown = choice_index(block.level, out[i].path, filter);
-                    out[i].colour = CHOICE_COLOURS[shown];
+                Rule::Surface { is_one_sided } => {
+                    let is_one_sided = is_one_sided && !is_opened;
+                    surfel(view, &kernel, is_one_sided, carried, key, &mut plane, near)
                 }
-                if let Some(terms) = terms {
-                    exact[i] = terms;
-                    any_exact |= out[i].path == PATH_EXACT;
+                Rule::Pane { is_one_sided } => {
+                    kernel.mass *= facing(view, &kernel, is_one_sided && !is_opened);
+                    footprint(
+                        view, filter, is_lone, &kernel, crowding, carried, key, is_cut, &mut terms,
+                        near,
+                    )
                 }
+                Rule::Kernel => footprint(
+                    view, filter, is_lone, &kernel, crowding, carried, key, is_cut, &mut terms,
+                    near,
+                ),
+            };
+            if view.keys_begin != 0 && !is_opaque {
+                out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
             }
-            if any_exact {
-                output.any_exact.store(true, Ordering::Relaxed);
+            if view.show_choice != 0 {
+                let shown = choice_index(block.level, out[i].path, filter);
+                out[i].carried = Carried::of_colour(CHOICE_COLOURS[shown]);
             }
-        };
-    if exact.is_empty() {
-        footprints
-            .par_chunks_mut(GRAIN)
-            .zip(classified.par_chunks(GRAIN))
-            .for_each(|(out, particles)| task(particles, out, &mut []));
-    } else {
-        footprints
-            .par_chunks_mut(GRAIN)
-            .zip(exact.par_chunks_mut(GRAIN))
-            .zip(classified.par_chunks(GRAIN))
-            .for_each(|((out, exact), particles)| task(particles, out, exact));
-    }
-}
-
-/// By what rule a volume's particles are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Rule {
-    /// As kernels that absorb light.
-    Kernel,
-    /// As splats that state their opacity.
-    Peak { is_anti_aliased: bool },
-    /// As surfels of an opaque surface.
-    Surface { is_one_sided: bool },
-    /// As surfels of a translucent one.
-    Pane { is_one_sided: bool },
-}
-
-impl Rule {
-    pub(crate) fn of(volume: &BlockedVolume) -> Self {
-        let is_one_sided = matches!(
-            volume.particles,
-            BlockedParticles::Surfels {
-                is_one_sided: true,
-                ..
+            if let Some(terms) = terms {
+                exact[i] = terms;
+                any_exact |= out[i].path == PATH_EXACT;
             }
-        );
-        match volume.strength {
-            Strength::PeakOpacity {
-                is_anti_aliased, ..
-            } => Self::Peak { is_anti_aliased },
-            Strength::Surface(_) => Self::Surface { is_one_sided },
-            Strength::Pane(_) => Self::Pane { is_one_sided },
-            Strength::Classified { .. } | Strength::Mass(_) => Self::Kernel,
+            if let Some(plane) = plane {
+                surfels[i] = plane;
+            }
         }
+        if any_exact {
+            output.any_exact.store(true, Ordering::Relaxed);
+        }
+    };
+    let tasks = footprints
+        .par_chunks_mut(GRAIN)
+        .zip(classified.par_chunks(GRAIN));
+    if is_opaque {
+        tasks
+            .zip(surfels.par_chunks_mut(GRAIN))
+            .for_each(|((out, particles), surfels)| task(particles, out, &mut [], surfels));
+    } else if exact.is_empty() {
+        tasks.for_each(|(out, particles)| task(particles, out, &mut [], &mut []));
+    } else {
+        tasks
+            .zip(exact.par_chunks_mut(GRAIN))
+            .for_each(|((out, particles), exact)| task(particles, out, exact, &mut []));
     }
 }
 
@@ -269,7 +248,7 @@ impl BlockShapes<'_> {
 
 /// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
 /// plus a difference that f32 holds to some 22 bits of the block's size: together within 1.5 keys
-/// and four roundings of that size (`tests/bounds.rs`).
+/// and four roundings of that size (`tests/frames/bounds.rs`).
 #[inline]
 fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
     let delta = if view.directional_keys != 0 {
@@ -305,14 +284,14 @@ fn slab_key(
 
 /// A footprint that reaches no pixel yet.
 #[inline]
-fn invisible(kernel: &Kernel, colour: [f32; 3], key: u32) -> Footprint {
+fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprint {
     Footprint {
         centre_px: [0.0; 2],
         form_p: [0.0; 2],
         form_r: [0.0; 2],
         tau: 0.0,
         cutoff_squared: 0.0,
-        colour,
+        carried,
         depth: kernel.centre.z,
         path: PATH_AFFINE,
         columns: 0,
@@ -327,15 +306,17 @@ fn invisible(kernel: &Kernel, colour: [f32; 3], key: u32) -> Footprint {
 fn splat_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
+    crowding: f32,
     is_anti_aliased: bool,
-    colour: [f32; 3],
+    carried: Carried,
     key: u32,
 ) -> Footprint {
-    let mut out = invisible(kernel, colour, key);
+    let mut out = invisible(kernel, carried, key);
     let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
         return out;
     };
-    let r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
+    let depth = image.tau * image.pile * crowding;
+    let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
     out.path = PATH_PEAK;
@@ -350,12 +331,12 @@ fn surfel(
     view: &ViewUniform,
     kernel: &Kernel,
     is_one_sided: bool,
-    colour: [f32; 3],
+    carried: Carried,
     key: u32,
-    terms: &mut Option<ExactTerms>,
+    plane: &mut Option<SurfelTerms>,
     near: &Mutex<Vec<NearTerms>>,
 ) -> Footprint {
-    let mut out = invisible(kernel, colour, key);
+    let mut out = invisible(kernel, carried, key);
     // Weights are averaged: where a kernel ends counts as a share of it.
     let r = cutoff_radius(0.0, 1.0, view.tolerance / CUTOFF_SHARE, view.cutoff);
     let reach = r * kernel.factor.z.length();
@@ -384,13 +365,13 @@ fn surfel(
     let SurfelFootprint {
         screen,
         image,
-        terms: plane,
+        terms,
     } = surfel;
     affine_part(&mut out, &screen, &image, r);
     out.path = PATH_SURFEL;
     let mut middle = Vec2::ZERO;
     let mut half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
-    if plane.homography > 0.0 {
+    if terms.homography > 0.0 {
         let h2 = view.low_pass_variance_px2;
         let Some(extent) = exact_extent(&screen, h2, r) else {
             return out;
@@ -398,11 +379,11 @@ fn surfel(
         (middle, half) = extent;
     }
     set_bounds(view, &mut out, screen.centre_px + middle, half);
-    // The nearness within the box: no fragment of it is nearer.
-    let gradient = Vec2::from(plane.gradient);
-    let nearest = plane.nearness + gradient.dot(middle) + gradient.abs().dot(half);
-    out.depth = nearest + plane.slack;
-    *terms = Some(plane.into());
+    // The inverse depth within the box: no fragment of it is nearer.
+    let gradient = Vec2::from(terms.gradient);
+    let nearest = terms.inverse_depth + gradient.dot(middle) + gradient.abs().dot(half);
+    out.depth = nearest + terms.slack;
+    *plane = Some(terms);
     out
 }
 
@@ -438,13 +419,14 @@ pub(crate) fn footprint(
     filter: Filter,
     is_lone: bool,
     kernel: &Kernel,
-    colour: [f32; 3],
+    crowding: f32,
+    carried: Carried,
     key: u32,
     is_cut: bool,
     exact: &mut Option<ExactTerms>,
     near: &Mutex<Vec<NearTerms>>,
 ) -> Footprint {
-    let mut out = invisible(kernel, colour, key);
+    let mut out = invisible(kernel, carried, key);
     let h2 = view.low_pass_variance_px2;
     let z = kernel.factor.z;
     let mut reach = z.length();
@@ -457,7 +439,7 @@ pub(crate) fn footprint(
     }
     let orthographic = view.orthographic != 0;
     if kernel.centre.z <= 0.0 && !orthographic {
-        near_footprint(view, kernel, near, &mut out);
+        near_footprint(view, kernel, crowding, near, &mut out);
         return out;
     }
     let screen = project_kernel(view, kernel);
@@ -470,13 +452,15 @@ pub(crate) fn footprint(
         // A singular footprint (no low-pass filter), or numbers beyond f32.
         return out;
     }
-    let mut r = cutoff_radius(image.tau * image.pile, 1.0, view.tolerance, view.cutoff);
-    let mut terms = choose_exact(view, filter, &screen, &image);
+    // Of what ends together.
+    let depth = image.tau * image.pile * crowding;
+    let mut r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    let mut terms = choose_exact(view, filter, &screen, &image, crowding);
     if let Some(terms) = &terms {
         // Away from the camera's axis one side of the edge stands out: the kernel ends where that
         // side has met the tolerance. A tenth more, because the wider edge stands out more.
         let growth = edge_growth(view, &screen, &image, terms, 1.1 * r);
-        let wider = cutoff_radius(image.tau * image.pile, growth, view.tolerance, view.cutoff);
+        let wider = cutoff_radius(depth, growth, view.tolerance, view.cutoff);
         // `max` takes the other argument when one is NaN.
         r = r.max(wider);
     }
@@ -484,7 +468,7 @@ pub(crate) fn footprint(
         if orthographic {
             half_line_footprint(view, kernel, near, &mut out, &screen, &image, r);
         } else {
-            near_footprint(view, kernel, near, &mut out);
+            near_footprint(view, kernel, crowding, near, &mut out);
         }
         return out;
     }
@@ -583,6 +567,7 @@ fn half_line_footprint(
 fn near_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
+    crowding: f32,
     near: &Mutex<Vec<NearTerms>>,
     out: &mut Footprint,
 ) {
@@ -606,15 +591,18 @@ fn near_footprint(
         // A flat kernel's bound is infinite, and NaN must not shrink anything.
         highest = f32::MAX;
     }
-    let r = cutoff_radius(highest, 1.0, view.tolerance, view.cutoff);
+    let r = cutoff_radius(highest * crowding, 1.0, view.tolerance, view.cutoff);
     let columns = near_range(kernel, Vec3::X, kernel.factor.x, view, 0, r, h);
     let rows = near_range(kernel, Vec3::Y, kernel.factor.y, view, 1, r, h);
     if let (Some(columns), Some(rows)) = (columns, rows) {
         out.columns = columns;
         out.rows = rows;
-        out.form_p = [r * kernel.factor.z.length(), 0.0];
         out.tau = weight / cutoff_share(r);
         out.cutoff_squared = r * r;
+        let terms = NearTerms {
+            reach: r * kernel.factor.z.length(),
+            ..terms
+        };
         out.path = push(near, terms, PATH_NEAR);
     }
 }

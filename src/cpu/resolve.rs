@@ -3,8 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::lanes::Tile;
-use super::surface::NormalTile;
+use super::tile::{NormalTile, Tile};
 use crate::constants::TILE_SIZE;
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::view::Camera;
@@ -40,49 +39,33 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) 
         });
 }
 
-/// Writes the tiles' depths.
-pub fn resolve_depth(tiles: &[Tile], width: usize, height: usize) -> DepthImage {
+/// Writes the tiles' depths, into an image whose size is set.
+pub fn resolve_depth(tiles: &[Tile], out: &mut DepthImage) {
+    let width = out.width;
     let columns = width.div_ceil(TILE_SIZE);
-    let depths = (0..width * height)
-        .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
-            let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
-            // A surface has a depth wherever it covers anything.
-            if tile.alpha[at] >= 0.5 {
-                tile.depth[at]
-            } else {
-                f32::INFINITY
-            }
-        })
-        .collect();
-    DepthImage {
-        width,
-        height,
-        depths,
+    for (i, depth) in out.depths.iter_mut().enumerate() {
+        let (x, y) = (i % width, i / width);
+        let tile = &tiles[y / TILE_SIZE * columns + x / TILE_SIZE];
+        let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
+        // A surface has a depth wherever it covers anything.
+        *depth = if tile.alpha[at] >= 0.5 {
+            tile.depth[at]
+        } else {
+            f32::INFINITY
+        };
     }
 }
 
-/// Writes the tiles' normals, turned into the world; zeros where there is no tile.
-pub fn resolve_normals(
-    tiles: &[NormalTile],
-    camera: &Camera,
-    width: usize,
-    height: usize,
-) -> NormalImage {
+/// Writes the tiles' normals, turned into the world, into an image whose size is set; zeros where there
+/// is no tile.
+pub fn resolve_normals(tiles: &[NormalTile], camera: &Camera, out: &mut NormalImage) {
+    let width = out.width;
     let columns = width.div_ceil(TILE_SIZE);
     let world_from_camera = camera.camera_from_world.as_mat3().transpose();
-    let normals = (0..width * height)
-        .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let tile = tiles.get(y / TILE_SIZE * columns + x / TILE_SIZE);
-            let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
-            tile.map_or([0.0; 3], |t| (world_from_camera * Vec3::from(t[at])).into())
-        })
-        .collect();
-    NormalImage {
-        width,
-        height,
-        normals,
+    for (i, normal) in out.normals.iter_mut().enumerate() {
+        let (x, y) = (i % width, i / width);
+        let tile = tiles.get(y / TILE_SIZE * columns + x / TILE_SIZE);
+        let at = y % TILE_SIZE * TILE_SIZE + x % TILE_SIZE;
+        *normal = tile.map_or([0.0; 3], |t| (world_from_camera * Vec3::from(t[at])).into());
     }
 }

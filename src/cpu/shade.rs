@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use crate::blocks::BlockedVolume;
 use crate::image::linear_from_srgb;
-use crate::layout::{BlockView, ClassifiedParticle};
 use crate::math::{harmonics, harmonics_count, harmonics_sum};
+use crate::record::{BlockView, Carried, ClassifiedParticle};
 use crate::scene::Colour;
 use crate::view::{Camera, Projection};
 
@@ -42,7 +42,7 @@ pub fn shade(
         });
         let codes = harmonics_sum(&coefficients[i * stride..][..stride], &harmonics(direction));
         // `max` takes the other argument when one is NaN.
-        particle.colour = codes.map(|c| linear_from_srgb(c.max(0.0)));
+        particle.carried = Carried::of_colour(codes.map(|c| linear_from_srgb(c.max(0.0))));
     };
     classified
         .par_iter_mut()

@@ -2,7 +2,7 @@
 
 use rdst::RadixSort;
 
-use crate::layout::Footprint;
+use crate::record::Footprint;
 
 /// The footprint that a word of the sorted order names.
 #[inline]

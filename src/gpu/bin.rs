@@ -4,15 +4,28 @@ use std::mem::offset_of;
 
 use bytemuck::{Zeroable, bytes_of, cast_slice};
 
+use super::constants::THREADS;
 use super::device::Gpu;
 use super::gather::{BoundGather, Gather, Terms};
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
+use super::kernel::{Access, BoundKernel, Kernel};
 use super::radix::{BoundRadixSort, RadixSort};
 use super::scan::{BoundScan, Scan};
-use super::shaders;
+use super::shader::{DISPATCH, FLOATS, STRUCTS, Shader};
 use super::sort::Sort;
 use crate::error::Result;
-use crate::layout::{ChunkState, ChunkUniform, ExactTerms, Footprint, PartRange, SortState};
+use crate::record::{ChunkState, ChunkUniform, Footprint, FootprintTerms, PartRange, SortState};
+
+/// Tiles that footprints touch.
+pub(super) const SHADER: Shader = Shader::new(
+    "bin",
+    &[
+        STRUCTS,
+        DISPATCH,
+        FLOATS,
+        include_str!("../../shaders/shared/outline.wgsl"),
+        include_str!("../../shaders/bin.wgsl"),
+    ],
+);
 
 /// The pipelines of the stage.
 #[derive(Debug)]
@@ -51,11 +64,11 @@ const OFFSET_COUNT: u32 = (offset_of!(ChunkState, offset_count) / 4) as u32;
 const ENTRIES: u32 = (offset_of!(ChunkState, entries) / 4) as u32;
 
 impl Bin {
-    /// `exact`: whether footprints have exact terms.
+    /// `exact`: whether footprints have exact terms, or what lies in their place.
     pub(super) fn new(gpu: &Gpu, exact: bool) -> Self {
         use Access::{Read, Uniform, Write};
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
-            gpu.kernel(&shaders::BIN, entry, bindings, constants)
+            gpu.kernel(&SHADER, entry, bindings, constants)
         };
         let walk = [Uniform, Uniform, Read, Read, Read, Write, Write, Write];
         let exact = [("EXACT", f64::from(u8::from(exact)))];
@@ -156,7 +169,7 @@ pub struct ChunkBins {
 /// [`crate::cpu::bin`], restricted to both. One chunk after the other in the same buffers, as in a
 /// frame.
 ///
-/// - `parts`: footprints, one part after the other; exact terms for all parts or none.
+/// - `parts`: footprints, one part after the other; terms of kernels for all parts or none.
 /// - `order`: as [`super::sort`] writes it.
 /// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
 /// - `capacity`: entries of one chunk that find room.
@@ -165,21 +178,33 @@ pub struct ChunkBins {
 /// No memory, or a lost device.
 pub fn bin(
     gpu: &Gpu,
-    parts: &[(&[Footprint], &[ExactTerms])],
+    parts: &[(&[Footprint], FootprintTerms<'_>)],
     order: &[u64],
     chunks: &[ChunkUniform],
     capacity: u64,
 ) -> Result<Vec<ChunkBins>> {
-    let has_exact = parts.iter().any(|(_, exact)| !exact.is_empty());
-    let upload = |(footprints, exact): &(&[Footprint], &[ExactTerms])| {
+    let has_exact = parts.iter().any(|(_, terms)| !terms.exact().is_empty());
+    let has_surfels = parts.iter().any(|(_, terms)| !terms.surfel().is_empty());
+    let terms = if has_surfels {
+        Terms::OfAll
+    } else {
+        Terms::exact(has_exact)
+    };
+    let has_terms = has_exact || has_surfels;
+    let upload = |(footprints, terms): &(&[Footprint], FootprintTerms<'_>)| {
         let footprints = gpu.upload("footprints", footprints)?;
-        Ok((footprints, gpu.upload("exact terms", exact)?))
+        let words: &[u8] = match terms {
+            FootprintTerms::None => &[],
+            FootprintTerms::Exact(terms) => cast_slice(terms),
+            FootprintTerms::Surfel(terms) => cast_slice(terms),
+        };
+        Ok((footprints, gpu.upload("terms", words)?))
     };
     let uploaded = parts.iter().map(upload).collect::<Result<Vec<_>>>()?;
     let footprints: Vec<_> = uploaded.iter().map(|(f, _)| f).collect();
     let gathered: Vec<_> = uploaded
         .iter()
-        .map(|(f, e)| (f, has_exact.then_some(e)))
+        .map(|(f, e)| (f, has_terms.then_some(e)))
         .collect();
     // What the sort leaves behind.
     let counts: Vec<u32> = parts.iter().map(|(f, _)| f.len() as u32).collect();
@@ -212,15 +237,9 @@ pub fn bin(
     let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
     let chunk_capacity = chunks.iter().map(|c| c.capacity).max().unwrap_or(0).into();
     let uniform = gpu.uniform("chunk", &<ChunkUniform as Zeroable>::zeroed())?;
-    let gather = Gather::new(gpu, Terms::exact(has_exact)).bind(
-        gpu,
-        &uniform,
-        &sort,
-        &gathered,
-        chunk_capacity,
-    )?;
+    let gather = Gather::new(gpu, terms).bind(gpu, &uniform, &sort, &gathered, chunk_capacity)?;
     let bin =
-        Bin::new(gpu, has_exact).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
+        Bin::new(gpu, has_terms).bind(gpu, &uniform, &gather, chunk_capacity, tiles, capacity)?;
 
     let binned = chunks.iter().map(|chunk| {
         gpu.write(&uniform, bytes_of(chunk));

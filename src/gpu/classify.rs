@@ -3,18 +3,69 @@
 use std::collections::HashMap;
 use std::mem::offset_of;
 
-use bytemuck::Zeroable;
+use bytemuck::{Pod, Zeroable};
 
+use super::constants::{MAX_GROUPS, PARTICLE_ARGUMENTS, THREADS, VIEW_ARGUMENTS};
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, MAX_GROUPS, THREADS};
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::kinds::Kinds;
+use super::packed::words;
 use super::scan::{BoundScan, Scan};
-use super::scene::{
-    FrameBuffers, Kinds, PARTICLE_ARGUMENTS, Part, PartBuffers, Scene, VIEW_ARGUMENTS,
+use super::scene::{FrameBuffers, Part, PartBuffers, Scene};
+use super::shader::{
+    AVERAGES, DISPATCH, EIN, EXPONENTIAL, F64_ARITHMETIC, SCAN_THREADS, STRUCTS, Shader, TRANSFER,
 };
-use super::shaders;
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
-use crate::layout::{BlockView, ClassifiedParticle, PartState};
+use crate::record::{BlockView, ClassifiedParticle, PartState};
+
+/// From values to masses and colours.
+pub(super) const SHADER: Shader = Shader::new(
+    "classify",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        EXPONENTIAL,
+        TRANSFER,
+        AVERAGES,
+        EIN,
+        include_str!("../../shaders/classify/class.wgsl"),
+        include_str!("../../shaders/classify.wgsl"),
+    ],
+);
+
+/// From values to signed amplitudes.
+pub(super) const AMPLITUDES: Shader = Shader::new(
+    "classify amplitudes",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        F64_ARITHMETIC,
+        include_str!("../../shaders/classify/amplitude.wgsl"),
+        include_str!("../../shaders/classify.wgsl"),
+    ],
+);
+
+/// What amplitudes are relative to, as `classify/amplitude.wgsl` has it.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct AmplitudeUniform {
+    pub(super) scale: [u32; 2],
+    pub(super) cell_volume: [u32; 2],
+}
+
+impl AmplitudeUniform {
+    /// - `scale`: masses per amplitude.
+    /// - `cell_volume`: of a part that is a uniform lattice's.
+    pub(super) fn new(scale: f64, cell_volume: f64) -> Self {
+        Self {
+            scale: words(scale),
+            cell_volume: words(cell_volume),
+        }
+    }
+}
 
 /// The pipelines of the stage for parts of one kind.
 #[derive(Debug)]
@@ -37,25 +88,27 @@ pub(super) struct BoundClassify {
 }
 
 impl Classify {
-    fn new(gpu: &Gpu, kinds: &Kinds) -> Self {
+    fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool) -> Self {
         use Access::{Read, Uniform, Write};
-        let kernel = |entry, bindings: &[Access]| {
-            gpu.kernel(
-                &shaders::CLASSIFY,
-                entry,
-                bindings,
-                &[
-                    ("VALUES", f64::from(kinds.values as u32)),
-                    ("STRENGTH", f64::from(kinds.strength as u32)),
-                    ("COLOUR", f64::from(kinds.colour as u32)),
-                    ("IS_LATTICE", f64::from(u8::from(kinds.is_lattice()))),
-                    ("HAS_CLUMPS", f64::from(u8::from(kinds.has_clumps))),
-                ],
-            )
+        let flag = |is: bool| f64::from(u8::from(is));
+        let mut constants = vec![
+            ("VALUES", f64::from(kinds.values as u32)),
+            ("STRENGTH", f64::from(kinds.strength as u32)),
+            ("IS_LATTICE", flag(kinds.is_lattice())),
+        ];
+        let (shader, of_mass) = if is_column {
+            (&AMPLITUDES, Uniform)
+        } else {
+            constants.push(("COLOUR", f64::from(kinds.colour as u32)));
+            constants.push(("HAS_CLUMPS", flag(kinds.has_clumps)));
+            (&SHADER, Read)
         };
-        let count = [Uniform, Write, Write, Write, Read, Read, Read, Read];
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(shader, entry, bindings, &constants);
+        let count = [Uniform, Write, Write, Write, Read, Read, Read, of_mass];
         let place = [Uniform, Write, Write, Write, Write, Write];
-        let emit = [Uniform, Write, Write, Write, Read, Read, Read, Read, Read];
+        let emit = [
+            Uniform, Write, Write, Write, Read, Read, Read, of_mass, Read,
+        ];
         Self {
             count: kernel("classify_count", &count),
             place: kernel("classify_place", &place),
@@ -66,6 +119,9 @@ impl Classify {
 
 /// Binds the stage to each of some parts of a scene and what a frame makes of it.
 ///
+/// - `amplitudes`: an [`AmplitudeUniform`] of each part, where amplitudes are wanted; masses and colours
+///   otherwise.
+///
 /// # Errors
 /// No memory for the counts.
 pub(super) fn bind_classify(
@@ -73,13 +129,14 @@ pub(super) fn bind_classify(
     frame: &FrameBuffers,
     parts: &[&Part],
     buffers: &[PartBuffers],
+    amplitudes: Option<&[wgpu::Buffer]>,
 ) -> Result<Vec<BoundClassify>> {
     let mut kernels: HashMap<Kinds, Classify> = HashMap::new();
     let scan = Scan::new(gpu, (offset_of!(PartState, count_length) / 4) as u32);
-    let bind_part = |(part, buffers): (&&Part, &PartBuffers)| {
+    let bind_part = |(i, (part, buffers)): (usize, (&&Part, &PartBuffers))| {
         let kernels = kernels
             .entry(part.kinds)
-            .or_insert_with(|| Classify::new(gpu, &part.kinds));
+            .or_insert_with(|| Classify::new(gpu, &part.kinds, amplitudes.is_some()));
         let Part {
             blocks,
             bricks,
@@ -99,7 +156,8 @@ pub(super) fn bind_classify(
         let counts = gpu.buffer("counts", 4 * count_length)?;
         let words = [bricks, state, views, &counts];
         let place = [&words[..], &[&frame.state, arguments]].concat();
-        let count = [&words[..], &[blocks, values, strengths, table]].concat();
+        let of_mass = amplitudes.map_or(table, |amplitudes| &amplitudes[i]);
+        let count = [&words[..], &[blocks, values, strengths, of_mass]].concat();
         let mut emit = [&count[..], &[colours]].concat();
         emit[3] = classified;
         Ok(BoundClassify {
@@ -111,7 +169,12 @@ pub(super) fn bind_classify(
             groups: (part.run.len() as u32).div_ceil(THREADS),
         })
     };
-    parts.iter().zip(buffers).map(bind_part).collect()
+    parts
+        .iter()
+        .zip(buffers)
+        .enumerate()
+        .map(bind_part)
+        .collect()
 }
 
 impl BoundClassify {
@@ -217,7 +280,7 @@ pub fn classify(
     let uploaded = upload_views(gpu, volume, views, capacity, part_bytes)?;
     let frame = FrameBuffers::new(gpu)?;
     let parts: Vec<_> = uploaded.scene.parts.iter().collect();
-    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers)?;
+    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers, None)?;
     gpu.run(|pass| bound.iter().for_each(|part| part.encode(pass)));
     let mut out = Classified {
         particles: Vec::new(),

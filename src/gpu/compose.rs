@@ -1,23 +1,29 @@
-//! Stage: opaque surfaces behind what lies in front of them. Twin: `compose` of `cpu/cut.rs`.
+//! Stage: opaque surfaces behind what lies in front of them. Twin: `compose` of `cpu/tile/interval/cut.rs`.
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
-use super::rasterise::RasterSpec;
-use super::shaders;
+use super::shader::{DISPATCH, Shader};
+use crate::splat::Axes;
+
+/// Surfaces behind what lies in front of them.
+pub(super) const SHADER: Shader = Shader::new(
+    "compose",
+    &[DISPATCH, include_str!("../../shaders/compose.wgsl")],
+);
 
 /// The pipeline; a thread per pixel, as [`Resolve`](super::resolve::Resolve).
 #[derive(Debug)]
 pub(super) struct Compose(Kernel);
 
 impl Compose {
-    pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
+    pub(super) fn new(gpu: &Gpu, axes: &Axes) -> Self {
         let bindings = [Access::Uniform, Access::Write, Access::Read];
         let flag = |is: bool| f64::from(u8::from(is));
         let constants = [
-            ("HAS_DEPTH", flag(spec.depth)),
-            ("IS_COUNT", flag(spec.count)),
+            ("HAS_DEPTH", flag(axes.depth)),
+            ("IS_COUNT", flag(axes.count)),
         ];
-        Self(gpu.kernel(&shaders::COMPOSE, "compose", &bindings, &constants))
+        Self(gpu.kernel(&SHADER, "compose", &bindings, &constants))
     }
 
     /// - `background`: a uniform [`Background`](super::resolve::Background), of which the number of

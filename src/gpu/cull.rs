@@ -3,18 +3,38 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::{THREADS, VIEW_ARGUMENTS};
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
-use super::particles::ParticleKind;
-use super::scene::{ColourKind, FrameBuffers, Kinds, Part, PartBuffers, Scene, VIEW_ARGUMENTS};
-use super::shaders::{self, words};
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::kinds::{ColourKind, Kinds, ParticleKind};
+use super::packed::words;
+use super::scene::{FrameBuffers, Part, PartBuffers, Scene};
+use super::shader::{
+    DISPATCH, F64_ARITHMETIC, FLOATS, MAXIMA, SCAN_THREADS, STRUCTS, Shader, TRANSFER,
+};
 use crate::blocks::{BlockedVolume, Frustum, Layers, NO_PARENT};
 use crate::error::Result;
-use crate::layout::{
+use crate::record::{
     BlockView, CameraUniform, ChoiceUniform, FrameState, MERGED_OPEN, MergedBlock, PartState,
     ViewUniform,
 };
 use crate::view::{Camera, Projection};
+
+/// Which blocks a frame sees.
+pub(super) const SHADER: Shader = Shader::new(
+    "cull",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        F64_ARITHMETIC,
+        FLOATS,
+        TRANSFER,
+        MAXIMA,
+        include_str!("../../shaders/shared/choose.wgsl"),
+        include_str!("../../shaders/cull.wgsl"),
+    ],
+);
 
 /// What a workgroup has seen, as `cull.wgsl` has it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -78,12 +98,26 @@ struct CullPart {
     emit: Kernel,
 }
 
+/// What blocks are seen for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum SeenFor {
+    /// A picture: what the transfer function leaves of them, by filters that they choose.
+    Picture,
+    /// A column density: all of them, by the filter asked for.
+    Column,
+}
+
 impl CullPart {
-    fn new(gpu: &Gpu, kinds: &Kinds) -> Self {
+    fn new(gpu: &Gpu, kinds: &Kinds, seen_for: SeenFor) -> Self {
         use Access::{Read, Write};
         let flag = |is: bool| f64::from(u8::from(is));
+        let is_picture = seen_for == SeenFor::Picture;
         let constants = [
-            ("IS_CLASSIFIED", flag(kinds.may_be_transparent())),
+            ("HAS_CHOICE", flag(is_picture)),
+            (
+                "IS_CLASSIFIED",
+                flag(is_picture && kinds.may_be_transparent()),
+            ),
             (
                 "IS_COLOUR_CLASSIFIED",
                 flag(kinds.colour == ColourKind::Classified),
@@ -94,8 +128,7 @@ impl CullPart {
                 flag(kinds.particles == ParticleKind::Isotropic),
             ),
         ];
-        let kernel =
-            |entry, bindings: &[Access]| gpu.kernel(&shaders::CULL, entry, bindings, &constants);
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&SHADER, entry, bindings, &constants);
         let blocks = [Write, Write, Read, Read, Write, Read, Write, Read];
         Self {
             close: kinds.is_merged.then(|| kernel("cull_close", &blocks)),
@@ -125,7 +158,7 @@ struct BoundPart {
 
 impl Cull {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        let kernel = |entry, bindings: &[Access]| gpu.kernel(&shaders::CULL, entry, bindings, &[]);
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&SHADER, entry, bindings, &[]);
         Self {
             begin: kernel("cull_begin", &[Access::Write]),
             scan: kernel("cull_scan", &[Access::Write; 4]),
@@ -144,6 +177,7 @@ impl Cull {
         frame: &FrameBuffers,
         parts: &[&Part],
         buffers: &[PartBuffers],
+        seen_for: SeenFor,
     ) -> Result<BoundCull> {
         let FrameBuffers {
             view,
@@ -176,7 +210,7 @@ impl Cull {
                 views,
                 ..
             } = buffers;
-            let kernels = CullPart::new(gpu, &part.kinds);
+            let kernels = CullPart::new(gpu, &part.kinds, seen_for);
             let shared = [frame, &seen, camera, blocks, &places, maxima];
             let of_blocks = [&shared[..], &[&merged_blocks, merged]].concat();
             let emit = [&shared[..], &[views]].concat();
@@ -257,7 +291,7 @@ pub fn cull(
         .map(|part| PartBuffers::new(gpu, part, 1))
         .collect::<Result<Vec<_>>>()?;
     let parts: Vec<_> = scene.parts.iter().collect();
-    let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers)?;
+    let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers, SeenFor::Picture)?;
     let run = |camera: &CameraUniform| {
         frame.write(gpu, &ViewUniform::zeroed(), camera, None);
         gpu.run(|pass| bound.encode(pass));

@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use wgpu::{Backends, DeviceType, Features, Limits};
 
-use super::kernel::KernelCache;
-use crate::error::{Error, Result};
+use super::kernel::{Access, Kernel, KernelCache};
+use super::shader::Shader;
+use crate::error::{Error, Hint, Result};
 
 /// How long a frame may run before the device counts as hung: software adapters take minutes for
 /// what a graphics card does in milliseconds (twenty million particles: six on two busy cores).
@@ -33,7 +34,7 @@ pub struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) limits: Limits,
-    pub(super) kernels: KernelCache,
+    kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
 }
@@ -117,14 +118,11 @@ impl Gpu {
             required_limits: limits.clone(),
             ..wgpu::DeviceDescriptor::default()
         }))
-        .map_err(|e| {
-            Error::format(
-                "GPU",
-                describe(&info),
-                "an adapter that opens",
-                e.to_string(),
-                "choose another with EWA_ADAPTER, or use --backend cpu",
-            )
+        .map_err(|e| Error::NoAdapter {
+            place: describe(&info),
+            expected: "an adapter that opens".into(),
+            found: e.to_string(),
+            advice: Hint::OtherAdapterOrCpu.into(),
         })?;
         let fault = Arc::new(Mutex::new(None));
         let on_lost = Arc::clone(&fault);
@@ -178,6 +176,18 @@ impl Gpu {
         drop(self.wait());
     }
 
+    /// An entry point of a shader: see [`KernelCache::kernel`].
+    pub(super) fn kernel(
+        &self,
+        shader: &Shader,
+        entry: &str,
+        bindings: &[Access],
+        constants: &[(&str, f64)],
+    ) -> Kernel {
+        self.kernels
+            .kernel(&self.device, shader, entry, bindings, constants)
+    }
+
     /// Waits until everything submitted has run.
     ///
     /// # Errors
@@ -210,13 +220,16 @@ impl Gpu {
 
     /// The error of a device that does not do what it was told.
     pub(super) fn failed(&self, found: String) -> Error {
-        Error::format(
-            "GPU",
-            self.adapter(),
-            "a device that answers",
-            one_line(&found),
-            "start again, with --backend cpu if it keeps failing",
-        )
+        Error::DeviceLost {
+            adapter: self.adapter(),
+            found: one_line(&found),
+        }
+    }
+}
+
+impl AsRef<wgpu::Device> for Gpu {
+    fn as_ref(&self) -> &wgpu::Device {
+        &self.device
     }
 }
 
@@ -258,9 +271,14 @@ fn no_adapter(choice: AdapterChoice, name: Option<&str>, found: String) -> Error
         (None, AdapterChoice::Any) => "a Vulkan, Metal or DirectX 12 adapter".to_string(),
     };
     let advice = if name.is_some() && found != NONE {
-        "choose one of these with EWA_ADAPTER or leave it unset, or use --backend cpu"
+        Hint::ListedAdapterOrCpu
     } else {
-        "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu"
+        Hint::InstallDriverOrCpu
     };
-    Error::format("GPU", "adapters", expected, found, advice)
+    Error::NoAdapter {
+        place: "adapters".into(),
+        expected,
+        found,
+        advice: advice.into(),
+    }
 }

@@ -2,10 +2,21 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::THREADS;
 use super::device::Gpu;
-use super::kernel::{Access, THREADS};
-use super::shaders;
+use super::kernel::Access;
+use super::shader::{DISPATCH, F64_ARITHMETIC, Shader};
 use crate::error::Result;
+
+/// The operations.
+pub(super) const SHADER: Shader = Shader::new(
+    "f64",
+    &[
+        DISPATCH,
+        F64_ARITHMETIC,
+        include_str!("../../shaders/f64.wgsl"),
+    ],
+);
 
 /// What the device makes of a pair (a, b), f64 as their bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -47,7 +58,7 @@ pub fn f64_operations(gpu: &Gpu, pairs: &[[f64; 2]]) -> Result<Vec<F64Results>> 
         size_of::<F64Results>() as u64 * pairs.len() as u64,
     )?;
     let kernel = gpu.kernel(
-        &shaders::F64,
+        &SHADER,
         "f64_operations",
         &[Access::Read, Access::Write],
         &[],

@@ -3,10 +3,10 @@
 
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
-use super::shaders;
+use super::shader::{DISPATCH, STRUCTS, Shader};
 use super::sort::BoundSort;
 use crate::error::Result;
-use crate::layout::{ChunkState, ExactTerms, Footprint};
+use crate::record::{ChunkState, ExactTerms, Footprint};
 
 /// Which footprints have [`ExactTerms`], or what lies in their place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +27,12 @@ impl Terms {
         }
     }
 }
+
+/// Footprints in depth order.
+pub(super) const SHADER: Shader = Shader::new(
+    "gather",
+    &[STRUCTS, DISPATCH, include_str!("../../shaders/gather.wgsl")],
+);
 
 /// The pipelines of the stage.
 #[derive(Debug)]
@@ -55,7 +61,7 @@ impl Gather {
     pub(super) fn new(gpu: &Gpu, terms: Terms) -> Self {
         use Access::{Read, Uniform, Write};
         let kernel = |entry, bindings: &[Access], constants: &[(&str, f64)]| {
-            gpu.kernel(&shaders::GATHER, entry, bindings, constants)
+            gpu.kernel(&SHADER, entry, bindings, constants)
         };
         let bindings = [Uniform, Uniform, Read, Read, Read, Read, Read, Write, Write];
         let flag = |is: bool| f64::from(u8::from(is));
@@ -71,7 +77,7 @@ impl Gather {
 
     /// Makes buffers for `capacity` footprints.
     ///
-    /// - `chunk`: a uniform [`crate::layout::ChunkUniform`] of at most that capacity.
+    /// - `chunk`: a uniform [`crate::record::ChunkUniform`] of at most that capacity.
     /// - `parts`: footprints of each part of the sort; exact terms where there are any.
     ///
     /// # Errors

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::device::Gpu;
-use super::shaders::Shader;
+use super::constants::MAX_GROUPS;
+use super::shader::Shader;
 
 /// How a shader uses a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub(super) struct BoundKernel {
 }
 
 /// Shader, entry point, and names and bits of the constants.
-type KernelKey = (&'static str, String, Vec<(String, u64)>);
+type KernelKey = (String, String, Vec<(String, u64)>);
 
 /// The kernels that a device has compiled.
 #[derive(Debug, Clone, Default)]
@@ -40,17 +40,18 @@ pub(super) struct KernelCache(Arc<Mutex<Compiled>>);
 
 #[derive(Debug, Default)]
 struct Compiled {
-    modules: HashMap<&'static str, wgpu::ShaderModule>,
+    modules: HashMap<String, wgpu::ShaderModule>,
     kernels: HashMap<KernelKey, Kernel>,
 }
 
-impl Gpu {
+impl KernelCache {
     /// An entry point of a shader, compiled when it is first asked for.
     ///
     /// - `bindings`: how binding 0, 1, 2, ... are used; more than the entry point uses do no harm.
     /// - `constants`: values of the shader's `override` declarations.
     pub(super) fn kernel(
         &self,
+        device: &wgpu::Device,
         shader: &Shader,
         entry: &str,
         bindings: &[Access],
@@ -59,32 +60,34 @@ impl Gpu {
         let bits = constants
             .iter()
             .map(|(n, v)| ((*n).to_string(), v.to_bits()));
-        let key = (shader.name, entry.to_string(), bits.collect());
-        let cache = self.kernels.0.lock();
+        let name = shader.name.to_string();
+        let key = (name.clone(), entry.to_string(), bits.collect());
+        let cache = self.0.lock();
         let mut cache = cache.unwrap_or_else(PoisonError::into_inner);
         let Compiled { modules, kernels } = &mut *cache;
         if let Some(kernel) = kernels.get(&key) {
             return kernel.clone();
         }
-        let module = modules.entry(shader.name).or_insert_with(|| {
+        let module = modules.entry(name).or_insert_with(|| {
             let source = wgpu::ShaderSource::Wgsl(shader.source().into());
-            self.device
-                .create_shader_module(wgpu::ShaderModuleDescriptor {
-                    label: Some(shader.name),
-                    source,
-                })
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(&shader.name),
+                source,
+            })
         });
-        let kernel = self.compile(module, entry, bindings, constants);
+        let kernel = Kernel::compile(device, module, entry, bindings, constants);
         kernels.entry(key).or_insert(kernel).clone()
     }
+}
 
+impl Kernel {
     fn compile(
-        &self,
+        device: &wgpu::Device,
         module: &wgpu::ShaderModule,
         entry: &str,
         bindings: &[Access],
         constants: &[(&str, f64)],
-    ) -> Kernel {
+    ) -> Self {
         let entries: Vec<_> = (0..)
             .zip(bindings)
             .map(|(binding, access)| wgpu::BindGroupLayoutEntry {
@@ -102,40 +105,36 @@ impl Gpu {
                 count: None,
             })
             .collect();
-        let layout = self
-            .device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some(entry),
-                entries: &entries,
-            });
-        let pipeline_layout = self
-            .device
-            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(entry),
-                bind_group_layouts: &[Some(&layout)],
-                ..wgpu::PipelineLayoutDescriptor::default()
-            });
-        let pipeline = self
-            .device
-            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&pipeline_layout),
-                module,
-                entry_point: Some(entry),
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    constants,
-                    // Every shader writes its workgroup memory before it reads it.
-                    zero_initialize_workgroup_memory: false,
-                },
-                cache: None,
-            });
-        Kernel { pipeline, layout }
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(entry),
+            entries: &entries,
+        });
+        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(entry),
+            bind_group_layouts: &[Some(&layout)],
+            ..wgpu::PipelineLayoutDescriptor::default()
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: Some(&pipeline_layout),
+            module,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                // Every shader writes its workgroup memory before it reads it.
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        });
+        Self { pipeline, layout }
     }
-}
 
-impl Kernel {
     /// Binds buffers 0, 1, 2, ...
-    pub(super) fn bind(&self, gpu: &Gpu, buffers: &[&wgpu::Buffer]) -> BoundKernel {
+    pub(super) fn bind(
+        &self,
+        gpu: &impl AsRef<wgpu::Device>,
+        buffers: &[&wgpu::Buffer],
+    ) -> BoundKernel {
         let entries: Vec<_> = (0..)
             .zip(buffers)
             .map(|(binding, buffer)| wgpu::BindGroupEntry {
@@ -145,7 +144,7 @@ impl Kernel {
             .collect();
         BoundKernel {
             pipeline: self.pipeline.clone(),
-            group: gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            group: gpu.as_ref().create_bind_group(&wgpu::BindGroupDescriptor {
                 label: None,
                 layout: &self.layout,
                 entries: &entries,
@@ -153,12 +152,6 @@ impl Kernel {
         }
     }
 }
-
-/// Threads of a workgroup, but for tiles.
-pub(super) const THREADS: u32 = 256;
-
-/// Workgroups along one dimension of a dispatch at most: what WebGPU guarantees. Shaders count on it.
-pub(super) const MAX_GROUPS: u32 = 65_535;
 
 impl BoundKernel {
     /// Dispatches at least `groups` workgroups, folded into rows of [`MAX_GROUPS`]: a shader finds

@@ -4,16 +4,48 @@
 use glam::Mat3;
 
 use super::classify::upload_views;
+use super::constants::PARTICLE_ARGUMENTS;
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel};
-use super::particles::ParticleKind;
-use super::project::rotation_uniform;
-use super::scene::{FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers};
+use super::kinds::ParticleKind;
+use super::packed::rotation_uniform;
+use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shade::recolour;
-use super::shaders;
+use super::shader::{
+    DISPATCH, FACTOR, FLOATS, LIT, NORMAL, PARTICLES_ANISOTROPIC, PARTICLES_ISOTROPIC,
+    PARTICLES_LATTICE, PARTICLES_SURFELS, STRUCTS, Shader, TANGENTS,
+};
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
-use crate::layout::{BlockView, ClassifiedParticle, LightingUniform};
+use crate::record::{BlockView, ClassifiedParticle, LightingUniform};
+
+macro_rules! light {
+    ($name:literal, $particles:ident) => {
+        Shader::new(
+            $name,
+            &[
+                DISPATCH,
+                STRUCTS,
+                FLOATS,
+                FACTOR,
+                $particles,
+                NORMAL,
+                TANGENTS,
+                LIT,
+                include_str!("../../shaders/light.wgsl"),
+            ],
+        )
+    };
+}
+
+/// Light on a lattice's cells.
+pub(super) const LATTICE: Shader = light!("light on a lattice", PARTICLES_LATTICE);
+/// Light on spheres.
+pub(super) const ISOTROPIC: Shader = light!("light on spheres", PARTICLES_ISOTROPIC);
+/// Light on ellipsoids.
+pub(super) const ANISOTROPIC: Shader = light!("light on ellipsoids", PARTICLES_ANISOTROPIC);
+/// Light on surfels.
+pub(super) const SURFELS: Shader = light!("light on surfels", PARTICLES_SURFELS);
 
 /// The stage over a part.
 #[derive(Debug)]
@@ -35,10 +67,10 @@ pub(super) fn bind_light(
     }
     let kind = part.kinds.particles;
     let shader = match kind {
-        ParticleKind::Lattice => &shaders::LIGHT_LATTICE,
-        ParticleKind::Isotropic => &shaders::LIGHT_ISOTROPIC,
-        ParticleKind::Anisotropic => &shaders::LIGHT_ANISOTROPIC,
-        ParticleKind::Surfels => &shaders::LIGHT_SURFELS,
+        ParticleKind::Lattice => &LATTICE,
+        ParticleKind::Isotropic => &ISOTROPIC,
+        ParticleKind::Anisotropic => &ANISOTROPIC,
+        ParticleKind::Surfels => &SURFELS,
     };
     let kernel = gpu.kernel(
         shader,

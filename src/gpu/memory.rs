@@ -191,12 +191,13 @@ impl Gpu {
     }
 
     fn out_of_memory(&self, label: &str, bytes: u64, found: &str) -> Error {
-        Error::format(
-            "GPU",
-            self.adapter(),
-            format!("{bytes} bytes for the {label}"),
-            one_line(found),
-            "render fewer particles or a smaller image, or use --backend cpu",
-        )
+        let most = self.limits.max_buffer_size;
+        Error::OutOfMemory {
+            adapter: self.adapter(),
+            what: label.to_owned(),
+            needed: bytes,
+            available: (most < bytes).then_some(most),
+            found: one_line(found),
+        }
     }
 }

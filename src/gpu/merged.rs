@@ -3,13 +3,29 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::THREADS;
 use super::device::Gpu;
-use super::kernel::{Access, THREADS};
+use super::kernel::Access;
 use super::scene::{packed_maxima, packed_table};
-use super::shaders;
+use super::shader::{AVERAGES, DISPATCH, EIN, EXPONENTIAL, MAXIMA, STRUCTS, Shader, TRANSFER};
 use crate::blocks::MergedTransfer;
 use crate::error::Result;
 use crate::scene::{TransferFunction, Weighting};
+
+/// The functions.
+pub(super) const SHADER: Shader = Shader::new(
+    "merged",
+    &[
+        DISPATCH,
+        STRUCTS,
+        EXPONENTIAL,
+        TRANSFER,
+        AVERAGES,
+        MAXIMA,
+        EIN,
+        include_str!("../../shaders/merged.wgsl"),
+    ],
+);
 
 /// What the device makes of a pair (a, b).
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -43,7 +59,7 @@ pub fn merged_numbers(
     let output = gpu.buffer("results", bytes)?;
     let is_even = f64::from(u8::from(weighting == Weighting::Even));
     let kernel = gpu.kernel(
-        &shaders::MERGED,
+        &SHADER,
         "merged_numbers",
         &[Access::Read, Access::Read, Access::Read, Access::Write],
         &[("IS_EVEN", is_even)],

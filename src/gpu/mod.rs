@@ -1,13 +1,13 @@
 #![doc = include_str!("../../docs/gpu.md")]
 //!
-//! # Rooms
+//! # Modules
 //!
 //! The stages of [`crate::cpu`] under the same names, each with a shader of its own in `shaders/`:
 //!
 //! | stage | reads | writes |
 //! |---|---|---|
 //! | `cull.rs` | blocks, camera, what they are drawn by | blocks in view, their filters, the range of depth keys |
-//! | `classify.rs` | blocks in view, values, transfer function | visible particles |
+//! | `classify.rs` | blocks in view, values, transfer function | visible particles; of column densities all, with their amplitudes |
 //! | `shade.rs` | visible particles, where colours depend on the view | their colours |
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
@@ -22,15 +22,18 @@
 //! |---|---|
 //! | `scene.rs`, `particles.rs` | the upload: a volume as parts |
 //! | `frame.rs` | a frame: its passes, and the way back |
-//! | `pass.rs` | the stages of a pass one after the other; how much room they have |
+//! | `pass/` | the stages of a pass one after the other; how much memory they have |
 //! | `tile.rs` | what both rasterisers share |
 //! | `radix.rs`, `scan.rs` | a stable sort of pairs and prefix sums, which several stages need |
 //! | `f64.rs` | double precision in integers, for its test |
 //! | `merged.rs` | numbers that merged particles need, for their test |
 //! | `device.rs` | adapters, limits, errors of the device |
 //! | `kernel.rs` | a compute pipeline and the buffers bound to it |
+//! | `kinds.rs` | what kinds of data a volume has, for which shaders are made |
 //! | `memory.rs` | buffers: up, down, and how much fits |
-//! | `shaders.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own file |
+//! | `constants.rs`, `packed.rs` | numbers that the host and the shaders share; how they are packed |
+//! | `shader.rs` | shaders composed of the prelude, `shaders/shared/` and a stage's own files |
+//! | `shaders.rs` | all of them |
 //! | `timer.rs` | the device's own clock |
 //!
 //! Each stage is also a function from slices to slices, by which tests hold it to its twin.
@@ -43,15 +46,18 @@
 mod bin;
 mod classify;
 mod compose;
+mod constants;
 mod cull;
 mod device;
 mod f64;
 mod frame;
 mod gather;
 mod kernel;
+mod kinds;
 mod light;
 mod memory;
 mod merged;
+mod packed;
 mod particles;
 mod pass;
 mod project;
@@ -63,6 +69,7 @@ mod resolve;
 mod scan;
 mod scene;
 mod shade;
+mod shader;
 mod shaders;
 mod sort;
 mod surface;
@@ -74,13 +81,13 @@ pub use classify::{Classified, classify};
 pub use cull::{CullOutput, camera_uniform, cull};
 pub use device::{AdapterChoice, Gpu};
 pub use f64::{F64Results, f64_operations};
-pub use frame::{DeviceScene, FrameInput, FrameOutput};
+pub(crate) use frame::DeviceScene;
 pub use light::light;
 pub use merged::{MergedNumbers, merged_numbers};
 pub use project::{Projected, project};
 pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;
 pub use shade::shade;
-pub use shaders::{Shader, prelude};
+pub use shader::{Shader, prelude};
 pub use sort::sort;
 pub use surface::{SurfacePixels, SurfaceSpec, rasterise_surface};

@@ -5,43 +5,11 @@ use std::ops::Range;
 
 use glam::Mat3;
 
-use super::shaders::words;
+use super::kinds::ParticleKind;
+use super::packed::words;
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
-use crate::layout::{DeviceBlock, LatticeUniform};
-
-/// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum ParticleKind {
-    /// [`LatticeUniform`] and the samples of the axes.
-    Lattice,
-    /// Blocks, and four words per particle: the offset and sigma.
-    Isotropic,
-    /// Blocks, and nine words per particle: the offset and the lower-triangular factor.
-    Anisotropic,
-    /// Blocks, and nine words per particle: the offset and the two tangents.
-    Surfels,
-}
-
-impl ParticleKind {
-    pub(super) fn of(particles: &BlockedParticles) -> Self {
-        match particles {
-            BlockedParticles::Lattice(_) => Self::Lattice,
-            BlockedParticles::Isotropic { .. } => Self::Isotropic,
-            BlockedParticles::Anisotropic { .. } => Self::Anisotropic,
-            BlockedParticles::Surfels { .. } => Self::Surfels,
-        }
-    }
-
-    /// Words that [`pack_shapes`] writes per particle.
-    pub(super) fn words_per_particle(self) -> usize {
-        match self {
-            Self::Lattice => 0,
-            Self::Isotropic => 4,
-            Self::Anisotropic | Self::Surfels => 9,
-        }
-    }
-}
+use crate::record::{DeviceBlock, LatticeUniform};
 
 /// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
 /// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
@@ -73,6 +41,8 @@ pub(super) fn pack_blocks(
                     _ => NO_PARENT,
                 },
                 level: block.level,
+                crowding: block.crowding,
+                unused: 0,
             };
             first += if is_lattice {
                 BLOCK_CAPACITY as u32

@@ -2,22 +2,59 @@
 
 use glam::Mat3;
 
+use super::constants::{RULE_KERNEL, RULE_PANE, RULE_PEAK, RULE_SURFACE, THREADS};
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
-use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
-use super::scene::Kinds;
-use super::shaders;
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::kinds::{Kinds, ParticleKind};
+use super::packed::rotation_uniform;
+use super::particles::{lattice_uniform, pack_blocks, pack_shapes};
+use super::shader::{
+    DISPATCH, FACTOR, FLOATS, NORMAL, PARTICLES_ANISOTROPIC, PARTICLES_ISOTROPIC,
+    PARTICLES_LATTICE, PARTICLES_SURFELS, STRUCTS, Shader, TANGENTS,
+};
+use crate::blocks::Rule;
 use crate::blocks::{BlockedParticles, BlockedVolume};
-use crate::cpu::Rule;
 use crate::error::Result;
-use crate::layout::{BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::record::{
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, SurfelTerms, ViewUniform,
+};
 use crate::splat::Filter;
 
-/// [`Rule`]s as the shader numbers them.
-pub(super) const RULE_KERNEL: u32 = 0;
-pub(super) const RULE_PEAK: u32 = 1;
-pub(super) const RULE_SURFACE: u32 = 2;
-pub(super) const RULE_PANE: u32 = 3;
+macro_rules! project {
+    ($name:literal, $particles:ident) => {
+        Shader::new(
+            $name,
+            &[
+                DISPATCH,
+                STRUCTS,
+                FLOATS,
+                FACTOR,
+                $particles,
+                include_str!("../../shaders/shared/footprint.wgsl"),
+                include_str!("../../shaders/shared/sub_pixel.wgsl"),
+                include_str!("../../shaders/shared/exact.wgsl"),
+                include_str!("../../shaders/shared/bounds.wgsl"),
+                include_str!("../../shaders/shared/filter.wgsl"),
+                include_str!("../../shaders/shared/cutoff.wgsl"),
+                include_str!("../../shaders/shared/peak.wgsl"),
+                include_str!("../../shaders/shared/near.wgsl"),
+                NORMAL,
+                TANGENTS,
+                include_str!("../../shaders/shared/surfel.wgsl"),
+                include_str!("../../shaders/project.wgsl"),
+            ],
+        )
+    };
+}
+
+/// Footprints of a lattice's cells.
+pub(super) const LATTICE: Shader = project!("project of a lattice", PARTICLES_LATTICE);
+/// Footprints of spheres.
+pub(super) const ISOTROPIC: Shader = project!("project of spheres", PARTICLES_ISOTROPIC);
+/// Footprints of ellipsoids.
+pub(super) const ANISOTROPIC: Shader = project!("project of ellipsoids", PARTICLES_ANISOTROPIC);
+/// Footprints of surfels.
+pub(super) const SURFELS: Shader = project!("project of surfels", PARTICLES_SURFELS);
 
 /// What a projection's pipeline is compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,8 +106,8 @@ pub(super) struct Project {
 /// The buffers of a part's projection.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ProjectBuffers<'a> {
-    /// [`DeviceBlock`](crate::layout::DeviceBlock)s; for a lattice its
-    /// [`LatticeUniform`](crate::layout::LatticeUniform).
+    /// [`DeviceBlock`](crate::record::DeviceBlock)s; for a lattice its
+    /// [`LatticeUniform`](crate::record::LatticeUniform).
     pub(super) blocks: &'a wgpu::Buffer,
     /// What [`pack_shapes`] gives; at least 12 bytes.
     pub(super) shapes: &'a wgpu::Buffer,
@@ -92,10 +129,10 @@ pub(super) struct ProjectBuffers<'a> {
 impl Project {
     pub(super) fn new(gpu: &Gpu, spec: &ProjectSpec) -> Self {
         let shader = match spec.particles {
-            ParticleKind::Lattice => &shaders::PROJECT_LATTICE,
-            ParticleKind::Isotropic => &shaders::PROJECT_ISOTROPIC,
-            ParticleKind::Anisotropic => &shaders::PROJECT_ANISOTROPIC,
-            ParticleKind::Surfels => &shaders::PROJECT_SURFELS,
+            ParticleKind::Lattice => &LATTICE,
+            ParticleKind::Isotropic => &ISOTROPIC,
+            ParticleKind::Anisotropic => &ANISOTROPIC,
+            ParticleKind::Surfels => &SURFELS,
         };
         let flag = |is: bool| f64::from(u8::from(is));
         let (rule, is_anti_aliased, is_one_sided) = match spec.rule {
@@ -152,11 +189,6 @@ impl Project {
     }
 }
 
-/// The columns of a rotation as a uniform `mat3x3<f32>` holds them: four words each.
-pub(super) fn rotation_uniform(rotation: [[f32; 3]; 3]) -> [[f32; 4]; 3] {
-    rotation.map(|[x, y, z]| [x, y, z, 0.0])
-}
-
 /// Bytes of the list of near kernels with room for `capacity`: a counter and the terms.
 pub(super) fn near_bytes(capacity: usize) -> u64 {
     (4 + capacity * size_of::<NearTerms>()) as u64
@@ -167,9 +199,11 @@ pub(super) fn near_bytes(capacity: usize) -> u64 {
 pub struct Projected {
     /// One per classified particle.
     pub footprints: Vec<Footprint>,
-    /// As many, where any may have terms; meant where a footprint is on the exact path, is a
-    /// surfel's of an opaque surface or may be cut.
+    /// As many, where any kernel may have terms; meant where a footprint is on the exact path or may be
+    /// cut.
     pub exact: Vec<ExactTerms>,
+    /// As many, of surfels of opaque surfaces.
+    pub surfels: Vec<SurfelTerms>,
     /// Terms of the kernels that cross the camera plane, in no particular order.
     pub near: Vec<NearTerms>,
     /// How many of those there are; more than `near` holds where its capacity was met.
@@ -215,6 +249,7 @@ pub fn project(
     );
     let shapes = gpu.upload("shapes", &shapes)?;
     let count = classified.len();
+    let is_opaque = volume.is_surface();
     let exact_count = if spec.has_terms() { count } else { 0 };
     let bytes = |count: usize, each: usize| (count.max(1) * each) as u64;
     let footprints = gpu.buffer("footprints", bytes(count, size_of::<Footprint>()))?;
@@ -241,7 +276,8 @@ pub fn project(
     let kept = (near_count as usize).min(near_capacity);
     Ok(Projected {
         footprints: gpu.read(&footprints, count)?,
-        exact: gpu.read(&exact, exact_count)?,
+        exact: gpu.read(&exact, if is_opaque { 0 } else { exact_count })?,
+        surfels: gpu.read(&exact, if is_opaque { exact_count } else { 0 })?,
         near: bytemuck::pod_collect_to_vec(&words[1..][..kept * size_of::<NearTerms>() / 4]),
         near_count,
     })

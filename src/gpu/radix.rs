@@ -4,17 +4,22 @@ use std::mem::offset_of;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::{RADIX_BITS, RADIX_GROUP};
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
+use super::kernel::{Access, BoundKernel, Kernel};
 use super::scan::{BoundScan, Scan};
-use super::shaders;
+use super::shader::{DISPATCH, SCAN_THREADS, Shader};
 use crate::error::Result;
 
-/// Bits of a digit.
-pub(super) const BITS: u32 = 4;
-
-/// Pairs that one workgroup ranks.
-pub(super) const GROUP: u64 = 8 * THREADS as u64;
+/// The sort.
+pub(super) const SHADER: Shader = Shader::new(
+    "radix",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        include_str!("../../shaders/radix.wgsl"),
+    ],
+);
 
 /// The pipelines of the sort. Per pair and pass it reads 12 bytes and writes 8: a graphics card of
 /// 3 TB/s can sort 31-bit keys at some 10 G pairs/s, and the ranking takes its share of that.
@@ -66,7 +71,7 @@ const TABLE_LENGTH: u32 = (offset_of!(RadixState, table_length) / 4) as u32;
 impl RadixSort {
     pub(super) fn new(gpu: &Gpu) -> Self {
         use Access::{Read, Uniform, Write};
-        let kernel = |entry, bindings: &[Access]| gpu.kernel(&shaders::RADIX, entry, bindings, &[]);
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&SHADER, entry, bindings, &[]);
         let count = [Uniform, Read, Read, Read, Write];
         let scatter = [Uniform, Read, Read, Read, Write, Write, Write];
         Self {
@@ -96,7 +101,7 @@ impl RadixSort {
         let words = |label| gpu.buffer(label, 4 * capacity.max(1).next_multiple_of(4));
         let (keys, values) = (words("sort keys")?, words("sort values")?);
         let (other_keys, other_values) = (words("sort keys")?, words("sort values")?);
-        let table_capacity = capacity.div_ceil(GROUP) << BITS;
+        let table_capacity = capacity.div_ceil(RADIX_GROUP) << RADIX_BITS;
         let table = gpu.buffer("sort counts", 4 * table_capacity)?;
         let state = gpu.buffer("sort state", size_of::<RadixState>() as u64)?;
         let arguments = gpu.buffer("sort arguments", 12)?;
@@ -106,10 +111,10 @@ impl RadixSort {
         };
         let plan = gpu.uniform("sort plan", &plan)?;
         // The result lands where the input was.
-        let pass_count = bits.div_ceil(2 * BITS) * 2;
+        let pass_count = bits.div_ceil(2 * RADIX_BITS) * 2;
         let passes = (0..pass_count)
             .map(|pass| {
-                let shift = gpu.uniform("sort pass", &(BITS * pass))?;
+                let shift = gpu.uniform("sort pass", &(RADIX_BITS * pass))?;
                 let mut pairs = [(&keys, &values), (&other_keys, &other_values)];
                 if pass % 2 == 1 {
                     pairs.reverse();

@@ -1,69 +1,165 @@
-//! Stage: from lists of footprints to pixels, front to back. Twin: [`crate::cpu::rasterise`].
+//! Stage: from lists of footprints to pixels, front to back; its shader put together of a file for each
+//! answer on each axis. Twin: [`crate::cpu::rasterise`].
+
+use std::fmt::Write as _;
 
 use super::compose::Compose;
 use super::device::Gpu;
 use super::kernel::{Access, Kernel};
 use super::resolve::{Background, Resolve};
-use super::shaders;
+use super::shader::{DISPATCH, EXPONENTIAL, FLOATS, LIT, NORMAL, STRUCTS, Shader, TRANSFER};
 use super::tile::{
-    BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice, upload_lists,
-    word_of_depth,
+    self, BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice,
+    upload_lists, word_of_depth,
 };
 use crate::constants::{MAX_LIGHTS, TILE_SIZE};
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
-use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::scene::TransferFunction;
-use crate::splat::Composite;
+use crate::splat::{Accumulate, Axes, Classify, Interval};
 
 /// What specialises the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RasterSpec {
-    /// Whether any footprint may be on the exact path.
-    pub exact: bool,
+    /// What happens to a kernel on a pixel, and what is asked for.
+    pub axes: Axes,
     /// Whether any kernel may cross the camera plane.
     pub near: bool,
-    /// Whether depths are wanted.
-    pub depth: bool,
-    /// Whether pixels count the kernels that they evaluate within their cut-off, in all three
-    /// colours, instead of showing them.
-    pub count: bool,
-    /// Opacity min(tau, 1) instead of 1 - exp(-tau), for all footprints; splats have it anyway.
-    pub linear_opacity: bool,
-    /// Whether opaque surfaces lie among the kernels.
-    pub surface: bool,
-    /// Whether clip planes cut them.
-    pub clip: bool,
-    /// How footprints become a picture.
-    pub composite: Composite,
-    /// Whether layers are classified by their mean value, and whether they are lit then.
-    pub post: Option<IsLit>,
-    /// Layers that a pixel keeps open at most: 1, 16, 32, 64 or 256.
+    /// Layers that a pixel keeps open at most: 1, or 16, 32, 64 or 256 of slabs.
     pub slots: u32,
     /// Whether layers that are open may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
 
-/// Whether there is light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct IsLit(pub bool);
+/// Of how many open slabs there are pipelines.
+pub(super) const LAYER_SLOTS: [u32; 4] = [16, 32, 64, 256];
 
-/// Of how many open layers there are pipelines.
-pub(super) const LAYER_SLOTS: [u32; 5] = [
-    shaders::RASTERISE[0].0,
-    shaders::RASTERISE[1].0,
-    shaders::RASTERISE[2].0,
-    shaders::RASTERISE[3].0,
-    shaders::RASTERISE[4].0,
+/// What all answers share.
+const SHARED: [&str; 9] = [
+    DISPATCH,
+    STRUCTS,
+    EXPONENTIAL,
+    tile::PIXELS,
+    tile::FOOTPRINT,
+    include_str!("../../shaders/tile/kernel.wgsl"),
+    include_str!("../../shaders/tile/evaluate.wgsl"),
+    include_str!("../../shaders/tile/evaluate/affine.wgsl"),
+    include_str!("../../shaders/tile/evaluate/exact.wgsl"),
 ];
+const NEAR: &str = include_str!("../../shaders/tile/evaluate/near.wgsl");
+
+/// What part of a ray counts.
+const ALL: &str = include_str!("../../shaders/tile/interval/all.wgsl");
+const CUT: [&str; 2] = [
+    tile::CLIP,
+    include_str!("../../shaders/tile/interval/cut.wgsl"),
+];
+
+/// What kernels become together.
+const COLUMN: &str = include_str!("../../shaders/tile/accumulate/column.wgsl");
+const OPACITY: &str = include_str!("../../shaders/tile/opacity.wgsl");
+const OVER: &str = include_str!("../../shaders/tile/accumulate/over.wgsl");
+const LAYERS: &str = include_str!("../../shaders/tile/accumulate/layers.wgsl");
+const SHEETS: &str = include_str!("../../shaders/tile/accumulate/sheets.wgsl");
+const SLABS: &str = include_str!("../../shaders/tile/accumulate/slabs.wgsl");
+const COMPOSITED: &str = include_str!("../../shaders/tile/accumulate/composited.wgsl");
+const MAXIMUM: &str = include_str!("../../shaders/tile/accumulate/maximum.wgsl");
+
+/// What is classified.
+const OF_PARTICLES: &str = include_str!("../../shaders/tile/classify/particle.wgsl");
+const OF_SLABS: [&str; 5] = [
+    FLOATS,
+    NORMAL,
+    TRANSFER,
+    LIT,
+    include_str!("../../shaders/tile/classify/slab.wgsl"),
+];
+
+/// The rasteriser of an answer on each axis.
+///
+/// - `slots`: layers that a pixel keeps open, where kernels are summed in layers.
+fn shader(axes: &Axes, slots: u32) -> Shader {
+    let mut name = "rasterise".to_string();
+    let mut constants = Vec::new();
+    let mut parts = SHARED.to_vec();
+    parts.push(NEAR);
+    if axes.interval.is_cut() {
+        name += " cut";
+        parts.extend(CUT);
+    } else {
+        parts.push(ALL);
+    }
+    match axes.accumulate {
+        Accumulate::Column => {
+            name += " columns";
+            parts.push(COLUMN);
+        }
+        Accumulate::Sheets | Accumulate::Slabs | Accumulate::Maximum => {
+            let is_classified = axes.classify != Classify::Particle;
+            let _ = write!(name, " in {slots} layers");
+            if is_classified {
+                name += ", classified";
+            }
+            let slope_slots = if is_classified { slots } else { 1 };
+            constants.extend([("LAYER_SLOTS", slots), ("SLOPE_SLOTS", slope_slots)]);
+            parts.extend([OPACITY, LAYERS]);
+            match axes.accumulate {
+                Accumulate::Sheets => parts.push(SHEETS),
+                Accumulate::Maximum => {
+                    name += ", their maximum";
+                    parts.extend([SLABS, MAXIMUM]);
+                }
+                _ => parts.extend([SLABS, COMPOSITED]),
+            }
+            if is_classified {
+                parts.extend(OF_SLABS);
+            } else {
+                parts.push(OF_PARTICLES);
+            }
+        }
+        // Surfels have a rasteriser of their own.
+        Accumulate::Over | Accumulate::Opaque => parts.extend([OPACITY, OVER]),
+    }
+    parts.push(tile::RASTERISE);
+    Shader::composed(name, constants, parts)
+}
+
+/// The rasterisers of all answers.
+pub(super) fn shaders() -> Vec<Shader> {
+    let mut all = Vec::new();
+    for interval in [Interval::All, Interval::Surface] {
+        let mut add = |accumulate, classify, slots| {
+            let axes = Axes {
+                interval,
+                accumulate,
+                classify,
+                ..Axes::default()
+            };
+            all.push(shader(&axes, slots));
+        };
+        add(Accumulate::Over, Classify::Particle, 1);
+        add(Accumulate::Column, Classify::Particle, 1);
+        add(Accumulate::Sheets, Classify::Particle, 1);
+        for slots in LAYER_SLOTS {
+            add(Accumulate::Slabs, Classify::Particle, slots);
+            add(Accumulate::Slabs, Classify::Slab { is_lit: true }, slots);
+            add(Accumulate::Maximum, Classify::Slab { is_lit: false }, slots);
+        }
+    }
+    all
+}
 
 impl RasterSpec {
     /// Words of a pixel on the device; of the picture they are the first.
     pub(super) fn pixel_words(&self) -> u64 {
-        let words = picture_words(self.depth);
-        let words = if self.surface { 2 * words } else { words };
-        let is_carried = self.carries && self.composite != Composite::Over;
-        let slopes = if self.post == Some(IsLit(true)) {
+        if self.axes.accumulate == Accumulate::Column {
+            return COLUMN_WORDS;
+        }
+        let words = picture_words(self.axes.depth);
+        let words = if self.has_surface() { 2 * words } else { words };
+        let is_carried = self.carries && self.axes.accumulate.is_layered();
+        let slopes = if self.has_slopes() {
             6 * (self.slots + 1)
         } else {
             0
@@ -76,9 +172,14 @@ impl RasterSpec {
         words + u64::from(carried)
     }
 
-    /// Whether all footprints have terms.
-    pub(super) fn has_terms_of_all(&self) -> bool {
-        self.surface || self.clip || self.composite == Composite::Slabs
+    /// Whether opaque surfaces lie among the kernels.
+    pub(super) fn has_surface(&self) -> bool {
+        self.axes.interval == Interval::Surface
+    }
+
+    /// Whether light asks how layers change.
+    fn has_slopes(&self) -> bool {
+        self.axes.classify == Classify::Slab { is_lit: true }
     }
 }
 
@@ -86,6 +187,9 @@ impl RasterSpec {
 pub(super) fn picture_words(depth: bool) -> u64 {
     if depth { 5 } else { 4 }
 }
+
+/// Words of a pixel of a column density: sums whose sum it is.
+pub(super) const COLUMN_WORDS: u64 = 4;
 
 /// What classifies layers: linear colours, and extinctions over the greatest.
 pub(super) fn classes(transfer: &TransferFunction) -> Vec<[f32; 4]> {
@@ -111,13 +215,13 @@ const NEAR_ROUNDS: u32 = 45;
 pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
     let near = if spec.near { NEAR_ROUNDS } else { 0 };
     // A layer is added to, and closed; of a near kernel its pairs of columns are looked at again.
-    let layers = match spec.composite {
-        Composite::Over => 0,
-        Composite::Sheets | Composite::AxisSheets => 2,
-        Composite::Slabs => spec.slots * if spec.near { 12 } else { 2 },
+    let layers = match spec.axes.accumulate {
+        Accumulate::Slabs | Accumulate::Maximum => spec.slots * if spec.near { 12 } else { 2 },
+        Accumulate::Sheets => 2,
+        Accumulate::Over | Accumulate::Column | Accumulate::Opaque => 0,
     };
     // Where layers are lit, all lights once for each that is closed.
-    let lights = if spec.post == Some(IsLit(true)) {
+    let lights = if spec.has_slopes() {
         spec.slots * MAX_LIGHTS as u32
     } else {
         0
@@ -128,34 +232,38 @@ pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
 impl Rasterise {
     pub(super) fn new(gpu: &Gpu, spec: RasterSpec) -> Self {
         use Access::{Read, Uniform, Write};
+        let axes = &spec.axes;
         let flag = |is: bool| f64::from(u8::from(is));
         let slice = slice_of(gpu, &spec);
-        let place = LAYER_SLOTS.iter().position(|slots| *slots == spec.slots);
-        let place = place.unwrap_or(0);
         let mut bindings = vec![
             Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
         ];
         let mut constants = vec![
-            ("HAS_EXACT", flag(spec.exact)),
+            (
+                "HAS_TERMS",
+                flag(axes.may_be_exact || axes.needs_depth_terms()),
+            ),
+            ("HAS_EXACT", flag(axes.may_be_exact)),
             ("HAS_NEAR", flag(spec.near)),
-            ("HAS_DEPTH", flag(spec.depth)),
-            ("IS_COUNT", flag(spec.count)),
-            ("IS_LINEAR", flag(spec.linear_opacity)),
-            ("HAS_SURFACE", flag(spec.surface)),
-            ("IS_CUT", flag(spec.surface || spec.clip)),
-            ("COMPOSITE", f64::from(spec.composite as u32)),
-            ("CARRIES", flag(spec.carries)),
+            ("IS_COUNT", flag(axes.count)),
             ("SLICE", f64::from(slice)),
         ];
-        let shader = match spec.post {
-            None => &shaders::RASTERISE[place].1,
-            Some(IsLit(is_lit)) => {
-                bindings.extend([Uniform, Uniform]);
-                constants.push(("HAS_SLOPES", flag(is_lit)));
-                &shaders::RASTERISE_CLASSIFIED[place.max(1) - 1]
-            }
-        };
-        let kernel = gpu.kernel(shader, "rasterise", &bindings, &constants);
+        if axes.interval.is_cut() {
+            constants.push(("HAS_SURFACE", flag(spec.has_surface())));
+        }
+        if axes.accumulate != Accumulate::Column {
+            constants.push(("HAS_DEPTH", flag(axes.depth)));
+            constants.push(("IS_LINEAR", flag(axes.linear_opacity)));
+        }
+        if axes.accumulate.is_layered() {
+            constants.push(("CARRIES", flag(spec.carries)));
+        }
+        if let Classify::Slab { is_lit } = axes.classify {
+            bindings.extend([Uniform, Uniform]);
+            constants.push(("HAS_SLOPES", flag(is_lit)));
+        }
+        let shader = shader(axes, spec.slots);
+        let kernel = gpu.kernel(&shader, "rasterise", &bindings, &constants);
         Self { kernel, slice }
     }
 
@@ -241,15 +349,15 @@ pub fn rasterise(
     }
     let colour = background.unwrap_or([0.0; 3]);
     let uniform = gpu.uniform("background", &Background::new(colour, count as u32))?;
-    if spec.surface {
-        let compose = Compose::new(gpu, spec).bind(gpu, &uniform, &pixels, &of_surface);
+    if spec.has_surface() {
+        let compose = Compose::new(gpu, &spec.axes).bind(gpu, &uniform, &pixels, &of_surface);
         gpu.run(|pass| compose.dispatch(pass, Resolve::groups(count as u32)));
     }
     if background.is_some() {
         let resolve = Resolve::new(gpu).bind(gpu, &uniform, &pixels);
         gpu.run(|pass| resolve.dispatch(pass, Resolve::groups(count as u32)));
     }
-    let words: Vec<f32> = gpu.read(&pixels, count * picture_words(spec.depth) as usize)?;
+    let words: Vec<f32> = gpu.read(&pixels, count * picture_words(spec.axes.depth) as usize)?;
     let progress: Vec<TileProgress> = gpu.read(&progress, lists.len())?;
     let (colours, depths) = words.split_at(4 * count);
     let image = Image {
@@ -257,7 +365,7 @@ pub fn rasterise(
         height,
         pixels: bytemuck::cast_slice(colours).to_vec(),
     };
-    let depth = spec.depth.then(|| DepthImage {
+    let depth = spec.axes.depth.then(|| DepthImage {
         width,
         height,
         depths: depths.iter().copied().map(depth_of_word).collect(),

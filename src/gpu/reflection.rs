@@ -3,31 +3,137 @@
 
 use std::mem::{offset_of, size_of};
 
+use super::classify::AmplitudeUniform;
 use super::cull::CullGroup;
 use super::radix::{RadixPlan, RadixState};
 use super::resolve::Background;
-use super::shaders::Shader;
+use super::shader::Shader;
 use super::tile::TileProgress;
 use crate::blocks::MergeBounds;
-use crate::layout::{
+use crate::record::{
     BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
     ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
     LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
     SortState, SurfelTerms, ViewUniform,
 };
 use naga::TypeInner;
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::back::pipeline_constants::process_overrides;
+use naga::back::{PipelineConstants, hlsl, msl, spv};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use rayon::prelude::*;
 
 #[test]
 fn every_shader_is_valid() {
-    for shader in Shader::ALL {
+    for shader in Shader::all() {
         let source = shader.source();
         let module = naga::front::wgsl::parse_str(&source)
-            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, &shader.name)));
         Validator::new(ValidationFlags::all(), Capabilities::empty())
             .validate(&module)
-            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, shader.name)));
+            .unwrap_or_else(|e| panic!("{}", e.emit_to_string_with_path(&source, &shader.name)));
     }
+}
+
+/// Values that a shader's constants are tried with: as declared, each other value alone, and the
+/// last value of all of them.
+fn specialisations(module: &naga::Module) -> Vec<PipelineConstants> {
+    // Numbers select among kinds and kernels, or are indices: four of them reach every kind.
+    let values = |constant: &naga::Override| match module.types[constant.ty].inner {
+        TypeInner::Scalar(naga::Scalar::BOOL) => vec![0.0, 1.0],
+        _ => vec![0.0, 1.0, 2.0, 3.0],
+    };
+    let all: Vec<(String, Vec<f64>)> = module
+        .overrides
+        .iter()
+        .map(|(_, constant)| (constant.name.clone().unwrap(), values(constant)))
+        .collect();
+    let mut sets = vec![PipelineConstants::default()];
+    for (name, values) in &all {
+        for value in values {
+            sets.push([(name.clone(), *value)].into_iter().collect());
+        }
+    }
+    let last = |(name, values): &(String, Vec<f64>)| (name.clone(), *values.last().unwrap());
+    sets.push(all.iter().map(last).collect());
+    sets
+}
+
+/// Translates one kernel to what Vulkan, Metal and DirectX 12 are given.
+fn translate(module: &naga::Module, info: &ModuleInfo, entry: &naga::EntryPoint) {
+    let checks = naga::proc::BoundsCheckPolicies {
+        index: naga::proc::BoundsCheckPolicy::Restrict,
+        buffer: naga::proc::BoundsCheckPolicy::Restrict,
+        ..Default::default()
+    };
+    let named = Some((entry.stage, entry.name.clone()));
+
+    let options = spv::Options {
+        lang_version: (1, 3),
+        bounds_check_policies: checks,
+        ..Default::default()
+    };
+    let pipeline = spv::PipelineOptions {
+        shader_stage: entry.stage,
+        entry_point: entry.name.clone(),
+    };
+    let words = spv::write_vec(module, info, &options, Some(&pipeline)).unwrap();
+    assert_eq!(words[0], 0x0723_0203, "no SPIR-V");
+
+    let options = msl::Options {
+        lang_version: (2, 0),
+        bounds_check_policies: checks,
+        ..Default::default()
+    };
+    let pipeline = msl::PipelineOptions {
+        entry_point: named.clone(),
+        ..Default::default()
+    };
+    let (text, names) = msl::write_string(module, info, &options, &pipeline).unwrap();
+    let [Ok(name)] = names.entry_point_names.as_slice() else {
+        panic!("{:?}", names.entry_point_names);
+    };
+    assert!(text.contains(&format!("kernel void {name}(")), "{text}");
+
+    let options = hlsl::Options::default();
+    let pipeline = hlsl::PipelineOptions { entry_point: named };
+    let mut text = String::new();
+    let names = hlsl::Writer::new(&mut text, &options, &pipeline)
+        .write(module, info, None)
+        .unwrap();
+    let [Ok(name)] = names.entry_point_names.as_slice() else {
+        panic!("{:?}", names.entry_point_names);
+    };
+    assert!(text.contains(&format!("void {name}(")), "{text}");
+}
+
+/// No machine with Metal or DirectX 12 is needed to see that every kernel, for every constant
+/// that it is specialised by, is something that these can be given.
+#[test]
+fn every_specialised_shader_is_translated() {
+    let shaders = Shader::all();
+    let kernels: usize = shaders
+        .par_iter()
+        .map(|shader| {
+            let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
+            let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap();
+            let sets = specialisations(&module);
+            for constants in &sets {
+                for entry in &module.entry_points {
+                    let named = Some((entry.stage, entry.name.as_str()));
+                    let (module, info) = process_overrides(&module, &info, named, constants)
+                        .unwrap_or_else(|e| panic!("{}, {constants:?}: {e}", shader.name));
+                    assert_eq!(module.entry_points.len(), 1);
+                    translate(&module, &info, &module.entry_points[0]);
+                }
+            }
+            sets.len() * module.entry_points.len()
+        })
+        .sum();
+    println!("{kernels} kernels, three languages each");
+    // Some have several kernels, or specialisations.
+    assert!(kernels > shaders.len());
 }
 
 /// Name, offset and size of a struct's members as WGSL lays them out, and the distance of two in
@@ -49,7 +155,7 @@ fn reflected(name: &str) -> (Vec<(String, usize, usize)>, usize) {
         let members = members.iter().map(member).collect();
         Some((members, layouter[handle].to_stride() as usize))
     };
-    let found = Shader::ALL.iter().find_map(find);
+    let found = Shader::all().iter().find_map(find);
     found.unwrap_or_else(|| panic!("no struct {name}"))
 }
 
@@ -83,14 +189,14 @@ fn structs_are_laid_out_alike() {
         key_scale,
         show_choice,
         directional_keys,
-        layer_near,
+        layer_first,
         layer_thickness,
         key_axis,
         layer_shift,
-        composite,
+        keys_begin,
         clip_count,
         sub_pixel_opacity,
-        unused,
+        least_length,
         clip_planes,
     });
     check_layout!(CameraUniform {
@@ -159,6 +265,8 @@ fn structs_are_laid_out_alike() {
         count,
         parent,
         level,
+        crowding,
+        unused,
     });
     check_layout!(MergeBounds {
         third_mean,
@@ -167,6 +275,7 @@ fn structs_are_laid_out_alike() {
         second,
         spread,
         colour,
+        uneven,
     });
     check_layout!(MergedBlock { parent, state });
     check_layout!(LatticeUniform {
@@ -190,7 +299,7 @@ fn structs_are_laid_out_alike() {
         view,
         local,
         mass,
-        colour,
+        carried,
     });
     check_layout!(Footprint {
         centre_px,
@@ -198,7 +307,7 @@ fn structs_are_laid_out_alike() {
         form_r,
         tau,
         cutoff_squared,
-        colour,
+        carried,
         depth,
         path,
         columns,
@@ -212,7 +321,7 @@ fn structs_are_laid_out_alike() {
     });
     check_layout!(SurfelTerms {
         gradient,
-        nearness,
+        inverse_depth,
         slack,
         homography,
         normal,
@@ -222,6 +331,8 @@ fn structs_are_laid_out_alike() {
         minors,
         minor_depths,
         sigma,
+        unit,
+        reach,
         half_line,
     });
     check_layout!(PartIndex { index });
@@ -252,6 +363,7 @@ fn structs_are_laid_out_alike() {
         nearest,
         farthest,
     });
+    check_layout!(AmplitudeUniform { scale, cell_volume });
     check_layout!(RadixPlan {
         count_index,
         capacity,

@@ -2,9 +2,16 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::THREADS;
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
-use super::shaders;
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::shader::{DISPATCH, Shader};
+
+/// The background.
+pub(super) const SHADER: Shader = Shader::new(
+    "resolve",
+    &[DISPATCH, include_str!("../../shaders/resolve.wgsl")],
+);
 
 /// The background and the number of pixels before it.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -28,7 +35,7 @@ pub(super) struct Resolve(Kernel);
 impl Resolve {
     pub(super) fn new(gpu: &Gpu) -> Self {
         let bindings = [Access::Uniform, Access::Write];
-        Self(gpu.kernel(&shaders::RESOLVE, "resolve", &bindings, &[]))
+        Self(gpu.kernel(&SHADER, "resolve", &bindings, &[]))
     }
 
     pub(super) fn bind(

@@ -1,12 +1,21 @@
 //! Prefix sums, which several stages need between counting and placing.
 
+use super::constants::{SCAN_RUN, THREADS};
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, Kernel, THREADS};
-use super::shaders;
+use super::kernel::{Access, BoundKernel, Kernel};
+use super::shader::{DISPATCH, SCAN_THREADS, Shader};
 use crate::error::Result;
 
-/// Words that one thread sums.
-pub(super) const SCAN_RUN: u32 = 8;
+/// Prefix sums.
+pub(super) const SHADER: Shader = Shader::new(
+    "scan",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        include_str!("../../shaders/scan.wgsl"),
+    ],
+);
+
 /// Words that one workgroup sums.
 const GROUP: u64 = (THREADS * SCAN_RUN) as u64;
 
@@ -33,7 +42,7 @@ impl Scan {
         use Access::{Read, Write};
         let kernel = |entry, bindings: &[Access]| {
             let constants = [("LENGTH_INDEX", f64::from(length_index))];
-            gpu.kernel(&shaders::SCAN, entry, bindings, &constants)
+            gpu.kernel(&SHADER, entry, bindings, &constants)
         };
         Self {
             // The arguments are bound by none of the dispatches that they drive.

@@ -7,139 +7,17 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::device::Gpu;
-use super::particles::{ParticleKind, lattice_uniform, pack_blocks, pack_shapes};
-use super::project::rotation_uniform;
+use super::kinds::{Kinds, ValueKind};
+use super::packed::rotation_uniform;
+use super::particles::{lattice_uniform, pack_blocks, pack_shapes};
 use crate::blocks::{BlockedParticles, BlockedVolume, MergedTransfer};
 use crate::constants::BLOCK_CAPACITY;
-use crate::cpu::Rule;
-use crate::error::{Error, Result};
-use crate::layout::{
-    BlockView, BrickUniform, CameraUniform, ClassifiedParticle, DeviceBlock, Footprint, FrameState,
-    LightingUniform, PartState, ViewUniform,
+use crate::error::{Error, Hint, Result};
+use crate::record::{
+    BlockView, BrickUniform, CameraUniform, ClassifiedParticle, FrameState, LightingUniform,
+    PartState, ViewUniform,
 };
-use crate::math::harmonics_count;
 use crate::scene::{Colour, Strength, TransferFunction, Values};
-
-/// The type of a part's values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub(super) enum ValueKind {
-    /// Nothing is classified.
-    None,
-    U8,
-    U16,
-    I16,
-    F32,
-    /// Of merged particles: mean and spread of each.
-    Spread,
-}
-
-/// Where a part's masses come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub(super) enum StrengthKind {
-    /// Extinction times a volume of each particle.
-    Volumes,
-    /// Extinction times the volume that all cells share.
-    Cell,
-    /// Extinction times the product of a cell's widths.
-    Widths,
-    /// Masses or opacities of their own.
-    Given,
-}
-
-/// Where a part's colours come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub(super) enum ColourKind {
-    Classified,
-    PerParticle,
-    Uniform,
-    /// Left to `shade`.
-    Harmonics,
-}
-
-/// What kinds of data a part has: its shaders are made for them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Kinds {
-    pub(super) particles: ParticleKind,
-    pub(super) rule: Rule,
-    pub(super) values: ValueKind,
-    pub(super) strength: StrengthKind,
-    pub(super) colour: ColourKind,
-    /// Coefficients of a colour channel; 0 without harmonics.
-    pub(super) harmonics_count: u32,
-    /// Whether its particles stand for others.
-    pub(super) is_merged: bool,
-    /// Whether each strength is followed by the particle's clump.
-    pub(super) has_clumps: bool,
-    /// Whether light falls on it.
-    pub(super) is_lit: bool,
-}
-
-impl Kinds {
-    pub(super) fn of(volume: &BlockedVolume) -> Self {
-        let is_classified = matches!(volume.strength, Strength::Classified { .. })
-            || volume.colour == Colour::Classified;
-        Self {
-            particles: ParticleKind::of(&volume.particles),
-            rule: Rule::of(volume),
-            values: match &volume.values {
-                Some(_) if is_classified && volume.merged.is_some() => ValueKind::Spread,
-                Some(Values::U8(_)) if is_classified => ValueKind::U8,
-                Some(Values::U16(_)) if is_classified => ValueKind::U16,
-                Some(Values::I16(_)) if is_classified => ValueKind::I16,
-                Some(Values::F32(_)) if is_classified => ValueKind::F32,
-                _ => ValueKind::None,
-            },
-            strength: match (&volume.strength, &volume.particles) {
-                (Strength::Classified { .. }, BlockedParticles::Lattice(grid)) => {
-                    if grid.uniform_volume().is_some() {
-                        StrengthKind::Cell
-                    } else {
-                        StrengthKind::Widths
-                    }
-                }
-                (Strength::Classified { .. }, _) => StrengthKind::Volumes,
-                _ => StrengthKind::Given,
-            },
-            colour: match volume.colour {
-                Colour::Classified => ColourKind::Classified,
-                Colour::PerParticle(_) => ColourKind::PerParticle,
-                Colour::Uniform(_) => ColourKind::Uniform,
-                Colour::Harmonics { .. } => ColourKind::Harmonics,
-            },
-            harmonics_count: match volume.colour {
-                Colour::Harmonics { degree, .. } => harmonics_count(degree) as u32,
-                _ => 0,
-            },
-            is_merged: volume.merged.is_some(),
-            has_clumps: volume.merged.as_ref().is_some_and(|m| !m.clumps.is_empty()),
-            is_lit: volume.is_lit(),
-        }
-    }
-
-    /// Whether particles are cells of a lattice.
-    pub(super) fn is_lattice(&self) -> bool {
-        self.particles == ParticleKind::Lattice
-    }
-
-    /// Whether blocks may be transparent.
-    pub(super) fn may_be_transparent(&self) -> bool {
-        self.strength != StrengthKind::Given
-    }
-
-    /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
-    /// frame in which all are visible makes of them.
-    fn bytes_per_particle(&self) -> u64 {
-        const { assert!(size_of::<Footprint>() >= 9 * 4) };
-        let frame = size_of::<Footprint>().max(size_of::<ClassifiedParticle>());
-        // A block has one particle at least.
-        let blocks = size_of::<DeviceBlock>().max(size_of::<BlockView>());
-        let colours = 12 * self.harmonics_count.max(1) as usize;
-        frame.max(blocks).max(colours) as u64
-    }
-}
 
 /// A run of a volume's blocks on the device.
 #[derive(Debug)]
@@ -157,13 +35,15 @@ pub(super) struct Part {
     /// Of merged particles: the first block's number among those of the scene, and
     /// [`MergeBounds`](crate::blocks::MergeBounds).
     pub(super) merged: wgpu::Buffer,
-    /// A lattice's [`LatticeUniform`](crate::layout::LatticeUniform).
+    /// A lattice's [`LatticeUniform`](crate::record::LatticeUniform).
     pub(super) lattice: wgpu::Buffer,
     /// Offset and shape of each particle, or the samples of a lattice's axes.
     pub(super) shapes: wgpu::Buffer,
     pub(super) bricks: wgpu::Buffer,
     pub(super) values: wgpu::Buffer,
     pub(super) strengths: wgpu::Buffer,
+    /// The volume that all cells of a uniform lattice share; 0 elsewhere.
+    pub(super) cell_volume: f64,
     pub(super) colours: wgpu::Buffer,
     /// Codes of normals, where they are stored.
     pub(super) normals: wgpu::Buffer,
@@ -280,13 +160,12 @@ fn upload(
 ) -> Result<()> {
     let kinds = Kinds::of(volume);
     if kinds.is_lattice() && kinds.harmonics_count > 0 {
-        return Err(Error::format(
-            "GPU",
-            "harmonics on a lattice",
-            "harmonics on points",
-            "a lattice",
-            "use --backend cpu",
-        ));
+        return Err(Error::Unsupported {
+            place: "harmonics on a lattice".into(),
+            expected: "harmonics on points".into(),
+            found: "a lattice".into(),
+            advice: Hint::UseCpu.into(),
+        });
     }
     // Bound where there is nothing to bind.
     let nothing = gpu.buffer("nothing", 0)?;
@@ -379,6 +258,12 @@ fn upload(
             bricks: gpu.uniform("bricks", &bricks)?,
             values,
             strengths,
+            cell_volume: match &volume.particles {
+                BlockedParticles::Lattice(grid) if grid.axes().is_none() => {
+                    grid.cell_volume_f64([0; 3])
+                }
+                _ => 0.0,
+            },
             colours,
             normals,
             table: tables.table.clone(),
@@ -501,11 +386,6 @@ pub(super) fn packed_maxima(
     packed
 }
 
-/// The first word of the arguments of dispatches over a part's views in [`PartBuffers::arguments`].
-pub(super) const VIEW_ARGUMENTS: u32 = 0;
-/// The same over its classified particles, a thread each.
-pub(super) const PARTICLE_ARGUMENTS: u32 = 3;
-
 /// What all parts of a frame share.
 #[derive(Debug)]
 pub(super) struct FrameBuffers {
@@ -557,7 +437,8 @@ impl FrameBuffers {
 pub(super) struct PartBuffers {
     /// A [`PartState`].
     pub(super) state: wgpu::Buffer,
-    /// Arguments of indirect dispatches, from [`VIEW_ARGUMENTS`] and [`PARTICLE_ARGUMENTS`].
+    /// Arguments of indirect dispatches, from [`VIEW_ARGUMENTS`](super::constants::VIEW_ARGUMENTS)
+    /// and [`PARTICLE_ARGUMENTS`](super::constants::PARTICLE_ARGUMENTS).
     pub(super) arguments: wgpu::Buffer,
     /// [`BlockView`]s, room for all blocks.
     pub(super) views: wgpu::Buffer,

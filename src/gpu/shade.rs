@@ -6,15 +6,28 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 
 use super::classify::{arguments, upload_views};
+use super::constants::{PARTICLE_ARGUMENTS, THREADS};
 use super::cull::camera_uniform;
 use super::device::Gpu;
-use super::kernel::{Access, BoundKernel, THREADS};
-use super::scene::{ColourKind, FrameBuffers, PARTICLE_ARGUMENTS, Part, PartBuffers};
-use super::shaders;
+use super::kernel::{Access, BoundKernel};
+use super::kinds::ColourKind;
+use super::scene::{FrameBuffers, Part, PartBuffers};
+use super::shader::{DISPATCH, F64_ARITHMETIC, STRUCTS, Shader};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
-use crate::layout::{BlockView, ChoiceUniform, ClassifiedParticle, PartState};
+use crate::record::{BlockView, ChoiceUniform, ClassifiedParticle, PartState};
 use crate::view::Camera;
+
+/// Colours that depend on the view.
+pub(super) const SHADER: Shader = Shader::new(
+    "shade",
+    &[
+        DISPATCH,
+        STRUCTS,
+        F64_ARITHMETIC,
+        include_str!("../../shaders/shade.wgsl"),
+    ],
+);
 
 /// The stage over a part.
 #[derive(Debug)]
@@ -35,7 +48,7 @@ pub(super) fn bind_shade(
         return None;
     }
     let kernel = gpu.kernel(
-        &shaders::SHADE,
+        &SHADER,
         "shade",
         &[Read, Read, Read, Write, Read, Read, Read],
         &[
@@ -153,7 +166,7 @@ pub(super) fn recolour(
     gpu.run(encode);
     let coloured: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count as usize)?;
     for (particle, coloured) in particles.iter_mut().zip(coloured) {
-        particle.colour = coloured.colour;
+        particle.carried = coloured.carried;
     }
     Ok(())
 }

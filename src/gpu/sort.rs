@@ -3,10 +3,16 @@
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
 use super::radix::{BoundRadixSort, RadixSort};
-use super::shaders;
+use super::shader::{DISPATCH, STRUCTS, Shader};
 use crate::constants::DEPTH_KEY_BITS;
 use crate::error::Result;
-use crate::layout::{Footprint, PartIndex, PartRange, SortState};
+use crate::record::{Footprint, PartIndex, PartRange, SortState};
+
+/// Keys of footprints.
+pub(super) const SHADER: Shader = Shader::new(
+    "sort",
+    &[STRUCTS, DISPATCH, include_str!("../../shaders/sort.wgsl")],
+);
 
 /// The pipelines of the stage.
 #[derive(Debug)]
@@ -36,7 +42,7 @@ pub(super) struct BoundSort {
 impl Sort {
     pub(super) fn new(gpu: &Gpu) -> Self {
         use Access::{Read, Uniform, Write};
-        let kernel = |entry, bindings: &[Access]| gpu.kernel(&shaders::SORT, entry, bindings, &[]);
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&SHADER, entry, bindings, &[]);
         Self {
             prepare: kernel("sort_prepare", &[Read, Write, Write, Write]),
             keys: kernel("sort_keys", &[Uniform, Read, Read, Write, Write, Write]),

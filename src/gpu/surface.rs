@@ -3,14 +3,33 @@
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
 use super::resolve::Resolve;
-use super::shaders;
+use super::shader::{DISPATCH, EXPONENTIAL, NORMAL, STRUCTS, Shader};
 use super::tile::{
-    BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice, upload_lists,
+    self, BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice,
+    upload_lists,
 };
 use crate::constants::{MAX_CLIP_PLANES, SURFACE_LAYERS, TILE_SIZE};
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
-use crate::layout::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::record::{Footprint, NearTerms, SurfelTerms, ViewUniform};
+
+/// Tiles of opaque surfaces, and pixels from their layers.
+pub(super) const SHADER: Shader = Shader::new(
+    "surface",
+    &[
+        DISPATCH,
+        STRUCTS,
+        EXPONENTIAL,
+        NORMAL,
+        tile::CLIP,
+        tile::PIXELS,
+        tile::FOOTPRINT,
+        include_str!("../../shaders/tile/evaluate/surfel.wgsl"),
+        include_str!("../../shaders/tile/accumulate/opaque.wgsl"),
+        tile::RASTERISE,
+        include_str!("../../shaders/surface.wgsl"),
+    ],
+);
 
 /// What specialises the rasteriser of surfels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -65,6 +84,7 @@ impl Surface {
         // Planes are looked at anew for every surfel.
         let slice = slice(gpu, if spec.clip { MAX_CLIP_PLANES as u32 } else { 0 });
         let constants = [
+            ("HAS_TERMS", 1.0),
             ("HAS_NEAR", flag(spec.near)),
             ("HAS_NORMALS", flag(spec.normals)),
             ("IS_COUNT", flag(spec.count)),
@@ -72,11 +92,10 @@ impl Surface {
             ("SLICE", f64::from(slice)),
             ("IS_PICTURE", flag(spec.is_picture)),
         ];
-        let kernel =
-            |entry, bindings: &[Access]| gpu.kernel(&shaders::SURFACE, entry, bindings, &constants);
+        let kernel = |entry, bindings: &[Access]| gpu.kernel(&SHADER, entry, bindings, &constants);
         Self {
             kernel: kernel(
-                "rasterise_surface",
+                "rasterise",
                 &[
                     Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write,
                 ],
@@ -128,7 +147,7 @@ pub struct SurfacePixels {
 
 /// Draws all tiles of an image, as [`crate::cpu::rasterise_surface`] does.
 ///
-/// - `terms`: [`SurfelTerms`](crate::layout::SurfelTerms) in the place of exact ones.
+/// - `terms`: of each footprint.
 /// - `lists`: the footprints of each tile, front to back.
 /// - `chunks`: into how many depth chunks the lists are cut, as a frame of many footprints is.
 ///
@@ -143,7 +162,7 @@ pub fn rasterise_surface(
     view: &ViewUniform,
     spec: SurfaceSpec,
     footprints: &[Footprint],
-    terms: &[ExactTerms],
+    terms: &[SurfelTerms],
     near: &[NearTerms],
     lists: &[Vec<u32>],
     chunks: usize,

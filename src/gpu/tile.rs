@@ -3,10 +3,20 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::constants::NO_DEPTH;
 use super::device::Gpu;
 use super::kernel::BoundKernel;
 use crate::error::Result;
-use crate::layout::{ChunkUniform, NearTerms};
+use crate::record::{ChunkUniform, NearTerms};
+
+/// A tile's pixels and its progress.
+pub(super) const PIXELS: &str = include_str!("../../shaders/tile/pixels.wgsl");
+/// Footprints as the rasterisers read them.
+pub(super) const FOOTPRINT: &str = include_str!("../../shaders/tile/footprint.wgsl");
+/// Planes that clip.
+pub(super) const CLIP: &str = include_str!("../../shaders/shared/clip.wgsl");
+/// The rasterisers' main function.
+pub(super) const RASTERISE: &str = include_str!("../../shaders/rasterise.wgsl");
 
 /// What a tile carries from one chunk of footprints to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -25,12 +35,6 @@ impl TileProgress {
         u64::from(self.splat_pixels[0]) | u64::from(self.splat_pixels[1]) << 32
     }
 }
-
-/// In place of a tile's nearest open layer: all are composited.
-pub(super) const NO_LAYER: u32 = u32::MAX;
-
-/// What the device writes where there is no depth: WGSL has no infinity to write down.
-pub(super) const NO_DEPTH: f32 = f32::MIN;
 
 /// A depth from the device.
 pub(super) fn depth_of_word(word: f32) -> f32 {
@@ -92,7 +96,7 @@ impl BoundTiles {
 pub(super) struct TileBuffers<'a> {
     /// A uniform [`ChunkUniform`], whose band is as wide as the image.
     pub(super) chunk: &'a wgpu::Buffer,
-    /// A uniform [`ViewUniform`](crate::layout::ViewUniform).
+    /// A uniform [`ViewUniform`](crate::record::ViewUniform).
     pub(super) view: &'a wgpu::Buffer,
     pub(super) tile_ranges: &'a wgpu::Buffer,
     pub(super) tile_lists: &'a wgpu::Buffer,

@@ -1,8 +1,9 @@
 //! Outputs that are whole or absent.
 
-use std::fs;
-use std::io::Write;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::{Error, Result};
 
@@ -50,18 +51,43 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
             "create the folder first",
         ));
     }
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".ewa-splat-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // The process's umask is applied to this.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder).map_err(failed)?;
+    let (mut file, temporary) = Temporary::create(folder).map_err(failed)?;
     file.write_all(bytes).map_err(failed)?;
-    file.persist(&target).map_err(|e| failed(e.error))?;
-    Ok(())
+    // Some systems rename no open file.
+    drop(file);
+    fs::rename(&temporary.path, &target).map_err(failed)
+}
+
+/// A file under a name of its own, which is removed unless it has been renamed.
+struct Temporary {
+    path: PathBuf,
+}
+
+impl Temporary {
+    /// How many names are tried: others are taken by what another process left behind.
+    const MOST_NAMES: usize = 1000;
+
+    /// Creates a file that was not there, with the permissions of any new file.
+    fn create(folder: &Path) -> io::Result<(File, Self)> {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let mut names = 0;
+        loop {
+            let number = NEXT.fetch_add(1, Ordering::Relaxed);
+            let path = folder.join(format!(".ewa-splat-{}-{number}.tmp", std::process::id()));
+            names += 1;
+            match File::create_new(&path) {
+                Err(e) if e.kind() == ErrorKind::AlreadyExists && names < Self::MOST_NAMES => {}
+                created => return Ok((created?, Self { path })),
+            }
+        }
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // After a rename there is none of this name, and otherwise nobody could be told.
+        let _ = fs::remove_file(&self.path);
+    }
 }
 
 #[cfg(test)]
@@ -88,6 +114,35 @@ mod tests {
         fs::write(&plain, b"x").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions();
         assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[test]
+    fn names_that_are_taken_are_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (_, first) = Temporary::create(folder.path()).unwrap();
+        let name = first.path.file_name().unwrap().to_str().unwrap().to_owned();
+        let digits = name.trim_end_matches(".tmp").rsplit('-').next().unwrap();
+        let number: u64 = digits.parse().unwrap();
+        let prefix = name.strip_suffix(&format!("{digits}.tmp")).unwrap();
+        // What a process of the same number left behind, under the next names.
+        for next in number + 1..number + 40 {
+            let left = folder.path().join(format!("{prefix}{next}.tmp"));
+            fs::write(left, b"other").unwrap();
+        }
+        let path = first.path.clone();
+        assert!(path.is_file());
+        drop(first);
+        assert!(!path.exists());
+        write_bytes_atomically(&folder.path().join("a.json"), b"x").unwrap();
+        let mut others = 0;
+        for entry in fs::read_dir(folder.path()).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().unwrap() == "tmp" {
+                assert_eq!(fs::read(path).unwrap(), b"other");
+                others += 1;
+            }
+        }
+        assert_eq!(others, 39);
     }
 
     #[test]

@@ -48,8 +48,12 @@ pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     }
 }
 
-/// The picture of a column density that [`write_column`] writes to a `png`.
+/// The picture of a column density that [`write_column`] writes to a `png`; an empty one where the
+/// values are fewer or more than the pixels.
 pub fn column_picture(column: &ColumnImage) -> Image {
+    if column.width.checked_mul(column.height) != Some(column.values.len()) {
+        return Image::new(0, 0);
+    }
     let colour_of = viridis();
     let mut picture = Image::new(column.width, column.height);
     let Some([least, greatest]) = column.shown_range() else {

@@ -16,7 +16,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::Dataset;
-use super::file::read_all;
+use super::file::Input;
 use super::scalars::narrow;
 use super::table::{dataset, position_columns, scalar_field};
 use crate::error::{Error, Result};
@@ -36,8 +36,9 @@ struct Column {
 /// # Errors
 /// No header, no positions, rows of different lengths, or a cell that is not a number; the
 /// message names line and column.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     parse(path, &bytes)
 }
 
@@ -232,7 +233,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let text = "\"T\",\"Points:0\",\"Points:1\",\"Points:2\"\n5,1,2,3\n6,4,5,6\n";
         std::fs::write(file.path(), text).unwrap();
-        let data = read(file.path()).unwrap();
+        let data = read(Input::of_file(file.path())).unwrap();
         let Geometry::Points { positions } = &data.geometry else {
             panic!()
         };

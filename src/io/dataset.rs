@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::{CellMesh, Mesh, Smoothing, SplatCloud};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::scene::{Lattice, Values};
 
 /// What a reader returns: geometry, fields, and nothing that the file does not say.
@@ -59,6 +59,25 @@ pub struct CurvilinearBlock {
 }
 
 impl CurvilinearBlock {
+    /// Checks that there are as many nodes as the dimensions say.
+    ///
+    /// # Errors
+    /// More or fewer.
+    pub fn validate(&self) -> Result<()> {
+        let [x, y, z] = self.dims;
+        let count = x.checked_mul(y).and_then(|n| n.checked_mul(z));
+        if count == Some(self.nodes.len()) {
+            return Ok(());
+        }
+        Err(Error::invalid(
+            "curvilinear grid",
+            "nodes",
+            format!("{x} x {y} x {z} positions"),
+            format!("{} positions", self.nodes.len()),
+            "give one for each node",
+        ))
+    }
+
     /// Nodes or cells along i, j and k.
     pub fn dims_of(&self, association: Association) -> [usize; 3] {
         match association {
@@ -112,6 +131,45 @@ impl Dataset {
         }
     }
 
+    /// Checks that geometry and fields hold together: what readers promise, and what data sets made
+    /// by hand may miss. Fields that belong to another number of samples are refused where they are
+    /// used.
+    ///
+    /// # Errors
+    /// The first part that does not fit the others.
+    pub fn validate(&self) -> Result<()> {
+        let geometry = match &self.geometry {
+            Geometry::Lattice(lattice) => lattice.validate(),
+            Geometry::Curvilinear { blocks } => {
+                blocks.iter().try_for_each(CurvilinearBlock::validate)
+            }
+            Geometry::Cells(mesh) => super::check_cells(&self.path, mesh),
+            Geometry::Points { .. } => Ok(()),
+            Geometry::Splats(cloud) => cloud.validate(),
+            Geometry::Mesh(mesh) => mesh.validate(),
+        };
+        geometry.map_err(|error| error.in_file(&self.path))?;
+        self.fields.iter().try_for_each(|f| self.check_field(f))
+    }
+
+    /// As many numbers in each component of a vector.
+    fn check_field(&self, field: &Field) -> Result<()> {
+        let FieldSource::Vector(components) = &field.source else {
+            return Ok(());
+        };
+        let count = components.first().map_or(0, Values::len);
+        match components.iter().find(|c| c.len() != count) {
+            None => Ok(()),
+            Some(other) => Err(Error::format(
+                &self.path,
+                format!("field `{}`", field.name),
+                format!("{count} values of each component"),
+                other.len().to_string(),
+                "give all components of each vector",
+            )),
+        }
+    }
+
     /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
     /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index.
     ///
@@ -141,18 +199,19 @@ impl Dataset {
             format!("field `{selector}`"),
             format!("one of {}", self.field_names().join(", ")),
             "no field of that name",
-            "name one of these with --field",
+            Hint::NameField,
         ))
     }
 
     /// The scalar of one field: its values, its magnitude, or what it is derived as.
     ///
     /// # Errors
-    /// What the derivation says.
+    /// What the derivation says; components of unequal lengths.
     pub fn field_scalar(&self, field: &Field) -> Result<Values> {
         match &field.source {
             FieldSource::Scalar(values) => Ok(values.clone()),
             FieldSource::Vector(components) => {
+                self.check_field(field)?;
                 let n = components.first().map_or(0, Values::len);
                 Ok(Values::F32(
                     (0..n)

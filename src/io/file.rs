@@ -1,8 +1,11 @@
-//! Opening files: only regular, non-empty ones, and never more bytes than they hold.
+//! Opening files: only regular, non-empty ones, and never more bytes than they hold; and bytes in
+//! memory in place of files.
 
+use std::borrow::Cow;
+use std::fmt;
 use std::fs::{self, File};
 use std::io::Read;
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 
@@ -39,16 +42,6 @@ pub(crate) fn open_regular(path: &Path) -> Result<(File, u64)> {
     Ok((file, len))
 }
 
-/// The first bytes of a regular file, at most `count`, and the file's length.
-pub(crate) fn read_head(path: &Path, count: usize) -> Result<(Vec<u8>, u64)> {
-    let (file, len) = open_regular(path)?;
-    let mut head = Vec::new();
-    file.take(count as u64)
-        .read_to_end(&mut head)
-        .map_err(|e| Error::io(path, "reading the first bytes", e, "check the disk"))?;
-    Ok((head, len))
-}
-
 /// All bytes of a regular file: as many as it had when it was opened.
 pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
     let (file, len) = open_regular(path)?;
@@ -69,4 +62,142 @@ pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
         .read_to_end(&mut bytes)
         .map_err(|e| Error::io(path, "reading", e, "check the disk"))?;
     Ok(bytes)
+}
+
+/// A file on the disk, or bytes in memory that go by its name, and the files beside either.
+#[derive(Clone, Copy)]
+pub(crate) struct Input<'a> {
+    /// The file's path, or the name given for the bytes: what errors say.
+    pub(crate) path: &'a Path,
+    memory: Option<Memory<'a>>,
+}
+
+/// Bytes, and what gives those of other files by their paths.
+#[derive(Clone, Copy)]
+struct Memory<'a> {
+    bytes: &'a [u8],
+    beside: &'a dyn Fn(&Path) -> Option<Vec<u8>>,
+}
+
+impl<'a> Input<'a> {
+    /// A file on the disk.
+    pub(crate) fn of_file(path: &'a Path) -> Self {
+        Self { path, memory: None }
+    }
+
+    /// Bytes in memory; `beside` gives those of the files that they name.
+    pub(crate) fn of_bytes(
+        path: &'a Path,
+        bytes: &'a [u8],
+        beside: &'a dyn Fn(&Path) -> Option<Vec<u8>>,
+    ) -> Self {
+        let memory = Some(Memory { bytes, beside });
+        Self { path, memory }
+    }
+
+    /// Reads from the start, and the length in bytes.
+    pub(crate) fn open(&self) -> Result<(Box<dyn Read + 'a>, u64)> {
+        match self.memory {
+            None => {
+                let (file, len) = open_regular(self.path)?;
+                Ok((Box::new(file), len))
+            }
+            Some(memory) => {
+                let bytes = self.not_empty(memory.bytes)?;
+                Ok((Box::new(bytes), bytes.len() as u64))
+            }
+        }
+    }
+
+    /// The first bytes, at most `count`, and the length of the whole.
+    pub(crate) fn head(&self, count: usize) -> Result<(Vec<u8>, u64)> {
+        let (bytes, len) = self.open()?;
+        let mut head = Vec::new();
+        bytes
+            .take(count as u64)
+            .read_to_end(&mut head)
+            .map_err(|e| Error::io(self.path, "reading the first bytes", e, "check the disk"))?;
+        Ok((head, len))
+    }
+
+    /// All bytes: those of a file, as many as it had when it was opened.
+    pub(crate) fn read_all(&self) -> Result<Cow<'a, [u8]>> {
+        match self.memory {
+            None => read_all(self.path).map(Cow::Owned),
+            Some(memory) => self.not_empty(memory.bytes).map(Cow::Borrowed),
+        }
+    }
+
+    fn not_empty(&self, bytes: &'a [u8]) -> Result<&'a [u8]> {
+        if bytes.is_empty() {
+            let advice = "give the bytes of a file";
+            return Err(Error::format(
+                self.path, "opening", "data", "no bytes", advice,
+            ));
+        }
+        Ok(bytes)
+    }
+
+    /// How many bytes another file has, or `None` where there is none of this path.
+    pub(crate) fn len_beside(&self, path: &Path) -> Option<u64> {
+        match self.memory {
+            None => fs::metadata(path)
+                .ok()
+                .filter(fs::Metadata::is_file)
+                .map(|m| m.len()),
+            Some(memory) => (memory.beside)(path).map(|bytes| bytes.len() as u64),
+        }
+    }
+
+    /// Whether there is a file of this path.
+    pub(crate) fn has_beside(&self, path: &Path) -> bool {
+        self.len_beside(path).is_some()
+    }
+
+    /// All bytes of another file.
+    pub(crate) fn read_beside(&self, path: &Path) -> Result<Vec<u8>> {
+        let Some(memory) = self.memory else {
+            return read_all(path);
+        };
+        (memory.beside)(path).ok_or_else(|| {
+            Error::format(
+                self.path,
+                "files that it names",
+                format!("`{}`", path.display()),
+                "no such file beside bytes in memory",
+                "give its bytes, too",
+            )
+        })
+    }
+
+    /// One path for all that name the same file, or `None` where there is none.
+    pub(crate) fn resolved_beside(&self, path: &Path) -> Option<PathBuf> {
+        if self.memory.is_none() {
+            return path.canonicalize().ok();
+        }
+        if !self.has_beside(path) {
+            return None;
+        }
+        let mut resolved = PathBuf::new();
+        for component in path.components() {
+            match component {
+                Component::CurDir => {}
+                Component::ParentDir if resolved.file_name().is_some() => {
+                    resolved.pop();
+                }
+                other => resolved.push(other),
+            }
+        }
+        Some(resolved)
+    }
+}
+
+impl fmt::Debug for Input<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let bytes = self.memory.map(|memory| memory.bytes.len());
+        f.debug_struct("Input")
+            .field("path", &self.path)
+            .field("bytes", &bytes)
+            .finish_non_exhaustive()
+    }
 }

@@ -13,16 +13,16 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use exr::prelude as exr;
-use exr::{Encoding as ExrEncoding, SpecificChannels, WritableImage};
-use image::codecs::openexr::OpenExrDecoder;
-use image::codecs::png::PngDecoder;
-use image::{DynamicImage, ImageDecoder, Limits};
+use ::exr::block;
+use ::exr::meta::header::Header;
+use ::exr::prelude as exr;
+use exr::{Encoding as ExrEncoding, ReadChannels, ReadLayers, SpecificChannels, WritableImage};
 
 use super::atomic::write_bytes_atomically;
 use super::file::read_all;
 use super::npy;
 use super::raw::DEFLATE_RATIO;
+use super::samples::{Encoded, Refusal, png_file};
 use super::scalars::{Encoding, ScalarType, Stride, values};
 use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, srgb_from_linear};
@@ -100,10 +100,9 @@ pub fn write_image(path: &Path, image: &Image) -> Result<()> {
             )
         }
         "npy" => npy_bytes(
-            path,
             &[image.height, image.width, 4],
             image.pixels.iter().flatten().copied(),
-        )?,
+        ),
         _ => return Err(unknown_extension(path, IMAGE_EXTENSIONS)),
     };
     write_bytes_atomically(path, &bytes)
@@ -161,7 +160,7 @@ pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
         }
         "npy" => {
             let values = normals.normals.iter().flatten().copied();
-            npy_bytes(path, &[height, width, 3], values)?
+            npy_bytes(&[height, width, 3], values)
         }
         _ => return Err(unknown_extension(path, DEPTH_EXTENSIONS)),
     };
@@ -201,7 +200,7 @@ pub(super) fn grey_bytes(
             let rows = values.chunks(width).rev().flatten();
             Some(Ok(pfm_bytes("Pf", width, height, rows)))
         }
-        "npy" => Some(npy_bytes(path, &[height, width], values.iter().copied())),
+        "npy" => Some(Ok(npy_bytes(&[height, width], values.iter().copied()))),
         _ => None,
     }
 }
@@ -297,23 +296,16 @@ pub(crate) fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
         [0, 1, 2].map(|c| byte(srgb_from_linear(p[c] / a)))
     };
     let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-    let picture = if opaque {
-        let bytes = image.pixels.iter().flat_map(colour).collect();
-        image::RgbImage::from_raw(size[0], size[1], bytes).map(DynamicImage::from)
+    let (channels, numbers): (usize, Vec<u8>) = if opaque {
+        (3, image.pixels.iter().flat_map(colour).collect())
     } else {
         let rgba = |p: &[f32; 4]| {
             let [r, g, b] = colour(p);
             [r, g, b, byte(p[3])]
         };
-        let bytes = image.pixels.iter().flat_map(rgba).collect();
-        image::RgbaImage::from_raw(size[0], size[1], bytes).map(DynamicImage::from)
+        (4, image.pixels.iter().flat_map(rgba).collect())
     };
-    let mut bytes = Vec::new();
-    picture
-        .ok_or_else(|| encoding_failed(path, &"another number of pixels"))?
-        .write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png)
-        .map_err(|e| encoding_failed(path, &e))?;
-    Ok(bytes)
+    png_file(size, channels, &numbers).map_err(|e| encoding_failed(path, &e))
 }
 
 fn exr_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
@@ -341,78 +333,86 @@ fn pfm_bytes<'a>(
     bytes
 }
 
-fn npy_bytes(path: &Path, shape: &[usize], numbers: impl Iterator<Item = f32>) -> Result<Vec<u8>> {
-    use npyz::WriterBuilder;
-    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
-    let mut bytes = Vec::new();
-    let write = || -> std::io::Result<()> {
-        let mut writer = npyz::WriteOptions::new()
-            .default_dtype()
-            .shape(&shape)
-            .writer(&mut bytes)
-            .begin_nd()?;
-        writer.extend(numbers)?;
-        writer.finish()
-    };
-    write().map_err(|e| encoding_failed(path, &e))?;
-    Ok(bytes)
+fn npy_bytes(shape: &[usize], numbers: impl Iterator<Item = f32>) -> Vec<u8> {
+    let mut bytes = npy::header("<f4", shape);
+    bytes.extend(numbers.flat_map(f32::to_le_bytes));
+    bytes
 }
 
 fn read_png(path: &Path, bytes: &[u8]) -> Result<Image> {
-    let broken = |e: image::ImageError| damaged(path, "a PNG image", e.to_string());
-    let mut limits = Limits::default();
-    // At its best, deflate packs this many bytes into one; some more for small images.
-    limits.max_alloc = Some(
-        (bytes.len() as u64)
-            .saturating_mul(DEFLATE_RATIO)
-            .saturating_add(1 << 20),
-    );
-    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
-    check_claim(path, bytes.len(), decoder.dimensions())?;
-    let picture = DynamicImage::from_decoder(decoder)
-        .map_err(broken)?
-        .into_rgba16();
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let pixels = picture
-        .pixels()
-        .map(|p| {
-            let [r, g, b, a] = p.0.map(|x| f32::from(x) / f32::from(u16::MAX));
-            [
-                linear_from_srgb(r) * a,
-                linear_from_srgb(g) * a,
-                linear_from_srgb(b) * a,
-                a,
-            ]
-        })
-        .collect();
+    let broken = |found: Refusal| damaged(path, "a PNG image", format!("a file that {found}"));
+    let encoded = Encoded::png(bytes).map_err(broken)?;
+    let [width, height] = encoded.size();
+    let samples = encoded.decode().map_err(broken)?;
+    let pixel = |p: [u16; 4]| {
+        let [r, g, b, a] = p.map(|x| f32::from(x) / f32::from(u16::MAX));
+        [
+            linear_from_srgb(r) * a,
+            linear_from_srgb(g) * a,
+            linear_from_srgb(b) * a,
+            a,
+        ]
+    };
     Ok(Image {
         width,
         height,
-        pixels,
+        pixels: samples.rgba16().into_iter().map(pixel).collect(),
     })
 }
 
+/// The first layer with channels R, G and B, over the display window: pixels outside of the
+/// layer are transparent, those outside of the window are left out. Without A, it is opaque.
 fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
-    let broken = |e: image::ImageError| damaged(path, "an EXR image", e.to_string());
-    let decoder =
-        OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(true)).map_err(broken)?;
-    check_claim(path, bytes.len(), decoder.dimensions())?;
-    let picture = DynamicImage::from_decoder(decoder)
-        .map_err(broken)?
-        .into_rgba32f();
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
+    let reader = block::read(Cursor::new(bytes), false).map_err(broken)?;
+    let is_colour = |header: &&Header| {
+        let has = |name: &str| {
+            let name = exr::Text::from(name);
+            header.channels.find_index_of_channel(&name).is_some()
+        };
+        !header.deep && ["R", "G", "B"].into_iter().all(has)
+    };
+    let header = reader.headers().iter().find(is_colour);
+    let Some(header) = header else {
+        return Err(damaged(
+            path,
+            "an EXR image with channels R, G and B",
+            "other channels",
+        ));
+    };
+    let window = header.shared_attributes.display_window;
+    let offset = header.own_attributes.layer_position - window.position;
+    let (width, height) = (window.size.width(), window.size.height());
+    check_claim(path, bytes.len(), [width, height])?;
+    let read = exr::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgba_channels(
+            move |_, _| vec![[0.0_f32; 4]; width * height],
+            move |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| {
+                let at = at.to_i32() + offset;
+                let inside = |n: i32, count: usize| usize::try_from(n).ok().filter(|&n| n < count);
+                if let (Some(x), Some(y)) = (inside(at.x(), width), inside(at.y(), height)) {
+                    pixels[y * width + x] = [r, g, b, a];
+                }
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_chunks(reader)
+        .map_err(broken)?;
     Ok(Image {
         width,
         height,
-        pixels: picture.pixels().map(|p| p.0).collect(),
+        pixels: read.layer_data.channel_data.pixels,
     })
 }
 
 /// Refuses dimensions that the file's bytes cannot hold, even as compressed as can be (one
 /// bit per pixel, deflated).
-fn check_claim(path: &Path, len: usize, (width, height): (u32, u32)) -> Result<()> {
+fn check_claim(path: &Path, len: usize, [width, height]: [usize; 2]) -> Result<()> {
     let most = (len as u64).saturating_mul(8 * DEFLATE_RATIO);
-    let claimed = u64::from(width) * u64::from(height);
+    let claimed = (width as u64).saturating_mul(height as u64);
     if claimed > most || claimed == 0 {
         let found = format!("{width} x {height} in {len} bytes");
         return Err(damaged(path, "as many pixels as the file can hold", found));
@@ -578,20 +578,24 @@ mod tests {
             ],
         };
         write_image(&path, &image).unwrap();
-        let picture = image::open(&path).unwrap();
-        assert_eq!(
-            picture.into_rgba8().into_raw(),
-            [128, 0, 255, 51, 0, 255, 0, 255, 0, 0, 0, 0]
-        );
+        let stored = || {
+            let mut reader = png::Decoder::new(Cursor::new(std::fs::read(&path).unwrap()))
+                .read_info()
+                .unwrap();
+            let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+            let info = reader.next_frame(&mut bytes).unwrap();
+            (info.color_type, info.bit_depth, bytes)
+        };
+        let expected = vec![128, 0, 255, 51, 0, 255, 0, 255, 0, 0, 0, 0];
+        let eight = png::BitDepth::Eight;
+        assert_eq!(stored(), (png::ColorType::Rgba, eight, expected));
         let opaque = Image {
             width: 1,
             height: 1,
             pixels: vec![[0.0, 1.0, 0.0, 1.0]],
         };
         write_image(&path, &opaque).unwrap();
-        let picture = image::open(&path).unwrap();
-        assert_eq!(picture.color(), image::ColorType::Rgb8);
-        assert_eq!(picture.into_rgb8().get_pixel(0, 0).0, [0, 255, 0]);
+        assert_eq!(stored(), (png::ColorType::Rgb, eight, vec![0, 255, 0]));
     }
 
     #[test]

@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
+use crate::error::{Error, Result};
+
 /// Triangles with materials, in world space: transforms of nodes are applied, and where one mirrors,
 /// the triangles' winding is reversed, so that corners run counter-clockwise seen from the front.
 #[derive(Debug, Clone, Default)]
@@ -123,6 +125,104 @@ impl Default for Material {
 }
 
 impl Mesh {
+    /// Triangles in memory, white, opaque, seen from both sides.
+    ///
+    /// - `positions`: corners, world units.
+    /// - `triangles`: three corners each, counter-clockwise seen from the front.
+    ///
+    /// ```
+    /// use ewa_splat::io::Mesh;
+    /// use ewa_splat::sample::mesh::{MeshOptions, surfels};
+    /// use glam::DVec3;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    /// let mesh = Mesh::of_triangles(corners, [[0, 1, 2], [0, 1, 3]])
+    ///     .with_colours([[1.0, 0.2, 0.1, 1.0]; 4]);
+    /// let sampled = surfels(&mesh, &MeshOptions::default())?;
+    /// assert!((sampled.report.area - 1.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn of_triangles(
+        positions: impl Into<Vec<DVec3>>,
+        triangles: impl Into<Vec<[u32; 3]>>,
+    ) -> Self {
+        Self {
+            parts: vec![MeshPart {
+                positions: positions.into(),
+                triangles: triangles.into(),
+                ..MeshPart::default()
+            }],
+            materials: vec![Material::default()],
+            textures: Vec::new(),
+        }
+    }
+
+    /// The same with a linear RGBA colour for each corner of its first part.
+    #[must_use]
+    pub fn with_colours(mut self, colours: impl Into<Vec<[f32; 4]>>) -> Self {
+        if let Some(part) = self.parts.first_mut() {
+            part.colours = colours.into();
+        }
+        self
+    }
+
+    /// Checks that what parts have per corner is there for each and that pictures have all their
+    /// pixels. Triangles and parts that name a corner or a material that does not exist are left
+    /// out, and counted, where surfels are made.
+    ///
+    /// # Errors
+    /// The first array of another length, or the name of a texture that is none.
+    pub fn validate(&self) -> Result<()> {
+        let fault = |place: String, expected: String, found: String| {
+            Err(Error::invalid(
+                "mesh",
+                place,
+                expected,
+                found,
+                "correct the mesh",
+            ))
+        };
+        for (i, part) in self.parts.iter().enumerate() {
+            let count = part.positions.len();
+            let sets = part.texture_coordinates.iter().map(Vec::len);
+            let lengths = [
+                ("normals", part.normals.len()),
+                ("colours", part.colours.len()),
+            ];
+            let sets = sets.map(|len| ("texture coordinates", len));
+            let wrong = lengths.into_iter().chain(sets);
+            if let Some((name, len)) = { wrong }.find(|&(_, len)| len != 0 && len != count) {
+                let expected = format!("none or one for each of {count} corners");
+                return fault(format!("part {i}, {name}"), expected, len.to_string());
+            }
+        }
+        for material in &self.materials {
+            let textures = [&material.base_texture, &material.emissive_texture];
+            for used in textures.into_iter().flatten() {
+                if used.texture >= self.textures.len() {
+                    let place = format!("material `{}`", material.name);
+                    let expected = format!("one of {} textures", self.textures.len());
+                    return fault(place, expected, format!("number {}", used.texture));
+                }
+            }
+        }
+        for (i, texture) in self.textures.iter().enumerate() {
+            let TextureImage {
+                width,
+                height,
+                ref pixels,
+            } = *texture.image;
+            if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
+                let expected = "width x height pixels, at least one".to_owned();
+                let found = format!("{width} x {height} with {} pixels", pixels.len());
+                return fault(format!("texture {i}"), expected, found);
+            }
+        }
+        Ok(())
+    }
+
     /// How many triangles there are.
     pub fn triangle_count(&self) -> usize {
         self.parts.iter().map(|part| part.triangles.len()).sum()

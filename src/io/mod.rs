@@ -25,6 +25,7 @@ mod plot3d;
 mod ply;
 mod ply_splats;
 mod raw;
+mod samples;
 mod scalars;
 mod smoothing;
 mod splat;
@@ -47,6 +48,7 @@ mod vtr;
 mod vts;
 mod vtu;
 mod write_splats;
+mod zip;
 
 use std::path::{Path, PathBuf};
 
@@ -71,7 +73,9 @@ pub(crate) use splats::constant_of_colour;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, PlyForm, WrittenSplats, check_splats_path, write_splats};
 
-use crate::error::{Error, Result};
+use file::Input;
+
+use crate::error::{Advice, Error, Hint, Result};
 
 /// What files do not say about themselves.
 #[derive(Debug, Clone, Default)]
@@ -98,11 +102,6 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
         b"CDF\x02",
         "a netCDF or Exodus file",
         "save it as VTK XML (.vtu), or export CSV",
-    ),
-    (
-        b"NRRD",
-        "an NRRD file",
-        "use its raw data with --dims and --type",
     ),
     (
         b"\x89PNG",
@@ -176,74 +175,111 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
+    read_input(Input::of_file(path), options)
+}
+
+/// Reads a data file from its bytes, as [`open`] does from the disk.
+///
+/// - `name`: what the file is called; its extension says what the contents leave open, and errors
+///   have it.
+///
+/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it) need
+/// [`read_with`]; nothing is looked for on the disk.
+///
+/// ```
+/// use ewa_splat::io::{OpenOptions, read};
+///
+/// # fn main() -> ewa_splat::Result<()> {
+/// let table = b"x,y,z,sigma,mass\n0,0,0,0.5,1\n1,0,0,0.5,2\n";
+/// let data = read("stars.csv", table, &OpenOptions::default())?;
+/// assert_eq!(data.field_names(), ["sigma", "mass"]);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`open`], and a file that is named and not given.
+pub fn read(name: &str, bytes: &[u8], options: &OpenOptions) -> Result<Dataset> {
+    read_with(name, bytes, options, &|_| None)
+}
+
+/// As [`read`], and `beside` gives the bytes of other files.
+///
+/// It is asked by paths relative to the folder of `name`, as the file spells them, more than once for
+/// some; [`OpenOptions::solution`] and [`OpenOptions::texture`] are asked for as they are.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_with(
+    name: &str,
+    bytes: &[u8],
+    options: &OpenOptions,
+    beside: &dyn Fn(&Path) -> Option<Vec<u8>>,
+) -> Result<Dataset> {
+    read_input(Input::of_bytes(Path::new(name), bytes, beside), options)
+}
+
+fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    let path = input.path;
     /// Enough for every magic number and for a line of column names.
     const HEAD: usize = 4096;
-    let (head, len) = file::read_head(path, HEAD)?;
+    let (head, len) = input.head(HEAD)?;
     let extension = extension(path);
     let extension = extension.as_str();
 
     if head.starts_with(npy::MAGIC) {
-        return npy::read(path);
+        return npy::read(input);
     }
     if vtk_xml::looks_like(&head) {
         return match vtk_xml::file_type(&head).unwrap_or("") {
-            "ImageData" | "PImageData" => vti::read(path),
-            "RectilinearGrid" | "PRectilinearGrid" => vtr::read(path),
-            "StructuredGrid" | "PStructuredGrid" => vts::read(path),
-            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(path),
-            "PolyData" | "PPolyData" => vtp::read(path),
+            "ImageData" | "PImageData" => vti::read(input),
+            "RectilinearGrid" | "PRectilinearGrid" => vtr::read(input),
+            "StructuredGrid" | "PStructuredGrid" => vts::read(input),
+            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input),
+            "PolyData" | "PPolyData" => vtp::read(input),
             other => Err(refuse_vtk_type(path, other)),
         };
     }
     if head.starts_with(vtk_legacy::MAGIC) {
-        return vtk_legacy::read(path);
+        return vtk_legacy::read(input);
     }
     if ply::looks_like(&head) {
-        return ply::read(path);
+        return ply::read(input);
     }
     if extension == "spz" || spz::looks_like(&head) {
-        return spz::read(path);
+        return spz::read(input);
     }
     if extension == "splat" {
-        return splat::read(path);
+        return splat::read(input);
     }
     // Before the meshes of glTF files, which may hold both.
-    if gltf_splats::looks_like(path, &head) {
-        return gltf_splats::read(path);
+    if gltf_splats::looks_like(input, &head) {
+        return gltf_splats::read(input);
     }
     if head.starts_with(npz::MAGIC) {
-        return npz::read(path);
+        return npz::read(input);
     }
     if head.starts_with(hdf5::MAGIC) {
-        return hdf5::read(path);
+        return hdf5::read(input);
     }
     if extension == "gltf" || gltf::looks_like(&head) {
-        return gltf::read(path);
+        return gltf::read(input);
     }
     let texture = options.texture.as_deref();
     if extension == "obj" {
-        return obj::read(path, texture);
+        return obj::read(input, texture);
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
-        return raw::read(path, layout);
+        return raw::read(input, layout);
     }
     if extension == "raw" || (extension == "gz" && stem_extension(path) == "raw") {
-        let advice = raw::options_from_name(path).map_or_else(
-            || "add --dims X,Y,Z --type u8|i16|u16|f32".to_owned(),
-            |suggested| {
-                format!("its name suggests {suggested}: add these options if they are right")
-            },
-        );
-        return Err(Error::format(
-            path,
-            "raw volume",
-            "its dimensions and type from the command line",
-            "no --dims",
-            advice,
-        ));
+        return Err(Error::NoLayout {
+            path: path.to_path_buf(),
+            suggested: raw::layout_from_name(path),
+        });
     }
-    let refuse = |name: &str, advice: &str| {
+    let refuse = |name: &str, advice: Advice| {
         Error::format(
             path,
             "format",
@@ -253,33 +289,34 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         )
     };
     if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
-        return Err(refuse(name, advice));
+        return Err(refuse(name, (*advice).into()));
+    }
+    if head.starts_with(b"NRRD") {
+        return Err(refuse("an NRRD file", Hint::GiveRawData.into()));
     }
     if head.starts_with(b"\x1f\x8b") {
-        let advice =
-            "unpack it with gunzip (raw volumes may stay compressed: add --dims and --type)";
-        return Err(refuse("a gzip archive", advice));
+        return Err(refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()));
     }
     if is_table {
-        return csv::read(path);
+        return csv::read(input);
     }
     if obj::looks_like(&head) {
-        return obj::read(path, texture);
+        return obj::read(input, texture);
     }
     let is_plot3d = matches!(extension, "xyz" | "x" | "g" | "p3d" | "p3dx" | "q");
     let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());
     if is_text && (!is_plot3d || csv::names_positions(&head)) {
-        return csv::read(path);
+        return csv::read(input);
     }
     if is_plot3d || extension == "bin" || plot3d::looks_like_grid(&head, len) {
-        return plot3d::read(path, options.solution.as_deref());
+        return plot3d::read(input, options.solution.as_deref());
     }
     Err(Error::format(
         path,
         "format",
         KNOWN,
         "none of these",
-        "convert it to one of them; if it is a raw volume, add --dims and --type",
+        Hint::ConvertOrGiveLayout,
     ))
 }
 

@@ -11,21 +11,43 @@
 //! Tables are structured arrays with named columns, or plain arrays of shape (N, 3 or more)
 //! whose columns are x, y, z, `c3`, `c4`, ...
 //!
-//! The header is parsed here and not by the `npyz` crate, which writes our arrays: its reader
-//! allocates what the length field asks for and multiplies the shape without a check.
+//! Written headers are of version 1.0 and padded with spaces, so that the numbers start at a
+//! multiple of 64 bytes, as NumPy does.
 
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
-use super::file::read_all;
+use super::file::Input;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use super::table::{dataset, position_columns};
 use crate::error::{Error, Result};
 
 /// The first bytes of every NPY file.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// The header of a plain array of little-endian or single-byte numbers in C order, up to its
+/// first number.
+///
+/// - `descr`: the type, such as `<f4`.
+/// - `shape`: at most 16 counts, so that the header's length fits into 16 bits.
+pub(crate) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+    let counts: Vec<String> = shape.iter().map(usize::to_string).collect();
+    // A tuple of one has a comma, too.
+    let comma = if shape.len() == 1 { "," } else { "" };
+    let mut text = format!(
+        "{{'descr': '{descr}', 'fortran_order': False, 'shape': ({}{comma}), }}",
+        counts.join(", ")
+    );
+    let start = MAGIC.len() + 4;
+    while !(start + text.len() + 1).is_multiple_of(64) {
+        text.push(' ');
+    }
+    text.push('\n');
+    let length = u16::try_from(text.len()).unwrap_or(u16::MAX);
+    [MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat()
+}
 
 /// One member of an array's element: the element itself, or a column of a structured array.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,8 +79,8 @@ pub(crate) struct Array<'a> {
 ///
 /// # Errors
 /// A broken header, a size that differs from it, or no positions.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    table(path, "NPY particle table", &read_all(path)?)
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    table(input.path, "NPY particle table", &input.read_all()?)
 }
 
 /// A particle table from the bytes of an array.
@@ -506,7 +528,31 @@ mod tests {
     fn read_bytes(bytes: &[u8]) -> Result<Dataset> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
-        read(file.path())
+        read(Input::of_file(file.path()))
+    }
+
+    #[test]
+    fn written_headers_are_those_of_numpy() {
+        // What numpy.save writes before the numbers of np.zeros((2, 3, 4), "f4").
+        let mut expected = b"\x93NUMPY\x01\0\x76\0".to_vec();
+        expected.extend(b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }");
+        expected.resize(127, b' ');
+        expected.push(b'\n');
+        assert_eq!(header("<f4", &[2, 3, 4]), expected);
+        for shape in [&[7][..], &[usize::MAX; 16], &[]] {
+            let bytes = header("|u1", shape);
+            assert_eq!(bytes.len() % 64, 0);
+            let text = std::str::from_utf8(&bytes[10..]).unwrap();
+            assert_eq!(
+                usize::from(bytes[8]) + 256 * usize::from(bytes[9]),
+                text.len()
+            );
+            let Some(Literal::Dictionary(entries)) = Literal::parse(text) else {
+                panic!("{text}");
+            };
+            assert_eq!(entries[2].1.counts().as_deref(), Some(shape), "{text}");
+        }
+        assert!(header("<f4", &[7]).windows(4).any(|w| w == b"(7,)"));
     }
 
     #[test]

@@ -4,17 +4,17 @@
 //! `positions`, `pos`, `xyz`, `coordinates` or `points`, beside others; or one-dimensional
 //! arrays `x`, `y` and `z`, beside others. The others become fields where they have N rows.
 
-use std::io::{Cursor, Read};
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::dataset::{Dataset, Field};
-use super::file::read_all;
+use super::file::Input;
 use super::npy::{self, Array};
 use super::raw::DEFLATE_RATIO;
 use super::scalars::{doubles, values};
 use super::table::{dataset, position_columns};
+use super::zip;
 use crate::error::{Error, Result};
 
 /// The first bytes of every ZIP archive that holds something.
@@ -31,8 +31,9 @@ const MOST_COMPONENTS: usize = 16;
 ///
 /// # Errors
 /// A broken archive, one that claims more than its bytes can hold, or no positions.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let members = members(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let members = members(input)?;
     if let [(_, only)] = members.as_slice() {
         return npy::table(path, FORMAT, only);
     }
@@ -102,8 +103,9 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
 }
 
 /// The arrays of an archive: their names without `.npy`, and their bytes.
-fn members(path: &Path) -> Result<Vec<(String, Vec<u8>)>> {
-    let bytes = read_all(path)?;
+fn members(input: Input<'_>) -> Result<Vec<(String, Vec<u8>)>> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     let len = bytes.len() as u64;
     let broken = |found: String| {
         Error::format(
@@ -114,33 +116,26 @@ fn members(path: &Path) -> Result<Vec<(String, Vec<u8>)>> {
             "save it again with numpy.savez",
         )
     };
-    let mut archive =
-        zip::ZipArchive::new(Cursor::new(bytes)).map_err(|e| broken(e.to_string()))?;
     let mut packed_total: u64 = 0;
     let mut members = Vec::new();
-    for index in 0..archive.len() {
-        let entry = archive.by_index(index).map_err(|e| broken(e.to_string()))?;
-        let name = entry.name().map_err(|e| broken(e.to_string()))?;
-        let Some(name) = name.strip_suffix(".npy").map(str::to_owned) else {
+    for entry in zip::entries(&bytes).map_err(broken)? {
+        let Some(name) = entry.name.strip_suffix(".npy") else {
             continue;
         };
         let shown: String = name.chars().take(40).collect();
         // Members that share their bytes would multiply them.
-        packed_total = packed_total.saturating_add(entry.compressed_size());
-        let size = entry.size();
-        let most = entry.compressed_size().saturating_mul(DEFLATE_RATIO);
-        if packed_total > len || size > most {
+        let packed = entry.packed.len() as u64;
+        packed_total = packed_total.saturating_add(packed);
+        let size = entry.size;
+        if packed_total > len || size > packed.saturating_mul(DEFLATE_RATIO) {
             return Err(broken(format!(
-                "`{shown}` with {size} bytes packed into {}",
-                entry.compressed_size()
+                "`{shown}` with {size} bytes packed into {packed}"
             )));
         }
-        let mut bytes = Vec::new();
-        entry
-            .take(size)
-            .read_to_end(&mut bytes)
+        let unpacked = entry
+            .unpack()
             .map_err(|e| broken(format!("`{shown}`: {e}")))?;
-        members.push((name, bytes));
+        members.push((name.to_owned(), unpacked));
     }
     if members.is_empty() {
         return Err(broken("no arrays (.npy) in it".to_owned()));

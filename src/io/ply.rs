@@ -28,7 +28,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::{Dataset, Field, Geometry};
-use super::file::read_all;
+use super::file::Input;
 use super::ply_splats::splats;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
 use super::table::{dataset, position_columns, scalar_field};
@@ -46,8 +46,9 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// A broken header, a body shorter than it says, no positions, or half a splat layout.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     let header = Header::parse(path, &bytes)?;
     let Some(vertex) = header.elements.iter().position(|e| e.name == "vertex") else {
         let names = header.elements.iter().map(|e| e.name.as_str());

@@ -15,9 +15,9 @@ use flate2::read::MultiGzDecoder;
 use glam::DVec3;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
-use super::file::open_regular;
+use super::file::Input;
 use super::scalars::{Encoding, ScalarType, Stride, values};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Parameter, Result, SuggestedLayout};
 use crate::scene::{Lattice, Values};
 
 /// The most bytes that one byte of a deflate stream can stand for: a match of 258 bytes
@@ -81,7 +81,8 @@ impl RawLayout {
 ///
 /// # Errors
 /// A layout that makes no sense, or a size that differs from it.
-pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, layout: &RawLayout) -> Result<Dataset> {
+    let path = input.path;
     let [nx, ny, nz] = layout.dims;
     let size = layout.scalar.scalar().size();
     let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz));
@@ -89,37 +90,37 @@ pub(crate) fn read(path: &Path, layout: &RawLayout) -> Result<Dataset> {
     let (Some(count), Some(byte_count)) = (count.filter(|&n| n > 0), byte_count) else {
         return Err(Error::format(
             path,
-            "--dims",
+            Parameter::RawDims,
             "three counts of at least 1 whose product fits into memory",
             format!("{nx},{ny},{nz}"),
-            "correct --dims",
+            Hint::CorrectDims,
         ));
     };
     let spacing_is_usable = layout.spacing.is_finite() && layout.spacing.cmpne(DVec3::ZERO).all();
     if !spacing_is_usable || !layout.origin.is_finite() {
         return Err(Error::format(
             path,
-            "--spacing and --origin",
+            Parameter::RawGeometry,
             "finite numbers, and no spacing of zero",
             format!("spacing {}, origin {}", layout.spacing, layout.origin),
             "correct the option",
         ));
     }
 
-    let (mut file, len) = open_regular(path)?;
+    let (mut file, len) = input.open()?;
     let mut magic = [0; 2];
     let is_gzip = len != byte_count as u64
         && len > 18
         && file.read_exact(&mut magic).is_ok()
         && magic == [0x1f, 0x8b];
-    let (mut file, len) = open_regular(path)?;
+    let (mut file, len) = input.open()?;
     let wrong_size = |found: String| {
         Error::format(
             path,
             "size",
             format!("{byte_count} bytes ({nx} x {ny} x {nz} samples of {size} bytes)"),
             found,
-            "correct --dims or --type",
+            Hint::CorrectDimsOrType,
         )
     };
     let numbers = if is_gzip {
@@ -208,13 +209,13 @@ fn read_values(
     Ok(all)
 }
 
-/// The options that a name such as `engine_256x256x128_uint8.raw` suggests.
-pub(crate) fn options_from_name(path: &Path) -> Option<String> {
+/// The layout that a name such as `engine_256x256x128_uint8.raw` suggests.
+pub(crate) fn layout_from_name(path: &Path) -> Option<SuggestedLayout> {
     let name = path.file_name()?.to_str()?.to_ascii_lowercase();
     let words: Vec<&str> = name.split(|c: char| !c.is_ascii_alphanumeric()).collect();
     let dims = words.iter().find_map(|word| {
-        let counts: Option<Vec<u32>> = word.split('x').map(|n| n.parse().ok()).collect();
-        counts.filter(|c| c.len() == 3)
+        let counts: Option<Vec<usize>> = word.split('x').map(|n| n.parse().ok()).collect();
+        counts.and_then(|c| c.try_into().ok())
     })?;
     let scalar = words.iter().find_map(|&word| match word {
         "uint8" | "u8" | "uchar" | "byte" => Some("u8"),
@@ -223,10 +224,7 @@ pub(crate) fn options_from_name(path: &Path) -> Option<String> {
         "float32" | "f32" | "float" => Some("f32"),
         _ => None,
     })?;
-    Some(format!(
-        "--dims {},{},{} --type {scalar}",
-        dims[0], dims[1], dims[2]
-    ))
+    Some(SuggestedLayout { dims, scalar })
 }
 
 #[cfg(test)]
@@ -253,7 +251,7 @@ mod tests {
         let mut layout = RawLayout::new([2, 2, 1], RawType::U16);
         layout.big_endian = true;
         for bytes in [bytes.to_vec(), gzip(&bytes)] {
-            let data = read(file(&bytes).path(), &layout).unwrap();
+            let data = read(Input::of_file(file(&bytes).path()), &layout).unwrap();
             let (_, values) = data.scalar("value").unwrap();
             assert_eq!(values, Values::U16(vec![0x0102, 0x0304, 0x0506, 0x0708]));
         }
@@ -265,7 +263,7 @@ mod tests {
             .flat_map(|i| (i as f32).to_le_bytes())
             .collect();
         let layout = RawLayout::new([300, 100, 10], RawType::F32);
-        let data = read(file(&bytes).path(), &layout).unwrap();
+        let data = read(Input::of_file(file(&bytes).path()), &layout).unwrap();
         let (_, values) = data.scalar("value").unwrap();
         assert!((0..300_000).all(|i| values.get(i) == i as f32));
     }
@@ -281,22 +279,23 @@ mod tests {
             (vec![0; 8], [usize::MAX, 3, 3]),
             (vec![0; 8], [0, 3, 3]),
         ] {
-            let err = read(file(&bytes).path(), &RawLayout::new(dims, RawType::U8)).unwrap_err();
+            let err = read(
+                Input::of_file(file(&bytes).path()),
+                &RawLayout::new(dims, RawType::U8),
+            )
+            .unwrap_err();
             assert!(matches!(err, Error::Format { .. }), "{err}");
         }
     }
 
     #[test]
-    fn the_name_suggests_options() {
-        let suggest = |name: &str| options_from_name(Path::new(name));
+    fn the_name_suggests_a_layout() {
+        let suggest = |name: &str| layout_from_name(Path::new(name)).map(|l| (l.dims, l.scalar));
         assert_eq!(
-            suggest("a/engine_256x256x128_uint8.raw").as_deref(),
-            Some("--dims 256,256,128 --type u8")
+            suggest("a/engine_256x256x128_uint8.raw"),
+            Some(([256, 256, 128], "u8"))
         );
-        assert_eq!(
-            suggest("foot_8x8x8_int16.raw.gz").as_deref(),
-            Some("--dims 8,8,8 --type i16")
-        );
+        assert_eq!(suggest("foot_8x8x8_int16.raw.gz"), Some(([8, 8, 8], "i16")));
         assert_eq!(suggest("engine.raw"), None);
         assert_eq!(suggest("a_8x8_uint8.raw"), None);
     }

@@ -11,12 +11,11 @@
 //! anti-aliasing filter; they are taken not to be.
 
 use std::array;
-use std::path::Path;
 
 use glam::DVec3;
 
 use super::dataset::Dataset;
-use super::file::read_all;
+use super::file::Input;
 use super::splats::{SplatCloud, constant_of_colour};
 use super::write_splats::{Encoded, byte, note_cut, single_precision_quantum};
 use crate::error::{Error, Result};
@@ -29,8 +28,9 @@ const RECORD: usize = 32;
 ///
 /// # Errors
 /// A length that is not a whole number of splats.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     if bytes.len() % RECORD != 0 {
         return Err(Error::format(
             path,

@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use super::dataset::{Dataset, Field, Geometry};
 use crate::error::{Error, Result};
-use crate::math::{HARMONIC_0, harmonics_count};
+use crate::math::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics_count};
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is
 /// peak x exp(-Q/2), the same from every side: not the optical depth of a volume.
@@ -47,6 +47,44 @@ impl SplatCloud {
     /// Numbers of colour per splat: three for each of (degree + 1)² coefficients.
     pub fn harmonics_stride(&self) -> usize {
         3 * harmonics_count(self.harmonics_degree)
+    }
+
+    /// Checks that every array has one entry per splat.
+    ///
+    /// # Errors
+    /// The first of another length, or harmonics of a degree above
+    /// [`MAX_HARMONICS_DEGREE`].
+    pub fn validate(&self) -> Result<()> {
+        let count = self.positions.len();
+        let fault = |place: &str, expected: String, found: usize| {
+            let advice = "give one entry for each splat";
+            Err(Error::invalid(
+                "splats",
+                place,
+                expected,
+                found.to_string(),
+                advice,
+            ))
+        };
+        if self.harmonics_degree > MAX_HARMONICS_DEGREE {
+            let expected = format!("at most {MAX_HARMONICS_DEGREE}");
+            return fault(
+                "degree of the harmonics",
+                expected,
+                self.harmonics_degree.into(),
+            );
+        }
+        for (place, stride, len) in [
+            ("scales", 1, self.scales.len()),
+            ("rotations", 1, self.rotations.len()),
+            ("opacities", 1, self.opacities.len()),
+            ("harmonics", self.harmonics_stride(), self.harmonics.len()),
+        ] {
+            if count.checked_mul(stride) != Some(len) {
+                return fault(place, format!("{stride} for each of {count}"), len);
+            }
+        }
+        Ok(())
     }
 
     /// Adds the splats of another cloud behind these; coefficients that one of the two does not have

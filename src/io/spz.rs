@@ -29,7 +29,7 @@ use flate2::read::MultiGzDecoder;
 use glam::DVec3;
 
 use super::dataset::Dataset;
-use super::file::open_regular;
+use super::file::Input;
 use super::splats::SplatCloud;
 pub(super) use super::spz_write::encode;
 use crate::error::{Error, Result};
@@ -60,8 +60,9 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// Another version, or fewer bytes than the header says.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let (mut file, len) = open_regular(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let (mut file, len) = input.open()?;
     let io = |e| Error::io(path, "reading", e, "check the disk");
     let mut start = [0; HEADER];
     let mut started = 0;

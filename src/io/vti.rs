@@ -20,6 +20,7 @@ use glam::{DMat3, DVec3};
 use roxmltree::Node;
 
 use super::dataset::{Association, Dataset, Geometry};
+use super::file::Input;
 use super::vtk_extent::{Extent, Part, join};
 use super::vtk_pieces;
 use super::vtk_xml::numbers;
@@ -30,13 +31,14 @@ use crate::scene::{Lattice, LatticeSpacing};
 ///
 /// # Errors
 /// Not an image, damaged arrays, or pieces that do not make up the whole.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
     let head = |path: &Path, image: Node<'_, '_>| {
         let whole = Extent::whole(path, image)?;
         Ok((whole, placement(path, image)?))
     };
     let ((whole, (origin, step)), parts) =
-        vtk_pieces::read(path, "ImageData", head, |(whole, _), piece| {
+        vtk_pieces::read(input, "ImageData", head, |(whole, _), piece| {
             Part::read(whole, piece)
         })?;
     let first = DVec3::from_array(whole.first.map(|n| n as f64));
@@ -84,7 +86,7 @@ mod tests {
     fn read_text(text: &str) -> Result<Dataset> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        read(file.path())
+        read(Input::of_file(file.path()))
     }
 
     fn piece(extent: &str, values: &str) -> String {

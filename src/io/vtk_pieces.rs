@@ -22,7 +22,7 @@ use std::path::Path;
 use roxmltree::{Document, Node};
 
 use super::dataset::{Association, Field, FieldSource};
-use super::file::read_all;
+use super::file::Input;
 use super::vtk_array::{Array, Decoder};
 use super::vtk_xml::{Frame, child, clip};
 use crate::error::{Error, Result};
@@ -42,12 +42,13 @@ pub(super) struct Piece<'p> {
 /// A file of another type, a damaged one, a piece's file that is not there, and what `head` and
 /// `piece` say.
 pub(super) fn read<H, P>(
-    path: &Path,
+    input: Input<'_>,
     kind: &str,
     head: impl FnOnce(&Path, Node<'_, '_>) -> Result<H>,
     mut piece: impl FnMut(&H, Piece<'_>) -> Result<Option<P>>,
 ) -> Result<(H, Vec<P>)> {
-    let bytes = read_all(path)?;
+    let path = input.path;
+    let bytes = input.read_all()?;
     let frame = Frame::new(path, &bytes)?;
     let document = frame.document()?;
     let index_kind = format!("P{kind}");
@@ -76,7 +77,7 @@ pub(super) fn read<H, P>(
             return error("the name of the piece's file", "none".into(), advice);
         };
         let file = folder.join(source);
-        let Ok(resolved) = file.canonicalize() else {
+        let Some(resolved) = input.resolved_beside(&file) else {
             let advice = "put the piece's file there, or save the whole as one file";
             let found = format!("no file `{}`", clip(source));
             return error("a file beside the index", found, advice);
@@ -89,7 +90,7 @@ pub(super) fn read<H, P>(
                 advice,
             );
         }
-        let bytes = read_all(&file)?;
+        let bytes = input.read_beside(&file)?;
         let frame = Frame::new(&file, &bytes)?;
         let document = frame.document()?;
         let element = data_set(&file, &document, kind)?;

@@ -15,9 +15,8 @@
 //! Cells count through all four elements, in the order verts, lines, polys, strips, which is not
 //! the order they are written in. Several pieces are put one after another.
 
-use std::path::Path;
-
 use super::dataset::Dataset;
+use super::file::Input;
 use super::vtk_meshes::{Part, Runs, join};
 use super::vtk_pieces::{self, Piece};
 use super::{CellKind, CellMesh};
@@ -48,9 +47,10 @@ const ELEMENTS: [Element; 4] = [
 ///
 /// # Errors
 /// Not such data, damaged arrays, cells of nodes that are not there.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
     let ((), parts) = vtk_pieces::read(
-        path,
+        input,
         "PolyData",
         |_, _| Ok(()),
         |(), piece| {

@@ -15,6 +15,7 @@
 use std::path::Path;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::file::Input;
 use super::vtk_extent::{Extent, Part, join};
 use super::vtk_pieces::{self, Piece};
 use crate::error::{Error, Result};
@@ -27,8 +28,9 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// # Errors
 /// Not such a grid, damaged arrays, pieces that do not make up the whole, or coordinates that
 /// neither rise nor fall throughout.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let (whole, parts) = vtk_pieces::read(path, "RectilinearGrid", Extent::whole, read_part)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let (whole, parts) = vtk_pieces::read(input, "RectilinearGrid", Extent::whole, read_part)?;
     let (parts, axes): (Vec<_>, Vec<_>) = parts.into_iter().map(Part::split).unzip();
     let mut coordinates: [Vec<f64>; 3] = Default::default();
     for (axis, all) in coordinates.iter_mut().enumerate() {

@@ -12,12 +12,11 @@
 //! Nodes are stored i fastest, then j, then k. Several pieces are put together, see
 //! [`super::vtk_extent`].
 
-use std::path::Path;
-
 use glam::DVec3;
 
 use super::CurvilinearBlock;
 use super::dataset::{Association, Dataset, Geometry};
+use super::file::Input;
 use super::vtk_extent::{Extent, Part, check_cover, join, place};
 use super::vtk_pieces::{self, Piece};
 use crate::error::Result;
@@ -26,8 +25,9 @@ use crate::error::Result;
 ///
 /// # Errors
 /// Not such a grid, damaged arrays, or pieces that do not make up the whole.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let (whole, parts) = vtk_pieces::read(path, "StructuredGrid", Extent::whole, read_part)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let (whole, parts) = vtk_pieces::read(input, "StructuredGrid", Extent::whole, read_part)?;
     let (parts, mut nodes): (Vec<_>, Vec<_>) = parts.into_iter().map(Part::split).unzip();
     let nodes = match nodes.as_mut_slice() {
         [(extent, nodes)] if *extent == whole => std::mem::take(nodes),

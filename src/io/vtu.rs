@@ -26,9 +26,8 @@
 //! | `face_connectivity`, `face_offsets` | nodes of one face after those of another, and where each face's end |
 //! | `polyhedron_to_faces`, `polyhedron_offsets` | faces of one cell after those of another, and where each cell's end |
 
-use std::path::Path;
-
 use super::dataset::Dataset;
+use super::file::Input;
 use super::vtk_meshes::{Part, Runs, join, read_indices, read_offsets};
 use super::vtk_pieces::{self, Piece};
 use super::{CellKind, CellMesh};
@@ -40,9 +39,10 @@ const CELLS: &str = "Cells";
 ///
 /// # Errors
 /// Not such a grid, damaged arrays, cells of nodes that are not there.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
     let ((), parts) = vtk_pieces::read(
-        path,
+        input,
         "UnstructuredGrid",
         |_, _| Ok(()),
         |(), piece| {

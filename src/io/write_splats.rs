@@ -183,17 +183,7 @@ impl SplatCloud {
         if count == 0 {
             return fault("splats".into(), "at least one", "none".into());
         }
-        let lengths = [
-            self.scales.len(),
-            self.rotations.len(),
-            self.opacities.len(),
-            self.harmonics.len() / self.harmonics_stride(),
-        ];
-        let is_whole = self.harmonics.len().is_multiple_of(self.harmonics_stride());
-        if !is_whole || lengths.iter().any(|&len| len != count) {
-            let found = format!("scales, rotations, opacities, colours: {lengths:?}");
-            return fault("splats".into(), &format!("{count} of each array"), found);
-        }
+        self.validate().map_err(|error| error.in_file(path))?;
         for i in 0..count {
             let place = || format!("splat {i}");
             let p = self.positions[i];

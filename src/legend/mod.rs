@@ -144,6 +144,15 @@ pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
 /// # Errors
 /// Those of [`check_legend_size`].
 pub fn draw_legend(bars: &[ColourBar], image: &mut Image) -> Result<()> {
+    if !image.is_whole() {
+        return Err(Error::invalid(
+            "legend",
+            "image",
+            format!("{} x {} pixels", image.width, image.height),
+            image.pixels.len().to_string(),
+            "give all pixels",
+        ));
+    }
     let plates = layout(bars, [image.width, image.height])?;
     for (bar, plate) in bars.iter().zip(&plates) {
         plate.draw(bar, image);
@@ -265,7 +274,7 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
     }
     // No bars fit anywhere.
     if !bars.is_empty() && (left > width || length + around > height) {
-        return Err(Error::format(
+        return Err(Error::invalid(
             "legend",
             "image size",
             format!("{left} x {} pixels at least", least + around),

@@ -24,7 +24,7 @@ pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 pub(crate) use normal::ERFC_SERIES;
 pub use normal::{normal_cdf, normal_density_and_cdf};
-pub use variance::lower_factor;
+pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{
     eigen, factor_of_variance, from_eigen, principal_sigmas, scales_and_rotation,
 };

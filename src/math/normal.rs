@@ -20,7 +20,7 @@ pub(crate) const ERFC_SERIES: [f32; 10] = [
 /// Abramowitz and Stegun 7.1.26 refined: erfc by the rational Chebyshev fit of Numerical
 /// Recipes' `erfcc`, whose fractional error is below 1.2e-7 everywhere. In f32 the relative error
 /// is below 5e-7 + 1.2e-7 x² (below zero the exponent -x²/2 and its some four roundings count:
-/// 8e-6 at -8), the absolute one below 2e-7; `tests/bounds.rs` measures both.
+/// 8e-6 at -8), the absolute one below 2e-7; `tests/frames/bounds.rs` measures both.
 #[inline]
 pub fn normal_cdf(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;

@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::error::{Error, Result};
+
 /// The lower-triangular L with L Lᵀ = F Fᵀ: l00, l10, l11, l20, l21, l22, its diagonal not
 /// negative.
 ///
@@ -52,6 +54,66 @@ fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     rows[k] = DVec3::ZERO;
     rows[k].x = before;
     rows[k][k] = image;
+}
+
+/// A variance matrix, from xx, xy, xz, yy, yz, zz or from a matrix; whether it is one is seen when
+/// its factor is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Variance(DMat3);
+
+impl From<[f64; 6]> for Variance {
+    fn from([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Self {
+        Self(DMat3::from_cols_array(&[
+            xx, xy, xz, xy, yy, yz, xz, yz, zz,
+        ]))
+    }
+}
+
+impl From<DMat3> for Variance {
+    fn from(matrix: DMat3) -> Self {
+        Self(matrix)
+    }
+}
+
+impl Variance {
+    /// The lower-triangular factor L with V = L Lᵀ: l00, l10, l11, l20, l21, l22.
+    ///
+    /// Eigenvalues that the rounding of a file's single precision may have made negative, 1e-6 of
+    /// the trace, count as zero.
+    ///
+    /// ```
+    /// use ewa_splat::math::Variance;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let factor = Variance::from([0.25, 0.0, 0.0, 0.09, 0.0, 0.01]).factor()?;
+    /// assert_eq!(factor, [0.5, 0.0, 0.3, 0.0, 0.0, 0.1]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// A matrix that is not symmetric, not positive semi-definite, zero or not finite.
+    pub fn factor(&self) -> Result<[f64; 6]> {
+        /// Of the trace: what is left of single precision.
+        const ROUNDING: f64 = 1e-6;
+        let Self(m) = self;
+        let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+        let trace = x.x + y.y + z.z;
+        let skew = [x.y - y.x, x.z - z.x, y.z - z.y];
+        // Phrased so that NaN is not symmetric.
+        let is_symmetric = skew.iter().all(|d| d.abs() <= ROUNDING * trace);
+        let elements = [x.x, x.y, x.z, y.y, y.z, z.z];
+        let factor = Some(elements).filter(|_| is_symmetric);
+        factor.and_then(factor_of_variance).ok_or_else(|| {
+            Error::invalid(
+                "variance",
+                "matrix",
+                "a symmetric positive semi-definite matrix other than 0",
+                m.to_string(),
+                "correct it, or leave it out",
+            )
+        })
+    }
 }
 
 /// The lower-triangular factor of a variance given as vxx, vxy, vxz, vyy, vyz, vzz, or `None`

@@ -17,7 +17,7 @@ use crate::image::{Image, linear_from_srgb};
 pub fn difference(first: &Image, second: &Image, scale: f64) -> Result<Image> {
     check_sizes(first, second)?;
     if !(scale > 0.0 && scale.is_finite()) {
-        return Err(Error::format(
+        return Err(Error::invalid(
             "difference",
             "scale",
             "a finite number above 0",

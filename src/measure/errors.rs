@@ -32,7 +32,7 @@ pub struct ImageErrors {
 /// Compares two images of one size.
 ///
 /// # Errors
-/// Different sizes, or a pixel that is not finite.
+/// Different sizes, too few pixels or too many, or one that is not finite.
 pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
     check_sizes(first, second)?;
     let channels = first.pixels.len() as f64 * 4.0;
@@ -45,7 +45,7 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
             let difference = f64::from(*b) - f64::from(*a);
             if !difference.is_finite() {
                 let found = format!("{a} and {b}");
-                return Err(Error::format(
+                return Err(Error::invalid(
                     "comparison",
                     "images",
                     "finite pixels",
@@ -80,12 +80,23 @@ pub fn compare(first: &Image, second: &Image) -> Result<ImageErrors> {
     })
 }
 
-/// Refuses two images of different sizes.
+/// Refuses two images of different sizes, or one without all its pixels.
 pub(super) fn check_sizes(first: &Image, second: &Image) -> Result<()> {
+    for image in [first, second] {
+        if !image.is_whole() {
+            return Err(Error::invalid(
+                "comparison",
+                "images",
+                format!("{} x {} pixels", image.width, image.height),
+                image.pixels.len().to_string(),
+                "give all pixels of both",
+            ));
+        }
+    }
     if (first.width, first.height) == (second.width, second.height) {
         return Ok(());
     }
-    Err(Error::format(
+    Err(Error::invalid(
         "comparison",
         "images",
         format!("two images of {} x {}", first.width, first.height),

@@ -51,14 +51,23 @@ const RGB_FROM_XYZ: [[f64; 3]; 3] = [
     [0.055_639_423, -0.204_011_202, 1.057_148_933],
 ];
 
+/// An eye that sees no more than this has filters of a thousand pixels at most.
+const MOST_PIXELS_PER_DEGREE: f64 = 1000.0;
+
 /// The mean FLIP of two images of one size: 0 for equal ones, 1 at most.
 ///
 /// Of each image over black, clamped to 0..1. `pixels_per_degree` says how large a pixel is to the
 /// viewer, usually [`FLIP_PIXELS_PER_DEGREE`]. Pixels beyond the border repeat the outermost, so
-/// that any image with a pixel has a figure; `None` without one.
+/// that any image with a pixel has a figure; `None` without one, for images that lack pixels and for
+/// `pixels_per_degree` outside 0 to a thousand.
 pub fn flip(first: &Image, second: &Image, pixels_per_degree: f64) -> Option<f64> {
     let (width, height) = (first.width, first.height);
     if (width, height) != (second.width, second.height) || width.min(height) == 0 {
+        return None;
+    }
+    // Phrased so that NaN has none.
+    let is_seen = pixels_per_degree > 0.0 && pixels_per_degree <= MOST_PIXELS_PER_DEGREE;
+    if !(is_seen && first.is_whole() && second.is_whole()) {
         return None;
     }
     let filters = Filters::new(pixels_per_degree);

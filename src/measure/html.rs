@@ -25,7 +25,7 @@ impl Report {
     /// The report as a page of HTML that needs nothing beside it.
     ///
     /// # Errors
-    /// None that is known; what the picture and plot writers say.
+    /// None that is known; what the picture writer says.
     pub fn html(&self) -> Result<Vec<u8>> {
         let mut page = String::new();
         // Writing to a string does not fail.
@@ -38,7 +38,7 @@ impl Report {
             title = escaped(&self.about.inputs.join(", ")),
         );
         self.heading(&mut page);
-        self.front(&mut page)?;
+        self.front(&mut page);
         self.budget_section(&mut page);
         self.gallery(&mut page)?;
         self.table(&mut page);
@@ -151,15 +151,15 @@ impl Report {
         groups
     }
 
-    fn front(&self, page: &mut String) -> Result<()> {
+    fn front(&self, page: &mut String) {
         page.push_str("<section>\n<h2>What accuracy costs</h2>\n");
         self.legend(page);
         let against_reference =
-            self.speed_accuracy("RMSE against the reference", |row| row.errors.rmse)?;
+            self.speed_accuracy("RMSE against the reference", |row| row.errors.rmse);
         let against_baseline = self
             .speed_accuracy("RMSE against the most accurate splatting", |row| {
                 row.from_baseline.rmse
-            })?;
+            });
         let _ = write!(
             page,
             "<figure>\n{against_reference}\n<figcaption><strong>Against the truth.</strong> Each \
@@ -175,10 +175,9 @@ impl Report {
              that is the greater part, the plot above is level and this one tells the settings \
              apart.</figcaption>\n</figure>\n</section>\n"
         );
-        Ok(())
     }
 
-    fn speed_accuracy(&self, error_name: &str, error: impl Fn(&Row) -> f64) -> Result<String> {
+    fn speed_accuracy(&self, error_name: &str, error: impl Fn(&Row) -> f64) -> String {
         let groups = self.groups();
         let front = front_of(&self.rows, &error);
         let points: Vec<Point<'_>> = self
@@ -205,7 +204,7 @@ impl Report {
                 .iter()
                 .any(|row| row.group == group && row.changes_signal);
             let colour = group_colour(i);
-            let fill = if changes { "transparent" } else { &colour };
+            let fill = if changes { "transparent" } else { colour };
             let _ = write!(
                 page,
                 "<span><i style=\"background:{fill};border-color:{colour}\"></i>{group}</span>"

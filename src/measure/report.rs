@@ -372,7 +372,7 @@ impl Row {
     }
 }
 
-pub(super) fn not_written(name: &str, error: &dyn std::fmt::Display) -> Error {
+fn not_written(name: &str, error: &dyn std::fmt::Display) -> Error {
     Error::format(
         name,
         "writing",

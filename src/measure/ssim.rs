@@ -24,6 +24,9 @@ pub fn ssim(first: &Image, second: &Image) -> Option<f64> {
     if (width, height) != (second.width, second.height) || width.min(height) < 2 * RADIUS + 1 {
         return None;
     }
+    if !(first.is_whole() && second.is_whole()) {
+        return None;
+    }
     let weights = gaussian();
     let inner = RADIUS..height - RADIUS;
     let sum = sum_over_bands(inner, |rows| {

@@ -2,8 +2,9 @@
 
 use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
+use crate::render::Composite;
 use crate::render::{Settings, Show};
-use crate::splat::{Composite, Filter};
+use crate::splat::Filter;
 
 /// One way to draw the scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,7 +110,7 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         "accurate slabs",
         |s| {
             *s = accurate(s);
-            s.composite = Composite::Slabs;
+            s.composite = Composite::SLABS;
         },
     );
     for (name, tolerance) in TOLERANCES {
@@ -280,9 +281,10 @@ fn filter_label(filter: Filter) -> &'static str {
 fn composite_label(composite: Composite) -> &'static str {
     match composite {
         Composite::Over => "kernels one by one",
-        Composite::Sheets => "whole kernels summed in sheets along the view",
-        Composite::AxisSheets => "whole kernels summed in sheets along an axis",
-        Composite::Slabs => "kernels sliced into slabs",
+        Composite::Sheets { .. } => "whole kernels summed in sheets along the view",
+        Composite::AxisSheets { .. } => "whole kernels summed in sheets along an axis",
+        Composite::Slabs { .. } => "kernels sliced into slabs",
+        Composite::Maximum { .. } => "the greatest value along each ray",
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::PixelFilter;
-use crate::scene::{Colour, PointVolume, Strength};
+use crate::scene::{Colour, Particles, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 
 /// How many standard deviations a kernel reaches: beyond, e^(-49/2) = 2e-11 of its peak.
@@ -12,11 +12,41 @@ pub(super) const REACH: f64 = 7.0;
 /// A visible particle, world units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Particle {
-    pub(super) position: DVec3,
+    position: DVec3,
     /// L with V = L Lᵀ.
-    pub(super) factor: DMat3,
-    pub(super) mass: f64,
-    pub(super) colour: [f64; 3],
+    factor: DMat3,
+    /// Of a surface: its area, or that times its optical depth.
+    mass: f64,
+    colour: [f64; 3],
+    plane: Option<Plane>,
+}
+
+/// A surfel that stands for a piece of a surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plane {
+    /// Of unit length, out of its front.
+    normal: DVec3,
+    /// The greater standard deviation.
+    widest: f64,
+    is_one_sided: bool,
+    /// Whether it covers, instead of absorbing.
+    pub(super) is_opaque: bool,
+}
+
+impl Plane {
+    /// `None` where two tangents span none.
+    fn new(tangents: &DMat3, is_one_sided: bool, is_opaque: bool) -> Option<Self> {
+        let (a, b) = (tangents.x_axis, tangents.y_axis);
+        let normal = a.cross(b).try_normalize()?;
+        let (aa, bb, ab) = (a.length_squared(), b.length_squared(), a.dot(b));
+        let widest = (0.5 * (aa + bb) + (0.5 * (aa - bb)).hypot(ab)).sqrt();
+        Some(Self {
+            normal,
+            widest,
+            is_one_sided,
+            is_opaque,
+        })
+    }
 }
 
 /// A kernel in camera space, with what its line integrals need.
@@ -30,6 +60,8 @@ pub(super) struct Kernel {
     determinant: f64,
     pub(super) mass: f64,
     pub(super) colour: [f64; 3],
+    /// Where it is a surfel of a surface: whose depth, or weight, is the same from every side.
+    pub(super) plane: Option<Plane>,
 }
 
 /// A kernel along one ray: optical depth tau, spread as a Gaussian of mean and standard
@@ -42,7 +74,7 @@ pub(super) struct Segment {
     pub(super) colour: [f64; 3],
 }
 
-/// The particles of a scene that have a mass and finite numbers.
+/// The particles of a scene that have a mass or an area and finite numbers.
 pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
     let mut out = Vec::new();
     for volume in scene {
@@ -50,6 +82,18 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
             .values
             .as_ref()
             .zip(volume.transfer_function.as_ref());
+        let surface = match volume.strength {
+            Strength::Surface(_) => Some(true),
+            Strength::Pane(_) => Some(false),
+            _ => None,
+        };
+        let is_one_sided = matches!(
+            volume.particles,
+            Particles::Surfels {
+                is_one_sided: true,
+                ..
+            }
+        );
         let class = |i: usize| classes.map_or([0.0; 4], |(v, t)| t.classify(v.get(i)));
         for i in 0..volume.particles.len() {
             let class = class(i);
@@ -58,9 +102,11 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                 Strength::Classified { volumes } => {
                     f64::from(class[3]) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
                 }
-                Strength::Mass(masses) => f64::from(masses[i]),
+                Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
+                    f64::from(masses[i])
+                }
                 // `Integrator::new` refuses these.
-                Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Pane(_) => 0.0,
+                Strength::PeakOpacity { .. } => 0.0,
             };
             let colour = match &volume.colour {
                 Colour::Classified => [class[0], class[1], class[2]],
@@ -72,13 +118,15 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                 && factor.is_finite()
                 && mass.is_finite()
                 && colour.iter().all(|c| c.is_finite());
-            if mass > 0.0 && is_finite {
+            let plane = surface.and_then(|is_opaque| Plane::new(&factor, is_one_sided, is_opaque));
+            if mass > 0.0 && is_finite && plane.is_some() == surface.is_some() {
                 let colour = colour.map(f64::from);
                 out.push(Particle {
                     position,
                     factor,
                     mass,
                     colour,
+                    plane,
                 });
             }
         }
@@ -121,7 +169,27 @@ impl Kernel {
             determinant: x.dot(y.cross(z)).abs(),
             mass: particle.mass,
             colour: particle.colour,
+            plane: particle.plane.map(|plane| Plane {
+                normal: camera.camera_from_world * plane.normal,
+                ..plane
+            }),
         }
+    }
+
+    /// Whether `camera` sees a surfel from behind that has one side: all rays that meet its plane do.
+    pub(super) fn is_turned_away(&self, camera: &Camera) -> bool {
+        let towards = match camera.projection {
+            Projection::Perspective => self.centre,
+            Projection::Orthographic => DVec3::Z,
+        };
+        let is_behind = |plane: &Plane| plane.is_one_sided && plane.normal.dot(towards) > 0.0;
+        self.plane.as_ref().is_some_and(is_behind)
+    }
+
+    /// How far apart along a ray fragments of one surface may lie, where it meets this one.
+    pub(super) fn gap(&self, direction: DVec3, segment: &Segment) -> f64 {
+        let across = |plane: &Plane| plane.widest / plane.normal.dot(direction).abs();
+        self.plane.as_ref().map_or(0.0, across) + segment.sigma
     }
 
     /// Half the size of the box around the kernel's [`REACH`], camera space.
@@ -137,6 +205,9 @@ impl Kernel {
     /// With c = u x D: Q = |Lᵀ c|² / |adj(L) D|², tau = g/(2 pi |adj(L) D|) e^(-Q/2),
     /// mean = (adj(L) u . adj(L) D)/|adj(L) D|², sigma = det L/|adj(L) D|. Sums of squares, so
     /// that a needle costs the axis ratio once and not twice.
+    ///
+    /// Of a surface g is times |n . D|: |adj(L) D| is its ellipse's area over pi times that, and tau
+    /// becomes g G(x) at the place x where the ray meets the plane. `tau` of an opaque one is its weight.
     #[inline]
     pub(super) fn along(&self, origin: DVec3, direction: DVec3) -> Option<Segment> {
         let u = self.centre - origin;
@@ -153,7 +224,9 @@ impl Kernel {
         if mean + REACH * sigma < 0.0 {
             return None;
         }
-        let tau = self.mass / (std::f64::consts::TAU * scale) * (-0.5 * miss2 / across2).exp();
+        let facing = |plane: &Plane| plane.normal.dot(direction).abs();
+        let mass = self.mass * self.plane.as_ref().map_or(1.0, facing);
+        let tau = mass / (std::f64::consts::TAU * scale) * (-0.5 * miss2 / across2).exp();
         (tau > 0.0).then_some(Segment {
             tau,
             mean,

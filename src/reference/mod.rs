@@ -4,8 +4,17 @@
 //! follows rays through them and integrates equation 3 of Zwicker et al. 2001 with the kernels
 //! overlapping as they do, transmittance in closed form; the pixel's low-pass filter is applied to
 //! the image, by supersampling, which is their equation 6. Every approximation of the renderer is
-//! judged against it: `tests/reference.rs` holds it to closed forms, to a brute-force march and to
+//! judged against it: `tests/frames/reference.rs` holds it to closed forms, to a brute-force march and to
 //! the published fixtures first.
+//!
+//! Surfels of surfaces are met by rays as well. The true picture of a set of them is defined here, and
+//! shares with the renderer this definition and no more: along a ray each has the weight area G(x), G the
+//! Gaussian in its plane, x where the ray meets the plane. Opaque ones are averaged by their weights
+//! where they lie together, and cover min(1, sum of weights), the nearer before the farther; the share
+//! of a ray that a surface covers ends at it, and volumes in front are integrated up to there
+//! (`surface.rs`, with the one convention: what lies together). Translucent ones are sheets of that
+//! weight times their optical depth. Planes that clip cut the ray; where there are any, surfels of one
+//! side are seen from both.
 //!
 //! What it leaves out: a rod or a point (a variance of rank one or none) has no line integral, and
 //! its true image is empty, because almost no ray meets it; [`PixelFilter::Kernels`] gives it the
@@ -49,6 +58,7 @@ mod gauss_kronrod;
 mod kernel;
 mod pixel;
 mod ray;
+mod surface;
 mod traversal;
 
 use glam::{DVec2, DVec3};
@@ -59,6 +69,7 @@ use crate::scene::{Colour, PointVolume, Strength};
 use crate::view::{Camera, ClipPlane, Projection};
 use kernel::{Kernel, Particle, Segment};
 use ray::Scratch;
+use surface::Fragment;
 use traversal::Traversal;
 
 pub use ray::RayIntegral;
@@ -133,22 +144,13 @@ impl Integrator {
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
         for volume in scene {
             volume.validate()?;
-            if matches!(volume.strength, Strength::Surface(_) | Strength::Pane(_)) {
-                return Err(Error::format(
-                    "reference",
-                    "scene",
-                    "volumes with an extinction to integrate",
-                    "surfels of a surface, which have none",
-                    "render them without the reference",
-                ));
-            }
             let is_splats = matches!(volume.strength, Strength::PeakOpacity { .. })
                 || matches!(volume.colour, Colour::Harmonics { .. });
             if is_splats {
-                return Err(Error::format(
+                return Err(Error::invalid(
                     "reference",
                     "scene",
-                    "volumes with an extinction to integrate",
+                    "volumes with an extinction to integrate, and surfaces",
                     "splats, whose opacity on the image is stated and depends on no integral",
                     "render them without the reference",
                 ));
@@ -166,7 +168,7 @@ impl Integrator {
         self
     }
 
-    /// How many particles have a mass.
+    /// How many particles have a mass or an area.
     pub fn particle_count(&self) -> usize {
         self.particles.len()
     }
@@ -229,6 +231,8 @@ impl<'a> View<'a> {
             .particles
             .iter()
             .map(|p| Kernel::new(p, camera, filter, h2))
+            // A cut shows the inside of what was closed.
+            .filter(|k| !integrator.clip.is_empty() || !k.is_turned_away(camera))
             .collect();
         let planes = integrator.clip.iter();
         let clip = planes.map(|p| (camera.camera_from_world * p.normal, p.inside(camera.eye)));
@@ -266,13 +270,25 @@ impl<'a> View<'a> {
         if !(near < far) {
             return RayIntegral::default();
         }
+        scratch.fragments.clear();
         self.traversal.each(&self.kernels, origin, direction, |k| {
-            let segments = k.along(origin, direction).into_iter();
+            let Some(segment) = k.along(origin, direction) else {
+                return;
+            };
             // From where the ray is drawn on.
-            scratch.segments.extend(segments.map(|s| Segment {
-                mean: s.mean - near,
-                ..s
-            }));
+            let mean = segment.mean - near;
+            if k.plane.is_some_and(|plane| plane.is_opaque) {
+                if mean > 0.0 && mean < far - near {
+                    scratch.fragments.push(Fragment {
+                        depth: mean,
+                        weight: segment.tau,
+                        reach: k.gap(direction, &segment),
+                        colour: segment.colour,
+                    });
+                }
+            } else {
+                scratch.segments.push(Segment { mean, ..segment });
+            }
         });
         ray::integrate(scratch, far - near, error)
     }
@@ -281,7 +297,7 @@ impl<'a> View<'a> {
 fn check(camera: &Camera, settings: &ReferenceSettings) -> Result<()> {
     let refuse = |place: &str, expected: &str, found: String| {
         let advice = "change it";
-        Err(Error::format("reference", place, expected, found, advice))
+        Err(Error::invalid("reference", place, expected, found, advice))
     };
     if camera.width == 0 || camera.height == 0 {
         let found = format!("{} x {}", camera.width, camera.height);

@@ -2,6 +2,7 @@
 
 use super::gauss_kronrod::{Quadrature, kronrod, nodes};
 use super::kernel::Segment;
+use super::surface::{Fragment, Surface, surfaces};
 use crate::math::normal_density_and_cdf;
 
 /// What a ray brings to the eye.
@@ -36,6 +37,8 @@ const LANES: usize = 8;
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     pub(super) segments: Vec<Segment>,
+    pub(super) fragments: Vec<Fragment>,
+    surfaces: Vec<Surface>,
     sheets: Vec<Segment>,
     /// Where kernels begin to matter, and which.
     starts: Vec<(f64, usize)>,
@@ -57,6 +60,40 @@ const MERGE: f64 = 3.0;
 /// Bisections of one interval, so that no scene can hang: a kernel asks for some ten.
 const MOST_BISECTIONS: u32 = 10_000;
 
+/// What a ray brings to the eye of the kernels in `scratch.segments` and the opaque surfels in
+/// `scratch.fragments`, up to `end`, which may be infinite.
+///
+/// Each surface ends the share of the ray that it covers: light is integrated up to its depth, and
+/// its colour is what lies behind. The rest of the ray goes on to `end`.
+pub(super) fn integrate(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
+    if scratch.fragments.is_empty() {
+        return integrate_volumes(scratch, end, error);
+    }
+    let mut met = std::mem::take(&mut scratch.surfaces);
+    surfaces(&mut scratch.fragments, &mut met);
+    let mut out = RayIntegral::default();
+    let mut left = 1.0;
+    for surface in &met {
+        let front = integrate_volumes(scratch, surface.depth, error);
+        let through = 1.0 - front.rgba[3];
+        for ((sum, light), own) in out.rgba.iter_mut().zip(front.rgba).zip(surface.colour) {
+            *sum += surface.share * (light + through * own);
+        }
+        out.rgba[3] += surface.share;
+        out.error += surface.share * front.error;
+        left -= surface.share;
+    }
+    if left > 0.0 {
+        let rest = integrate_volumes(scratch, end, error);
+        for (sum, light) in out.rgba.iter_mut().zip(rest.rgba) {
+            *sum += left * light;
+        }
+        out.error += left * rest.error;
+    }
+    scratch.surfaces = met;
+    out
+}
+
 /// Integrates eq. 3 of Zwicker et al. 2001 over the kernels in `scratch.segments`, from the eye to
 /// `end`, which may be infinite:
 ///
@@ -65,7 +102,7 @@ const MOST_BISECTIONS: u32 = 10_000;
 /// Extinctions of kernels that overlap add up; nothing is sorted. T is exact, the integral is by
 /// adaptive Gauss-Kronrod quadrature between the kernels' own places, to about `error`. Sheets
 /// (kernels without extent along the ray) are steps of T.
-pub(super) fn integrate(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
+fn integrate_volumes(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral {
     // Compiled for what the processor has: half the time with AVX2.
     pulp::Arch::new().dispatch(
         #[inline(always)]
@@ -82,6 +119,7 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
         events,
         cuts,
         active,
+        ..
     } = scratch;
     let count = segments.len().max(1) as f64;
     // All kernels' tails beyond this depth, together, are a small part of the error.

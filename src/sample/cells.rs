@@ -28,7 +28,7 @@ use super::{
     nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry, check_cells};
+use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry};
 use crate::math::factor_of_variance;
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
@@ -494,7 +494,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let Geometry::Cells(mesh) = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
-    check_cells(&dataset.path, mesh)?;
     check_count(&dataset, mesh.nodes.len())?;
     check_count(&dataset, mesh.cell_count())?;
     if !mesh.kinds.iter().any(|kind| is_solid(*kind)) {

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use super::left_out::LeftOut;
 use super::{Finding, SampleReport, index_u32, narrowed, splats};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
 use crate::io::{SplatCloud, constant_of_colour};
 use crate::math::{harmonics_count, scales_and_rotation};
@@ -30,7 +30,7 @@ use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
 /// Standard deviation over spacing at which opaque surfels are written: wider ones stay.
 ///
 /// A viewer composites where the renderer here averages: what shines through between kernels is the
-/// product of all 1 - alpha. `tests/convert.rs` measures it on relaxed cells.
+/// product of all 1 - alpha. `tests/data/convert.rs` measures it on relaxed cells.
 pub const CLOSED_WIDTH: f64 = 0.9;
 
 /// Fainter particles of volumes give no splat: sixteen of them are less than one of 255 levels.
@@ -102,19 +102,23 @@ pub fn splat_cloud(volumes: &[PointVolume]) -> Result<(SplatCloud, ConversionRep
             findings: report.findings,
             ..SampleReport::default()
         };
-        return Err(Error::format(
+        return Err(Error::invalid(
             "scene",
             "splats",
             "at least one that can be seen",
             format!("none: {}", faults.warnings().join(", ")),
-            "look at the data with `ewa-splat info`, or raise the opacity",
+            Hint::LookAtDataOrRaiseOpacity,
         ));
     }
     Ok((cloud, report))
 }
 
 /// The splats of a file without those that cannot be drawn; opacities above 1 become 1.
-pub fn sound_splats(cloud: SplatCloud) -> (SplatCloud, ConversionReport) {
+///
+/// # Errors
+/// Those of [`SplatCloud::validate`].
+pub fn sound_splats(cloud: SplatCloud) -> Result<(SplatCloud, ConversionReport)> {
+    cloud.validate()?;
     let count = cloud.positions.len();
     let faults: Vec<Option<LeftOut>> = (0..count)
         .into_par_iter()
@@ -144,7 +148,7 @@ pub fn sound_splats(cloud: SplatCloud) -> (SplatCloud, ConversionReport) {
         splat_count: kept.len(),
         findings: counted.findings,
     };
-    (cloud, report)
+    Ok((cloud, report))
 }
 
 fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {

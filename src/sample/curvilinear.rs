@@ -70,9 +70,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let Geometry::Curvilinear { blocks } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
-    for block in blocks {
-        check_block(&dataset, block)?;
-    }
     // Walls stand among the blocks of some files; their nodes have no volume.
     let is_flat = |block: &CurvilinearBlock| block.dims.iter().any(|&n| n < 2);
     if blocks.iter().all(is_flat) {
@@ -152,22 +149,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
     sampled.volume.normals = normals;
     Ok(sampled)
-}
-
-/// As many positions as the dimensions say.
-fn check_block(dataset: &Dataset, block: &CurvilinearBlock) -> Result<()> {
-    let dims = block.dims;
-    let node_count = dims.iter().product::<usize>();
-    if block.nodes.len() != node_count {
-        return Err(Error::format(
-            &dataset.path,
-            "nodes",
-            format!("{node_count} positions"),
-            format!("{} positions", block.nodes.len()),
-            "the file is damaged",
-        ));
-    }
-    Ok(())
 }
 
 /// The eight corners of a cell, i fastest.

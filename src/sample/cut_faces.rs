@@ -134,7 +134,7 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
 }
 
 fn refuse<T>(found: &str) -> Result<T> {
-    Err(Error::format(
+    Err(Error::invalid(
         "cut faces",
         "volume",
         "kernels of a field with a transfer function",
@@ -146,7 +146,7 @@ fn refuse<T>(found: &str) -> Result<T> {
 fn normalised(plane: &ClipPlane) -> Result<ClipPlane> {
     plane.normalised().ok_or_else(|| {
         let ClipPlane { normal, distance } = plane;
-        Error::format(
+        Error::invalid(
             "cut faces",
             "clip plane",
             "a normal of finite numbers that is not zero, and a finite distance",

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::narrowed;
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::tangents_of;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 
@@ -25,12 +25,12 @@ const STRONG: f64 = 0.02;
 /// A volume that is no classified lattice.
 pub(super) fn take_surface(volume: &mut PointVolume, value: f64) -> Result<Option<PointVolume>> {
     let refuse = |found: &str| {
-        Err(Error::format(
-            "--flatten",
+        Err(Error::invalid(
+            Parameter::Flatten,
             "data",
             "a regular or rectilinear grid with a field",
             found,
-            "leave --flatten out",
+            Hint::LeaveOut(Parameter::Flatten),
         ))
     };
     let (

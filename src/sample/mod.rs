@@ -25,12 +25,17 @@ mod yu_turk;
 
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result};
-use crate::io::{Association, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel};
+use glam::DVec3;
+
+use crate::error::{Error, Hint, Parameter, Place, Result};
+use crate::io::{
+    Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel,
+};
 use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
 
+pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 pub use cut_faces::cut_faces;
 use kernels::Kernels;
@@ -38,11 +43,8 @@ use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 
-/// Standard deviation of a kernel over the local spacing, where nothing else is asked for.
-///
-/// At .6 a uniform field on a cubic lattice ripples by .7 % and 17 % of the contrast at the
-/// lattice's Nyquist frequency is kept; .55 is sharper, .7 smoother.
-pub const DEFAULT_KERNEL_WIDTH: f64 = 0.6;
+/// Corrections of cell volumes at most ([`SampleOptions::shepard_passes`]).
+pub const MOST_SHEPARD_PASSES: u32 = 100;
 
 /// What to sample, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +69,8 @@ pub struct SampleOptions {
     /// The shape of particles that state none.
     pub shape: ParticleShape,
     /// How many times cell volumes are corrected to reproduce a uniform field at the particles.
-    /// That evens out irregular samples; it shifts mass between neighbours.
+    /// That evens out irregular samples; it shifts mass between neighbours. At most
+    /// [`MOST_SHEPARD_PASSES`].
     pub shepard_passes: u32,
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
@@ -187,15 +190,10 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
 /// An error of the mesh itself with the name of its file.
 fn named(error: Error, file: &Path) -> Error {
     match error {
-        Error::Format {
-            path,
-            place,
-            expected,
-            found,
-            advice,
-        } if path == Path::new(mesh::THE_MESH) => {
-            Error::format(file, place, expected, found, advice)
-        }
+        Error::Invalid {
+            what: Place::Text(ref what),
+            ..
+        } if **what == *mesh::THE_MESH => error.in_file(file),
         other => other,
     }
 }
@@ -229,19 +227,29 @@ fn named(error: Error, file: &Path) -> Error {
 /// that is not finite stays and is transparent if NaN.
 ///
 /// # Errors
-/// A field that is not there or has the wrong length, no samples or none that can be drawn,
+/// Those of [`Dataset::validate`]; a field that is not there or has the wrong length, no samples or none that can be drawn,
 /// columns that contradict each other, a kernel width that is not positive, a transfer
 /// function that cannot be read.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
-        return Err(Error::format(
-            "--kernel-width",
+        return Err(Error::invalid(
+            Parameter::KernelWidth,
             "value",
             "a positive number",
             options.kernel_width.to_string(),
             format!("{DEFAULT_KERNEL_WIDTH} is the default"),
         ));
     }
+    if options.shepard_passes > MOST_SHEPARD_PASSES {
+        return Err(Error::invalid(
+            "sample",
+            "corrections of cell volumes",
+            format!("at most {MOST_SHEPARD_PASSES}"),
+            options.shepard_passes.to_string(),
+            "a few are enough",
+        ));
+    }
+    dataset.validate()?;
     let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
@@ -263,6 +271,91 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         gradient::complete(&mut sampled.volume);
     }
     Ok(sampled)
+}
+
+/// A point volume of a curvilinear grid in memory, as [`volume`] makes it of a file's.
+///
+/// - `dims`: nodes along i, j and k.
+/// - `nodes`: their positions, i fastest, then j, then k.
+/// - `values`: one for each node.
+///
+/// ```
+/// use ewa_splat::sample::{SampleOptions, grid};
+/// use glam::DVec3;
+///
+/// # fn main() -> ewa_splat::Result<()> {
+/// // A sector of a ring, 5 x 8 x 3 nodes.
+/// let ring = |n: usize| {
+///     let (radius, turn) = (1.0 + 0.2 * (n % 5) as f64, 0.3 * (n / 5 % 8) as f64);
+///     DVec3::new(radius * turn.cos(), radius * turn.sin(), 0.2 * (n / 40) as f64)
+/// };
+/// let nodes: Vec<DVec3> = (0..120).map(ring).collect();
+/// let values: Vec<f32> = nodes.iter().map(|node| node.x as f32).collect();
+/// let sampled = grid([5, 8, 3], nodes, values, &SampleOptions::default())?;
+/// assert_eq!(sampled.volume.particles.len(), 120);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`volume`].
+pub fn grid(
+    dims: [usize; 3],
+    nodes: impl Into<Vec<DVec3>>,
+    values: impl Into<Values>,
+    options: &SampleOptions,
+) -> Result<Sampled> {
+    let nodes = nodes.into();
+    let blocks = vec![CurvilinearBlock { dims, nodes }];
+    in_memory("grid", Geometry::Curvilinear { blocks }, values, options)
+}
+
+/// A point volume of points in memory that have a value each and no shape: kernels are sized by
+/// their neighbours, as [`volume`] makes them of a table.
+///
+/// ```
+/// use ewa_splat::sample::{SampleOptions, points};
+/// use glam::DVec3;
+///
+/// # fn main() -> ewa_splat::Result<()> {
+/// let spiral = |i| {
+///     let turn = 0.3 * f64::from(i);
+///     DVec3::new(turn.cos(), turn.sin(), 0.03 * turn)
+/// };
+/// let positions: Vec<DVec3> = (0..200).map(spiral).collect();
+/// let values: Vec<f32> = (0..200).map(|i| i as f32).collect();
+/// let sampled = points(positions, values, &SampleOptions::default())?;
+/// assert_eq!(sampled.volume.particles.len(), 200);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`volume`].
+pub fn points(
+    positions: impl Into<Vec<DVec3>>,
+    values: impl Into<Values>,
+    options: &SampleOptions,
+) -> Result<Sampled> {
+    let positions = positions.into();
+    in_memory("points", Geometry::Points { positions }, values, options)
+}
+
+fn in_memory(
+    name: &'static str,
+    geometry: Geometry,
+    values: impl Into<Values>,
+    options: &SampleOptions,
+) -> Result<Sampled> {
+    let field = Field {
+        name: "value".into(),
+        association: Association::Nodes,
+        source: FieldSource::Scalar(values.into()),
+    };
+    volume(
+        Dataset::new(Path::new(name), name, geometry, vec![field]),
+        options,
+    )
 }
 
 /// The field to show and its values, taken out of the data set.
@@ -332,7 +425,7 @@ fn default_field(dataset: &Dataset) -> Result<String> {
                 "fields",
                 "a field to show",
                 "none",
-                "for a PLOT3D grid name its solution with --solution",
+                Hint::NameSolution,
             )
         })
 }
@@ -363,7 +456,7 @@ fn nothing_left(dataset: &Dataset, report: &SampleReport) -> Error {
         } else {
             found
         },
-        "look at the file with `ewa-splat info`",
+        Hint::LookAtFile,
     )
 }
 

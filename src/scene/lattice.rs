@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::error::{Error, Result};
+
 /// A three-dimensional array of sample points, x fastest, then y, then z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lattice {
@@ -40,9 +42,56 @@ impl Lattice {
         }
     }
 
-    /// How many samples there are.
+    /// How many samples there are; the greatest number of all where there are more.
     pub fn len(&self) -> usize {
-        self.dims.iter().product()
+        self.checked_len().unwrap_or(usize::MAX)
+    }
+
+    fn checked_len(&self) -> Option<usize> {
+        let [x, y, z] = self.dims;
+        x.checked_mul(y)?.checked_mul(z)
+    }
+
+    /// Checks that every sample has a position.
+    ///
+    /// # Errors
+    /// More samples than can be counted, coordinates of another number than the dimensions say, that
+    /// do not rise or are not finite, an origin or a step that is not finite.
+    pub fn validate(&self) -> Result<()> {
+        let [x, y, z] = self.dims;
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "correct the lattice";
+            Err(Error::invalid("lattice", place, expected, found, advice))
+        };
+        if self.checked_len().is_none() {
+            let expected = "three counts whose product fits into memory";
+            return fault("dimensions", expected, format!("{x} x {y} x {z}"));
+        }
+        match &self.spacing {
+            LatticeSpacing::Uniform { origin, step } => {
+                if !(origin.is_finite() && step.is_finite()) {
+                    let found = format!("{origin} and {step}");
+                    return fault("origin and step", "finite numbers", found);
+                }
+            }
+            LatticeSpacing::Rectilinear { coordinates } => {
+                for (axis, line) in coordinates.iter().enumerate() {
+                    let count = self.dims[axis];
+                    let place = format!("coordinates along {}", ["x", "y", "z"][axis]);
+                    if line.len() != count {
+                        let found = line.len().to_string();
+                        return fault(&place, &format!("{count} of them"), found);
+                    }
+                    let rises = |i: usize| i == 0 || line[i - 1] < line[i];
+                    let wrong = (0..count).find(|&i| !(line[i].is_finite() && rises(i)));
+                    if let Some(i) = wrong {
+                        let found = format!("{} as number {i}", line[i]);
+                        return fault(&place, "finite numbers that rise", found);
+                    }
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Whether there are none.

@@ -79,7 +79,7 @@ impl Lighting {
     /// The first number out of range.
     pub fn validate(&self) -> Result<()> {
         let refuse = |place: &str, expected: String, found: String| {
-            Err(Error::format(
+            Err(Error::invalid(
                 "lighting",
                 place,
                 expected,

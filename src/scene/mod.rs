@@ -1,5 +1,6 @@
 //! What is drawn: point volumes, the transfer functions that colour them and the light on them.
 
+mod build;
 mod lattice;
 mod lighting;
 mod point_volume;

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::{Lattice, TransferFunction, Values};
-use crate::error::{Error, Result};
+use crate::error::{Error, Parameter, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 /// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
@@ -191,18 +191,36 @@ impl PointVolume {
         matches!(self.strength, Strength::Classified { .. }) || self.colour == Colour::Classified
     }
 
-    /// Checks that every array has one entry per particle and that what is classified can be.
+    /// Checks that every array has one entry per particle, that a lattice has a position and a width
+    /// for each of its kernels and that what is classified can be.
     ///
     /// # Errors
-    /// The first array of another length, or the missing one.
+    /// The first array of another length, or the missing one; those of [`Lattice::validate`]; a kernel
+    /// width that is not a positive number.
     pub fn validate(&self) -> Result<()> {
+        if let Particles::Lattice {
+            lattice,
+            kernel_width,
+        } = &self.particles
+        {
+            lattice.validate()?;
+            if !(*kernel_width > 0.0 && kernel_width.is_finite()) {
+                return Err(Error::invalid(
+                    "point volume",
+                    Parameter::KernelWidth,
+                    "a positive number",
+                    kernel_width.to_string(),
+                    "give a standard deviation over the spacing, such as 0.6",
+                ));
+            }
+        }
         let count = self.particles.len();
         let is_lattice = matches!(self.particles, Particles::Lattice { .. });
         let check = |name: &str, len: usize| {
             if len == count {
                 return Ok(());
             }
-            Err(Error::format(
+            Err(Error::invalid(
                 "point volume",
                 name,
                 format!("one per particle, {count}"),
@@ -224,7 +242,7 @@ impl PointVolume {
             Strength::Surface(areas) | Strength::Pane(areas) => {
                 check("areas", areas.len())?;
                 if !matches!(self.particles, Particles::Surfels { .. }) {
-                    return Err(Error::format(
+                    return Err(Error::invalid(
                         "point volume",
                         "areas",
                         "surfels",
@@ -241,7 +259,7 @@ impl PointVolume {
                 coefficients,
             } => {
                 if *degree > MAX_HARMONICS_DEGREE {
-                    return Err(Error::format(
+                    return Err(Error::invalid(
                         "point volume",
                         "degree of the harmonics",
                         format!("at most {MAX_HARMONICS_DEGREE}"),
@@ -251,7 +269,7 @@ impl PointVolume {
                 }
                 let stride = 3 * harmonics_count(*degree);
                 if count.checked_mul(stride) != Some(coefficients.len()) {
-                    return Err(Error::format(
+                    return Err(Error::invalid(
                         "point volume",
                         "harmonics",
                         format!("{stride} per particle of {count}"),
@@ -265,7 +283,7 @@ impl PointVolume {
         if let Some(normals) = &self.normals {
             check("normals", normals.len())?;
             if matches!(self.particles, Particles::Surfels { .. }) {
-                return Err(Error::format(
+                return Err(Error::invalid(
                     "point volume",
                     "normals",
                     "none: the tangents of surfels say them",
@@ -279,7 +297,7 @@ impl PointVolume {
             check("values", self.values.as_ref().map_or(0, Values::len))?;
         }
         if classified && self.transfer_function.is_none() {
-            return Err(Error::format(
+            return Err(Error::invalid(
                 "point volume",
                 "transfer function",
                 "one, because masses or colours are classified",

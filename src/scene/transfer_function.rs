@@ -91,7 +91,7 @@ impl TransferFunction {
         unit_distance: f64,
     ) -> Result<Self> {
         check_points(points).map_err(|(place, expected, found)| {
-            Error::format(
+            Error::invalid(
                 "transfer function",
                 place,
                 expected,
@@ -352,7 +352,7 @@ fn widened([lo, hi]: [f32; 2]) -> Result<[f32; 2]> {
     const LEAST_SPAN: f32 = 1e-30;
     const GREATEST: f32 = f32::MAX / 4.0;
     if !(lo.is_finite() && hi.is_finite() && lo <= hi) {
-        return Err(Error::format(
+        return Err(Error::invalid(
             "transfer function",
             "range",
             "two finite numbers, the first not greater",
@@ -372,7 +372,7 @@ fn check_unit_distance(unit_distance: f64) -> Result<()> {
     if unit_distance > 0.0 && unit_distance.is_finite() {
         return Ok(());
     }
-    Err(Error::format(
+    Err(Error::invalid(
         "transfer function",
         "unit_distance",
         "a positive length",

@@ -13,6 +13,30 @@ pub enum Values {
     F32(Vec<f32>),
 }
 
+impl From<Vec<u8>> for Values {
+    fn from(values: Vec<u8>) -> Self {
+        Self::U8(values)
+    }
+}
+
+impl From<Vec<i16>> for Values {
+    fn from(values: Vec<i16>) -> Self {
+        Self::I16(values)
+    }
+}
+
+impl From<Vec<u16>> for Values {
+    fn from(values: Vec<u16>) -> Self {
+        Self::U16(values)
+    }
+}
+
+impl From<Vec<f32>> for Values {
+    fn from(values: Vec<f32>) -> Self {
+        Self::F32(values)
+    }
+}
+
 impl Values {
     /// How many values there are.
     pub fn len(&self) -> usize {

@@ -1,12 +1,12 @@
 //! What an approximation costs at most. Conservative bounds: evidence of thousands of random
-//! kernels, not proof; `tests/bounds.rs` draws them again.
+//! kernels, not proof; `tests/frames/bounds.rs` draws them again.
 //!
 //! Twin: `shaders/shared/bounds.wgsl`.
 
 use glam::Vec2;
 
 use super::footprint::{ImageKernel, ScreenFactor};
-use crate::layout::{ExactTerms, ViewUniform};
+use crate::record::{ExactTerms, ViewUniform};
 
 /// Bound on max |affine - exact| / peak of one footprint.
 ///

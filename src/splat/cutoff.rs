@@ -13,10 +13,11 @@ use crate::constants::MAX_CUTOFF;
 /// relative to the kernel's own depth where that is small (many faint kernels add up), absolute
 /// where it is not, and then a sixth of it. `tau` is the optical depth at the centre; `by_hand` replaces the rule where it is
 /// positive. The mass is given back by [`cutoff_share`], so that the opacity errs by no more than
-/// epsilon / (1 - epsilon) anywhere (`tests/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
+/// epsilon / (1 - epsilon) anywhere (`tests/frames/bounds.rs`), unless [`MAX_CUTOFF`] is met: from
 /// tau / epsilon = 4e10 on. That is one kernel; where the edges of many meet in a pixel, what
 /// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
-/// a thousand.
+/// a thousand. Of n kernels in one place, n/6 epsilons at most: beyond six of them `tau` comes
+/// multiplied by n/6 ([`Block::crowding`](crate::blocks::Block::crowding)), which leaves one.
 #[inline]
 pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {

@@ -4,14 +4,14 @@
 //! w(d) = DᵀKD / D0ᵀKD0 for K = adj(V + low-pass), and the line integral of the kernel is
 //! q = q0 |D|/|D0| w^(-1/2) exp(-Q/(2w)), Q the affine form. Verified to 2e-12 in f64. In
 //! f32 within 6e-6 of the peak plus four epsilon times the footprint's axis ratio: 1.8e-5 for
-//! needles of 1:10,000 (`tests/footprint_laws.rs`).
+//! needles of 1:10,000 (`tests/frames/footprint_laws.rs`).
 //!
 //! Twin: `shaders/shared/exact.wgsl`.
 
 use glam::Vec2;
 
 use super::footprint::ScreenFactor;
-use crate::layout::{ExactTerms, ViewUniform};
+use crate::record::{ExactTerms, ViewUniform};
 
 /// The coefficients of w(d).
 ///

@@ -9,8 +9,8 @@ use glam::{Vec2, Vec3};
 
 use super::budget::GREATEST_PILE;
 use super::filter::Filter;
-use crate::layout::ViewUniform;
 use crate::math::Factor;
+use crate::record::ViewUniform;
 
 /// A particle in camera space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +29,7 @@ pub struct Kernel {
 /// column and that of the 2004 paper are damaged). First order: exact for an orthographic
 /// camera; for a perspective one a sphere's is off by at most
 /// 1.16 epsilon tan theta + 1.1 epsilon² / cos² theta of its peak (epsilon = sigma / distance up to
-/// .03, theta its angle off the axis); `tests/bounds.rs` measures it.
+/// .03, theta its angle off the axis); `tests/frames/bounds.rs` measures it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenFactor {
     /// x_k, pixels.

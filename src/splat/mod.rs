@@ -8,6 +8,7 @@
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, whose opacity is stated |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
+//! | `outline.rs` | where a cut-off ends on the image, for the tiles' lists |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
 //! | `composite.rs` | how footprints become a picture |
 //! | `show.rs` | the debug layer of choices |
@@ -15,26 +16,28 @@
 //! | `budget.rs` | how the one tolerance is shared out |
 //! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
 
+mod axes;
 mod bounds;
 pub mod budget;
-mod composite;
 mod cutoff;
 mod exact;
 mod filter;
 mod footprint;
 mod near;
+mod outline;
 mod peak;
 mod show;
 mod sub_pixel;
 mod surfel;
 
+pub use axes::{Accumulate, Axes, Classify, Interval};
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
-pub use composite::Composite;
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::{Filter, choose_exact};
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
+pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;
 pub use peak::{ANTI_ALIASED_LOW_PASS_PX2, SPLAT_LOW_PASS_PX2, peak_footprint};

@@ -8,8 +8,8 @@ use std::f32::consts::TAU;
 use glam::{Vec2, Vec3};
 
 use super::footprint::Kernel;
-use crate::layout::{NearTerms, ViewUniform};
 use crate::math::normal_cdf;
+use crate::record::{NearTerms, ViewUniform};
 
 /// What [`evaluate_near`] needs, and the kernel's weight g/(2 pi) in the same units; `None` where
 /// the kernel has no volume to speak of (a point or a rod without low-pass filter).
@@ -57,7 +57,7 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
         }
     }
     terms.sigma = determinant.sqrt();
-    terms.half_line[0] = unit;
+    terms.unit = unit;
     any_minor.then_some((terms, kernel.mass * scale * scale / TAU))
 }
 
@@ -105,7 +105,7 @@ pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
     let per_sigma = across.sqrt() / terms.sigma.max(f32::MIN_POSITIVE);
     let mean = along / across;
     let behind_eye = normal_cdf(-mean * per_sigma);
-    let up_to = normal_cdf((at / terms.half_line[0] - mean) * per_sigma);
+    let up_to = normal_cdf((at / terms.unit - mean) * per_sigma);
     let share = (up_to - behind_eye) / (1.0 - behind_eye);
     if share.is_nan() {
         return 0.0;

@@ -7,7 +7,7 @@ use glam::Vec2;
 
 use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
-use crate::layout::ViewUniform;
+use crate::record::ViewUniform;
 
 /// Variance added to a splat's footprint, px²: what the training of Kerbl et al. adds to keep
 /// splats from falling between pixels. Its peak stays.

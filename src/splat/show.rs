@@ -1,7 +1,7 @@
 //! The debug layer of choices: the colour of a splat says what draws it.
 
 use super::filter::Filter;
-use crate::layout::{PATH_AFFINE, PATH_EXACT};
+use crate::record::{PATH_AFFINE, PATH_EXACT};
 
 /// Linear RGB of what a footprint is drawn by, in the order of [`choice_index`].
 pub const CHOICE_COLOURS: [[f32; 3]; 10] = [

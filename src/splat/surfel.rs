@@ -8,7 +8,7 @@
 //!
 //! Surfels of one surface meet at a pixel at one depth: that of the surfel's plane along the
 //! pixel's ray, not of its centre. The inverse of it changes linearly across the image under
-//! perspective, the depth itself under an orthographic camera; [`SurfelTerms::nearness`] is that
+//! perspective, the depth itself under an orthographic camera; [`SurfelTerms::inverse_depth`] is that
 //! linear number, greater for what is nearer.
 //!
 //! Twin: `shaders/shared/surfel.wgsl`, of packed normals `shaders/shared/normal.wgsl`.
@@ -19,8 +19,8 @@ use glam::{Vec2, Vec3};
 
 use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
-use crate::layout::{NearTerms, SurfelTerms, ViewUniform};
 use crate::math::pack_normal;
+use crate::record::{NearTerms, SurfelTerms, ViewUniform};
 
 /// Surfels of one surface differ in depth by what it bends between them: up to this many of
 /// their standard deviations they are averaged. Across a crease they differ by more, and fall into
@@ -89,7 +89,7 @@ pub fn surfel_footprint(
     if !(is_shape && image.tau > 0.0 && image.tau.is_finite()) {
         return None;
     }
-    // The nearness D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
+    // The inverse depth D . n / (n . u), u = u2 D0; -D . n / ... of the depth under parallel rays.
     let least = GRAZING * screen.ray_length;
     let across = if across < 0.0 {
         across.min(-least)
@@ -103,20 +103,20 @@ pub fn surfel_footprint(
     let plane;
     if is_orthographic {
         plane = slope;
-        terms.nearness = -u.z;
+        terms.inverse_depth = -u.z;
         terms.slack = SLACK_SIGMAS * sigma + SLACK_PIXELS * pixel;
     } else {
         let per_depth = 1.0 / u.z;
         plane = slope * per_depth;
-        terms.nearness = per_depth;
+        terms.inverse_depth = per_depth;
         terms.slack = (SLACK_SIGMAS * (sigma * per_depth) + SLACK_PIXELS * pixel) * per_depth;
     }
     if screen.relative_depth.length() * cutoff > PERSPECTIVE_FROM && !is_orthographic {
         terms.homography = 1.0;
         terms.gradient = plane.into();
     } else {
-        // The mean of the nearness where the filtered kernel meets the pixel: what the filter has
-        // spread has the nearness of where it came from.
+        // The mean of the inverse depth where the filtered kernel meets the pixel: what the filter has
+        // spread has the inverse depth of where it came from.
         let (x, y) = (screen.row_x, screen.row_y);
         let along = Vec2::new(
             x.length_squared() * plane.x + x.dot(y) * plane.y,
@@ -165,7 +165,7 @@ pub(crate) fn unit_normal(a: Vec3, b: Vec3) -> Option<Vec3> {
 }
 
 /// What a surfel that reaches the camera plane is evaluated by, and its weight at the centre:
-/// for a ray D its nearness is N . D and its coordinates along the tangents, in standard
+/// for a ray D its inverse depth is N . D and its coordinates along the tangents, in standard
 /// deviations, A . D / N . D and B . D / N . D; A, B and N are the first three of
 /// [`NearTerms::misses`]. `None` as for [`surfel_footprint`], and where the eye lies in its plane.
 ///
@@ -187,11 +187,12 @@ pub fn near_surfel(kernel: &Kernel, is_one_sided: bool) -> Option<(NearTerms, f3
         return None;
     }
     let (along_a, along_b) = (b.cross(normal) / squared, normal.cross(a) / squared);
-    let nearness = normal / distance;
+    let inverse_depth = normal / distance;
     let mut terms = NearTerms::default();
-    terms.misses[0] = (along_a - nearness * along_a.dot(u)).into();
-    terms.misses[1] = (along_b - nearness * along_b.dot(u)).into();
-    terms.misses[2] = (nearness / unit).into();
+    // All three per world unit, not per `unit`.
+    terms.misses[0] = ((along_a - inverse_depth * along_a.dot(u)) / unit).into();
+    terms.misses[1] = ((along_b - inverse_depth * along_b.dot(u)) / unit).into();
+    terms.misses[2] = (inverse_depth / unit).into();
     terms.sigma = (SLACK_SIGMAS * widest(a, b)) * unit;
     let weight = kernel.mass / unit / unit / (TAU * squared.sqrt());
     let is_usable = terms.misses[..3].iter().flatten().all(|x| x.is_finite());

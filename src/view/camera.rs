@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
+use crate::error::{Error, Result};
+
 /// How camera space is mapped to the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
@@ -85,6 +87,33 @@ impl Camera {
         }
     }
 
+    /// Checks that points have places in the picture: all numbers finite, focal lengths positive,
+    /// and [`Camera::camera_from_world`] a rotation.
+    ///
+    /// # Errors
+    /// The first that does not hold.
+    pub fn validate(&self) -> Result<()> {
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "correct the camera";
+            Err(Error::invalid("camera", place, expected, found, advice))
+        };
+        let is_finite = self.eye.is_finite() && self.centre_px.is_finite();
+        let has_focus = self.focal_px.is_finite() && self.focal_px.min_element() > 0.0;
+        if !(is_finite && has_focus) {
+            let found = format!(
+                "eye {}, centre {}, focal lengths {}",
+                self.eye, self.centre_px, self.focal_px
+            );
+            let expected = "finite numbers and positive focal lengths";
+            return fault("numbers", expected, found);
+        }
+        if !is_rotation(self.camera_from_world) {
+            let found = self.camera_from_world.to_string();
+            return fault("camera_from_world", "a rotation", found);
+        }
+        Ok(())
+    }
+
     /// A world point in camera space.
     pub fn camera_point(&self, world: DVec3) -> DVec3 {
         self.camera_from_world * (world - self.eye)
@@ -105,6 +134,18 @@ impl Camera {
     pub fn forward(&self) -> DVec3 {
         self.camera_from_world.row(2)
     }
+}
+
+/// Whether a matrix is a rotation, within 1e-4: those written with six digits are, scaled or mirrored
+/// ones are not.
+pub(super) fn is_rotation(m: DMat3) -> bool {
+    const ROUNDING: f64 = 1e-4;
+    let deviation = m * m.transpose() - DMat3::IDENTITY;
+    // Phrased so that NaN is none.
+    let is_orthonormal = { deviation.to_cols_array() }
+        .iter()
+        .all(|d| d.abs() < ROUNDING);
+    is_orthonormal && m.determinant() > 0.0
 }
 
 /// The rotation whose third row looks along `forward`, and whose second is as far down as it
@@ -135,6 +176,43 @@ mod tests {
         let right_and_up = camera.project(DVec3::new(1.0, 2.0, 0.5)).unwrap();
         assert!((right_and_up - DVec2::new(125.0, 37.5)).length() < 1e-12);
         assert!((camera.camera_from_world.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused() {
+        let camera = Camera::perspective(DVec3::ONE, DVec3::Y, DVec3::Z, 60.0, [10, 10]);
+        assert!(camera.validate().is_ok());
+        let turned = |m: DMat3| Camera {
+            camera_from_world: m,
+            ..camera.clone()
+        };
+        let rotation = camera.camera_from_world;
+        // Six digits, as files have them.
+        let rounded = rotation.to_cols_array().map(|x| (x * 1e6).round() / 1e6);
+        assert!(turned(DMat3::from_cols_array(&rounded)).validate().is_ok());
+        let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+        let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0), DVec3::Z);
+        for other in [
+            rotation * 2.0,
+            rotation * mirror,
+            rotation * shear,
+            DMat3::ZERO,
+            rotation * f64::NAN,
+            rotation * f64::INFINITY,
+        ] {
+            let error = turned(other).validate().unwrap_err().to_string();
+            assert!(error.contains("a rotation"), "{error}");
+        }
+        for poison in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let focal_px = DVec2::new(9.0, poison);
+            let other = Camera {
+                focal_px,
+                ..camera.clone()
+            };
+            assert!(other.validate().is_err(), "{poison}");
+        }
+        let eye = DVec3::new(0.0, f64::NAN, 0.0);
+        assert!(Camera { eye, ..camera }.validate().is_err());
     }
 
     #[test]

@@ -15,7 +15,7 @@ use std::path::Path;
 use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 
-use super::camera::{Camera, Projection};
+use super::camera::{Camera, Projection, is_rotation};
 use crate::error::{Error, Result};
 
 #[derive(Deserialize)]
@@ -48,17 +48,11 @@ pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
             format!("line {}, column {}", e.line(), e.column()),
             "a camera: eye, target, up and fov_deg or ortho_height",
             e.to_string(),
-            "see the camera section of the README",
+            "see docs/command-line.md",
         )
     })?;
     camera(&file, size).map_err(|(place, expected, found)| {
-        Error::format(
-            path,
-            place,
-            expected,
-            found,
-            "see the camera section of the README",
-        )
+        Error::format(path, place, expected, found, "see docs/command-line.md")
     })
 }
 
@@ -113,13 +107,7 @@ fn camera(file: &CameraFile, size: Option<[usize; 2]>) -> Result<Camera, Problem
     };
     if let Some(rows) = file.camera_from_world {
         let m = DMat3::from_cols_array_2d(&rows).transpose();
-        let deviation = m * m.transpose() - DMat3::IDENTITY;
-        let largest = deviation
-            .to_cols_array()
-            .iter()
-            .fold(0.0_f64, |a, b| a.max(b.abs()));
-        // 1e-4: rotations written with six digits pass, scaled or mirrored ones do not.
-        if !(largest < 1e-4 && m.determinant() > 0.0) {
+        if !is_rotation(m) {
             return Err(("camera_from_world", "a rotation", format!("{rows:?}")));
         }
         camera.camera_from_world = m;

@@ -8,7 +8,7 @@ use std::time::Instant;
 use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
 use ewa_splat::cpu::{Bins, SimdLevel};
 use ewa_splat::image::Image;
-use ewa_splat::layout::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
 use ewa_splat::scene::PointVolume;
 use ewa_splat::splat::evaluate_near;
 use ewa_splat::view::Camera;

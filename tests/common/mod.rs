@@ -15,8 +15,9 @@ pub mod gpu;
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::layout::ViewUniform;
+use ewa_splat::image::DepthImage;
 use ewa_splat::math::Factor;
+use ewa_splat::record::ViewUniform;
 use ewa_splat::splat::{Filter, Kernel};
 use glam::{DMat3, DVec3, Vec3};
 use serde_json::Value;
@@ -105,7 +106,7 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
 /// One splat's evaluation at a pixel in its plainest form, f32: what the rasteriser's vector loop
 /// must equal.
 pub mod scalar {
-    use ewa_splat::layout::{ExactTerms, ViewUniform};
+    use ewa_splat::record::{ExactTerms, ViewUniform};
     use ewa_splat::splat::{ImageKernel, ScreenFactor};
     use glam::{Vec2, Vec3};
 
@@ -223,7 +224,7 @@ pub fn lower_factor(f: &DMat3) -> [f32; 6] {
 /// What the formulas should give, in f64 and by other roads than theirs: variances are formed,
 /// matrices inverted, integrals summed. Good to about 1e-16 times the square of the axis ratio.
 pub mod judge {
-    use ewa_splat::layout::ViewUniform;
+    use ewa_splat::record::ViewUniform;
     use ewa_splat::splat::Kernel;
     use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -354,7 +355,7 @@ pub mod judge {
 
 /// Random kernels in front of a perspective camera, and what their judges need.
 pub mod draw {
-    use ewa_splat::layout::ViewUniform;
+    use ewa_splat::record::ViewUniform;
     use ewa_splat::splat::Kernel;
     use glam::{DMat2, DVec2, DVec3};
 
@@ -574,8 +575,9 @@ pub mod frame {
     use ewa_splat::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
     use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
     use ewa_splat::cpu::{self, Bins, ProjectOutput};
-    use ewa_splat::layout::{
-        BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, ViewUniform,
+    use ewa_splat::record::{
+        BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, NearTerms,
+        SurfelTerms, ViewUniform,
     };
     use ewa_splat::scene::PointVolume;
     use ewa_splat::splat::Filter;
@@ -593,6 +595,7 @@ pub mod frame {
         pub classified: Vec<ClassifiedParticle>,
         pub footprints: Vec<Footprint>,
         pub exact: Vec<ExactTerms>,
+        pub surfels: Vec<SurfelTerms>,
         pub near: Vec<NearTerms>,
         pub any_exact: bool,
         pub order: Vec<u64>,
@@ -646,10 +649,12 @@ pub mod frame {
             cpu::classify(&volume, &views, &mut classified);
             let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
                 && camera.projection == Projection::Perspective
-                || volume.is_surface();
+                && !volume.is_surface();
+            let surfels = if volume.is_surface() { total } else { 0 };
             let mut frame = Self {
                 footprints: vec![bytemuck::Zeroable::zeroed(); total],
                 exact: vec![ExactTerms::default(); if may_be_exact { total } else { 0 }],
+                surfels: vec![SurfelTerms::default(); surfels],
                 near: Vec::new(),
                 any_exact: false,
                 order: Vec::new(),
@@ -682,10 +687,20 @@ pub mod frame {
                 false,
                 &mut self.footprints,
                 &mut self.exact,
+                &mut self.surfels,
                 &output,
             );
             self.any_exact = output.any_exact();
             self.near = output.near().to_vec();
+        }
+
+        /// What the footprints have besides.
+        pub fn terms(&self) -> FootprintTerms<'_> {
+            if self.volume.is_surface() {
+                FootprintTerms::Surfel(&self.surfels)
+            } else {
+                FootprintTerms::Exact(&self.exact)
+            }
         }
 
         /// The tiles' lists.
@@ -693,7 +708,7 @@ pub mod frame {
             let mut bins = Bins::default();
             cpu::bin(
                 &self.footprints,
-                &self.exact,
+                self.terms(),
                 &self.order,
                 self.tiles,
                 &mut bins,
@@ -701,4 +716,15 @@ pub mod frame {
             bins
         }
     }
+}
+
+/// Depths of tiles that cover an image of a size.
+pub fn depth_of(tiles: &[ewa_splat::cpu::Tile], [width, height]: [usize; 2]) -> DepthImage {
+    let mut image = DepthImage {
+        width,
+        height,
+        depths: vec![0.0; width * height],
+    };
+    ewa_splat::cpu::resolve_depth(tiles, &mut image);
+    image
 }

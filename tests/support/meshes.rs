@@ -6,21 +6,20 @@ use serde_json::{Value, json};
 pub(crate) fn png(width: usize, rgba: &[[u8; 4]]) -> Vec<u8> {
     let height = rgba.len() / width;
     let mut bytes = Vec::new();
-    let image = image::RgbaImage::from_raw(width as u32, height as u32, rgba.concat()).unwrap();
-    let mut cursor = std::io::Cursor::new(&mut bytes);
-    image
-        .write_to(&mut cursor, image::ImageFormat::Png)
-        .unwrap();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgba);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(&rgba.concat()).unwrap();
+    writer.finish().unwrap();
     bytes
 }
 
 /// A JPEG image of one colour.
-pub(crate) fn jpeg(size: u32, rgb: [u8; 3]) -> Vec<u8> {
+pub(crate) fn jpeg(size: u16, rgb: [u8; 3]) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let image = image::RgbImage::from_pixel(size, size, image::Rgb(rgb));
-    let mut cursor = std::io::Cursor::new(&mut bytes);
-    image
-        .write_to(&mut cursor, image::ImageFormat::Jpeg)
+    let numbers = rgb.repeat(usize::from(size) * usize::from(size));
+    jpeg_encoder::Encoder::new(&mut bytes, 90)
+        .encode(&numbers, size, size, jpeg_encoder::ColorType::Rgb)
         .unwrap();
     bytes
 }

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, PlyForm, SplatCloud, check_splats_path, write_splats};
 use ewa_splat::sample::mesh::MeshReport;
 use ewa_splat::sample::{ConversionReport, Finding, scene, sound_splats, splat_cloud};
-use ewa_splat::{Error, Result};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -125,7 +125,7 @@ impl Converted {
         let path = dataset.path.clone();
         let (cloud, report) = match dataset.geometry {
             // As they are; a named field replaces colours and goes the other way.
-            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud),
+            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
             _ => {
                 let sampled = scene(dataset, &options.sample_options())?;
                 match sampled.report.mesh {
@@ -136,7 +136,7 @@ impl Converted {
                         }
                     }
                 }
-                splat_cloud(&sampled.volumes).map_err(|e| in_file(e, &path))?
+                splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?
             }
         };
         if !self.cloud.positions.is_empty() && self.cloud.is_anti_aliased != cloud.is_anti_aliased {
@@ -148,20 +148,6 @@ impl Converted {
         self.cloud.append(cloud);
         self.report.append(report);
         Ok(())
-    }
-}
-
-/// The error with the file's name in place of the scene's.
-fn in_file(error: Error, path: &Path) -> Error {
-    match error {
-        Error::Format {
-            place,
-            expected,
-            found,
-            advice,
-            ..
-        } => Error::format(path, place, expected, found, advice),
-        other => other,
     }
 }
 

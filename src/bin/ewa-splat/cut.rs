@@ -22,7 +22,7 @@ pub(crate) fn add_faces(volumes: &mut Vec<PointVolume>, planes: &[ClipPlane]) ->
         matches!(v.strength, Strength::Classified { .. }) && !is_flat
     };
     if !volumes.iter().any(|v| has_field(&v)) {
-        return Err(Error::format(
+        return Err(Error::invalid(
             "--cut-faces",
             "data",
             "a field with a transfer function",

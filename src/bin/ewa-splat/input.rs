@@ -173,7 +173,13 @@ impl DataOptions {
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
     fn check_spacing(&self) -> Result<()> {
         let fault = |expected: &str, found: String, advice: &str| {
-            Err(Error::format("--spacing", "value", expected, found, advice))
+            Err(Error::invalid(
+                "--spacing",
+                "value",
+                expected,
+                found,
+                advice,
+            ))
         };
         match (self.dims, self.spacing, self.density) {
             (None, Some(Spacing::Axes(axes)), _) => fault(

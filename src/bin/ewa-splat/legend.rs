@@ -35,7 +35,7 @@ pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
         }
     }
     if bars.is_empty() {
-        return Err(Error::format(
+        return Err(Error::invalid(
             "--legend",
             "data",
             "a field with a transfer function",

@@ -27,6 +27,7 @@ mod parse;
 mod progress;
 mod render;
 mod viewpoint;
+mod words;
 
 use std::process::ExitCode;
 
@@ -65,9 +66,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // One line, whatever a library put into its message.
-            let text = error.to_string().replace('\n', " ");
-            eprintln!("error: {text}");
+            eprintln!("error: {}", words::line(&error));
             ExitCode::FAILURE
         }
     }

@@ -12,9 +12,10 @@ use ewa_splat::io::{
 use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::{Integrator, ReferenceSettings};
+use ewa_splat::render::{ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::splat::{Composite, Filter};
+use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
@@ -102,7 +103,7 @@ struct Method {
     /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
     /// again for more, eight planes at most
     #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
-          allow_hyphen_values = true, conflicts_with = "column_density")]
+          allow_hyphen_values = true)]
     clip: Vec<Clip>,
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
@@ -158,6 +159,8 @@ enum CompositeName {
     AxisSheets,
     /// Kernels sliced into slabs parallel to the image: converges to the true integral
     Slabs,
+    /// The colour of the greatest mean value over the slabs of each ray
+    Maximum,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -223,11 +226,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.stats.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
-    let backend = arguments.backend()?;
+    let backend = arguments.backend();
     if let Some(lighting) = arguments.light.lighting() {
         lighting.validate()?;
     }
     arguments.check_legend()?;
+    arguments.method.check_composite()?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -266,13 +270,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         prepare_ms,
     };
 
-    let (boxes, lens) = if is_column {
+    let (all, lens) = if is_column {
         (renderer.boxes(), Lens::OrthoHeight(None))
     } else {
-        let (all, planes) = (renderer.visible_boxes(), arguments.clip_planes());
-        let left = clip_boxes(&all, &planes);
-        (if left.is_empty() { all } else { left }, DEFAULT_LENS)
+        (renderer.visible_boxes(), DEFAULT_LENS)
     };
+    let left = clip_boxes(&all, &arguments.clip_planes());
+    let boxes = if left.is_empty() { all } else { left };
     let camera = arguments
         .camera
         .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
@@ -385,7 +389,7 @@ impl Arguments {
     fn check_legend(&self) -> Result<()> {
         let fault = |place: &str, expected: &str, found: String| {
             let advice = "leave --legend out";
-            Err(Error::format("--legend", place, expected, found, advice))
+            Err(Error::invalid("--legend", place, expected, found, advice))
         };
         if !self.legend.legend {
             return Ok(());
@@ -400,25 +404,14 @@ impl Arguments {
         Ok(())
     }
 
-    /// The true image and column densities are sums in f64 and f32 of the CPU's own.
-    fn backend(&self) -> Result<Backend> {
-        if self.method.column_density && self.backend == BackendName::Gpu {
-            return Err(Error::format(
-                "--column-density",
-                "--backend",
-                "cpu or auto",
-                "gpu",
-                "leave --backend out: column densities are summed on the CPU",
-            ));
-        }
-        if self.method.column_density || self.method.reference {
-            return Ok(Backend::Cpu);
-        }
-        Ok(match self.backend {
+    /// The true image is summed in f64, by the CPU.
+    fn backend(&self) -> Backend {
+        match self.backend {
+            _ if self.method.reference => Backend::Cpu,
             BackendName::Auto => Backend::Auto,
             BackendName::Gpu => Backend::Gpu,
             BackendName::Cpu => Backend::Cpu,
-        })
+        }
     }
 
     pub(crate) fn frames(&self) -> Option<u32> {
@@ -443,6 +436,7 @@ impl Arguments {
             filter: shared.filter,
             low_pass_variance_px2: shared.low_pass_variance_px2,
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            clip: shared.clip,
             simd: shared.simd,
         }
     }
@@ -477,14 +471,7 @@ impl Arguments {
                 ShowName::Count => Show::Count,
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
-            composite: match self.method.composite {
-                CompositeName::Over => Composite::Over,
-                CompositeName::Sheets => Composite::Sheets,
-                CompositeName::AxisSheets => Composite::AxisSheets,
-                CompositeName::Slabs => Composite::Slabs,
-            },
-            layer_thickness: self.method.slab_thickness,
-            post_classification: self.method.post_classification,
+            composite: self.method.composite(),
             clip: self.clip_planes(),
             low_pass_variance_px2: self
                 .method
@@ -501,6 +488,51 @@ impl Arguments {
     }
 }
 
+impl Method {
+    /// How kernels behind one another become a picture.
+    fn composite(&self) -> Composite {
+        let thickness = self.slab_thickness;
+        match self.composite {
+            CompositeName::Over => Composite::Over,
+            CompositeName::Sheets => Composite::Sheets { thickness },
+            CompositeName::AxisSheets => Composite::AxisSheets { thickness },
+            CompositeName::Maximum => Composite::Maximum { thickness },
+            CompositeName::Slabs => Composite::Slabs {
+                thickness,
+                classify: if self.post_classification {
+                    ClassifyAt::Slab
+                } else {
+                    ClassifyAt::Particle
+                },
+            },
+        }
+    }
+
+    /// Refuses options of layers where there are none.
+    fn check_composite(&self) -> Result<()> {
+        let refuse = |place: &str, expected: &str| {
+            let found = self.composite().name();
+            Err(Error::format(
+                "settings",
+                place,
+                expected,
+                found,
+                "change it",
+            ))
+        };
+        if self.post_classification && self.composite != CompositeName::Slabs {
+            return refuse("composite of classified slabs", "slabs");
+        }
+        if self.slab_thickness.is_some() && self.composite == CompositeName::Over {
+            return refuse(
+                "composite of a thickness",
+                "slabs, sheets, axis-sheets or maximum",
+            );
+        }
+        Ok(())
+    }
+}
+
 pub(crate) fn stats(
     renderer: &Renderer,
     times: &[StageTimes],
@@ -508,7 +540,8 @@ pub(crate) fn stats(
 ) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
-    let adapter = renderer.adapter();
+    // What drew the last frame.
+    let adapter = renderer.adapter().filter(|_| renderer.fallback().is_none());
     let of_filter = |filter: Filter| counts.block_filters[filter as usize];
     let is_flat = |v: &&BlockedVolume| matches!(v.particles, BlockedParticles::Surfels { .. });
     let surfels = renderer.volumes().iter().filter(is_flat);
@@ -542,6 +575,7 @@ pub(crate) fn stats(
         "bytes_per_particle": renderer.bytes_per_particle(),
         "requirements": renderer.requirements(),
         "backend": if adapter.is_some() { "gpu" } else { "cpu" },
+        "fallback": renderer.fallback(),
         "adapter": adapter.unwrap_or_else(|| {
             let level = ewa_splat::cpu::SimdLevel::best();
             format!("{} threads, {level:?}", rayon::current_num_threads())

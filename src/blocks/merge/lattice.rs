@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{LAST_LEVEL, MergeBounds, Merged};
+use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::scene::{Colour, Lattice, Strength, Values};
@@ -91,14 +91,17 @@ fn level(
     let [columns, rows, _] = grid.dims();
     let mut means = vec![0.0_f32; grid.len()];
     let mut spreads = vec![0.0_f32; grid.len()];
+    let mut uneven = vec![0.0_f32; grid.len()];
     means
         .par_chunks_mut(columns.max(1))
         .zip(spreads.par_chunks_mut(columns.max(1)))
+        .zip(uneven.par_chunks_mut(columns.max(1)))
         .enumerate()
-        .for_each(|(line, (means, spreads))| {
+        .for_each(|(line, ((means, spreads), uneven))| {
             let (j, k) = (line % rows, line / rows);
-            for (i, (mean, spread)) in means.iter_mut().zip(spreads).enumerate() {
-                [*mean, *spread] = cube_values(base, values, lattice, [i, j, k], cube);
+            let cells = means.iter_mut().zip(spreads).zip(uneven);
+            for (i, ((mean, spread), uneven)) in cells.enumerate() {
+                [*mean, *spread, *uneven] = cube_values(base, values, lattice, [i, j, k], cube);
             }
         });
     let blocks = grid.blocks(None, level);
@@ -109,13 +112,19 @@ fn level(
             let cells = grid.cells(block.first);
             let mut bounds = grid.merge_bounds(&moments, cells);
             let [x, y, z] = cells;
+            let mut squares = 0.0;
             for k in z[0]..z[1] {
                 for j in y[0]..y[1] {
                     let row = grid.index([x[0], j, k])..grid.index([x[1] - 1, j, k]) + 1;
-                    let widest = spreads[row].iter().copied().fold(0.0, f32::max);
+                    let widest = spreads[row.clone()].iter().copied().fold(0.0, f32::max);
                     bounds.spread = bounds.spread.max(widest);
+                    squares += uneven[row]
+                        .iter()
+                        .map(|&u| f64::from(u).powi(2))
+                        .sum::<f64>();
                 }
             }
+            bounds.uneven = (squares / f64::from(block.count)).sqrt() as f32;
             bounds
         })
         .collect();
@@ -127,6 +136,7 @@ fn level(
         values: Some(Values::F32(means)),
         transfer_function: None,
         normals: None,
+        indices: None,
         merged: Some(Merged {
             bounds,
             spreads,
@@ -136,34 +146,39 @@ fn level(
     }
 }
 
-/// Mean of the values of a cube's cells, weighted by their volumes, and the half width of the
-/// interval over which even values would have their variance.
+/// Mean of the values of a cube's cells, weighted by their volumes, the half width of the interval
+/// over which even values would have their variance, and how far they are from being even.
 fn cube_values(
     base: &BlockedVolume,
     values: &Values,
     lattice: &Lattice,
     at: [usize; 3],
     cube: usize,
-) -> [f32; 2] {
+) -> [f32; 3] {
     let BlockedParticles::Lattice(cells) = &base.particles else {
-        return [0.0; 2];
+        return [0.0; 3];
     };
     let [x, y, z] = [0, 1, 2].map(|a| at[a] * cube..((at[a] + 1) * cube).min(lattice.dims[a]));
-    let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);
     // Relative to the first, so that nothing cancels.
     let first = f64::from(values.get(cells.index([x.start, y.start, z.start])));
-    for k in z {
-        for j in y.clone() {
-            for i in x.clone() {
-                let own = cells.cell_volume_f64([i, j, k]);
-                let value = f64::from(values.get(cells.index([i, j, k]))) - first;
-                volume += own;
-                sum += own * value;
-                square += own * value * value;
-            }
-        }
+    let members = || {
+        let rows = z.clone().flat_map(|k| y.clone().map(move |j| (j, k)));
+        rows.flat_map(|(j, k)| x.clone().map(move |i| [i, j, k]))
+            .map(|cell| {
+                let value = f64::from(values.get(cells.index(cell))) - first;
+                (cells.cell_volume_f64(cell), value)
+            })
+    };
+    let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);
+    for (own, value) in members() {
+        volume += own;
+        sum += own * value;
+        square += own * value * value;
     }
     let mean = sum / volume;
     let variance = (square / volume - mean * mean).max(0.0);
-    [(first + mean) as f32, (3.0 * variance).sqrt() as f32]
+    let spread = (3.0 * variance).sqrt();
+    let shares = members().map(|(own, value)| (own / volume, value));
+    let uneven = unevenness(shares, mean, spread);
+    [(first + mean) as f32, spread as f32, uneven as f32]
 }

@@ -104,6 +104,10 @@ pub struct MergeBounds {
     pub spread: f32,
     /// Standard deviation of the members' colours.
     pub colour: f32,
+    /// How far the members' values lie from being spread evenly over that interval: the mean distance
+    /// by which values of one would have to move to become those of the other, root mean square over
+    /// clusters.
+    pub uneven: f32,
 }
 
 impl MergeBounds {
@@ -116,8 +120,39 @@ impl MergeBounds {
             second: self.second.max(other.second),
             spread: self.spread.max(other.spread),
             colour: self.colour.max(other.colour),
+            uneven: self.uneven.max(other.uneven),
         }
     }
+}
+
+/// How far values lie from being spread evenly over `mean - spread ..= mean + spread`: the mean
+/// distance by which those of one would have to move to become those of the other (the Wasserstein
+/// distance of first order). The averages over both of a function that changes by no more than 1 per
+/// unit of value differ by no more than this.
+///
+/// - `members`: the share of each, 1 together, and its value.
+fn unevenness(members: impl Iterator<Item = (f64, f64)>, mean: f64, spread: f64) -> f64 {
+    /// Places where cumulative shares are compared.
+    const BINS: usize = 32;
+    if !(spread > 0.0) {
+        return 0.0;
+    }
+    let mut shares = [0.0; BINS];
+    let mut beyond = 0.0;
+    for (share, value) in members {
+        let place = (value - mean) / spread;
+        let inside = place.clamp(-1.0, 1.0);
+        beyond += share * (place - inside).abs();
+        let bin = (0.5 * (inside + 1.0) * BINS as f64) as usize;
+        shares[bin.min(BINS - 1)] += share;
+    }
+    let mut below = 0.0;
+    let mut between = 0.0;
+    for (i, share) in shares.iter().enumerate() {
+        below += share;
+        between += (below - (i + 1) as f64 / BINS as f64).abs();
+    }
+    spread * (beyond + between * 2.0 / BINS as f64)
 }
 
 /// Gives the blocks of a family's volumes the ranges and bounds that hold for all they stand for:
@@ -172,5 +207,36 @@ fn widen(bounds: &mut [Option<Members>], block: &Block) {
             values: union(b.values, own.values),
             sigmas: union(b.sigmas, own.sigmas),
         }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(values: &[f64]) -> f64 {
+        let share = 1.0 / values.len() as f64;
+        let mean = values.iter().sum::<f64>() * share;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() * share;
+        let members = values.iter().map(|&v| (share, v));
+        unevenness(members, mean, (3.0 * variance).sqrt())
+    }
+
+    #[test]
+    fn what_is_even_moves_nowhere_and_what_is_not_as_far_as_it_must() {
+        assert!(of(&[7.0; 64]).abs() < 1e-12);
+        let ramp: Vec<f64> = (0..4096).map(f64::from).collect();
+        // Less than a bin of 32 over both ends.
+        assert!(of(&ramp) < 4096.0 / 32.0, "{}", of(&ramp));
+        // Two levels, 2 apart: by quantiles, the integral of |sqrt(3) t - 1| over 0..1 is
+        // (1/2 + (sqrt(3) - 1)²/2) / sqrt(3) = .443, to a bin's width.
+        let halves: Vec<f64> = (0..64).map(|i| f64::from(i % 2) * 2.0).collect();
+        assert!((of(&halves) - 0.443).abs() < 0.06, "{}", of(&halves));
+        // One of many: its distance, mostly.
+        let lone: Vec<f64> = (0..4096).map(|i| f64::from(u8::from(i == 9))).collect();
+        let deviation = (1.0 / 4096.0_f64).sqrt();
+        assert!(of(&lone) > 0.7 * deviation && of(&lone) < deviation);
+        // What is no number gives none to be compared with.
+        assert!(unevenness([(1.0, f64::NAN)].into_iter(), 0.0, f64::NAN) == 0.0);
     }
 }

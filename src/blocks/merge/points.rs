@@ -2,22 +2,30 @@
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
 
-use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged};
+use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
+use crate::blocks::overlap::Crowds;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::math::{eigen, lower_factor};
 use crate::scene::{Colour, Strength, Values};
 
+/// By how much less than its box the particles of a subtree may span, in units of the box: each is
+/// moved by a millionth along each axis, either way, and rounded.
+const SLACK: f64 = 4e-6;
+
 /// A BVH whose subtrees are runs of particles in block order.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::blocks) struct Tree {
     /// The root first, children after their parents; empty where there are no particles.
     nodes: Vec<Node>,
+    /// World units in the units of its boxes.
+    unit: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +42,9 @@ struct Node {
 
 impl Tree {
     /// A tree, and the order of particles in which its subtrees are runs.
-    pub(in crate::blocks) fn new(bvh: &Bvh2) -> (Self, Vec<u32>) {
+    ///
+    /// - `unit`: world units in the units of its boxes.
+    pub(in crate::blocks) fn new(bvh: &Bvh2, unit: f64) -> (Self, Vec<u32>) {
         let mut nodes: Vec<Node> = bvh
             .nodes
             .iter()
@@ -66,7 +76,25 @@ impl Tree {
                 order[start as usize..start as usize + members.len()].copy_from_slice(members);
             }
         }
-        (Self { nodes }, order)
+        (Self { nodes, unit }, order)
+    }
+
+    /// Whether it has no particles.
+    pub(in crate::blocks) fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
+    /// says so, in block order. The diagonal of its box is a lower bound, world units.
+    pub(in crate::blocks) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
+        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
+        while let Some(i) = stack.pop() {
+            let node = &self.nodes[i];
+            let diagonal = (f64::from(node.size).sqrt() - SLACK).max(0.0) * self.unit;
+            if each(self.run(i), diagonal) && node.child > 0 {
+                stack.extend([node.child as usize + 1, node.child as usize]);
+            }
+        }
     }
 
     /// The largest subtrees with at most `capacity` particles, in block order.
@@ -87,7 +115,7 @@ impl Tree {
     }
 
     /// The particles of a subtree: a run of block order.
-    pub(in crate::blocks) fn run(&self, subtree: usize) -> std::ops::Range<usize> {
+    pub(in crate::blocks) fn run(&self, subtree: usize) -> Range<usize> {
         let node = &self.nodes[subtree];
         node.start as usize..(node.start + node.count) as usize
     }
@@ -188,6 +216,7 @@ pub(in crate::blocks) fn merge_points(
     source: &Source<'_>,
     tree: &Tree,
     order: &[u32],
+    crowds: &Crowds,
 ) -> Option<MergedPoints> {
     let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
         && !matches!(source.colour, Colour::Harmonics { .. })
@@ -207,7 +236,11 @@ pub(in crate::blocks) fn merge_points(
                 let count = run.len().div_ceil(members);
                 let clusters = tree.clusters(subtree, count);
                 let clusters = clusters.iter().map(|&node| &order[tree.run(node)]);
-                MergedBlock::new(source, &order[run.clone()], run.start, clusters)
+                // A block's clusters are as many as fit its particles, the widest cut first: in
+                // one place there is no more than their share.
+                let crowding = crowds.greatest(&run, 1.0 / members as f32);
+                let block = MergedBlock::new(source, &order[run.clone()], run.start, clusters);
+                MergedBlock { crowding, ..block }
             })
             .collect();
         let is_last = level.len() == 1 && level[0].particles.len() <= LAST_LEVEL;
@@ -234,6 +267,7 @@ struct MergedBlock {
     half_extent: DVec3,
     bounds: MergeBounds,
     sigmas: [f32; 2],
+    crowding: f32,
     particles: Vec<Particle>,
 }
 
@@ -262,20 +296,24 @@ impl MergedBlock {
             half_extent: (upper - lower) / 2.0,
             bounds: MergeBounds::default(),
             sigmas: [narrowest, 0.0],
+            crowding: 1.0,
             particles: Vec::new(),
         };
         let mut third_squares = 0.0;
+        let mut uneven_squares = 0.0;
         for cluster in clusters {
             let Some((particle, bounds, sigma)) = merge(source, origin, narrowest, cluster) else {
                 continue;
             };
             third_squares += f64::from(bounds.third).powi(6);
+            uneven_squares += f64::from(bounds.uneven).powi(2);
             block.bounds = block.bounds.max(bounds);
             block.sigmas[1] = block.sigmas[1].max(sigma);
             block.particles.push(particle);
         }
         let count = block.particles.len().max(1) as f64;
         block.bounds.third_mean = (third_squares / count).powf(1.0 / 6.0) as f32;
+        block.bounds.uneven = (uneven_squares / count).sqrt() as f32;
         block
     }
 }
@@ -363,6 +401,11 @@ fn merge(
         spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
         clump: (clump * lone_share(overlap, sigmas)) as f32,
     };
+    let spread = (3.0 * (square - value * value).max(0.0)).sqrt();
+    let uneven = source.values.map_or(0.0, |values| {
+        let shares = visible().map(|(i, g)| (share(g), f64::from(values.get(i))));
+        unevenness(shares, value, spread)
+    });
     let colour_variance = colour_square - colour.length_squared();
     let mut bounds = MergeBounds {
         third_mean: 0.0,
@@ -371,6 +414,7 @@ fn merge(
         second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
         spread: particle.spread,
         colour: colour_variance.max(0.0).sqrt() as f32,
+        uneven: uneven as f32,
     };
     if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
         // Members without a finite shape or colour are never merged: `max` would forget a NaN.
@@ -575,6 +619,7 @@ impl MergedPoints {
                         NO_PARENT
                     },
                     level: level as u32 + 1,
+                    crowding: block.crowding,
                 });
                 merged.bounds.push(block.bounds);
                 for particle in &block.particles {
@@ -606,6 +651,7 @@ impl MergedPoints {
             values: source.values.map(|_| Values::F32(values)),
             transfer_function: None,
             normals: None,
+            indices: None,
             merged: Some(merged),
         }
     }

@@ -4,9 +4,9 @@
 //! sparse accessor whose indices are not in order reads wrong. So its types are used, and the
 //! bytes are read here.
 
-use ::gltf::json::accessor::{ComponentType, Type};
-use ::gltf::json::validation::Checked;
-use ::gltf::json::{self, Index};
+use gltf_json::accessor::{ComponentType, Type};
+use gltf_json::validation::Checked;
+use gltf_json::{self as json, Index};
 
 use super::container::Buffers;
 use crate::error::Result;

@@ -4,11 +4,12 @@ use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 use std::path::{Path, PathBuf};
 
-use ::gltf::json::{self, Index, Root};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use gltf_json::{self as json, Index, Root};
 
 use crate::error::{Error, Result};
+use crate::io::file::Input;
 use crate::io::vtk_xml::clip;
 
 /// The first bytes of a binary file.
@@ -75,19 +76,19 @@ pub(crate) fn split<'f>(path: &Path, bytes: &'f [u8]) -> Result<(&'f [u8], Optio
 }
 
 /// What a URI of a buffer or an image stands for.
-pub(super) enum Source {
+pub(super) enum Source<'f> {
     /// The bytes of a `data:` URI.
     Bytes(Vec<u8>),
     /// A file, and its name as the URI states it.
-    File(PathBuf),
+    File(Input<'f>, PathBuf),
 }
 
-impl Source {
+impl<'f> Source<'f> {
     /// Resolves a URI against the folder of the file that states it.
     ///
     /// # Errors
     /// Why not, as the end of a sentence that begins with what was found.
-    pub(super) fn of(path: &Path, uri: &str) -> Result<Self, String> {
+    pub(super) fn of(input: Input<'f>, uri: &str) -> Result<Self, String> {
         if let Some(data) = uri.strip_prefix("data:") {
             let (kind, text) = data.split_once(',').unwrap_or((data, ""));
             if !kind.ends_with(";base64") {
@@ -109,18 +110,18 @@ impl Source {
         if name.is_empty() || has_scheme || Path::new(&name).has_root() {
             return Err(format!("`{}`, which is no relative path", clip(uri)));
         }
-        let file = path.parent().unwrap_or(Path::new("")).join(&name);
-        if !file.is_file() {
+        let file = input.path.parent().unwrap_or(Path::new("")).join(&name);
+        if !input.has_beside(&file) {
             return Err(format!("no file `{}`", clip(&name)));
         }
-        Ok(Self::File(file))
+        Ok(Self::File(input, file))
     }
 
     /// The bytes.
     pub(super) fn read(self) -> Result<Vec<u8>> {
         match self {
             Self::Bytes(bytes) => Ok(bytes),
-            Self::File(file) => crate::io::file::read_all(&file),
+            Self::File(input, file) => input.read_beside(&file),
         }
     }
 }
@@ -146,6 +147,8 @@ pub(in crate::io) fn percent_decoded(uri: &str) -> String {
 
 /// The buffers of a file, each read when it is first needed.
 pub(super) struct Buffers<'f> {
+    pub(super) input: Input<'f>,
+    /// Of the file.
     pub(super) path: &'f Path,
     pub(super) root: &'f Root,
     bin: Option<&'f [u8]>,
@@ -156,13 +159,14 @@ pub(super) struct Buffers<'f> {
 
 impl<'f> Buffers<'f> {
     pub(super) fn new(
-        path: &'f Path,
+        input: Input<'f>,
         root: &'f Root,
         bin: Option<&'f [u8]>,
         file_len: usize,
     ) -> Self {
         Self {
-            path,
+            input,
+            path: input.path,
             root,
             bin,
             loaded: root.buffers.iter().map(|_| OnceCell::new()).collect(),
@@ -183,6 +187,7 @@ impl<'f> Buffers<'f> {
         found: impl Into<String>,
     ) -> Error {
         let advice = "the file is damaged or breaks the format's rules: export it again";
+        let place: String = place.into();
         Error::format(self.path, place, expected, found, advice)
     }
 
@@ -230,7 +235,7 @@ impl<'f> Buffers<'f> {
         let place = format!("buffer {index}");
         let bytes = match (&buffer.uri, self.bin) {
             (Some(uri), _) => {
-                let source = Source::of(self.path, uri).map_err(|found| {
+                let source = Source::of(self.input, uri).map_err(|found| {
                     let advice = "put the file there, or export as one .glb";
                     let expected = "a file beside this one, or base64 data";
                     Error::format(self.path, place.clone(), expected, found, advice)

@@ -3,11 +3,11 @@
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-use ::gltf::json::material::AlphaMode as StatedAlpha;
-use ::gltf::json::texture::{Info, WrappingMode};
-use ::gltf::json::validation::Checked;
-use ::gltf::json::{self, Index};
 use glam::{Affine2, Mat2, Vec2};
+use gltf_json::material::AlphaMode as StatedAlpha;
+use gltf_json::texture::{Info, WrappingMode};
+use gltf_json::validation::Checked;
+use gltf_json::{self as json, Index};
 
 use super::container::{Buffers, Source};
 use crate::error::Result;
@@ -230,7 +230,7 @@ impl<'b, 'f> Materials<'b, 'f> {
         let owned;
         let bytes = match (&image.uri, image.buffer_view) {
             (Some(uri), _) => {
-                owned = Source::of(self.buffers.path, uri)
+                owned = Source::of(self.buffers.input, uri)
                     .and_then(|source| source.read().map_err(|e| e.to_string()))?;
                 owned.as_slice()
             }

@@ -12,7 +12,7 @@
 //! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
 //! | others | nothing and a note; refused by name where the file requires them |
 //!
-//! The crate `gltf` supplies the types of the JSON; all that indexes or counts is checked here
+//! The crate `gltf-json` supplies the types of the JSON; all that indexes or counts is checked here
 //! before it is used.
 
 mod accessor;
@@ -24,14 +24,14 @@ mod primitives;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use ::gltf::json::Root;
+use gltf_json::Root;
 use serde_json::Value;
 
 pub(crate) use container::looks_like;
 pub(super) use container::percent_decoded;
 
 use super::dataset::{Dataset, Geometry};
-use super::file::read_all;
+use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish};
 use super::vtk_xml::clip;
 use super::{Mesh, MeshPart};
@@ -78,8 +78,9 @@ const COMPRESSION: &[&str] = &["KHR_draco_mesh_compression", "EXT_meshopt_compre
 /// # Errors
 /// JSON or buffers that break the format's rules or are not there, required extensions that are
 /// not read, and scenes without triangles.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     let (json, bin) = container::split(path, &bytes)?;
     let document: Value = serde_json::from_slice(json).map_err(|e| broken_json(path, &e))?;
     check_version(path, &document)?;
@@ -95,8 +96,8 @@ pub(crate) fn read(path: &Path) -> Result<Dataset> {
     let mut notes = Vec::new();
     check_extensions(path, &document, &mut notes)?;
     drop(document);
-    let root: Root = serde_json::from_slice(json).map_err(|e| broken_json(path, &e))?;
-    let buffers = Buffers::new(path, &root, bin, bytes.len());
+    let root = Root::from_slice(json).map_err(|e| broken_json(path, &e))?;
+    let buffers = Buffers::new(input, &root, bin, bytes.len());
     let mesh = scene(&buffers, &mut notes)?;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "glTF mesh", Geometry::Mesh(mesh), Vec::new());

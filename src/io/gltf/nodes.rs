@@ -1,12 +1,12 @@
 //! Nodes: where meshes stand.
 
-use ::gltf::json::{Index, Node, Root};
 use glam::{DAffine3, DMat4, DQuat, DVec3};
+use gltf_json::{Index, Node, Root};
 
 use super::accessor::{ANY_NUMBERS, Accessor};
 use super::container::Buffers;
 use crate::error::Result;
-use ::gltf::json::accessor::{ComponentType, Type};
+use gltf_json::accessor::{ComponentType, Type};
 
 /// The nodes of a file, with their places in the world.
 pub(super) struct Nodes {
@@ -149,7 +149,7 @@ fn affine(matrix: DMat4) -> Option<DAffine3> {
 pub(super) fn joints(
     buffers: &Buffers<'_>,
     nodes: &Nodes,
-    skin: Index<::gltf::json::Skin>,
+    skin: Index<gltf_json::Skin>,
 ) -> Result<Vec<DAffine3>> {
     let place = format!("skin {}", skin.value());
     let skin = buffers.root.get(skin).ok_or_else(|| {

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use ::gltf::json::accessor::{ComponentType, Type};
-use ::gltf::json::mesh::{Mode, Primitive, Semantic};
-use ::gltf::json::validation::Checked;
-use ::gltf::json::{self, Index};
 use glam::{DAffine3, DMat3, DVec3, Vec2};
+use gltf_json::accessor::{ComponentType, Type};
+use gltf_json::mesh::{Mode, Primitive, Semantic};
+use gltf_json::validation::Checked;
+use gltf_json::{self as json, Index};
 
 use super::accessor::{ANY_NUMBERS, Accessor, INDICES};
 use super::container::Buffers;

@@ -1,7 +1,6 @@
 //! The container, the JSON and the accessors: as much of glTF 2.0 as splats take.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 use std::rc::Rc;
@@ -12,7 +11,7 @@ use serde::Deserialize;
 
 use super::EXTENSION;
 use crate::error::{Error, Result};
-use crate::io::file::read_all;
+use crate::io::file::Input;
 use crate::io::gltf::percent_decoded;
 
 const MAGIC: &[u8; 4] = b"glTF";
@@ -106,6 +105,7 @@ struct Buffer {
 
 /// An opened file.
 pub(super) struct Document<'a> {
+    input: Input<'a>,
     pub(super) path: &'a Path,
     /// Bytes of the file.
     pub(super) len: u64,
@@ -117,12 +117,12 @@ pub(super) struct Document<'a> {
 }
 
 /// Whether a file is glTF with splats in it: `head` has its first bytes, the JSON is looked through.
-pub(in crate::io) fn looks_like(path: &Path, head: &[u8]) -> bool {
+pub(in crate::io) fn looks_like(input: Input<'_>, head: &[u8]) -> bool {
     let is_binary = head.starts_with(MAGIC);
-    if !is_binary && crate::io::extension(path) != "gltf" {
+    if !is_binary && crate::io::extension(input.path) != "gltf" {
         return false;
     }
-    let Ok(file) = File::open(path) else {
+    let Ok((file, _)) = input.open() else {
         return false;
     };
     let json_len = match (is_binary, head.get(12..16)) {
@@ -143,8 +143,9 @@ fn word(bytes: &[u8]) -> u32 {
 
 impl<'a> Document<'a> {
     /// Reads a file and its JSON, no buffers beside it yet.
-    pub(super) fn open(path: &'a Path) -> Result<Self> {
-        let bytes = read_all(path)?;
+    pub(super) fn open(input: Input<'a>) -> Result<Self> {
+        let path = input.path;
+        let bytes = input.read_all()?;
         let len = bytes.len() as u64;
         let (json, binary) = if bytes.starts_with(MAGIC) {
             chunks(path, &bytes)?
@@ -161,6 +162,7 @@ impl<'a> Document<'a> {
             )
         })?;
         Ok(Self {
+            input,
             path,
             len,
             root,
@@ -289,7 +291,8 @@ impl<'a> Document<'a> {
                 let advice = "keep the buffer beside the file";
                 return Err(fault("a relative path", format!("`{name}`"), advice));
             }
-            read_all(&path.with_file_name("").join(beside))?
+            self.input
+                .read_beside(&path.with_file_name("").join(beside))?
         };
         let bytes = Rc::new(bytes);
         self.loaded.insert(uri.clone(), bytes.clone());

@@ -15,18 +15,17 @@
 //! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
 //! other kinds are not read.
 //!
-//! The `gltf` crate does not know attributes of such names, hence a reader of the JSON.
+//! The crate `gltf-json` does not know attributes of such names, hence a reader of the JSON.
 
 mod document;
 mod nodes;
 mod write;
 
-use std::path::Path;
-
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use self::document::{Document, Primitive};
 use super::dataset::Dataset;
+use super::file::Input;
 use super::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
@@ -53,8 +52,9 @@ fn harmonic_name(degree: u8, n: usize) -> String {
 /// # Errors
 /// JSON, containers, accessors or buffers that break glTF's rules or hold less than they say; an
 /// attribute that is missing; splats packed by a further extension.
-pub(super) fn read(path: &Path) -> Result<Dataset> {
-    let mut document = Document::open(path)?;
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let mut document = Document::open(input)?;
     let placed = nodes::placed_meshes(path, &document.root)?;
     let mut notes = Vec::new();
     let mut cloud = SplatCloud::default();

@@ -16,7 +16,7 @@ use hdf5_reader::group::Group;
 use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
-use super::file::read_all;
+use super::file::Input;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -38,8 +38,9 @@ const MOST_COMPONENTS: usize = 16;
 ///
 /// # Errors
 /// A damaged file, or one that holds no particles under the names these codes use.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let file = SnapshotFile::open(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let file = SnapshotFile::open(input)?;
     if let Some(particles) = file.group("particles")?
         && file.has(&particles, "xyz")?
     {
@@ -76,8 +77,9 @@ struct Array {
 }
 
 impl<'a> SnapshotFile<'a> {
-    fn open(path: &'a Path) -> Result<Self> {
-        let bytes = read_all(path)?;
+    fn open(input: Input<'a>) -> Result<Self> {
+        let path = input.path;
+        let bytes = input.read_all()?.into_owned();
         let budget = bytes
             .len()
             .saturating_mul(MOST_INFLATION)

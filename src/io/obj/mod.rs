@@ -19,33 +19,33 @@ mod polygons;
 mod scan;
 
 use std::collections::HashMap;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{Affine2, DVec3, Vec2, Vec3};
+use glam::{Affine2, DVec3, Vec2};
 
 pub(crate) use scan::looks_like;
 
 use super::dataset::{Dataset, Geometry};
-use super::file::read_all;
+use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish};
 use super::texture::ImageBudget;
 use super::vtk_xml::clip;
 use super::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::image::linear_from_srgb;
 use mtl::{Map, MtlMaterial};
 use polygons::Outcome;
-use scan::{Group, Scan};
+use scan::{Faces, Group, Scan};
 
 /// Reads a mesh; `texture` is bound to parts that have texture coordinates and no texture.
 ///
 /// # Errors
 /// No face, a line that breaks the format's rules, or a `texture` that cannot be read. Materials
 /// and textures that cannot be read are told of in notes.
-pub(crate) fn read(path: &Path, texture: Option<&Path>) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     let mut scan = scan::scan(path, &bytes)?;
     drop(bytes);
     let mut notes = std::mem::take(&mut scan.notes);
@@ -54,14 +54,14 @@ pub(crate) fn read(path: &Path, texture: Option<&Path>) -> Result<Dataset> {
             path,
             "faces",
             "one face (`f`) or more",
-            format!("{} vertices and no face", scan.vertex_count),
+            format!("{} vertices and no face", scan.positions.len()),
             "give a mesh; save points as PLY or CSV",
         ));
     }
-    let mut parts = parts(path, &mut scan, &mut notes)?;
+    let mut parts = parts(&scan, &mut notes);
     let are_closed = closed::are_closed(&parts);
 
-    let mut materials = Materials::new(path, &scan, &mut notes);
+    let mut materials = Materials::new(input, &scan, &mut notes);
     if let Some(texture) = texture {
         materials.fallback = Some(materials.images.named_by_user(texture)?);
     }
@@ -91,150 +91,158 @@ pub(crate) fn read(path: &Path, texture: Option<&Path>) -> Result<Dataset> {
 
 /// One part for each group of faces, in its order, with texture coordinates where the faces have
 /// them.
-fn parts(path: &Path, scan: &mut Scan, notes: &mut Vec<String>) -> Result<Vec<MeshPart>> {
-    let text = std::mem::take(&mut scan.text);
-    let options = tobj::LoadOptions {
-        single_index: true,
-        ..tobj::LoadOptions::default()
-    };
-    // The text names no library.
-    let loader = |_: &Path| Err(tobj::LoadError::OpenFileFailed);
-    let (models, _) =
-        tobj::load_obj_buf(&mut Cursor::new(text), &options, loader).map_err(|e| {
-            Error::format(
-                path,
-                "mesh",
-                "what the OBJ format allows",
-                e.to_string(),
-                "save the mesh again",
-            )
-        })?;
+fn parts(scan: &Scan, notes: &mut Vec<String>) -> Vec<MeshPart> {
     let mut colour_scale = 1.0;
-    if scan.has_colours {
-        let colours = models.iter().flat_map(|m| &m.mesh.vertex_color);
-        if colours.copied().any(|c| c > 1.0) {
-            colour_scale = 255.0;
-            notes.push("colours of vertices exceed 1 and are taken as 0 to 255".into());
-        }
+    let corners = scan.faces.iter().flat_map(|faces| &faces.corners);
+    let mut colours = corners.filter_map(|[v, ..]| *scan.colours.get(*v as usize)?);
+    if colours.any(|rgb| rgb.iter().any(|c| *c > 1.0)) {
+        colour_scale = 255.0;
+        notes.push("colours of vertices exceed 1 and are taken as 0 to 255".into());
     }
     let mut approximate = 0;
-    let mut parts = vec![MeshPart::default(); scan.groups.len()];
-    for model in models {
-        let part = model
-            .name
-            .parse()
-            .ok()
-            .and_then(|i: usize| parts.get_mut(i));
-        if let Some(part) = part {
-            *part = part_of(&model.mesh, colour_scale, &mut approximate);
-        }
-    }
+    let parts = scan
+        .faces
+        .iter()
+        .zip(&scan.groups)
+        .map(|(faces, group)| part_of(scan, faces, group, colour_scale, &mut approximate))
+        .collect();
     if approximate > 0 {
         notes.push(format!(
             "{approximate} polygons cross themselves or have no area: fans of triangles stand \
              for them"
         ));
     }
-    Ok(parts)
+    parts
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "directions, colours and texture coordinates are kept as f32"
-)]
-fn part_of(mesh: &tobj::Mesh, colour_scale: f64, approximate: &mut usize) -> MeshPart {
-    let positions: Vec<DVec3> = mesh
-        .positions
-        .chunks_exact(3)
-        .map(DVec3::from_slice)
-        .collect();
-    let mut triangles: Vec<[u32; 3]> = Vec::new();
-    if mesh.face_arities.is_empty() {
-        triangles = mesh.indices.as_chunks::<3>().0.to_vec();
-    } else {
-        let mut rest = mesh.indices.as_slice();
-        let (mut corners, mut local) = (Vec::new(), Vec::new());
-        for &arity in &mesh.face_arities {
-            let (face, others) = rest.split_at(rest.len().min(arity as usize));
-            rest = others;
-            // A corner named twice in a row is one.
-            let mut face = face.to_vec();
-            face.dedup();
-            while face.len() > 1 && face.first() == face.last() {
-                face.pop();
-            }
-            if face.len() < 3 {
-                // Left out and counted with the others that have no area.
-                triangles.extend(face.first().map(|&i| [i; 3]));
-                continue;
-            }
-            corners.clear();
-            corners.extend(face.iter().map(|&i| positions[i as usize]));
-            local.clear();
-            if polygons::triangulate(&corners, &mut local) == Outcome::Approximate {
-                *approximate += 1;
-            }
-            triangles.extend(local.iter().map(|t: &[usize; 3]| t.map(|i| face[i])));
+/// The faces of one group: corners that name the same vertex, texture coordinates and normal are
+/// one.
+fn part_of(
+    scan: &Scan,
+    faces: &Faces,
+    group: &Group,
+    colour_scale: f64,
+    approximate: &mut usize,
+) -> MeshPart {
+    let mut part = MeshPart::default();
+    let mut coordinates = Vec::new();
+    let mut index_of: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut indices = Vec::with_capacity(faces.corners.len());
+    for corner in &faces.corners {
+        let next = u32::try_from(index_of.len()).unwrap_or(u32::MAX);
+        let index = *index_of.entry(*corner).or_insert(next);
+        indices.push(index);
+        if index < next {
+            continue;
+        }
+        let [v, vt, vn] = corner.map(|i| i as usize);
+        part.positions.push(scan.positions[v]);
+        if let Some(colour) = scan.colours.get(v) {
+            part.colours.push(vertex_colour(*colour, colour_scale));
+        }
+        if group.has_coordinates {
+            coordinates.push(texture_coordinates(scan.coordinates[vt]));
+        }
+        if group.has_normals {
+            part.normals
+                .push(scan.normals[vn].normalize_or_zero().as_vec3());
         }
     }
-    let colours = mesh.vertex_color.chunks_exact(3).map(|rgb| {
-        // Vertices without a colour, among others with one, have a negative one.
-        let is_white = rgb.iter().any(|c| *c < 0.0);
-        let [r, g, b] = [0, 1, 2].map(|i| {
-            if is_white {
-                return 1.0;
-            }
-            linear_from_srgb((rgb[i] / colour_scale) as f32)
-        });
-        [r, g, b, 1.0]
-    });
-    let coordinates = mesh.texcoords.chunks_exact(2);
-    let coordinates = coordinates.map(|uv| Vec2::new(uv[0] as f32, (1.0 - uv[1]) as f32));
-    let normals = mesh.normals.chunks_exact(3);
-    let normals = normals.map(|n| DVec3::from_slice(n).normalize_or_zero().as_vec3());
-    MeshPart {
-        triangles,
-        normals: normals.collect::<Vec<Vec3>>(),
-        texture_coordinates: if mesh.texcoords.is_empty() {
-            Vec::new()
-        } else {
-            vec![coordinates.collect()]
-        },
-        colours: colours.collect(),
-        material: 0,
-        positions,
+    if !coordinates.is_empty() {
+        part.texture_coordinates.push(coordinates);
     }
+    part.triangles = triangles(&indices, &faces.ends, &part.positions, approximate);
+    part
+}
+
+/// The triangles of polygons whose corners end at `ends`.
+fn triangles(
+    indices: &[u32],
+    ends: &[usize],
+    positions: &[DVec3],
+    approximate: &mut usize,
+) -> Vec<[u32; 3]> {
+    if ends.iter().enumerate().all(|(i, end)| *end == 3 * (i + 1)) {
+        return indices.as_chunks::<3>().0.to_vec();
+    }
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    let (mut corners, mut local) = (Vec::new(), Vec::new());
+    let mut start = 0;
+    for &end in ends {
+        // A corner named twice in a row is one.
+        let mut face = indices[start..end].to_vec();
+        start = end;
+        face.dedup();
+        while face.len() > 1 && face.first() == face.last() {
+            face.pop();
+        }
+        if face.len() < 3 {
+            // Left out and counted with the others that have no area.
+            triangles.extend(face.first().map(|&i| [i; 3]));
+            continue;
+        }
+        corners.clear();
+        corners.extend(face.iter().map(|&i| positions[i as usize]));
+        local.clear();
+        if polygons::triangulate(&corners, &mut local) == Outcome::Approximate {
+            *approximate += 1;
+        }
+        triangles.extend(local.iter().map(|t: &[usize; 3]| t.map(|i| face[i])));
+    }
+    triangles
+}
+
+/// A vertex's colour, linear; white where it has none and others have one.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "colours need no more than f32"
+)]
+fn vertex_colour(stated: Option<[f64; 3]>, scale: f64) -> [f32; 4] {
+    // Numbers below 0 are no colour.
+    let [r, g, b] = match stated.filter(|rgb| !rgb.iter().any(|c| *c < 0.0)) {
+        Some(rgb) => rgb.map(|c| linear_from_srgb((c / scale) as f32)),
+        None => [1.0; 3],
+    };
+    [r, g, b, 1.0]
+}
+
+/// Texture coordinates, v downwards.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "texture coordinates need no more than f32"
+)]
+fn texture_coordinates([u, v]: [f64; 2]) -> Vec2 {
+    Vec2::new(u as f32, (1.0 - v) as f32)
 }
 
 /// The materials of a mesh, made as parts ask for them.
-struct Materials {
+struct Materials<'a> {
     mesh: Mesh,
     library: HashMap<String, MtlMaterial>,
-    images: Images,
+    images: Images<'a>,
     /// The texture for parts without one.
     fallback: Option<usize>,
     made: HashMap<(Option<usize>, bool), usize>,
 }
 
-impl Materials {
+impl<'a> Materials<'a> {
     /// Reads the libraries that a file names, and tells of those and of materials that are not
     /// there.
-    fn new(path: &Path, scan: &Scan, notes: &mut Vec<String>) -> Self {
-        let folder = path.parent().unwrap_or(Path::new(""));
+    fn new(input: Input<'a>, scan: &Scan, notes: &mut Vec<String>) -> Self {
         let mut library = HashMap::new();
         for statement in &scan.libraries {
             // The whole statement is one name, or several without spaces.
-            let whole = find(folder, statement);
+            let whole = find(input, statement);
             let names: Vec<&str> = match whole {
                 Some(_) => vec![statement],
                 None => statement.split_whitespace().collect(),
             };
             for name in names {
-                let Some(file) = find(folder, name) else {
+                let Some(file) = find(input, name) else {
                     notes.push(format!("no file `{}` of materials", clip(name)));
                     continue;
                 };
-                match read_all(&file) {
+                match input.read_beside(&file) {
                     Ok(bytes) => library.extend(
                         mtl::read(&bytes, notes)
                             .into_iter()
@@ -263,7 +271,7 @@ impl Materials {
         Self {
             mesh: Mesh::default(),
             library,
-            images: Images::new(folder),
+            images: Images::new(input),
             fallback: None,
             made: HashMap::new(),
         }
@@ -353,14 +361,15 @@ impl Materials {
 
 /// The file that a statement names: relative to the folder, or by its last name in it, as for
 /// paths of another machine.
-fn find(folder: &Path, name: &str) -> Option<PathBuf> {
+fn find(input: Input<'_>, name: &str) -> Option<PathBuf> {
+    let folder = input.path.parent().unwrap_or(Path::new(""));
     let name = name.replace('\\', "/");
     let last = name.rsplit('/').next().unwrap_or("");
     [name.as_str(), last]
         .into_iter()
         .filter(|n| !n.is_empty())
         .map(|n| folder.join(n))
-        .find(|file| file.is_file())
+        .find(|file| input.has_beside(file))
 }
 
 /// What a texture is made of: two textures of one key are one.
@@ -374,8 +383,8 @@ struct TextureKey {
 }
 
 /// Textures, each decoded once.
-struct Images {
-    folder: PathBuf,
+struct Images<'a> {
+    input: Input<'a>,
     budget: ImageBudget,
     decoded: HashMap<String, Option<Arc<TextureImage>>>,
     textures: Vec<Texture>,
@@ -384,10 +393,10 @@ struct Images {
     notes: Vec<String>,
 }
 
-impl Images {
-    fn new(folder: &Path) -> Self {
+impl<'a> Images<'a> {
+    fn new(input: Input<'a>) -> Self {
         Self {
-            folder: folder.to_path_buf(),
+            input,
             budget: ImageBudget::default(),
             decoded: HashMap::new(),
             textures: Vec::new(),
@@ -398,15 +407,18 @@ impl Images {
 
     /// The texture that the user names: an error where it cannot be read.
     fn named_by_user(&mut self, path: &Path) -> Result<usize> {
-        let decoded = self.budget.decode(&read_all(path)?).map_err(|reason| {
-            Error::format(
-                path,
-                "texture",
-                "a PNG or JPEG image",
-                format!("a file that {reason}"),
-                "name another image with --texture",
-            )
-        })?;
+        let decoded = self
+            .budget
+            .decode(&self.input.read_beside(path)?)
+            .map_err(|reason| {
+                Error::format(
+                    path,
+                    "texture",
+                    "a PNG or JPEG image",
+                    format!("a file that {reason}"),
+                    Hint::NameOtherTexture,
+                )
+            })?;
         self.textures.push(Texture {
             image: Arc::new(decoded),
             wrap: [Wrap::Repeat; 2],
@@ -419,9 +431,11 @@ impl Images {
         if let Some(known) = self.decoded.get(name) {
             return known.clone();
         }
-        let decoded = match find(&self.folder, name) {
+        let decoded = match find(self.input, name) {
             None => Err(format!("no file `{}`", clip(name))),
-            Some(file) => read_all(&file)
+            Some(file) => self
+                .input
+                .read_beside(&file)
                 .map_err(|e| e.to_string())
                 .and_then(|bytes| {
                     self.budget

@@ -1,21 +1,17 @@
-//! The text of an OBJ file, made plain before it is parsed.
+//! The text of an OBJ file, read in one pass.
 //!
-//! tobj reads numbers, corners and polygons well, and stumbles over what real files hold: a
-//! vertex colour here and none there, corners with and without texture coordinates in one
-//! object, lines taken for faces, tabs after keywords, materials that are not defined, indices
-//! out of range without a line number. This pass settles all of that with line numbers at hand.
-//! What it hands on holds `v`, `vt`, `vn`, then one object per kind of face, with absolute
-//! indices that are in range.
+//! Real files hold a vertex colour here and none there, corners with and without texture
+//! coordinates in one object, faces of one or two corners, materials that are not defined and
+//! indices out of range: all of that is settled or told of with line numbers at hand. What comes
+//! out are faces in groups, with indices that are in range.
 
 use std::collections::HashMap;
 use std::path::Path;
 
+use glam::DVec3;
+
 use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
-
-/// The colour of a vertex that has none, where others have one: negative, so that it is known
-/// whatever the scale of the others.
-const NO_COLOUR: &str = " -1 -1 -1";
 
 /// Faces that share a material and what their corners name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -26,18 +22,32 @@ pub(super) struct Group {
     pub(super) has_normals: bool,
 }
 
-/// An OBJ file in plain words.
+/// The faces of a group.
+#[derive(Debug, Default)]
+pub(super) struct Faces {
+    /// Indices of a vertex, texture coordinates and a normal, from 0. Of what its group does not
+    /// have, the index says nothing.
+    pub(super) corners: Vec<[u32; 3]>,
+    /// For each face, where its corners end; it has three or more.
+    pub(super) ends: Vec<usize>,
+}
+
+/// What an OBJ file holds.
 #[derive(Debug, Default)]
 pub(super) struct Scan {
-    /// Vertices, coordinates, normals, then for each group `o` with its index and its faces.
-    pub(super) text: String,
+    pub(super) positions: Vec<DVec3>,
+    /// Of vertices, sRGB-encoded; `None` for one without. Empty where none has one.
+    pub(super) colours: Vec<Option<[f64; 3]>>,
+    /// v upwards.
+    pub(super) coordinates: Vec<[f64; 2]>,
+    pub(super) normals: Vec<DVec3>,
     pub(super) groups: Vec<Group>,
+    /// For each group.
+    pub(super) faces: Vec<Faces>,
     /// Names after `usemtl`.
     pub(super) materials: Vec<String>,
     /// What stands after each `mtllib`.
     pub(super) libraries: Vec<String>,
-    pub(super) has_colours: bool,
-    pub(super) vertex_count: usize,
     /// What was left out, for people.
     pub(super) notes: Vec<String>,
 }
@@ -118,14 +128,10 @@ pub(super) fn scan(path: &Path, bytes: &[u8]) -> Result<Scan> {
 struct Reader<'p> {
     path: &'p Path,
     scan: Scan,
-    /// Numbers of vertices, coordinates and normals so far.
-    counts: [usize; 3],
-    texts: [String; 3],
     coloured: usize,
     material: Option<usize>,
     material_index: HashMap<String, usize>,
     groups: HashMap<Group, usize>,
-    faces: Vec<String>,
     /// The greatest index of each kind that came before what it names, and its line.
     ahead: [(usize, usize); 3],
     /// Elements that are left out.
@@ -141,13 +147,10 @@ impl<'p> Reader<'p> {
         Self {
             path,
             scan: Scan::default(),
-            counts: [0; 3],
-            texts: Default::default(),
             coloured: 0,
             material: None,
             material_index: HashMap::new(),
             groups: HashMap::new(),
-            faces: Vec::new(),
             ahead: [(0, 0); 3],
             points: 0,
             lines: 0,
@@ -171,34 +174,30 @@ impl<'p> Reader<'p> {
                 if !matches!(count, 3 | 4 | 6 | 7) {
                     return Err(self.refuse(number, "v with 3, 4, 6 or 7 numbers", rest));
                 }
-                self.texts[0].push('v');
-                self.numbers(0, words().take(3), number)?;
+                let position = self.numbers(words(), number)?;
                 if count > 4 {
                     // A fourth number is a weight of curves; a seventh is an opacity.
-                    self.numbers(0, words().skip(3).take(3), number)?;
+                    let colour = self.numbers(words().skip(3), number)?;
+                    self.scan.colours.resize(self.scan.positions.len(), None);
+                    self.scan.colours.push(Some(colour));
                     self.coloured += 1;
                 }
-                self.texts[0].push('\n');
-                self.counts[0] += 1;
+                self.scan.positions.push(position.into());
             }
             "vt" => {
                 if words().next().is_none() {
                     return Err(self.refuse(number, "vt with one to three numbers", rest));
                 }
-                self.texts[1].push_str("vt");
-                let both = words().take(2).chain(["0"]).take(2);
-                self.numbers(1, both, number)?;
-                self.texts[1].push('\n');
-                self.counts[1] += 1;
+                let both = words().take(2).chain(["0"]);
+                let coordinates = self.numbers(both, number)?;
+                self.scan.coordinates.push(coordinates);
             }
             "vn" => {
                 if words().count() < 3 {
                     return Err(self.refuse(number, "vn with three numbers", rest));
                 }
-                self.texts[2].push_str("vn");
-                self.numbers(2, words().take(3), number)?;
-                self.texts[2].push('\n');
-                self.counts[2] += 1;
+                let normal = self.numbers(words(), number)?;
+                self.scan.normals.push(normal.into());
             }
             "f" | "fo" => self.face(words(), number)?,
             "l" => self.lines += 1,
@@ -233,28 +232,38 @@ impl<'p> Reader<'p> {
         )
     }
 
-    /// Appends numbers to a text.
-    fn numbers<'w>(
-        &mut self,
-        kind: usize,
-        words: impl Iterator<Item = &'w str>,
+    /// The first numbers of a line; what C libraries print of no number is NaN.
+    fn numbers<'w, const N: usize>(
+        &self,
+        mut words: impl Iterator<Item = &'w str>,
         number: usize,
-    ) -> Result<()> {
-        for word in words {
-            let plain = if word.parse::<f64>().is_ok() {
-                word
-            } else {
-                let lower = word.to_ascii_lowercase();
-                // What C libraries print: `-nan(ind)`, `1.#QNAN`, `-1.#INF`.
-                if !["nan", ".#", "inf"].iter().any(|w| lower.contains(w)) {
-                    return Err(self.refuse(number, "a number", word));
+    ) -> Result<[f64; N]> {
+        let mut numbers = [0.0; N];
+        for x in &mut numbers {
+            let word = words.next().unwrap_or("");
+            *x = match word.parse() {
+                Ok(x) => x,
+                Err(_) => {
+                    let lower = word.to_ascii_lowercase();
+                    // `-nan(ind)`, `1.#QNAN`, `-1.#INF`.
+                    if !["nan", ".#", "inf"].iter().any(|w| lower.contains(w)) {
+                        return Err(self.refuse(number, "a number", word));
+                    }
+                    f64::NAN
                 }
-                "nan"
             };
-            self.texts[kind].push(' ');
-            self.texts[kind].push_str(plain);
         }
-        Ok(())
+        Ok(numbers)
+    }
+
+    /// Numbers of vertices, coordinates and normals so far.
+    fn counts(&self) -> [usize; 3] {
+        let scan = &self.scan;
+        [
+            scan.positions.len(),
+            scan.coordinates.len(),
+            scan.normals.len(),
+        ]
     }
 
     fn face<'w>(&mut self, words: impl Iterator<Item = &'w str>, number: usize) -> Result<()> {
@@ -278,22 +287,19 @@ impl<'p> Reader<'p> {
                 self.mixed += usize::from(some(1) && !has(1));
                 let index = *self.groups.entry(group).or_insert_with(|| {
                     self.scan.groups.push(group);
-                    self.faces.push(String::new());
-                    self.faces.len() - 1
+                    self.scan.faces.push(Faces::default());
+                    self.scan.faces.len() - 1
                 });
-                let text = &mut self.faces[index];
-                text.push('f');
-                for [v, vt, vn] in &corners {
-                    use std::fmt::Write;
-                    // Writing to a string cannot fail.
-                    let _ = match (group.has_coordinates, group.has_normals) {
-                        (false, false) => write!(text, " {v}"),
-                        (true, false) => write!(text, " {v}/{vt}"),
-                        (false, true) => write!(text, " {v}//{vn}"),
-                        (true, true) => write!(text, " {v}/{vt}/{vn}"),
-                    };
-                }
-                text.push('\n');
+                let faces = &mut self.scan.faces[index];
+                let used = [true, group.has_coordinates, group.has_normals];
+                faces.corners.extend(corners.iter().map(|corner| {
+                    [0, 1, 2].map(|kind| {
+                        // Those of which there are too many for 32 bits are refused at the end.
+                        let index = u32::try_from(corner[kind]).unwrap_or(u32::MAX);
+                        if used[kind] { index - 1 } else { 0 }
+                    })
+                }));
+                faces.ends.push(faces.corners.len());
             }
         }
         self.corners = corners;
@@ -309,7 +315,7 @@ impl<'p> Reader<'p> {
             if name.is_empty() && kind > 0 {
                 continue;
             }
-            let count = self.counts[kind];
+            let count = self.counts()[kind];
             let [keyword, plural] = [KINDS[kind].0, KINDS[kind].1];
             let Ok(given) = name.parse::<i64>() else {
                 return Err(self.refuse(number, "a corner as v, v/vt, v//vn or v/vt/vn", word));
@@ -328,7 +334,7 @@ impl<'p> Reader<'p> {
                     "the file is damaged: save it again",
                 )
             })?;
-            if *index > count && *index > self.ahead[kind].0 {
+            if *index > count.min(u32::MAX as usize) && *index > self.ahead[kind].0 {
                 self.ahead[kind] = (*index, number);
             }
         }
@@ -339,16 +345,16 @@ impl<'p> Reader<'p> {
     }
 
     fn finish(mut self) -> Result<Scan> {
+        let counts = self.counts();
         for (kind, (keyword, plural)) in KINDS.into_iter().enumerate() {
             let (index, number) = self.ahead[kind];
-            if index > self.counts[kind] {
+            // What there is more of than 32 bits count cannot be named.
+            let most = counts[kind].min(u32::MAX as usize);
+            if index > most {
                 return Err(Error::format(
                     self.path,
                     format!("line {number}"),
-                    format!(
-                        "an index of one of the file's {} {plural} (`{keyword}`)",
-                        self.counts[kind]
-                    ),
+                    format!("an index of one of the file's {most} {plural} (`{keyword}`)"),
                     index.to_string(),
                     "the file is damaged or cut off: save it again",
                 ));
@@ -370,35 +376,14 @@ impl<'p> Reader<'p> {
                 self.mixed
             ));
         }
-        let mut text = std::mem::take(&mut self.texts[0]);
-        self.scan.vertex_count = self.counts[0];
-        self.scan.has_colours = self.coloured > 0;
-        if self.coloured > 0 && self.coloured < self.counts[0] {
-            // tobj counts colours apart from vertices: give one to each.
-            let mut whole = String::with_capacity(text.len() * 2);
-            for line in text.lines() {
-                whole.push_str(line);
-                if line.split(' ').count() < 7 {
-                    whole.push_str(NO_COLOUR);
-                }
-                whole.push('\n');
-            }
-            text = whole;
+        if self.coloured > 0 && self.coloured < counts[0] {
+            self.scan.colours.resize(counts[0], None);
             self.scan.notes.push(format!(
                 "{} of {} vertices have no colour: they are white",
-                self.counts[0] - self.coloured,
-                self.counts[0]
+                counts[0] - self.coloured,
+                counts[0]
             ));
         }
-        text.push_str(&self.texts[1]);
-        text.push_str(&self.texts[2]);
-        for (i, faces) in self.faces.iter().enumerate() {
-            text.push_str("o ");
-            text.push_str(&i.to_string());
-            text.push('\n');
-            text.push_str(faces);
-        }
-        self.scan.text = text;
         Ok(self.scan)
     }
 }

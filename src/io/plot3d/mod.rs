@@ -44,8 +44,8 @@ use glam::DVec3;
 
 use self::layout::{Contents, Kind, Layout, describe_dims};
 use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-use super::file::read_all;
-use crate::error::{Error, Result};
+use super::file::Input;
+use crate::error::{Advice, Error, Hint, Result};
 use crate::scene::Values;
 
 /// Whether a binary file of `len` bytes that begins with `head` has the size of a PLOT3D grid.
@@ -58,8 +58,9 @@ pub(crate) fn looks_like_grid(head: &[u8], len: u64) -> bool {
 ///
 /// # Errors
 /// No layout agrees with the file's size; the sizes are listed.
-pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     let numbers;
     let contents = if text::looks_like_text(&bytes) {
         // Plain text holds at most half as many numbers as bytes.
@@ -113,9 +114,9 @@ pub(crate) fn read(path: &Path, solution: Option<&Path>) -> Result<Dataset> {
     let mut fields = Vec::new();
     let solution = solution
         .map(Path::to_path_buf)
-        .or_else(|| solution::beside(path));
+        .or_else(|| solution::beside(input));
     if let Some(solution) = solution {
-        fields.extend(solution::read(&solution, path, &layout)?);
+        fields.extend(solution::read(&solution, input, &layout)?);
     }
     if layout.blanked {
         // Derived fields stay last.
@@ -148,7 +149,7 @@ fn node_field(name: &str, source: FieldSource) -> Field {
 
 /// Why a file is no grid that can be read: a solution, two dimensions, planes, or another size.
 fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
-    let error = |expected: String, found: String, advice: &str| {
+    let error = |expected: String, found: String, advice: Advice| {
         Error::format(path, "PLOT3D grid", expected, found, advice)
     };
     let mut solutions = Layout::all(contents, Kind::Solution);
@@ -156,7 +157,7 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
         return error(
             "node positions".to_owned(),
             "a solution (density, momentum, energy)".to_owned(),
-            "give the grid as input and this file with --solution",
+            Hint::GiveGridOfSolution.into(),
         );
     }
     let flat = Layout::fitting(contents, Kind::FlatGrid)
@@ -166,7 +167,7 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
         return error(
             "a grid of three dimensions".to_owned(),
             format!("one of two: {ni} x {nj}"),
-            "a surface has no volume to render",
+            "a surface has no volume to render".into(),
         );
     }
     let mut tried: Vec<String> = Vec::new();
@@ -175,7 +176,7 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
             return error(
                 "all planes of a grid in one record".to_owned(),
                 format!("a record for each plane of {}", describe_dims(&layout.dims)),
-                "write the grid in PLOT3D's whole format",
+                "write the grid in PLOT3D's whole format".into(),
             );
         }
         if let Some(end) = layout.end(Kind::Grid)
@@ -196,6 +197,6 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
     error(
         expected,
         format!("{} {unit}", contents.len()),
-        "check that the file is whole and is a PLOT3D grid",
+        "check that the file is whole and is a PLOT3D grid".into(),
     )
 }

@@ -6,11 +6,11 @@
 use std::path::{Path, PathBuf};
 
 use super::super::dataset::{Dataset, Field, FieldSource};
-use super::super::file::{read_all, regular_len};
+use super::super::file::Input;
 use super::super::scalars::narrow;
 use super::layout::{Contents, Kind, Layout, describe_dims};
 use super::{node_field, text};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::scene::Values;
 
 /// Ratio of specific heats of air.
@@ -18,7 +18,8 @@ const GAMMA: f32 = 1.4;
 
 /// The solution beside a grid, if there is such a file: `xyz` in its name replaced by `q`, or
 /// its extension `x`, `g` or `p3d`.
-pub(super) fn beside(grid: &Path) -> Option<PathBuf> {
+pub(super) fn beside(input: Input<'_>) -> Option<PathBuf> {
+    let grid = input.path;
     let name = grid.file_name()?.to_str()?;
     let lower = name.to_ascii_lowercase();
     let (at, len) = match lower.rfind("xyz") {
@@ -35,15 +36,17 @@ pub(super) fn beside(grid: &Path) -> Option<PathBuf> {
         "q"
     };
     let beside = grid.with_file_name(format!("{}{q}{}", &name[..at], &name[at + len..]));
-    regular_len(&beside).is_ok().then_some(beside)
+    let len = input.len_beside(&beside)?;
+    (len > 0).then_some(beside)
 }
 
 /// The fields of the solution of a grid, for all its nodes, one grid after another.
 ///
 /// # Errors
 /// The solution is of another grid, or of no readable size.
-pub(super) fn read(path: &Path, grid: &Path, grid_layout: &Layout) -> Result<Vec<Field>> {
-    let bytes = read_all(path)?;
+pub(super) fn read(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Result<Vec<Field>> {
+    let bytes = grid.read_beside(path)?;
+    let grid = grid.path;
     let node_counts = grid_layout.node_counts().unwrap_or_default();
     let node_count: usize = node_counts.iter().sum();
     let numbers;
@@ -111,7 +114,7 @@ pub(super) fn read(path: &Path, grid: &Path, grid_layout: &Layout) -> Result<Vec
             place(),
             expected,
             found,
-            "name the grid's own solution with --solution, or move this file elsewhere",
+            Hint::NameOwnSolution,
         ));
     };
 
@@ -246,7 +249,7 @@ mod tests {
     fn the_solution_is_looked_for_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let found = |grid: &str| {
-            super::beside(&folder.path().join(grid))
+            super::beside(Input::of_file(&folder.path().join(grid)))
                 .map(|p| p.file_name().unwrap().to_str().unwrap().to_owned())
         };
         assert_eq!(found("finxyz.bin"), None);

@@ -38,7 +38,7 @@ use self::attributes::Samples;
 use self::cells::CellList;
 use self::scan::{Block, Scanner, quote};
 use super::dataset::{CurvilinearBlock, Dataset, Geometry};
-use super::file::read_all;
+use super::file::Input;
 use super::{CellKind, CellMesh, vtk_grid};
 use crate::error::Result;
 use crate::scene::{Lattice, LatticeSpacing};
@@ -51,8 +51,9 @@ pub(crate) const MAGIC: &[u8] = b"# vtk DataFile";
 /// # Errors
 /// A kind of data that has no geometry, a section that is missing or cut short, counts that do
 /// not agree.
-pub(crate) fn read(path: &Path) -> Result<Dataset> {
-    let bytes = read_all(path)?;
+pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
     parse(path, &bytes)
 }
 

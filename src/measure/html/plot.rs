@@ -1,45 +1,34 @@
 //! Plots as SVG text.
 
-use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::fmt::Write;
 
+use super::escaped;
 use super::labels::{Rect, place};
-use crate::error::Result;
-use crate::measure::report::not_written;
 
 /// Width and height of a plot, its own pixels; the page scales it.
-const SIZE: (u32, u32) = (1080, 640);
+const SIZE: [f64; 2] = [1080.0, 640.0];
+/// Where the points lie; numbers and names of the axes stand to the left and below.
+const FRAME: Rect = Rect {
+    left: 82.0,
+    top: 8.0,
+    right: 1064.0,
+    bottom: 580.0,
+};
 const FONT_PX: f64 = 13.0;
-/// What plotters writes for a font of a size: its sizes are heights of lines.
-const LINE_PER_FONT: f64 = 1.24;
-const MARKER_RADIUS_PX: u32 = 5;
+const MARKER_RADIUS_PX: f64 = 5.0;
 
-const INK: RGBColor = RGBColor(0x2b, 0x2f, 0x36);
-const FAINT: RGBColor = RGBColor(0x9a, 0xa1, 0xab);
-const GRID: RGBColor = RGBColor(0xe6, 0xe8, 0xec);
+const INK: &str = "#2b2f36";
+const FAINT: &str = "#9aa1ab";
+const GRID: &str = "#e6e8ec";
 
 /// Colours that are told apart by most eyes (after Okabe and Ito), darkened for white paper.
-const PALETTE: [RGBColor; 10] = [
-    RGBColor(0x2b, 0x2f, 0x36),
-    RGBColor(0xb3, 0x3c, 0x2e),
-    RGBColor(0x1f, 0x6f, 0xb2),
-    RGBColor(0x1b, 0x8a, 0x62),
-    RGBColor(0xc7, 0x7d, 0x0a),
-    RGBColor(0xa2, 0x4b, 0x8f),
-    RGBColor(0x3f, 0x9f, 0xc4),
-    RGBColor(0x7a, 0x6a, 0x4f),
-    RGBColor(0x6b, 0x72, 0x7d),
-    RGBColor(0x7d, 0x92, 0x1f),
+const PALETTE: [&str; 10] = [
+    INK, "#b33c2e", "#1f6fb2", "#1b8a62", "#c77d0a", "#a24b8f", "#3f9fc4", "#7a6a4f", "#6b727d",
+    "#7d921f",
 ];
 
 /// The colour of the n-th group.
-pub(super) fn group_colour(n: usize) -> String {
-    let RGBColor(r, g, b) = palette(n);
-    format!("#{r:02x}{g:02x}{b:02x}")
-}
-
-fn palette(n: usize) -> RGBColor {
+pub(super) fn group_colour(n: usize) -> &'static str {
     PALETTE[n % PALETTE.len()]
 }
 
@@ -58,115 +47,141 @@ pub(super) struct Point<'a> {
 /// Time against error on logarithmic axes; the points of the front are joined.
 ///
 /// Errors of 0 lie on the lower edge.
-pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> Result<String> {
-    let mut svg = String::new();
-    draw(&mut svg, points, error_name).map_err(|e| not_written("report.html", &e))?;
-    Ok(svg)
-}
-
-fn draw(
-    svg: &mut String,
-    points: &[Point<'_>],
-    error_name: &str,
-) -> std::result::Result<(), Box<dyn std::error::Error>> {
+pub(super) fn speed_accuracy(points: &[Point<'_>], error_name: &str) -> String {
     let times = Axis::over(points.iter().map(|p| p.time_ms), 0.12);
     let errors = Axis::over(points.iter().map(|p| p.error), 0.12);
-    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    let mut chart = ChartBuilder::on(&root)
-        .margin(8)
-        .margin_right(16)
-        .x_label_area_size(52)
-        .y_label_area_size(74)
-        .build_cartesian_2d(times, errors)?;
-    let text = font(12.5).color(&INK);
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(GRID)
-        .axis_style(FAINT)
-        .label_style(text.clone())
-        .axis_desc_style(font(13.5).color(&INK))
-        .x_label_formatter(&|x| decimal(10_f64.powf(*x)))
-        .y_label_formatter(&|y| scientific(10_f64.powf(*y)))
-        .x_desc("frame time, ms (logarithmic)")
-        .y_desc(format!("{error_name} (logarithmic)"))
-        .draw()?;
+    let [width, height] = SIZE;
+    let mut svg = String::new();
+    // Writing to a string does not fail.
+    let _ = writeln!(
+        svg,
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+         viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\">"
+    );
+    axes(&mut svg, &times, &errors, error_name);
 
-    let at = |p: &Point<'_>| (times.place(p.time_ms), errors.place(p.error));
-    let mut front: Vec<_> = points.iter().filter(|p| p.on_front).map(at).collect();
+    let on_page: Vec<(f64, f64)> = points
+        .iter()
+        .map(|p| {
+            (
+                across(times.share(p.time_ms)),
+                upwards(errors.share(p.error)),
+            )
+        })
+        .collect();
+    let on_front = points.iter().zip(&on_page).filter(|(p, _)| p.on_front);
+    let mut front: Vec<(f64, f64)> = on_front.map(|(_, at)| *at).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    chart.draw_series(LineSeries::new(
-        front.iter().copied(),
-        INK.mix(0.55).stroke_width(2),
-    ))?;
-    for p in points {
-        let colour = palette(p.group);
-        if p.changes_signal {
-            let ring = Circle::new(at(p), MARKER_RADIUS_PX, colour.stroke_width(2));
-            chart.draw_series([ring])?;
-        } else {
-            let dot = Circle::new(at(p), MARKER_RADIUS_PX, colour.filled());
-            chart.draw_series([dot])?;
-        }
+    let path: Vec<String> = front
+        .iter()
+        .map(|(x, y)| format!("{x:.1},{y:.1}"))
+        .collect();
+    let _ = writeln!(
+        svg,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{INK}\" stroke-opacity=\"0.55\" \
+         stroke-width=\"2\"/>",
+        path.join(" ")
+    );
+    for (p, (x, y)) in points.iter().zip(&on_page) {
+        let colour = group_colour(p.group);
+        let fill = if p.changes_signal { "none" } else { colour };
+        let _ = writeln!(
+            svg,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{MARKER_RADIUS_PX}\" fill=\"{fill}\" \
+             stroke=\"{colour}\" stroke-width=\"2\"/>"
+        );
     }
 
-    let plotting = chart.plotting_area();
-    let on_page = |at: &(f64, f64)| {
-        let (x, y) = plotting.map_coordinate(at);
-        (f64::from(x), f64::from(y))
-    };
-    let line: Vec<(f64, f64)> = front.iter().map(on_page).collect();
-    let on_page: Vec<(f64, f64)> = points.iter().map(|p| on_page(&at(p))).collect();
-    let (xs, ys) = plotting.get_pixel_range();
-    let frame = Rect {
-        left: f64::from(xs.start),
-        right: f64::from(xs.end),
-        top: f64::from(ys.start),
-        bottom: f64::from(ys.end),
-    };
     let texts: Vec<&str> = points.iter().map(|p| p.label).collect();
-    let radius = f64::from(MARKER_RADIUS_PX);
-    let rects = place(&on_page, &texts, radius, FONT_PX, &line, &frame);
-    for ((p, rect), &(x, y)) in points.iter().zip(&rects).zip(&on_page) {
-        let colour = palette(p.group);
-        let (near_x, near_y) = rect.nearest(x, y);
-        // A label that had to go away from its point is led back to it.
-        if (near_x - x).hypot(near_y - y) > radius + 8.0 {
-            root.draw(&PathElement::new(
-                [pixel(x, y), pixel(near_x, near_y)],
-                colour.mix(0.45),
-            ))?;
-        }
-        // Flush with the side that faces the point: widths of texts are guesses.
-        let (x, side) = if rect.left > x {
-            (rect.left, HPos::Left)
-        } else if rect.right < x {
-            (rect.right, HPos::Right)
-        } else {
-            (f64::midpoint(rect.left, rect.right), HPos::Center)
-        };
-        let style = font(FONT_PX)
-            .color(&colour)
-            .pos(Pos::new(side, VPos::Center));
-        let y = f64::midpoint(rect.top, rect.bottom);
-        root.draw(&Text::new(p.label, pixel(x, y), style))?;
+    let rects = place(&on_page, &texts, MARKER_RADIUS_PX, FONT_PX, &front, &FRAME);
+    for ((p, rect), &at) in points.iter().zip(&rects).zip(&on_page) {
+        label(&mut svg, p, rect, at);
     }
-    root.present()?;
-    drop(chart);
-    drop(root);
-    Ok(())
+    svg.push_str("</svg>");
+    svg
 }
 
-fn font(size_px: f64) -> FontDesc<'static> {
-    ("sans-serif", size_px * LINE_PER_FONT).into_font()
+/// Grid, numbers and names of both axes.
+fn axes(svg: &mut String, times: &Axis, errors: &Axis, error_name: &str) {
+    let Rect {
+        left,
+        top,
+        right,
+        bottom,
+    } = FRAME;
+    let _ = writeln!(svg, "<g font-size=\"12.5\" fill=\"{INK}\">");
+    for log in times.ticks() {
+        let x = across(times.along(log));
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{x:.1} {top}V{bottom}\" stroke=\"{GRID}\"/>\
+             <path d=\"M{x:.1} {bottom}v5\" stroke=\"{FAINT}\"/>\
+             <text x=\"{x:.1}\" y=\"{y}\" text-anchor=\"middle\">{text}</text>",
+            y = bottom + 19.0,
+            text = decimal(10_f64.powf(log)),
+        );
+    }
+    for log in errors.ticks() {
+        let y = upwards(errors.along(log));
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{left} {y:.1}H{right}\" stroke=\"{GRID}\"/>\
+             <path d=\"M{left} {y:.1}h-5\" stroke=\"{FAINT}\"/>\
+             <text x=\"{x}\" y=\"{y:.1}\" dy=\"0.35em\" text-anchor=\"end\">{text}</text>",
+            x = left - 9.0,
+            text = scientific(10_f64.powf(log)),
+        );
+    }
+    let _ = writeln!(
+        svg,
+        "</g>\n<path d=\"M{left} {top}V{bottom}H{right}\" fill=\"none\" stroke=\"{FAINT}\"/>\n\
+         <g font-size=\"13.5\" fill=\"{INK}\" text-anchor=\"middle\">\
+         <text x=\"{x}\" y=\"{below}\">frame time, ms (logarithmic)</text>\
+         <text transform=\"translate(20 {y}) rotate(-90)\">{name} (logarithmic)</text></g>",
+        x = f64::midpoint(left, right),
+        below = SIZE[1] - 14.0,
+        y = f64::midpoint(top, bottom),
+        name = escaped(error_name),
+    );
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "pixels of a plot, and float casts saturate"
-)]
-fn pixel(x: f64, y: f64) -> (i32, i32) {
-    (x.round() as i32, y.round() as i32)
+/// A point's name in its place.
+fn label(svg: &mut String, point: &Point<'_>, rect: &Rect, (x, y): (f64, f64)) {
+    let colour = group_colour(point.group);
+    let (near_x, near_y) = rect.nearest(x, y);
+    // A label that had to go away from its point is led back to it.
+    if (near_x - x).hypot(near_y - y) > MARKER_RADIUS_PX + 8.0 {
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{x:.1} {y:.1}L{near_x:.1} {near_y:.1}\" stroke=\"{colour}\" \
+             stroke-opacity=\"0.45\"/>"
+        );
+    }
+    // Flush with the side that faces the point: widths of texts are guesses.
+    let (x, anchor) = if rect.left > x {
+        (rect.left, "start")
+    } else if rect.right < x {
+        (rect.right, "end")
+    } else {
+        (f64::midpoint(rect.left, rect.right), "middle")
+    };
+    let _ = writeln!(
+        svg,
+        "<text x=\"{x:.1}\" y=\"{y:.1}\" dy=\"0.35em\" font-size=\"{FONT_PX}\" \
+         fill=\"{colour}\" text-anchor=\"{anchor}\">{text}</text>",
+        y = f64::midpoint(rect.top, rect.bottom),
+        text = escaped(point.label),
+    );
+}
+
+/// From a share of the time axis to pixels.
+fn across(share: f64) -> f64 {
+    FRAME.left + share * (FRAME.right - FRAME.left)
+}
+
+/// From a share of the error axis to pixels, which run downwards.
+fn upwards(share: f64) -> f64 {
+    FRAME.bottom - share * (FRAME.bottom - FRAME.top)
 }
 
 /// A logarithmic axis: decimal logarithms and their ticks.
@@ -200,7 +215,7 @@ impl Axis {
     }
 
     /// Where a value lies; what is not positive lies at the lower end.
-    pub(super) fn place(&self, value: f64) -> f64 {
+    fn place(&self, value: f64) -> f64 {
         if value > 0.0 {
             value.log10().clamp(self.low, self.high)
         } else {
@@ -210,7 +225,12 @@ impl Axis {
 
     /// The same as a share of the axis.
     pub(super) fn share(&self, value: f64) -> f64 {
-        (self.place(value) - self.low) / (self.high - self.low)
+        self.along(self.place(value))
+    }
+
+    /// A logarithm as a share of the axis.
+    fn along(&self, log: f64) -> f64 {
+        (log - self.low) / (self.high - self.low)
     }
 
     /// Round values on the axis: 1, 2, 5 of each decade, or only powers of ten of many.
@@ -231,24 +251,6 @@ impl Axis {
             decade += 1.0;
         }
         ticks
-    }
-}
-
-impl Ranged for Axis {
-    type FormatOption = DefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, log: &f64, (from, to): (i32, i32)) -> i32 {
-        let share = (log - self.low) / (self.high - self.low);
-        pixel(f64::from(from) + share * f64::from(to - from), 0.0).0
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
-        self.ticks()
-    }
-
-    fn range(&self) -> std::ops::Range<f64> {
-        self.low..self.high
     }
 }
 
@@ -348,11 +350,19 @@ mod tests {
             changes_signal: false,
         };
         let points = [point(1.0, 0.0, "a <b>"), point(1.0, 0.0, "second")];
-        let svg = speed_accuracy(&points, "RMSE").unwrap();
+        let svg = speed_accuracy(&points, "RMSE <0>");
         assert!(
             svg.contains("second") && svg.contains("a &lt;b&gt;"),
             "{svg}"
         );
-        assert!(speed_accuracy(&[], "RMSE").unwrap().contains("</svg>"));
+        assert!(speed_accuracy(&[], "RMSE").contains("</svg>"));
+        // Well-formed, with a mark for each point at the edge that errors of 0 have.
+        let page = roxmltree::Document::parse(&svg).unwrap();
+        let marks: Vec<_> = page
+            .descendants()
+            .filter(|node| node.has_tag_name("circle"))
+            .map(|node| node.attribute("cy").unwrap())
+            .collect();
+        assert_eq!(marks, ["580.0", "580.0"]);
     }
 }

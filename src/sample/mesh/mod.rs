@@ -24,7 +24,7 @@ mod surfels;
 mod texture;
 
 use super::{Finding, narrowed};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Parameter, Result};
 use crate::io::Mesh;
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
 
@@ -155,11 +155,11 @@ impl MeshReport {
 /// The same for a seed, however many threads there are.
 ///
 /// # Errors
-/// No triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`].
+/// Those of [`Mesh::validate`]; no triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`].
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
-        return Err(Error::format(
-            "--kernel-width",
+        return Err(Error::invalid(
+            Parameter::KernelWidth,
             "value",
             "a positive number",
             options.kernel_width.to_string(),
@@ -167,15 +167,16 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
         ));
     }
     check_size(mesh)?;
+    mesh.validate()?;
     let mut surface = Surface::new(mesh);
     let whole = surface.area();
     if !(whole > 0.0) {
-        return Err(Error::format(
+        return Err(Error::invalid(
             THE_MESH,
             "triangles",
             "at least one with an area",
             format!("{} without", mesh.triangle_count()),
-            "look at the file with `ewa-splat info`",
+            Hint::LookAtFile,
         ));
     }
     let count = spread::count(&surface, options.spread)?;
@@ -241,12 +242,12 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     );
     volumes.retain(|v| !v.particles.is_empty());
     if volumes.is_empty() {
-        return Err(Error::format(
+        return Err(Error::invalid(
             THE_MESH,
             "surfels",
             "at least one that can be drawn",
             report.warnings().join(", "),
-            "look at the file with `ewa-splat info`",
+            Hint::LookAtFile,
         ));
     }
     report.spacing = (report.area / report.surfel_count as f64).sqrt();
@@ -270,7 +271,7 @@ fn check_size(mesh: &Mesh) -> Result<()> {
     if u32::try_from(greatest).is_ok() {
         return Ok(());
     }
-    Err(Error::format(
+    Err(Error::invalid(
         THE_MESH,
         "corners and triangles",
         "fewer than 2^32",

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::surface::Surface;
 use super::{MOST_SURFELS, Spread};
-use crate::error::{Error, Result};
+use crate::error::{Error, Parameter, Place, Result};
 use crate::io::Mesh;
 
 /// Chosen automatically, surfels lie no further apart than this share of the bounding box's
@@ -18,15 +18,20 @@ const MOST_AUTOMATIC: f64 = 1e6;
 pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     // World units squared.
     let area = surface.area() * surface.unit * surface.unit;
-    let (option, given, count) = match spread {
-        Spread::Automatic => ("surfels", 1.0, automatic(surface, area)),
-        Spread::Density(density) => ("--density", density, area * density),
-        Spread::Spacing(spacing) => ("--spacing", spacing, area / (spacing * spacing)),
-        Spread::Count(count) => ("surfels", 1.0, count as f64),
+    let surfels = || Place::from("surfels");
+    let (what, given, count) = match spread {
+        Spread::Automatic => (surfels(), 1.0, automatic(surface, area)),
+        Spread::Density(density) => (Parameter::SurfelDensity.into(), density, area * density),
+        Spread::Spacing(spacing) => (
+            Parameter::SurfelSpacing.into(),
+            spacing,
+            area / (spacing * spacing),
+        ),
+        Spread::Count(count) => (surfels(), 1.0, count as f64),
     };
     if !(given > 0.0 && given.is_finite()) {
-        return Err(Error::format(
-            option,
+        return Err(Error::invalid(
+            what,
             "value",
             "a positive number",
             given.to_string(),
@@ -34,8 +39,8 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
         ));
     }
     if !(count <= MOST_SURFELS as f64) {
-        return Err(Error::format(
-            option,
+        return Err(Error::invalid(
+            what,
             "number of surfels",
             format!("at most {MOST_SURFELS}"),
             format!("{count:.3e} for an area of {area:.6e}"),

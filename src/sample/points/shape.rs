@@ -8,7 +8,7 @@ use super::super::left_out::LeftOut;
 use super::super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::{Columns, SCALES, VARIANCE};
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::io::{LengthMeaning, SphKernel};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::scene::Values;
@@ -155,7 +155,7 @@ impl<'a> Columns<'a> {
                 "particle lengths",
                 "kernels that reach some dozens of neighbours",
                 format!("{average} neighbours each, on average"),
-                "say what the lengths are with --length, or give --radius",
+                Hint::GiveMeaningOrRadius,
             ));
         }
         let volumes = index.filter(|_| crowded && !known).map(|index| {
@@ -178,7 +178,7 @@ impl<'a> Columns<'a> {
                 "columns",
                 "a shape: sigma, h, radius, vxx..vzz or scale_0..2 with rot_0..3",
                 "fewer than two distinct positions to take a spacing from",
-                "add a column `sigma`, or give --radius",
+                Hint::AddSigmaOrGiveRadius,
             )
         })?;
         let (_, mass, density) = self.names();

@@ -3,7 +3,7 @@
 use colorgrad::Gradient;
 
 use super::{TransferDefaults, TransferFunction};
-use crate::error::{Error, Result};
+use crate::error::{Error, Parameter, Result};
 use crate::image::linear_from_srgb;
 
 /// The names that [`TransferFunction::named`] knows.
@@ -184,8 +184,8 @@ impl TransferFunction {
     /// length.
     pub fn named(name: &str, defaults: &TransferDefaults) -> Result<Self> {
         let Some(map) = colour_map(name) else {
-            return Err(Error::format(
-                "--transfer-function",
+            return Err(Error::invalid(
+                Parameter::TransferFunction,
                 format!("name `{name}`"),
                 format!("one of {}", COLOUR_MAP_NAMES.join(", ")),
                 "no colour map of that name",

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::{ColourSpace, ControlPoint, TransferDefaults, TransferFunction, check_points};
-use crate::error::{Error, Result};
+use crate::error::{Error, Place, Result};
 
 const OWN_KEYS: [&str; 4] = ["range", "unit_distance", "color_space", "points"];
 const POINT_KEYS: [&str; 3] = ["value", "color", "opacity"];
@@ -84,7 +84,7 @@ impl TransferFunction {
 impl Document<'_> {
     fn fault(
         &self,
-        place: impl Into<String>,
+        place: impl Into<Place>,
         expected: impl Into<String>,
         found: impl Into<String>,
     ) -> Error {
@@ -100,7 +100,7 @@ impl Document<'_> {
     /// A fault that the sampler found, told with this file's name.
     fn renamed(&self, error: Error) -> Error {
         match error {
-            Error::Format {
+            Error::Invalid {
                 place,
                 expected,
                 found,

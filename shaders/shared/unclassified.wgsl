@@ -1,7 +1,0 @@
-// Layers that are composited as they are: what stands where classified.wgsl does not.
-
-const HAS_SLOPES: bool = false;
-
-fn classify_layer(sums: vec4<f32>, slopes: Slopes, at: vec2<f32>, depth: f32) -> vec4<f32> {
-    return sums;
-}

@@ -1,0 +1,51 @@
+// Evaluate: each footprint says by its path what evaluates it.
+
+// Whether any footprint is on the exact path.
+override HAS_EXACT: bool = true;
+// Whether any kernel crosses the plane of the eye.
+override HAS_NEAR: bool = true;
+
+// A kernel on the ray of a pixel; where along the ray it lies, where `has_place` asks for that.
+fn evaluate(n: u32, footprint: TileFootprint, ray: TileRay, has_place: bool) -> Sample {
+    if HAS_NEAR && is_near_path(footprint.path) {
+        return near_kernel(footprint, ray.pixel);
+    }
+    let d = offset_from(footprint.centre_px, ray);
+    if HAS_EXACT && footprint.path == PATH_EXACT {
+        return exact(n, footprint, d, has_place);
+    }
+    return affine(n, footprint, d, has_place);
+}
+
+// Of the kernel's optical depth (of one that crosses the plane of the eye: of what lies in front of
+// that): the share up to a depth.
+fn share_before(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) -> f32 {
+    if HAS_NEAR && is_near_path(footprint.path) {
+        return near_share(footprint, ray.pixel, depth);
+    }
+    return share_up_to(sample, depth);
+}
+
+// How far footprint i of the chunk reaches along z on either side of its centre.
+fn reach_of(i: u32, footprint: TileFootprint) -> f32 {
+    if is_near_path(footprint.path) {
+        return near_reach(footprint);
+    }
+    if footprint.path == PATH_EXACT {
+        return exact_reach(footprint, terms[i]);
+    }
+    let slope = vec2<f32>(terms[i].gradient[0], terms[i].gradient[1]);
+    return affine_reach(footprint, slope, terms[i].depth_sigma);
+}
+
+// How a footprint changes from pixel to pixel; nothing of kernels that cross the plane of the eye.
+fn slope_of(n: u32, footprint: TileFootprint, ray: TileRay) -> FootprintSlope {
+    if is_near_path(footprint.path) {
+        return FootprintSlope();
+    }
+    let d = offset_from(footprint.centre_px, ray);
+    if footprint.path == PATH_EXACT {
+        return exact_slope(n, footprint, d);
+    }
+    return affine_slope(n, footprint, d);
+}

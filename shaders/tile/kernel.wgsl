@@ -1,0 +1,67 @@
+// A kernel on a pixel: evaluated, as much of it taken as its ray's interval has, and accumulated.
+// Surfels of opaque surfaces have accumulate/opaque.wgsl in the place of this.
+
+// What footprints have besides: those on the exact path, or all of those whose place along the ray
+// counts.
+alias Terms = ExactTerms;
+
+// A kernel on the ray of a pixel.
+struct Sample {
+    // Whether the pixel lies within its cut-off.
+    is_inside: bool,
+    // Its optical depth along the whole ray.
+    tau: f32,
+    // Mean and one over the standard deviation of its depth z along the ray, where they are wanted and
+    // the kernel is not near.
+    mean: f32,
+    per_sigma: f32,
+}
+
+// Where a kernel lies: in front of the surface, behind it where something shows through, beyond all of
+// which anything is seen, or maybe cut.
+const SIDE_FRONT: u32 = 0u;
+const SIDE_BEHIND: u32 = 1u;
+const SIDE_HIDDEN: u32 = 2u;
+const SIDE_CUT: u32 = 3u;
+
+// What is drawn of a pixel's ray: where it begins, a surface divides it, and it ends; depths z.
+struct Span {
+    near: f32,
+    middle: f32,
+    far: f32,
+}
+
+const WHOLE_SPAN: Span = Span(-LARGEST, LARGEST, LARGEST);
+
+fn begin_tile(tile: u32) {
+    begin_interval_of_tile();
+    begin_sums_of_tile(tile);
+}
+
+fn begin_pixel(own: TilePixel, ray: TileRay, carried: TileProgress) {
+    begin_sums(own, ray, carried);
+    begin_ray(ray);
+    begin_interval(own, ray);
+}
+
+fn prepare(n: u32, i: u32) {
+    prepare_interval(n, i);
+    prepare_sums(n, i);
+}
+
+fn draw(n: u32, own: TilePixel, ray: TileRay, hidden: u32) -> bool {
+    before_kernel(n);
+    if !own.is_pixel || !is_in_box(n, own.at) {
+        return false;
+    }
+    let side = side_of(n);
+    if side == SIDE_HIDDEN {
+        return false;
+    }
+    let footprint = footprint_of_batch(n);
+    let sample = evaluate(n, footprint, ray, needs_place(side));
+    if sample.is_inside {
+        add(n, footprint, sample, ray, side);
+    }
+    return sample.is_inside;
+}

@@ -1,0 +1,75 @@
+//! Amplitudes: what column densities sum.
+
+use rayon::prelude::*;
+
+use super::BlockedVolume;
+use crate::scene::Strength;
+
+/// The amplitudes of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AmplitudeSummary {
+    /// The largest magnitude.
+    pub largest: f64,
+    /// The sum, signs kept.
+    pub sum: f64,
+    /// Particles whose amplitude is no finite number.
+    pub not_finite: usize,
+}
+
+impl AmplitudeSummary {
+    /// What all of a scene's volumes have.
+    pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
+        let of_block = |volume: &BlockedVolume, block: u32| {
+            let mut summary = Self::default();
+            visit_amplitudes(volume, block, |_, amplitude| {
+                if amplitude.is_finite() {
+                    summary.largest = summary.largest.max(amplitude.abs());
+                    summary.sum += amplitude;
+                } else {
+                    summary.not_finite += 1;
+                }
+            });
+            summary
+        };
+        let add = |a: Self, b: &Self| Self {
+            largest: a.largest.max(b.largest),
+            sum: a.sum + b.sum,
+            not_finite: a.not_finite + b.not_finite,
+        };
+        volumes
+            .map(|volume| {
+                // Blocks first, then their sum: one order, whatever the threads.
+                let blocks: Vec<Self> = (0..volume.blocks.len() as u32)
+                    .into_par_iter()
+                    .with_min_len(64)
+                    .map(|block| of_block(volume, block))
+                    .collect();
+                blocks.iter().fold(Self::default(), add)
+            })
+            .fold(Self::default(), |a, b| add(a, &b))
+    }
+}
+
+/// Calls `each(local, amplitude)` for every particle of a block.
+#[inline]
+pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: impl FnMut(u32, f64)) {
+    let volumes = match &volume.strength {
+        Strength::Mass(masses) => {
+            volume.for_each_particle(block, |local, i, _| each(local, f64::from(masses[i])));
+            return;
+        }
+        Strength::Classified { volumes } => volumes,
+        // An opacity is no amount of anything; the frame refuses it.
+        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Pane(_) => return,
+    };
+    let Some(values) = &volume.values else {
+        return;
+    };
+    volume.for_each_particle(block, |local, i, cell| {
+        let cell_volume = match cell {
+            Some((grid, cell)) => grid.cell_volume_f64(cell),
+            None => f64::from(volumes[i]),
+        };
+        each(local, f64::from(values.get(i)) * cell_volume);
+    });
+}

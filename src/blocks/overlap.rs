@@ -1,0 +1,202 @@
+//! Where more kernels of a point set lie in one place than the budget provides for: their edges meet
+//! there on the image, and what they leave out adds up.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::merge::Tree;
+use crate::splat::budget::OVERLAP;
+
+/// Kernels whose centres fit into a box of this diagonal, in units of their mean standard deviation,
+/// lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
+/// twelfth and a thirtieth do: as much of the edge that they would have together is left.
+const DIAGONAL: f64 = 1.0;
+
+/// The places of a point set where more than [`OVERLAP`] kernels lie.
+#[derive(Debug, Default)]
+pub(in crate::blocks) struct Crowds {
+    /// Runs of block order, ascending and disjoint, and how many kernels lie in one place of each.
+    runs: Vec<(Range<usize>, usize)>,
+}
+
+impl Crowds {
+    /// Finds them.
+    ///
+    /// - `order`: the particles in block order.
+    /// - `tree`: over that order; empty where all are in one block.
+    /// - `sigmas`: least and greatest standard deviation of each particle; the least counts.
+    pub(super) fn new(
+        order: &[u32],
+        tree: &Tree,
+        positions: &[DVec3],
+        sigmas: &[[f32; 2]],
+    ) -> Self {
+        let width = |i: u32| {
+            let width = f64::from(sigmas[i as usize][0]);
+            // What is no width is none.
+            if width > 0.0 && width.is_finite() {
+                width
+            } else {
+                0.0
+            }
+        };
+        let at = |i: u32| positions[i as usize];
+        let mut runs = Vec::new();
+        if tree.is_empty() {
+            let beside = |i: u32| {
+                let reach = 0.5 * DIAGONAL * width(i);
+                let is_near = |&&j: &&u32| at(i).distance(at(j)) <= reach;
+                order.iter().filter(is_near).count()
+            };
+            let count = order.iter().map(|&i| beside(i)).max().unwrap_or(0);
+            if is_crowd(count) {
+                runs.push((0..order.len(), count));
+            }
+            return Self { runs };
+        }
+        // Sums of widths up to each particle.
+        let mut sums = Vec::with_capacity(order.len() + 1);
+        sums.push(0.0);
+        for &i in order {
+            sums.push(sums[sums.len() - 1] + width(i));
+        }
+        let is_one_place = |run: &Range<usize>| {
+            let members = &order[run.clone()];
+            let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            let (lower, upper) = members.iter().fold(none, |(lower, upper), &i| {
+                (lower.min(at(i)), upper.max(at(i)))
+            });
+            let widths: f64 = members.iter().map(|&i| width(i)).sum();
+            (upper - lower).length() <= DIAGONAL * widths / members.len() as f64
+        };
+        tree.visit(|run, diagonal| {
+            if !is_crowd(run.len()) {
+                return false;
+            }
+            let mean = (sums[run.end] - sums[run.start]) / run.len() as f64;
+            // The tree knows its boxes roughly, and so do differences of sums: particles are asked
+            // where it may be.
+            let is_found = diagonal <= (1.0 + 1e-6) * DIAGONAL * mean && is_one_place(&run);
+            if is_found {
+                runs.push((run.clone(), run.len()));
+            }
+            !is_found
+        });
+        Self { runs }
+    }
+
+    /// The most kernels that lie in one place among those of a run of block order, as a multiple of
+    /// [`OVERLAP`]; no less than 1.
+    ///
+    /// - `share`: how many of the particles that are drawn stand for one of these.
+    pub(super) fn greatest(&self, run: &Range<usize>, share: f32) -> f32 {
+        let first = self.runs.partition_point(|(own, _)| own.end <= run.start);
+        self.runs[first..]
+            .iter()
+            .take_while(|(own, _)| own.start < run.end)
+            .map(|(_, count)| *count as f32 * share / OVERLAP)
+            .fold(1.0, f32::max)
+    }
+}
+
+fn is_crowd(count: usize) -> bool {
+    count as f32 > OVERLAP
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::blocks::BlockedVolume;
+    use crate::scene::{Colour, Particles, PointVolume, Strength};
+
+    use super::*;
+
+    fn crowding(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> Vec<f32> {
+        let count = positions.len();
+        let family = BlockedVolume::with_detail(PointVolume {
+            particles: Particles::Isotropic {
+                sigmas: (0..count).map(sigma).collect(),
+                positions,
+            },
+            strength: Strength::Mass(vec![1.0; count]),
+            colour: Colour::Uniform([1.0; 3]),
+            values: None,
+            transfer_function: None,
+            normals: None,
+        });
+        let blocks = family.iter().flat_map(|volume| &volume.blocks);
+        blocks.map(|block| block.crowding).collect()
+    }
+
+    /// Numbers without a pattern, 0 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
+    }
+
+    fn scattered(count: usize) -> Vec<DVec3> {
+        let at = |n: usize| DVec3::new(number(3 * n), number(3 * n + 1), number(3 * n + 2));
+        (0..count).map(at).collect()
+    }
+
+    /// Smoothing lengths of 1.2 mean distances, and twice them: data as they are meant to be.
+    #[test]
+    fn what_lies_evenly_is_no_crowd() {
+        let n = 24;
+        let lattice = |i: usize| DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64);
+        for sigma in [0.6, 1.0, 1.3] {
+            let all = crowding((0..n * n * n).map(lattice).collect(), |_| sigma);
+            assert!(all.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()));
+        }
+        for count in [200, 20_000] {
+            let distance = (count as f64).cbrt().recip();
+            let all = crowding(scattered(count), |_| (0.66 * distance) as f32);
+            assert!(all.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()));
+        }
+    }
+
+    #[test]
+    fn crowds_are_counted_wherever_they_are() {
+        // In one block; across blocks; part of a block.
+        for (crowd, others) in [(150, 0), (5_000, 0), (5_000, 20_000), (60, 20_000)] {
+            for far in [0.0, 1e9] {
+                let mut positions = scattered(others);
+                positions.extend(vec![DVec3::splat(0.3); crowd]);
+                for p in &mut positions {
+                    *p += DVec3::splat(far);
+                }
+                let all = crowding(positions, |_| 0.01);
+                let greatest = all.iter().copied().fold(0.0, f32::max);
+                let expected = crowd as f32 / OVERLAP;
+                // Others may lie beside them.
+                assert!(
+                    greatest >= expected && greatest < 1.2 * expected,
+                    "{greatest}"
+                );
+                assert!(all.iter().all(|&c| c >= 1.0));
+            }
+        }
+    }
+
+    #[test]
+    fn a_crowd_far_narrower_than_the_scene_is_told_from_a_cluster() {
+        let mut positions = vec![DVec3::ZERO; 1_000];
+        positions.extend(scattered(1_000).into_iter().map(|p| p * 1e-6 + 1.0));
+        positions.push(DVec3::splat(1e3));
+        let all = crowding(positions, |_| 1e-7);
+        let greatest = all.iter().copied().fold(0.0, f32::max);
+        assert!((greatest * OVERLAP - 1_000.0).abs() < 1.0, "{greatest}");
+    }
+
+    #[test]
+    fn widths_that_are_none_are_no_crowd() {
+        for broken in [f32::NAN, f32::INFINITY, 0.0, -1.0] {
+            for count in [100, 1_000] {
+                let all = crowding(scattered(count), |_| broken);
+                assert!(
+                    all.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()),
+                    "{broken}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! By what rule a volume's particles are drawn.
+
+use super::{BlockedParticles, BlockedVolume};
+use crate::scene::Strength;
+
+/// By what rule a volume's particles are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Rule {
+    /// As kernels that absorb light.
+    Kernel,
+    /// As splats that state their opacity.
+    Peak { is_anti_aliased: bool },
+    /// As surfels of an opaque surface.
+    Surface { is_one_sided: bool },
+    /// As surfels of a translucent one.
+    Pane { is_one_sided: bool },
+}
+
+impl Rule {
+    pub(crate) fn of(volume: &BlockedVolume) -> Self {
+        let is_one_sided = matches!(
+            volume.particles,
+            BlockedParticles::Surfels {
+                is_one_sided: true,
+                ..
+            }
+        );
+        match volume.strength {
+            Strength::PeakOpacity {
+                is_anti_aliased, ..
+            } => Self::Peak { is_anti_aliased },
+            Strength::Surface(_) => Self::Surface { is_one_sided },
+            Strength::Pane(_) => Self::Pane { is_one_sided },
+            Strength::Classified { .. } | Strength::Mass(_) => Self::Kernel,
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! A scene made ready: its volumes in blocks, each with its levels of detail after it.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use super::build::{BuildOptions, Exchangeable, build};
+use super::density::densities;
+use super::{BlockedVolume, set_transfer_function};
+use crate::error::{Error, Result};
+use crate::scene::{Colour, PointVolume, Requirements, Strength, TransferFunction, Values};
+use crate::view::Bounds;
+
+/// What a scene keeps besides what frames need.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Keep {
+    /// All that does not depend on values, so that these can be exchanged while places and shapes stay
+    /// (the next time step): once more the memory of the data.
+    pub shapes: bool,
+    /// Which of the caller's particles each is: 4 bytes per particle.
+    pub indices: bool,
+}
+
+/// The volumes of a scene in blocks.
+#[derive(Debug, Clone)]
+pub struct BlockedScene {
+    /// Volumes and their levels of detail.
+    volumes: Vec<BlockedVolume>,
+    /// Each volume of the scene among `volumes`: itself, and its levels after it.
+    families: Vec<Range<usize>>,
+    requirements: Vec<Requirements>,
+    /// Of the volume whose particles carry their values in place of colours: its transfer function.
+    carried: Option<TransferFunction>,
+    /// Of each volume its blocks' densities, once a frame asks for them.
+    densities: OnceLock<Vec<Vec<f64>>>,
+    /// Of each volume, where values can be exchanged.
+    exchangeable: Vec<Exchangeable>,
+}
+
+impl BlockedScene {
+    /// Sorts the volumes' particles into blocks.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name, or a volume that says it is classified and
+    /// has no values or no transfer function.
+    pub fn new(scene: Vec<PointVolume>, keep: Keep) -> Result<Self> {
+        for volume in &scene {
+            volume.validate()?;
+        }
+        let total: usize = scene.iter().map(|v| v.particles.len()).sum();
+        if u32::try_from(total).is_err() {
+            return Err(Error::invalid(
+                "scene",
+                "particles",
+                "at most 4,294,967,295 particles",
+                total.to_string(),
+                "render a part of the data",
+            ));
+        }
+        let requirements = scene.iter().map(Requirements::of).collect();
+        let mut volumes = Vec::new();
+        let mut families = Vec::new();
+        let mut exchangeable = Vec::new();
+        let options = BuildOptions {
+            detail: true,
+            indices: keep.indices,
+        };
+        for volume in scene {
+            let first = volumes.len();
+            if keep.shapes {
+                let kept = Exchangeable::new(&volume, options);
+                volumes.extend(kept.with_values(volume.values));
+                exchangeable.push(kept);
+            } else {
+                volumes.extend(build(volume, options));
+            }
+            families.push(first..volumes.len());
+        }
+        Ok(Self {
+            volumes,
+            families,
+            requirements,
+            carried: None,
+            densities: OnceLock::new(),
+            exchangeable,
+        })
+    }
+
+    /// Volumes and their levels of detail.
+    pub fn volumes(&self) -> &[BlockedVolume] {
+        &self.volumes
+    }
+
+    /// Where each volume of the scene stands among [`Self::volumes`]: itself, and its levels after it.
+    pub fn families(&self) -> &[Range<usize>] {
+        &self.families
+    }
+
+    /// A volume of the scene, and its levels of detail after it.
+    pub fn family(&self, volume: usize) -> &[BlockedVolume] {
+        &self.volumes[self.families[volume].clone()]
+    }
+
+    /// The volumes themselves, without their levels of detail.
+    pub fn data(&self) -> impl Iterator<Item = &BlockedVolume> {
+        self.families
+            .iter()
+            .map(|family| &self.volumes[family.start])
+    }
+
+    /// What each volume of the scene requires.
+    pub fn requirements(&self) -> &[Requirements] {
+        &self.requirements
+    }
+
+    /// Blocks of all volumes and of their levels of detail.
+    pub fn block_count(&self) -> usize {
+        self.volumes.iter().map(|v| v.blocks.len()).sum()
+    }
+
+    /// How dense the kernels of each volume's blocks are; found once. They do not depend on transfer
+    /// functions.
+    pub(crate) fn densities(&self) -> &[Vec<f64>] {
+        self.densities
+            .get_or_init(|| self.volumes.iter().map(densities).collect())
+    }
+
+    /// How many particles all volumes have.
+    pub fn particle_count(&self) -> usize {
+        self.data().map(BlockedVolume::particle_count).sum()
+    }
+
+    /// Bytes kept per particle, blocks and levels of detail included, over all volumes.
+    pub fn bytes_per_particle(&self) -> f64 {
+        let bytes: usize = self.volumes.iter().map(BlockedVolume::bytes).sum();
+        bytes as f64 / self.particle_count().max(1) as f64
+    }
+
+    /// Whether any volume is of splats, which state their opacity.
+    pub fn has_splats(&self) -> bool {
+        self.volumes.iter().any(BlockedVolume::is_of_splats)
+    }
+
+    /// Middles and half extents of the boxes that hold what is visible, world units.
+    pub fn visible_boxes(&self) -> Vec<Bounds> {
+        let of_volume = |volume: &BlockedVolume| match &self.carried {
+            Some(transfer) if !volume.is_surface() => volume.visible_boxes_under(Some(transfer)),
+            _ => volume.visible_boxes(),
+        };
+        self.data().flat_map(of_volume).collect()
+    }
+
+    /// Middles and half extents of the boxes that hold all particles, grown by one standard
+    /// deviation; world units.
+    pub fn boxes(&self) -> Vec<Bounds> {
+        self.data().flat_map(BlockedVolume::boxes).collect()
+    }
+
+    /// Replaces the transfer function of a volume; its particles stay as and where they are.
+    ///
+    /// # Errors
+    /// No such volume, or one that is not classified.
+    pub fn set_transfer_function(
+        &mut self,
+        volume: usize,
+        transfer: TransferFunction,
+    ) -> Result<()> {
+        let count = self.families.len();
+        let classified = self.requirements.get(volume).map(|r| r.classification);
+        if classified != Some(true) {
+            return Err(Error::invalid(
+                "scene",
+                format!("volume {volume}"),
+                format!("a classified volume, one of {count}"),
+                if classified.is_some() {
+                    "one with masses and colours of its own"
+                } else {
+                    "none"
+                },
+                "give the number of a volume whose masses or colours come from values",
+            ));
+        }
+        let family = &mut self.volumes[self.families[volume].clone()];
+        let transfer = if self.carried.is_some() && !family[0].is_surface() {
+            let carrier = transfer.carrier();
+            self.carried = Some(transfer);
+            carrier
+        } else {
+            transfer
+        };
+        set_transfer_function(family, &transfer);
+        Ok(())
+    }
+
+    /// Exchanges the values of a volume; places, shapes and the transfer function stay.
+    ///
+    /// # Errors
+    /// No such volume, one without values, not as many values as particles, or a scene that did not keep
+    /// its shapes ([`Keep::shapes`]).
+    pub fn set_values(&mut self, volume: usize, values: Values) -> Result<()> {
+        let refuse = |place: &str, expected: &str, found: String, advice: &str| {
+            Err(Error::invalid("scene", place, expected, found, advice))
+        };
+        let place = format!("values of volume {volume}");
+        let Some(kept) = self.exchangeable.get(volume) else {
+            if volume < self.families.len() {
+                let expected = "a scene that keeps its shapes";
+                let advice = "make the scene with Keep { shapes: true, .. }";
+                return refuse(&place, expected, "one that does not".into(), advice);
+            }
+            let expected = format!("one of {} volumes", self.families.len());
+            return refuse(
+                &place,
+                &expected,
+                "none".into(),
+                "give the number of a volume",
+            );
+        };
+        let family = self.families[volume].clone();
+        if self.volumes[family.start].values.is_none() {
+            let advice = "exchange values of volumes that have them";
+            return refuse(&place, "a volume with values", "one without".into(), advice);
+        }
+        if values.len() != kept.len() {
+            let expected = format!("{} values, one per particle", kept.len());
+            let found = values.len().to_string();
+            return refuse(&place, &expected, found, "give as many");
+        }
+        let mut built = kept.with_values(Some(values));
+        if let Some(transfer) = self.volumes[family.start].transfer_function.clone() {
+            set_transfer_function(&mut built, &transfer);
+        }
+        let (before, after) = (family.len(), built.len());
+        self.volumes.splice(family.clone(), built);
+        self.families[volume] = family.start..family.start + after;
+        for later in &mut self.families[volume + 1..] {
+            *later = later.start - before + after..later.end - before + after;
+        }
+        self.densities = OnceLock::new();
+        Ok(())
+    }
+
+    /// What classifies slabs, where particles carry values.
+    pub fn carried(&self) -> Option<&TransferFunction> {
+        self.carried.as_ref()
+    }
+
+    /// Lets the particles of the one volume with a field carry their values, or their colours again.
+    /// Returns the volume whose tables changed by that, if any did.
+    ///
+    /// # Errors
+    /// No volume with a field, or others beside it.
+    pub fn carry_values(&mut self, values: bool) -> Result<Option<usize>> {
+        if values == self.carried.is_some() {
+            return Ok(None);
+        }
+        let refuse = |found: &str| {
+            Err(Error::invalid(
+                "settings",
+                "classification of slabs",
+                "slabs and one volume with a field",
+                found,
+                "leave it out",
+            ))
+        };
+        let is_field = |v: &BlockedVolume| {
+            matches!(v.strength, Strength::Classified { .. }) && v.colour == Colour::Classified
+        };
+        let mut volumes = (0..self.families.len())
+            .filter(|&i| !self.volumes[self.families[i].start].is_surface());
+        let (Some(volume), None) = (volumes.next(), volumes.next()) else {
+            return refuse("none or several");
+        };
+        let own = &self.volumes[self.families[volume].start];
+        let Some(transfer) = own.transfer_function.clone().filter(|_| is_field(own)) else {
+            return refuse("masses or colours of its own");
+        };
+        if let Some(carried) = self.carried.take() {
+            self.set_transfer_function(volume, carried)?;
+        } else {
+            self.set_transfer_function(volume, transfer.carrier())?;
+            self.carried = Some(transfer);
+        }
+        Ok(Some(volume))
+    }
+}

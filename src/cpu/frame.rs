@@ -1,0 +1,436 @@
+//! The CPU back end: frames of a scene, stage after stage, and the memory that they share.
+
+use std::time::Instant;
+
+use super::{
+    Bins, ColumnInput, ColumnSums, NormalTile, PostClassification, ProjectOutput,
+    RasteriseSettings, Tile, bin, bin_columns, classify, count_amplitudes, count_classified,
+    fill_amplitudes, footprint_index, light, list_visible, project, rasterise, rasterise_surface,
+    resolve, resolve_depth, resolve_normals, shade, sort,
+};
+use crate::blocks::{
+    BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
+    distance_interval,
+};
+use crate::constants::TILE_SIZE;
+use crate::error::Result;
+use crate::record::{
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT, SurfelTerms,
+    ViewUniform,
+};
+use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
+use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
+use crate::splat::{Accumulate, Axes};
+use crate::stats::FrameCounts;
+
+/// What the frames of a scene keep from one to the next: after the first frame of a size, a frame
+/// allocates nothing of note.
+#[derive(Debug, Default)]
+pub(crate) struct CpuFrames {
+    closed: Vec<bool>,
+    views: Vec<Vec<BlockView>>,
+    classified: Vec<ClassifiedParticle>,
+    footprints: Vec<Footprint>,
+    exact: Vec<ExactTerms>,
+    surfels: Vec<SurfelTerms>,
+    project_output: ProjectOutput,
+    order: Vec<u64>,
+    bins: Bins,
+    tiles: Vec<Tile>,
+    /// The opaque surfaces of the frame.
+    surface: Vec<Tile>,
+    surface_normals: Vec<NormalTile>,
+    sums: ColumnSums,
+}
+
+impl DrawFrames for CpuFrames {
+    fn adapter(&self) -> Option<String> {
+        None
+    }
+
+    fn upload(&mut self, scene: &BlockedScene) -> Result<()> {
+        self.views = vec![Vec::new(); scene.volumes().len()];
+        Ok(())
+    }
+
+    /// Nothing of the scene is kept here but how many volumes it has.
+    fn edit(&mut self, scene: &BlockedScene, _: Edit) -> Result<()> {
+        self.views.resize_with(scene.volumes().len(), Vec::new);
+        Ok(())
+    }
+
+    fn draw(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        images: &mut Images,
+    ) -> Result<FrameReport> {
+        let start = Instant::now();
+        let mut report = FrameReport::default();
+        report.counts.blocks = scene.block_count();
+        let mut seen = 0;
+        for pass in &plan.passes {
+            self.draw_pass(scene, plan, pass, &mut report);
+            seen += self.views.iter().map(Vec::len).sum::<usize>();
+        }
+        report.counts.blocks_culled = report.counts.blocks - seen;
+        let mut clock = Clock::start();
+        self.resolve(plan, images);
+        report.times.resolve = clock.lap();
+        report.times.frame = start.elapsed().as_secs_f64() * 1e3;
+        Ok(report)
+    }
+}
+
+impl CpuFrames {
+    /// All stages of one pass but the last.
+    fn draw_pass(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        report: &mut FrameReport,
+    ) {
+        let FrameReport { counts, times } = report;
+        let mut clock = Clock::start();
+        let view = self.cull(scene, plan, pass, counts);
+        times.cull += clock.lap();
+
+        let totals = self.classify(scene.volumes(), plan, pass);
+        counts.classified += self.classified.len();
+        times.classify += clock.lap();
+
+        self.project(scene.volumes(), plan, pass, &view, &totals);
+        times.project += clock.lap();
+
+        let is_column = pass.axes.accumulate == Accumulate::Column;
+        if is_column {
+            list_visible(&self.footprints, &mut self.order);
+        } else {
+            sort(&self.footprints, &mut self.order);
+        }
+        counts.footprints += self.order.len();
+        times.sort += clock.lap();
+
+        let tiles = view.size.map(|n| (n as usize).div_ceil(TILE_SIZE));
+        if is_column {
+            bin_columns(
+                &view,
+                &self.footprints,
+                FootprintTerms::Exact(&self.exact),
+                &self.order,
+                &mut self.bins,
+            );
+        } else {
+            let terms = if pass.axes.accumulate == Accumulate::Opaque {
+                FootprintTerms::Surfel(&self.surfels)
+            } else {
+                FootprintTerms::Exact(&self.exact)
+            };
+            bin(&self.footprints, terms, &self.order, tiles, &mut self.bins);
+        }
+        counts.tile_entries += self.bins.len();
+        times.bin += clock.lap();
+
+        counts.footprints_near += self.project_output.near().len();
+        counts.splat_pixels += match pass.axes.accumulate {
+            Accumulate::Opaque => {
+                counts.surfels += self.order.len();
+                self.rasterise_surface(plan, pass, &view, tiles)
+            }
+            Accumulate::Column => self.sum_columns(plan, &view),
+            _ => self.rasterise(scene, plan, pass, &view, tiles),
+        };
+        times.rasterise += clock.lap();
+        if pass.draws == Draws::Volumes {
+            counts.footprints_exact = self.count_exact();
+        }
+    }
+
+    /// Which blocks the pass draws, by what, and their depth keys. Returns the view with the scale of
+    /// these.
+    fn cull(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        counts: &mut FrameCounts,
+    ) -> ViewUniform {
+        let camera = &plan.camera;
+        let cull_by = plan.culls.then_some(&plan.frustum);
+        let volumes = scene.volumes();
+        for family in scene.families() {
+            let volumes = &volumes[family.clone()];
+            let views = &mut self.views[family.clone()];
+            views.iter_mut().for_each(Vec::clear);
+            if !pass.draws.draws(&volumes[0]) {
+                continue;
+            }
+            if let Carries::Amplitude { .. } = pass.carries {
+                // Nothing is transparent.
+                cull_outside(&volumes[0], camera, cull_by, &mut views[0]);
+                for view in &mut views[0] {
+                    view.filter_kind = plan.choice.filter_kind;
+                }
+                continue;
+            }
+            if plan.has_detail() {
+                cull_detail(
+                    volumes,
+                    camera,
+                    cull_by,
+                    &plan.choice,
+                    &mut self.closed,
+                    views,
+                );
+            } else {
+                cull(&volumes[0], camera, cull_by, &mut views[0]);
+            }
+            for (volume, views) in volumes.iter().zip(views) {
+                choose(volume, camera, &plan.choice, views);
+                for view in &*views {
+                    counts.block_filters[view.filter_kind as usize] += 1;
+                }
+                if volume.merged.is_some() {
+                    counts.blocks_merged += views.len();
+                }
+            }
+        }
+        if pass.axes.accumulate == Accumulate::Column {
+            // Depths order nothing.
+            return pass.view;
+        }
+        let in_view = volumes
+            .iter()
+            .zip(&self.views)
+            .flat_map(|(volume, views)| views.iter().map(|v| &volume.blocks[v.block as usize]))
+            .filter(|block| plan.frustum.sees(camera, block));
+        let range = match &pass.layers {
+            None => DepthRange::of(in_view.map(|block| distance_interval(camera, block))),
+            Some(layers) => layers.depth_range(),
+        };
+        for (volume, views) in volumes.iter().zip(&mut self.views) {
+            for view in views {
+                let block = &volume.blocks[view.block as usize];
+                let distance = match &pass.layers {
+                    None => distance_interval(camera, block).0,
+                    Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
+                };
+                view.key = range.key(distance);
+            }
+        }
+        ViewUniform {
+            key_scale: range.keys_per_unit(),
+            ..pass.view
+        }
+    }
+
+    /// Visible particles, with masses and what they carry. Returns each volume's number.
+    fn classify(
+        &mut self,
+        volumes: &[BlockedVolume],
+        plan: &FramePlan,
+        pass: &PassPlan,
+    ) -> Vec<usize> {
+        if let Carries::Amplitude { scale, .. } = pass.carries {
+            return self.fill_classified(
+                volumes,
+                |volume, views| count_amplitudes(volume, views, scale),
+                |volume, views, out| fill_amplitudes(volume, views, scale, out),
+            );
+        }
+        let rotation = plan.camera.camera_from_world.as_mat3();
+        self.fill_classified(volumes, count_classified, |volume, views, out| {
+            classify(volume, views, out);
+            shade(volume, views, &plan.camera, out);
+            if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
+                light(volume, views, rotation, lighting, out);
+            }
+        })
+    }
+
+    /// Counts the particles of all views and fills their places; returns each volume's number.
+    fn fill_classified(
+        &mut self,
+        volumes: &[BlockedVolume],
+        count: impl Fn(&BlockedVolume, &mut [BlockView]) -> usize,
+        fill: impl Fn(&BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
+    ) -> Vec<usize> {
+        let mut totals = Vec::with_capacity(volumes.len());
+        for (volume, views) in volumes.iter().zip(&mut self.views) {
+            totals.push(count(volume, views));
+        }
+        overwrite(&mut self.classified, totals.iter().sum());
+        let mut rest = self.classified.as_mut_slice();
+        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&totals) {
+            let (out, others) = rest.split_at_mut(total);
+            fill(volume, views, out);
+            rest = others;
+        }
+        totals
+    }
+
+    /// Projects what was classified, `totals` of each volume.
+    fn project(
+        &mut self,
+        volumes: &[BlockedVolume],
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        totals: &[usize],
+    ) {
+        let count = self.classified.len();
+        overwrite(&mut self.footprints, count);
+        let all_have_depths = pass.axes.needs_depth_terms();
+        let is_opaque = pass.axes.accumulate == Accumulate::Opaque;
+        let is_exact = !is_opaque && (pass.axes.may_be_exact || all_have_depths);
+        overwrite(&mut self.exact, if is_exact { count } else { 0 });
+        overwrite(&mut self.surfels, if is_opaque { count } else { 0 });
+        self.project_output.clear();
+        let rotation = plan.camera.camera_from_world.as_mat3();
+        let mut first = 0;
+        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(totals) {
+            let range = first..first + total;
+            project(
+                volume,
+                views,
+                &self.classified[range.clone()],
+                view,
+                rotation,
+                all_have_depths,
+                &mut self.footprints[range.clone()],
+                self.exact.get_mut(range.clone()).unwrap_or_default(),
+                self.surfels.get_mut(range).unwrap_or_default(),
+                &self.project_output,
+            );
+            first += total;
+        }
+    }
+
+    fn rasterise_surface(
+        &mut self,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        [columns, rows]: [usize; 2],
+    ) -> u64 {
+        self.surface.resize_with(columns * rows, Tile::default);
+        let wanted = if pass.axes.normals { columns * rows } else { 0 };
+        self.surface_normals
+            .resize_with(wanted, NormalTile::default);
+        rasterise_surface(
+            view,
+            plan.simd,
+            pass.axes.count,
+            &self.footprints,
+            &self.surfels,
+            self.project_output.near(),
+            &self.bins,
+            columns,
+            &mut self.surface,
+            &mut self.surface_normals,
+        )
+    }
+
+    fn rasterise(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        [columns, rows]: [usize; 2],
+    ) -> u64 {
+        self.tiles.resize_with(columns * rows, Tile::default);
+        let settings = RasteriseSettings {
+            axes: Axes {
+                may_be_exact: self.project_output.any_exact(),
+                ..pass.axes
+            },
+            level: plan.simd,
+        };
+        let post = scene.carried().map(|transfer| PostClassification {
+            transfer,
+            per_extinction: 1.0 / transfer.greatest_extinction(),
+            lighting: plan.lighting.as_ref(),
+        });
+        rasterise(
+            view,
+            settings,
+            &self.footprints,
+            &self.exact,
+            self.project_output.near(),
+            &self.bins,
+            columns,
+            &self.surface,
+            post,
+            &mut self.tiles,
+        )
+    }
+
+    fn sum_columns(&mut self, plan: &FramePlan, view: &ViewUniform) -> u64 {
+        self.sums.add_all(&ColumnInput {
+            view,
+            footprints: &self.footprints,
+            exact: &self.exact,
+            near: self.project_output.near(),
+            bins: &self.bins,
+            level: plan.simd,
+        })
+    }
+
+    /// Tiles or sums to images.
+    fn resolve(&self, plan: &FramePlan, images: &mut Images) {
+        if let Some((view, per_mass)) = plan.column() {
+            images.resize_column(plan);
+            images.largest = self.sums.write(view, per_mass, &mut images.column.values);
+            return;
+        }
+        images.resize(plan);
+        let tiles = match plan.of_volumes() {
+            Some(_) => &self.tiles,
+            None => &self.surface,
+        };
+        resolve(tiles, plan.background, &mut images.image);
+        if let Some(depth) = &mut images.depth {
+            resolve_depth(tiles, depth);
+        }
+        if let Some(normals) = &mut images.normals {
+            // None without surfaces.
+            let none = Vec::new();
+            let has_surface = !self.surface.is_empty();
+            let tiles = if has_surface {
+                &self.surface_normals
+            } else {
+                &none
+            };
+            resolve_normals(tiles, &plan.camera, normals);
+        }
+    }
+
+    /// How many of the footprints in order are on the exact path.
+    fn count_exact(&self) -> usize {
+        let exact = |i: &&u64| self.footprints[footprint_index(**i)].path == PATH_EXACT;
+        self.order.iter().filter(exact).count()
+    }
+}
+
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    /// Milliseconds since the last lap.
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        let elapsed = (now - self.0).as_secs_f64() * 1e3;
+        self.0 = now;
+        elapsed
+    }
+}
+
+/// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
+fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
+    buffer.resize(len, T::zeroed());
+}

@@ -1,0 +1,521 @@
+//! Stage: from lists of footprints to the sums of a column density. No opacity, no order of depth.
+//!
+//! Twin: `shaders/tile/accumulate/column.wgsl`.
+//!
+//! A pixel may get a hundred thousand contributions, of which f32 alone would lose a percent where
+//! they are alike. So a tile sums [`RUN`] footprints in f32, from zero, and adds that to sums
+//! in f64: each contribution errs by at most RUN/2 units in its last place of f32, 4e-6, and on
+//! average by far less. Emptying the tile costs 64 evaluations a footprint; f64 throughout
+//! would cost twice the memory traffic, which is the limit of separable footprints.
+//!
+//! Affine and exact footprints that nothing cuts are fused with it. Those that clip planes cut, and near
+//! ones, come in rows of the pictures' tiles, of which a tile here is made.
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
+use crate::cpu::bin::{Bins, bin_into};
+use crate::cpu::tile::arithmetic::{exp_minus_half, madd};
+use crate::cpu::tile::dispatch::{TileWork, run_at};
+use crate::cpu::tile::evaluate::affine::RowForm;
+use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
+use crate::cpu::tile::evaluate::{Evaluate, depth_reach};
+use crate::cpu::tile::interval::cut::{Side, Spans};
+use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::pixels::{Patch, TilePlace, prefetch, ray};
+use crate::record::{
+    ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
+    ViewUniform,
+};
+use crate::simd::SimdLevel;
+
+const SIZE: usize = COLUMN_TILE_SIZE;
+const PIXELS: usize = SIZE * SIZE;
+/// The pictures' tiles along a side of a tile.
+const PARTS: usize = SIZE / TILE_SIZE;
+/// Pixels of a row that are evaluated together, whatever the instruction set: which pixels a
+/// footprint adds to does not depend on it.
+const CHUNK: usize = 16;
+/// Footprints summed in f32 before the sums go to f64.
+const RUN: usize = 64;
+/// Footprints of a tile that make a task of their own, at least.
+const TASK: usize = 16_384;
+/// Tasks that long lists of few tiles are cut into, about.
+const TASKS: usize = 256;
+
+/// The sums of one column-density image, kept from frame to frame.
+#[derive(Debug, Default)]
+pub struct ColumnSums {
+    /// In order of tiles, then of footprints.
+    tasks: Vec<Task>,
+    /// One per task.
+    sums: Vec<TileSums>,
+    /// The first task of each tile, and one past the last.
+    starts: Vec<u32>,
+}
+
+/// A part of a tile's list.
+#[derive(Debug, Clone, Copy)]
+struct Task {
+    tile: usize,
+    first: usize,
+    count: usize,
+}
+
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+struct TileSums([f64; PIXELS]);
+
+#[repr(align(64))]
+struct FineSums([f32; PIXELS]);
+
+/// What a frame's sums read.
+#[derive(Debug, Clone, Copy)]
+pub struct ColumnInput<'a> {
+    /// The frame's view.
+    pub view: &'a ViewUniform,
+    /// Footprints; what they carry is the amplitude's sign.
+    pub footprints: &'a [Footprint],
+    /// Their exact terms, or none.
+    pub exact: &'a [ExactTerms],
+    /// Terms of the kernels that cross the camera plane.
+    pub near: &'a [NearTerms],
+    /// From [`bin_columns`].
+    pub bins: &'a Bins,
+    /// The instruction set of the inner loop.
+    pub level: SimdLevel,
+}
+
+/// The footprints that reach the image, in the order of the particles: words as
+/// [`sort`](crate::cpu::sort()) writes them.
+pub fn list_visible(footprints: &[Footprint], order: &mut Vec<u64>) {
+    order.clear();
+    let numbered = (0_u64..).zip(footprints);
+    order.extend(numbered.filter(|(_, f)| f.is_visible()).map(|(i, _)| i));
+}
+
+/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]².
+pub fn bin_columns(
+    view: &ViewUniform,
+    footprints: &[Footprint],
+    terms: FootprintTerms<'_>,
+    order: &[u64],
+    bins: &mut Bins,
+) {
+    bin_into::<SIZE>(footprints, terms, order, tiles(view), bins);
+}
+
+/// Columns and rows of tiles.
+fn tiles(view: &ViewUniform) -> [usize; 2] {
+    view.size.map(|n| (n as usize).div_ceil(SIZE))
+}
+
+impl ColumnSums {
+    /// Sums all footprints. Returns the number of splat-pixels: kernels evaluated at pixel
+    /// centres within their cut-off (of separable footprints: within its bounding box).
+    ///
+    /// The result does not depend on the number of threads: tasks follow from the lists alone.
+    pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
+        let [columns, rows] = tiles(input.view);
+        let longest = (input.bins.len() / TASKS).max(TASK);
+        self.tasks.clear();
+        self.starts.clear();
+        for tile in 0..columns * rows {
+            self.starts.push(self.tasks.len() as u32);
+            let len = input.bins.tile_len(tile);
+            self.tasks
+                .extend((0..len).step_by(longest).map(|first| Task {
+                    tile,
+                    first,
+                    count: longest.min(len - first),
+                }));
+        }
+        self.starts.push(self.tasks.len() as u32);
+        if self.sums.len() < self.tasks.len() {
+            self.sums
+                .resize_with(self.tasks.len(), || TileSums([0.0; PIXELS]));
+        }
+        self.tasks
+            .par_iter()
+            .zip(&mut self.sums)
+            .with_max_len(1)
+            .map(|(task, sums)| {
+                let work = SumTask {
+                    input,
+                    task: *task,
+                    place: TilePlace::new(input.view, task.tile, columns),
+                    sums,
+                };
+                run_at(input.level, work)
+            })
+            .sum()
+    }
+
+    /// Writes the sums times `scale`, row by row from the top. Returns the largest magnitude
+    /// before narrowing.
+    pub fn write(&self, view: &ViewUniform, scale: f64, pixels: &mut [f32]) -> f64 {
+        let [columns, _] = tiles(view);
+        let width = view.size[0] as usize;
+        pixels
+            .par_chunks_mut(width.max(1))
+            .enumerate()
+            .map(|(y, row)| {
+                let mut largest = 0.0_f64;
+                let first = y % SIZE * SIZE;
+                for (t, pixels) in row.chunks_mut(SIZE).enumerate() {
+                    let tile = y / SIZE * columns + t;
+                    let tasks = self.starts[tile] as usize..self.starts[tile + 1] as usize;
+                    for (x, pixel) in (first..).zip(pixels) {
+                        // From 0: the sum of nothing is -0 otherwise.
+                        let parts = self.sums[tasks.clone()].iter();
+                        let sum = parts.fold(0.0, |sum, part| sum + part.0[x]);
+                        let value = sum * scale;
+                        // NaN, were there one, would not be lost in `max`.
+                        if !(value.abs() <= largest) {
+                            largest = value.abs();
+                        }
+                        *pixel = value as f32;
+                    }
+                }
+                largest
+            })
+            .reduce(|| 0.0, |a, b| if b <= a { a } else { b })
+    }
+}
+
+struct SumTask<'a> {
+    input: &'a ColumnInput<'a>,
+    task: Task,
+    place: TilePlace<'a, SIZE>,
+    sums: &'a mut TileSums,
+}
+
+impl TileWork for SumTask<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) -> u64 {
+        let Self {
+            input,
+            task,
+            place,
+            sums,
+        } = self;
+        let tile = ColumnTile::new(input, place);
+        let mut list = input.bins.tile(task.tile).skip(task.first).take(task.count);
+        let mut fine = FineSums([0.0; PIXELS]);
+        sums.0.fill(0.0);
+        let mut splat_pixels = 0;
+        let mut run = [0_u32; RUN];
+        loop {
+            let mut len = 0;
+            for (place, i) in run.iter_mut().zip(&mut list) {
+                prefetch(input.footprints.get(i as usize));
+                *place = i;
+                len += 1;
+            }
+            for &i in &run[..len] {
+                let footprint = &input.footprints[i as usize];
+                let exact = input.exact.get(i as usize);
+                splat_pixels += u64::from(tile.add::<FMA>(&mut fine, footprint, exact));
+            }
+            for (sum, fine) in sums.0.iter_mut().zip(&mut fine.0) {
+                *sum += f64::from(*fine);
+                *fine = 0.0;
+            }
+            if len < RUN {
+                return splat_pixels;
+            }
+        }
+    }
+}
+
+/// A tile in the image.
+struct ColumnTile<'a> {
+    input: &'a ColumnInput<'a>,
+    place: TilePlace<'a, SIZE>,
+    /// Columns that lie in the image.
+    width: usize,
+    /// What clip planes leave of each of its parts' rays; empty without any.
+    spans: Vec<Spans>,
+    /// Between these depths they leave all.
+    whole: [f32; 2],
+}
+
+impl<'a> ColumnTile<'a> {
+    fn new(input: &'a ColumnInput<'a>, place: TilePlace<'a, SIZE>) -> Self {
+        let mut tile = Self {
+            input,
+            place,
+            width: place.width(),
+            spans: Vec::new(),
+            whole: [f32::NEG_INFINITY, f32::INFINITY],
+        };
+        if input.view.clip_count > 0 {
+            tile.spans.resize_with(PARTS * PARTS, Spans::default);
+            for part in 0..PARTS * PARTS {
+                let place = tile.part(part);
+                tile.spans[part].fill(&place, None);
+                let [near, far] = tile.spans[part].whole();
+                tile.whole = [tile.whole[0].max(near), tile.whole[1].min(far)];
+            }
+        }
+        tile
+    }
+
+    /// A part of the tile, as large as a tile of a picture.
+    fn part(&self, part: usize) -> TilePlace<'a> {
+        let [x, y] = self.place.origin;
+        TilePlace {
+            view: self.place.view,
+            origin: [x + part % PARTS * TILE_SIZE, y + part / PARTS * TILE_SIZE],
+        }
+    }
+
+    /// Whether clip planes may cut a footprint that is not near.
+    fn may_be_cut(&self, footprint: &Footprint, exact: Option<&ExactTerms>) -> bool {
+        let Some(terms) = exact else {
+            return true;
+        };
+        let (depth, reach) = (footprint.depth, depth_reach(footprint, terms));
+        // Phrased so that NaN may be.
+        !(depth - reach >= self.whole[0] && depth + reach <= self.whole[1])
+    }
+
+    #[inline(always)]
+    fn add<const FMA: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        exact: Option<&ExactTerms>,
+    ) -> u32 {
+        let patch = self.place.patch(footprint);
+        if patch.is_empty() {
+            return 0;
+        }
+        if !self.spans.is_empty() && self.may_be_cut(footprint, exact) {
+            return self.add_parts::<FMA>(fine, footprint, exact, &patch);
+        }
+        match (footprint.path & 3, exact) {
+            (PATH_NEAR | PATH_HALF_LINE, _) => self.add_parts::<FMA>(fine, footprint, None, &patch),
+            (PATH_EXACT, Some(terms)) => self.add_form::<FMA, true>(fine, footprint, terms, &patch),
+            _ => {
+                let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+                if (px == 0.0 || rx == 0.0) && (py == 0.0 || ry == 0.0) {
+                    self.add_separable::<FMA>(fine, footprint, &patch)
+                } else {
+                    let none = ExactTerms::default();
+                    self.add_form::<FMA, false>(fine, footprint, &none, &patch)
+                }
+            }
+        }
+    }
+
+    /// Axes of the footprint along those of the image: exp(-(dx² + dy²)/2) is the product of a
+    /// row and a column, and a pixel costs one fused multiply-add.
+    #[inline(always)]
+    fn add_separable<const FMA: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        patch: &Patch,
+    ) -> u32 {
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        // One of each pair is zero.
+        let inverse_sigma = [px + rx, py + ry];
+        let profile = |axis: usize, [first, end]: [usize; 2], peak: f32, out: &mut [f32; SIZE]| {
+            let (centre, scale) = (footprint.centre_px[axis], inverse_sigma[axis]);
+            for chunk in first / CHUNK..end.div_ceil(CHUNK) {
+                let start = chunk * CHUNK;
+                let Some(out) = out[start..].first_chunk_mut::<CHUNK>() else {
+                    continue;
+                };
+                let base = self.place.px(axis, start);
+                for (lane, out) in out.iter_mut().enumerate() {
+                    let d = (base + lane as f32 - centre) * scale;
+                    let q = d * d;
+                    // Clamped as well: the exponential is made for what lies within.
+                    let value = exp_minus_half::<FMA>(q.min(footprint.cutoff_squared));
+                    *out = if q <= footprint.cutoff_squared {
+                        peak * value
+                    } else {
+                        0.0
+                    };
+                }
+            }
+        };
+        let (mut row, mut column) = ([0.0; SIZE], [0.0; SIZE]);
+        profile(0, patch.columns, 1.0, &mut row);
+        let amplitude = footprint.tau * footprint.carried.sign();
+        profile(1, patch.rows, amplitude, &mut column);
+        let column = &column[patch.rows[0]..patch.rows[1]];
+        // A single chunk takes another, of zeros, along: by itself it would be turned into gathers
+        // and scatters over sixteen rows, in three times the time.
+        let end = patch.columns[1].div_ceil(CHUNK);
+        let first = (patch.columns[0] / CHUNK).min(SIZE / CHUNK - 2);
+        let start = patch.rows[0] * SIZE + first * CHUNK;
+        let (row, fine) = (&row[first * CHUNK..], &mut fine.0[start..]);
+        match end - first {
+            1 | 2 => add_outer::<FMA, { 2 * CHUNK }>(fine, row, column),
+            3 => add_outer::<FMA, { 3 * CHUNK }>(fine, row, column),
+            _ => add_outer::<FMA, { 4 * CHUNK }>(fine, row, column),
+        }
+        let [width, height] = [patch.columns, patch.rows].map(|[first, end]| (end - first) as u32);
+        width * height
+    }
+
+    /// Any footprint: a quadratic form and an exponential per pixel, row by row between the ends
+    /// of the ellipse.
+    #[inline(always)]
+    fn add_form<const FMA: bool, const EXACT: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        terms: &ExactTerms,
+        patch: &Patch,
+    ) -> u32 {
+        // Copies, which stores to the sums cannot change.
+        let (footprint, terms) = (&{ *footprint }, &{ *terms });
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let cutoff = footprint.cutoff_squared;
+        let amplitude = footprint.tau * footprint.carried.sign();
+        let [cx, cy] = footprint.centre_px;
+        // Q = A dx² + 2 B dx dy + C dy² is least on a row at dx = -B/A dy: there det/A dy².
+        let a = px * px + rx * rx;
+        let (tilt, least) = (-(px * py + rx * ry) / a, (px * ry - py * rx).powi(2) / a);
+        let focal = Vec2::from(self.input.view.focal_px);
+        let mut limits = [cutoff; SIZE];
+        for limit in limits.iter_mut().skip(self.width) {
+            *limit = -1.0;
+        }
+        let mut inside = [0_u32; CHUNK];
+        for y in patch.rows[0]..patch.rows[1] {
+            let dy = self.place.px(1, y) - cy;
+            let [mut first, mut end] = patch.columns;
+            if !EXACT {
+                // A pixel more on either side: rounding is left to the test of each pixel.
+                let middle = cx + tilt * dy - self.place.px(0, 0);
+                let half = ((cutoff - least * dy * dy).max(0.0) / a).sqrt() + 1.0;
+                first = first.max((middle - half).max(0.0) as usize);
+                end = end.min((middle + half + 1.0).max(0.0) as usize);
+                if first >= end {
+                    continue;
+                }
+            }
+            let form = RowForm::new(footprint, dy);
+            let of_exact = RowOfExact::new::<FMA>(footprint, terms, dy);
+            let slope_y = ray(self.input.view, Vec2::new(0.0, self.place.px(1, y))).y;
+            for chunk in first / CHUNK..end.div_ceil(CHUNK) {
+                let start = chunk * CHUNK;
+                let Some(out) = fine.0[y * SIZE + start..].first_chunk_mut::<CHUNK>() else {
+                    continue;
+                };
+                let Some(limit) = limits[start..].first_chunk::<CHUNK>() else {
+                    continue;
+                };
+                let base = self.place.px(0, start);
+                for lane in 0..CHUNK {
+                    let x = base + lane as f32;
+                    let dx = x - cx;
+                    let (q, mut value, mut is_inside);
+                    if EXACT {
+                        let ExactAt {
+                            q: of_ray,
+                            inverse,
+                            is_ahead,
+                        } = of_exact.at::<FMA>(dx);
+                        q = of_ray;
+                        let slope_x = (x - self.input.view.centre_px[0]) / focal.x;
+                        let ray = madd::<FMA>(slope_x, slope_x, madd::<FMA>(slope_y, slope_y, 1.0));
+                        value = amplitude * (ray * inverse).sqrt();
+                        is_inside = is_ahead;
+                    } else {
+                        q = form.q::<FMA>(dx);
+                        value = amplitude;
+                        is_inside = true;
+                    }
+                    // NaN compares false, here and above: outside.
+                    is_inside &= q <= limit[lane];
+                    value *= exp_minus_half::<FMA>(q.min(cutoff));
+                    out[lane] += if is_inside { value } else { 0.0 };
+                    inside[lane] += u32::from(is_inside);
+                }
+            }
+        }
+        inside.iter().sum()
+    }
+
+    /// Any footprint, by the rows of the tile's parts: what clip planes may cut, and near kernels.
+    #[inline(always)]
+    fn add_parts<const FMA: bool>(
+        &self,
+        fine: &mut FineSums,
+        footprint: &Footprint,
+        exact: Option<&ExactTerms>,
+        patch: &Patch,
+    ) -> u32 {
+        let parts = |[first, end]: [usize; 2]| first / TILE_SIZE..end.div_ceil(TILE_SIZE);
+        let is_exact = footprint.path == PATH_EXACT;
+        let sign = footprint.carried.sign();
+        let mut count = 0;
+        for part_y in parts(patch.rows) {
+            for part_x in parts(patch.columns) {
+                let part = part_y * PARTS + part_x;
+                let place = self.part(part);
+                let evaluate = Evaluate::new(&place, footprint, exact, self.input.near);
+                let spans = self.spans.get(part);
+                let side = spans.map_or(Side::Front, |spans| spans.side(&evaluate, false));
+                let spans = match side {
+                    Side::Front => None,
+                    Side::Cut => spans,
+                    Side::Hidden | Side::Behind => continue,
+                };
+                for y in evaluate.rows() {
+                    let mut ray_length = [1.0; TILE_SIZE];
+                    if is_exact {
+                        for (x, length) in ray_length.iter_mut().enumerate() {
+                            *length = ray(place.view, place.centre(x, y)).length();
+                        }
+                    }
+                    let row = evaluate.row::<FMA>(y, &ray_length);
+                    count += row.count;
+                    if row.count == 0 {
+                        continue;
+                    }
+                    let mut taus = row.tau;
+                    if let Some(spans) = spans {
+                        let [near, far] = [&spans.near, &spans.far].map(|plane| {
+                            shares_up_to::<FMA>(&evaluate, &row, &plane[row.first()..])
+                        });
+                        taus = between(&row, &near, &far);
+                    }
+                    let first = (part_y * TILE_SIZE + y) * SIZE + part_x * TILE_SIZE;
+                    for (sum, tau) in fine.0[first..].iter_mut().zip(taus) {
+                        *sum += tau * sign;
+                    }
+                }
+            }
+        }
+        count
+    }
+}
+
+/// Adds column x row to consecutive rows of `WIDTH` pixels.
+///
+/// A row too short for it would end the loop (none is). Without that way out the compiler takes
+/// eight rows at once even of two chunks, by gathers and scatters.
+#[inline(always)]
+fn add_outer<const FMA: bool, const WIDTH: usize>(fine: &mut [f32], row: &[f32], column: &[f32]) {
+    let Some(&row) = row.first_chunk::<WIDTH>() else {
+        return;
+    };
+    for (fine, &weight) in fine.chunks_mut(SIZE).zip(column) {
+        let Some(fine) = fine.first_chunk_mut::<WIDTH>() else {
+            return;
+        };
+        for (sum, &value) in fine.iter_mut().zip(&row) {
+            *sum = madd::<FMA>(weight, value, *sum);
+        }
+    }
+}

@@ -1,0 +1,472 @@
+//! Tiles whose kernels are summed in layers, sheets or slabs, before these are composited.
+//!
+//! Footprints come in the order in which their layers (of slabs: the first ones that they reach) lie.
+//! A tile keeps the layers that are open in a ring: what a footprint adds goes to its own layer (sheets)
+//! or, by differences of its integral along the ray, to all that it reaches (slabs). Before a footprint
+//! whose layer lies farther is drawn, nearer layers are composited: an optical depth, the sum of those
+//! of the kernels, and their mean colour, weighted by it.
+//!
+//! A surface divides one layer of each pixel: what lies in it behind the surface is kept apart.
+//!
+//! Twin: `shaders/tile/layers.wgsl`.
+
+use super::maximum;
+use super::sheets::IntoSheet;
+use super::slabs::IntoSlabs;
+use super::{AddRows, Into};
+use crate::blocks::MOST_SLABS;
+use crate::constants::TILE_PIXELS;
+use crate::cpu::tile::arithmetic::opacity;
+use crate::cpu::tile::classify::slab::{PostClassification, Slopes};
+use crate::cpu::tile::dispatch::{TileWork, run_at};
+use crate::cpu::tile::evaluate::Evaluate;
+use crate::cpu::tile::interval::cut::{CutTile, Side};
+use crate::cpu::tile::interval::within;
+use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace, add_scaled};
+use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
+use crate::simd::SimdLevel;
+use crate::splat::{Accumulate, Axes};
+
+/// Sums over the kernels of a layer, for each pixel.
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+pub(super) struct Layer {
+    tau: Plane,
+    /// Optical depth times linear colour.
+    red: Plane,
+    green: Plane,
+    blue: Plane,
+    /// Optical depth times depth; of sheets, where depths are wanted.
+    depth: Plane,
+    /// How the sums change, where light asks for it.
+    pub(super) slopes: Option<Box<Slopes>>,
+    /// Whether anything was added since it was cleared.
+    is_used: bool,
+}
+
+impl Default for Layer {
+    fn default() -> Self {
+        Self {
+            tau: [0.0; TILE_PIXELS],
+            red: [0.0; TILE_PIXELS],
+            green: [0.0; TILE_PIXELS],
+            blue: [0.0; TILE_PIXELS],
+            depth: [0.0; TILE_PIXELS],
+            slopes: None,
+            is_used: false,
+        }
+    }
+}
+
+impl Layer {
+    fn clear(&mut self) {
+        if self.is_used {
+            let mut slopes = self.slopes.take();
+            if let Some(slopes) = &mut slopes {
+                **slopes = Slopes::default();
+            }
+            *self = Self {
+                slopes,
+                ..Self::default()
+            };
+        }
+    }
+
+    /// Forgets pixel `i`.
+    fn clear_pixel(&mut self, i: usize) {
+        for plane in [
+            &mut self.tau,
+            &mut self.red,
+            &mut self.green,
+            &mut self.blue,
+            &mut self.depth,
+        ] {
+            plane[i] = 0.0;
+        }
+        if let Some(slopes) = &mut self.slopes {
+            slopes.clear_pixel(i);
+        }
+    }
+
+    /// Adds optical depths to the pixels from `first` on.
+    ///
+    /// - `has_depth`: whether depths are wanted.
+    #[inline(always)]
+    pub(super) fn add(
+        &mut self,
+        first: usize,
+        taus: &RowOf<f32>,
+        footprint: &Footprint,
+        has_depth: bool,
+    ) {
+        let [red, green, blue] = footprint.carried.colour();
+        add_scaled(&mut self.tau, first, taus, 1.0);
+        add_scaled(&mut self.red, first, taus, red);
+        add_scaled(&mut self.green, first, taus, green);
+        add_scaled(&mut self.blue, first, taus, blue);
+        if has_depth {
+            add_scaled(&mut self.depth, first, taus, footprint.depth);
+        }
+    }
+}
+
+/// The open layers of a tile.
+#[derive(Debug)]
+pub(in crate::cpu::tile) struct Ring {
+    /// Layer n lies at n modulo their number, a power of two.
+    layers: Vec<Layer>,
+    /// The nearest open layer.
+    first: u32,
+    /// What lies behind the surface in the layer that it divides.
+    pub(super) divided: Layer,
+}
+
+impl Default for Ring {
+    fn default() -> Self {
+        Self {
+            layers: vec![Layer::default()],
+            first: 0,
+            divided: Layer::default(),
+        }
+    }
+}
+
+/// Where a layer of slabs begins: depth z.
+pub(super) fn layer_start(view: &ViewUniform, layer: u32) -> f32 {
+    // Whole numbers, which f32 holds where depths do: a sum of lengths would round them away.
+    view.layer_first.saturating_add_unsigned(layer) as f32 * view.layer_thickness
+}
+
+/// The layer that holds a depth, `first` where that lies in front of it.
+fn layer_at(view: &ViewUniform, depth: f32, first: u32) -> u32 {
+    // A cast saturates, and NaN gives 0.
+    let number = (depth / view.layer_thickness).floor() as i32;
+    let ahead = i64::from(number) - i64::from(view.layer_first);
+    u32::try_from(ahead).unwrap_or(0).max(first)
+}
+
+impl Ring {
+    /// Forgets another tile.
+    pub(in crate::cpu::tile) fn clear(&mut self) {
+        self.layers.iter_mut().for_each(Layer::clear);
+        self.divided.clear();
+        self.first = 0;
+    }
+
+    /// Grows to hold the layers up to `last`.
+    fn grow(&mut self, last: u32) {
+        let wanted = (last - self.first + 1) as usize;
+        if wanted <= self.layers.len() {
+            return;
+        }
+        let old = std::mem::take(&mut self.layers);
+        self.layers
+            .resize_with(wanted.next_power_of_two(), Layer::default);
+        let n = old.len();
+        for (i, layer) in old.into_iter().enumerate() {
+            // The layer from `first` on that lay at i.
+            let ahead = (i + n - self.first as usize % n) % n;
+            let at = (self.first as usize + ahead) % self.layers.len();
+            self.layers[at] = layer;
+        }
+    }
+
+    fn place(&self, layer: u32) -> usize {
+        layer as usize & (self.layers.len() - 1)
+    }
+
+    /// An open layer.
+    #[inline(always)]
+    pub(super) fn layer(&mut self, layer: u32) -> &mut Layer {
+        let place = self.place(layer);
+        &mut self.layers[place]
+    }
+}
+
+/// A tile that kernels are summed in, layer by layer.
+pub(in crate::cpu::tile) struct LayeredTile<'a, 'b> {
+    pub(in crate::cpu::tile) place: TilePlace<'a>,
+    pub(in crate::cpu::tile) axes: Axes,
+    pub(in crate::cpu::tile) level: SimdLevel,
+    /// |D| of each pixel's ray, where any footprint is on the exact path.
+    pub(in crate::cpu::tile) rays: &'a Plane,
+    pub(in crate::cpu::tile) post: Option<PostClassification<'a>>,
+    pub(in crate::cpu::tile) ring: &'a mut Ring,
+    pub(in crate::cpu::tile) cut: Option<CutTile<'b>>,
+}
+
+impl LayeredTile<'_, '_> {
+    /// Adds a footprint to its layers, after those in front of them went into the tile; returns how
+    /// many pixels evaluated it.
+    pub(in crate::cpu::tile) fn add(
+        &mut self,
+        tile: &mut Tile,
+        footprint: &Footprint,
+        terms: Option<&ExactTerms>,
+        near: &[NearTerms],
+    ) -> u32 {
+        let view = self.place.view;
+        let own_first = footprint.key >> view.layer_shift;
+        self.flush(tile, own_first);
+        // Keys of sheets are in order; of slabs, within their rounding.
+        let first = own_first.max(self.ring.first);
+        let evaluate = Evaluate::new(&self.place, footprint, terms, near);
+        let side = match &self.cut {
+            None => Side::Front,
+            Some(cut) => cut.side(&evaluate),
+        };
+        if side == Side::Hidden {
+            return 0;
+        }
+        let is_slabs = self.axes.accumulate.cuts_slabs();
+        let last = if is_slabs {
+            let reach = evaluate.depth_reach();
+            // No farther behind its centre than it begins before that: slopes are rounded.
+            let reach = match evaluate {
+                Evaluate::Near(_) => reach,
+                _ => reach.min(footprint.depth - layer_start(view, own_first)),
+            };
+            let last = layer_at(view, footprint.depth + reach, first);
+            last.min(first.saturating_add(MOST_SLABS))
+        } else {
+            first
+        };
+        self.ring.grow(last);
+        for layer in first..=last {
+            self.ring.layer(layer).is_used = true;
+        }
+        let has_cut = side != Side::Front;
+        let spans = self.cut.as_ref().filter(|_| has_cut).map(|cut| cut.spans);
+        let has_surface = self.cut.as_ref().is_some_and(CutTile::has_surface);
+        self.ring.divided.is_used |= has_surface && has_cut;
+        let ring = &mut *self.ring;
+        let count = self.axes.count.then_some(tile);
+        let into = if is_slabs {
+            Into::Slabs(IntoSlabs {
+                view,
+                ring,
+                spans,
+                layers: [first, last],
+                has_surface,
+                has_slopes: self.post.is_some_and(|post| post.lighting.is_some()),
+                count,
+            })
+        } else {
+            Into::Sheet(IntoSheet {
+                ring,
+                spans,
+                layer: first,
+                has_depth: self.axes.depth,
+                count,
+            })
+        };
+        let work = AddRows {
+            evaluate: &evaluate,
+            rays: self.rays,
+            into,
+        };
+        run_at(self.level, work)
+    }
+
+    /// Composites all layers that are open, and what is cut.
+    pub(in crate::cpu::tile) fn finish(mut self, tile: &mut Tile) {
+        self.flush(tile, u32::MAX);
+        if let (Accumulate::Maximum, Some(post)) = (self.axes.accumulate, self.post) {
+            maximum::colour(tile, &post, self.axes.count);
+            return;
+        }
+        if let Some(cut) = self.cut {
+            cut.compose(self.axes.count, tile);
+        }
+    }
+
+    /// Composites the layers in front of one.
+    fn flush(&mut self, tile: &mut Tile, until: u32) {
+        let count = until.saturating_sub(self.ring.first);
+        for ahead in 0..count.min(self.ring.layers.len() as u32) {
+            let number = self.ring.first + ahead;
+            let place = self.ring.place(number);
+            if !self.ring.layers[place].is_used {
+                continue;
+            }
+            if self.axes.accumulate == Accumulate::Maximum {
+                if !self.axes.count {
+                    let layer = &self.ring.layers[place];
+                    maximum::take(self.place.view, number, &layer.tau, &layer.red, tile);
+                }
+                self.ring.layers[place].clear();
+                continue;
+            }
+            let flush = |layer: &Layer, front: &mut Tile, part: Part<'_>, bounds: Bounds<'_>| {
+                let work = Flush {
+                    place: &self.place,
+                    axes: &self.axes,
+                    post: self.post,
+                    number,
+                    layer,
+                    tile: front,
+                    part,
+                    bounds,
+                };
+                run_at(self.level, work);
+            };
+            let layer = &self.ring.layers[place];
+            match &mut self.cut {
+                None => flush(layer, tile, Part::All, None),
+                Some(cut) => {
+                    let is_slabs = self.axes.accumulate == Accumulate::Slabs;
+                    let spans = cut.spans;
+                    let middle = (is_slabs && cut.has_surface()).then_some(&spans.middle);
+                    let in_front = Some([&spans.near, &spans.middle]);
+                    let beyond = Some([&spans.middle, &spans.far]);
+                    flush(layer, tile, middle.map_or(Part::All, Part::Front), in_front);
+                    if cut.is_partial {
+                        if let Some(middle) = middle {
+                            flush(layer, cut.behind, Part::Behind(middle), beyond);
+                        }
+                        let divided = middle.map_or(Part::All, Part::Divided);
+                        flush(&self.ring.divided, cut.behind, divided, beyond);
+                    }
+                    // Of sheets the whole is done with; of slabs what belongs to this layer.
+                    match middle {
+                        None => self.ring.divided.clear(),
+                        Some(middle) => {
+                            let end = layer_start(self.place.view, number + 1);
+                            let divided = &mut self.ring.divided;
+                            for i in (0..TILE_PIXELS).filter(|&i| middle[i] < end) {
+                                divided.clear_pixel(i);
+                            }
+                        }
+                    }
+                }
+            }
+            self.ring.layers[place].clear();
+        }
+        self.ring.first = self.ring.first.max(until);
+    }
+}
+
+/// Which pixels of a layer are composited.
+#[derive(Debug, Clone, Copy)]
+enum Part<'a> {
+    /// All.
+    All,
+    /// Those whose surface lies beyond its beginning.
+    Front(&'a Plane),
+    /// The others.
+    Behind(&'a Plane),
+    /// Those whose surface divides it.
+    Divided(&'a Plane),
+}
+
+/// A layer on its way into a tile.
+struct Flush<'a> {
+    place: &'a TilePlace<'a>,
+    axes: &'a Axes,
+    post: Option<PostClassification<'a>>,
+    number: u32,
+    layer: &'a Layer,
+    tile: &'a mut Tile,
+    part: Part<'a>,
+    bounds: Bounds<'a>,
+}
+
+/// Between which depths a pixel's ray is drawn, where anything cuts it.
+type Bounds<'a> = Option<[&'a Plane; 2]>;
+
+impl TileWork for Flush<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) {
+        let Self {
+            place,
+            axes,
+            post,
+            number,
+            layer,
+            tile,
+            part,
+            bounds,
+        } = self;
+        let start = layer_start(place.view, number);
+        let end = layer_start(place.view, number + 1);
+        let mut taus = layer.tau;
+        let keep = |taus: &mut Plane, middle: &Plane, is_kept: fn(f32, [f32; 2]) -> bool| {
+            for (tau, middle) in taus.iter_mut().zip(middle) {
+                if !is_kept(*middle, [start, end]) {
+                    *tau = 0.0;
+                }
+            }
+        };
+        match part {
+            Part::All => {}
+            Part::Front(middle) => keep(&mut taus, middle, |m, [start, _]| start < m),
+            Part::Behind(middle) => keep(&mut taus, middle, |m, [start, _]| start >= m),
+            Part::Divided(middle) => {
+                keep(&mut taus, middle, |m, [start, end]| start < m && m < end);
+            }
+        }
+        let mut classified;
+        let mut layer = layer;
+        if let Some(post) = post {
+            classified = Layer::default();
+            for (i, length) in taus.into_iter().enumerate().filter(|(_, tau)| *tau > 0.0) {
+                let sums = [length, layer.red[i]];
+                let depth = 0.5 * (start + end);
+                let slopes = layer.slopes.as_deref();
+                let [red, green, blue, tau] = post.classify(place, i, sums, slopes, depth);
+                classified.tau[i] = tau;
+                classified.red[i] = tau * red;
+                classified.green[i] = tau * green;
+                classified.blue[i] = tau * blue;
+            }
+            layer = &classified;
+            taus = layer.tau;
+        }
+        // Of each pixel what the layer adds, for one of its optical depth.
+        let mut per_tau = [0.0; TILE_PIXELS];
+        for ((per_tau, alpha), &tau) in per_tau.iter_mut().zip(&mut tile.alpha).zip(&taus) {
+            let opacity = if axes.linear_opacity {
+                tau.min(1.0)
+            } else {
+                opacity::<FMA>(tau)
+            };
+            let weight = opacity * (1.0 - *alpha);
+            *alpha += weight;
+            *per_tau = weight / tau.max(f32::MIN_POSITIVE);
+        }
+        if !axes.count {
+            let colours = [
+                (&mut tile.red, &layer.red),
+                (&mut tile.green, &layer.green),
+                (&mut tile.blue, &layer.blue),
+            ];
+            for (sums, of_layer) in colours {
+                for ((sum, c), per_tau) in sums.iter_mut().zip(of_layer).zip(&per_tau) {
+                    *sum += per_tau * c;
+                }
+            }
+        }
+        if axes.depth {
+            for i in 0..TILE_PIXELS {
+                let after = tile.alpha[i];
+                if after >= 0.5 && tile.depth[i] == f32::INFINITY {
+                    let depth = depth_of_half(axes.accumulate, layer, i, [start, end]);
+                    let bounds = bounds.map(|[from, to]| [from[i], to[i]]);
+                    tile.depth[i] = bounds.map_or(depth, |bounds| within(depth, bounds));
+                }
+            }
+        }
+    }
+}
+
+/// The depth at which a layer made half of a pixel opaque: of sheets the mean of its kernels, of slabs
+/// its middle.
+fn depth_of_half(accumulate: Accumulate, layer: &Layer, i: usize, [start, end]: [f32; 2]) -> f32 {
+    if accumulate == Accumulate::Slabs {
+        (0.5 * (start + end)).max(0.0)
+    } else {
+        (layer.depth[i] / layer.tau[i]).max(0.0)
+    }
+}

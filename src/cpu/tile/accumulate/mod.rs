@@ -1,0 +1,64 @@
+//! Axis *accumulate*: what the kernels of a pixel become together.
+
+pub(super) mod column;
+pub(super) mod layers;
+pub(super) mod maximum;
+pub(super) mod opaque;
+pub(super) mod over;
+pub(super) mod sheets;
+pub(super) mod slabs;
+
+use self::over::IntoOver;
+use self::sheets::IntoSheet;
+use self::slabs::IntoSlabs;
+use super::dispatch::TileWork;
+use super::evaluate::Evaluate;
+use super::pixels::Plane;
+use crate::constants::TILE_SIZE;
+
+/// A kernel on its way into a tile, row by row: what is not fused. One body of all evaluations and all of
+/// what takes their rows, so that neither multiplies the other.
+pub(super) struct AddRows<'a> {
+    pub(super) evaluate: &'a Evaluate<'a>,
+    /// |D| of each pixel's ray.
+    pub(super) rays: &'a Plane,
+    pub(super) into: Into<'a>,
+}
+
+/// What takes the rows.
+pub(super) enum Into<'a> {
+    Over(IntoOver<'a>),
+    Sheet(IntoSheet<'a>),
+    Slabs(IntoSlabs<'a>),
+}
+
+impl TileWork for AddRows<'_> {
+    /// How many pixels lay within the cut-off.
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) -> u32 {
+        let Self {
+            evaluate,
+            rays,
+            mut into,
+        } = self;
+        let mut count = 0;
+        for y in evaluate.rows() {
+            let Some(ray_length) = rays[y * TILE_SIZE..].first_chunk::<TILE_SIZE>() else {
+                continue;
+            };
+            let row = evaluate.row::<FMA>(y, ray_length);
+            count += row.count;
+            if row.count == 0 {
+                continue;
+            }
+            match &mut into {
+                Into::Over(into) => into.take::<FMA>(evaluate, &row),
+                Into::Sheet(into) => into.take::<FMA>(evaluate, &row),
+                Into::Slabs(into) => into.take::<FMA>(evaluate, &row),
+            }
+        }
+        count
+    }
+}

@@ -1,0 +1,481 @@
+//! Kernels composited one by one, front to back.
+//!
+//! The hottest evaluations, affine and exact where all of the ray counts, are fused with it: a row goes
+//! from Q to the pixels' colours in registers. What else there is takes rows.
+//!
+//! Twin: `shaders/tile/accumulate/over.wgsl`.
+
+use super::{AddRows, Into};
+use crate::constants::{FAINT, MAX_CUTOFF, TILE_SIZE};
+use crate::cpu::tile::arithmetic::{exp_minus_half, madd, opacity};
+use crate::cpu::tile::dispatch::{TileWork, run_at};
+use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
+use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
+use crate::cpu::tile::evaluate::{Evaluate, Row};
+use crate::cpu::tile::interval::cut::{CutTile, Side, Spans};
+use crate::cpu::tile::interval::{between, shares_up_to, within};
+use crate::cpu::tile::pixels::{Patch, Plane, RowOf, Tile, TilePlace};
+use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
+use crate::simd::SimdLevel;
+use crate::splat::Axes;
+
+/// A tile that kernels are composited in.
+pub(in crate::cpu::tile) struct OverTile<'a, 'b> {
+    pub(in crate::cpu::tile) place: TilePlace<'a>,
+    pub(in crate::cpu::tile) axes: Axes,
+    pub(in crate::cpu::tile) level: SimdLevel,
+    /// |D| of each pixel's ray, where any footprint is on the exact path.
+    pub(in crate::cpu::tile) rays: &'a Plane,
+    pub(in crate::cpu::tile) cut: Option<CutTile<'b>>,
+}
+
+impl OverTile<'_, '_> {
+    /// Adds a footprint to the tile, what is cut of it to what lies behind the surface; returns how many
+    /// pixels evaluated it.
+    #[inline]
+    pub(in crate::cpu::tile) fn add(
+        &mut self,
+        front: &mut Tile,
+        footprint: &Footprint,
+        terms: Option<&ExactTerms>,
+        near: &[NearTerms],
+    ) -> u32 {
+        let light = Light::new(&self.axes, footprint);
+        let Some(cut) = &mut self.cut else {
+            if let Some(fused) = light.fused(footprint, terms) {
+                let patch = self.place.patch(footprint);
+                let width = self.place.width();
+                return fused.add(self.level, self.place, self.rays, front, patch, width);
+            }
+            let evaluate = Evaluate::new(&self.place, footprint, terms, near);
+            let into = IntoOver {
+                spans: None,
+                front,
+                behind: None,
+                light,
+            };
+            let work = AddRows {
+                evaluate: &evaluate,
+                rays: self.rays,
+                into: Into::Over(into),
+            };
+            return run_at(self.level, work);
+        };
+        let evaluate = Evaluate::new(&self.place, footprint, terms, near);
+        let side = cut.side(&evaluate);
+        let (spans, into, behind) = match side {
+            Side::Hidden => return 0,
+            Side::Front => (None, front, None),
+            Side::Behind => (None, &mut *cut.behind, None),
+            Side::Cut => (
+                Some(cut.spans),
+                front,
+                cut.is_partial.then_some(&mut *cut.behind),
+            ),
+        };
+        if let (None, Some(fused)) = (spans, light.fused(footprint, terms)) {
+            let patch = self.place.patch(footprint);
+            let width = self.place.width();
+            return fused.add(self.level, self.place, self.rays, into, patch, width);
+        }
+        let into = IntoOver {
+            spans,
+            front: into,
+            behind,
+            light,
+        };
+        let work = AddRows {
+            evaluate: &evaluate,
+            rays: self.rays,
+            into: Into::Over(into),
+        };
+        run_at(self.level, work)
+    }
+
+    /// Puts what is cut behind what is in front.
+    pub(in crate::cpu::tile) fn finish(self, front: &mut Tile) {
+        if let Some(cut) = self.cut {
+            cut.compose(self.axes.count, front);
+        }
+    }
+}
+
+/// What a kernel's opacity makes of a pixel.
+#[derive(Debug, Clone, Copy)]
+struct Light {
+    colour: [f32; 3],
+    /// Of the kernel's centre: within a kernel that holds the eye it may lie behind that.
+    depth: f32,
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    is_linear: bool,
+    has_depth: bool,
+    /// Whether pixels count kernels instead of showing them.
+    is_count: bool,
+}
+
+impl Light {
+    #[inline(always)]
+    fn new(axes: &Axes, footprint: &Footprint) -> Self {
+        Self {
+            colour: footprint.carried.colour(),
+            depth: footprint.depth.max(0.0),
+            is_linear: axes.linear_opacity || footprint.path == PATH_PEAK,
+            has_depth: axes.depth,
+            is_count: axes.count,
+        }
+    }
+
+    /// The fused loop that draws the footprint, where there is one.
+    #[inline(always)]
+    fn fused<'a>(
+        &self,
+        footprint: &'a Footprint,
+        terms: Option<&'a ExactTerms>,
+    ) -> Option<Fused<'a>> {
+        if self.is_count {
+            return None;
+        }
+        match (footprint.path, terms) {
+            (PATH_AFFINE | PATH_PEAK, _) => Some(Fused {
+                footprint,
+                terms: None,
+                light: *self,
+            }),
+            (PATH_EXACT, Some(terms)) if !self.is_linear => Some(Fused {
+                footprint,
+                terms: Some(terms),
+                light: *self,
+            }),
+            _ => None,
+        }
+    }
+}
+
+/// Rows on their way into a tile.
+pub(in crate::cpu::tile) struct IntoOver<'a> {
+    /// Where the kernel may be cut.
+    spans: Option<&'a Spans>,
+    front: &'a mut Tile,
+    /// Where it is seen through the surface.
+    behind: Option<&'a mut Tile>,
+    light: Light,
+}
+
+impl IntoOver<'_> {
+    #[inline(always)]
+    pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
+        let (first, depth) = (row.first(), self.light.depth);
+        let Some(spans) = self.spans else {
+            put::<FMA>(self.front, row, &row.tau, &self.light, |_| depth);
+            return;
+        };
+        let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
+            .map(|plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]));
+        let in_front = between(row, &near, &middle);
+        put::<FMA>(self.front, row, &in_front, &self.light, |i| {
+            within(depth, [spans.near[i], spans.middle[i]])
+        });
+        if let (Some(behind), false) = (&mut self.behind, self.light.is_count) {
+            let beyond = between(row, &middle, &far);
+            put::<FMA>(behind, row, &beyond, &self.light, |i| {
+                within(depth, [spans.middle[i], spans.far[i]])
+            });
+        }
+    }
+}
+
+/// Puts a row of optical depths behind what its pixels have; counts the kernel, where they count kernels.
+#[inline(always)]
+fn put<const FMA: bool>(
+    tile: &mut Tile,
+    row: &Row,
+    taus: &RowOf<f32>,
+    light: &Light,
+    depth_of: impl Fn(usize) -> f32,
+) {
+    let first = row.first();
+    let (Some(alphas), Some(reds), Some(greens), Some(blues)) = (
+        tile.alpha[first..].first_chunk_mut::<TILE_SIZE>(),
+        tile.red[first..].first_chunk_mut::<TILE_SIZE>(),
+        tile.green[first..].first_chunk_mut::<TILE_SIZE>(),
+        tile.blue[first..].first_chunk_mut::<TILE_SIZE>(),
+    ) else {
+        return;
+    };
+    let [red, green, blue] = if light.is_count {
+        [1.0; 3]
+    } else {
+        light.colour
+    };
+    let mut opacities = [0.0; TILE_SIZE];
+    for (out, &tau) in opacities.iter_mut().zip(taus) {
+        *out = if light.is_linear {
+            tau.min(1.0)
+        } else {
+            opacity::<FMA>(tau)
+        };
+    }
+    let before = *alphas;
+    for lane in 0..TILE_SIZE {
+        let weight = opacities[lane] * (1.0 - before[lane]);
+        alphas[lane] = before[lane] + weight;
+        let share = if light.is_count {
+            row.inside[lane] as f32
+        } else {
+            weight
+        };
+        reds[lane] = madd::<FMA>(share, red, reds[lane]);
+        greens[lane] = madd::<FMA>(share, green, greens[lane]);
+        blues[lane] = madd::<FMA>(share, blue, blues[lane]);
+    }
+    if light.has_depth {
+        for lane in 0..TILE_SIZE {
+            if before[lane] < 0.5 && alphas[lane] >= 0.5 {
+                tile.depth[first + lane] = depth_of(first + lane);
+            }
+        }
+    }
+}
+
+/// A footprint that one loop draws from Q to colours.
+#[derive(Debug, Clone, Copy)]
+struct Fused<'a> {
+    footprint: &'a Footprint,
+    /// On the exact path.
+    terms: Option<&'a ExactTerms>,
+    light: Light,
+}
+
+impl Fused<'_> {
+    /// Returns how many pixels lay within the cut-off.
+    ///
+    /// - `width`: columns of the tile that lie in the image.
+    #[inline(always)]
+    fn add(
+        self,
+        level: SimdLevel,
+        place: TilePlace<'_>,
+        rays: &Plane,
+        tile: &mut Tile,
+        patch: Patch,
+        width: usize,
+    ) -> u32 {
+        let (has_depth, rows) = (self.light.has_depth, patch.rows);
+        let depth = self.light.depth;
+        let work = FusedWork {
+            fused: self,
+            first_px: [place.px(0, 0), place.px(1, 0)],
+            rays,
+            tile,
+            patch,
+            width,
+        };
+        if has_depth {
+            return add_with_depths(level, work, rows, depth);
+        }
+        run_at(level, work)
+    }
+}
+
+/// Depths follow from the opacities before and after: they need no loops of their own.
+#[inline(never)]
+fn add_with_depths(
+    level: SimdLevel,
+    work: FusedWork<'_>,
+    [first, end]: [usize; 2],
+    depth: f32,
+) -> u32 {
+    let FusedWork { tile, .. } = work;
+    let before = tile.alpha;
+    let work = FusedWork {
+        tile: &mut *tile,
+        ..work
+    };
+    let count = run_at(level, work);
+    let pixels = first * TILE_SIZE..end * TILE_SIZE;
+    let alphas = before[pixels.clone()]
+        .iter()
+        .zip(&tile.alpha[pixels.clone()]);
+    for (out, (before, after)) in tile.depth[pixels].iter_mut().zip(alphas) {
+        let passes = (*before < 0.5) & (*after >= 0.5);
+        *out = if passes { depth } else { *out };
+    }
+    count
+}
+
+struct FusedWork<'a> {
+    fused: Fused<'a>,
+    /// Centre of the tile's first pixel.
+    first_px: [f32; 2],
+    rays: &'a Plane,
+    tile: &'a mut Tile,
+    patch: Patch,
+    width: usize,
+}
+
+/// Opacity 1 - exp(-tau).
+const EXPONENTIAL: u8 = 0;
+/// The same for tau up to [`FAINT`], by its series: no second exponential.
+const SERIES: u8 = 1;
+/// Opacity min(tau, 1).
+const LINEAR: u8 = 2;
+
+impl TileWork for FusedWork<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<const FMA: bool, const LANES: usize>(self) -> u32 {
+        self.choose::<FMA, LANES>()
+    }
+}
+
+impl FusedWork<'_> {
+    #[inline(always)]
+    fn choose<const FMA: bool, const LANES: usize>(self) -> u32 {
+        let Fused {
+            footprint,
+            terms,
+            light,
+        } = self.fused;
+        if let Some(terms) = terms {
+            return self.rows::<FMA, LANES, true, EXPONENTIAL, false>(terms);
+        }
+        let none = &ExactTerms::default();
+        if light.is_linear {
+            self.rows::<FMA, LANES, false, LINEAR, false>(none)
+        } else {
+            match (footprint.tau <= FAINT, is_aligned(footprint)) {
+                (true, true) => self.rows::<FMA, LANES, false, SERIES, true>(none),
+                (true, false) => self.rows::<FMA, LANES, false, SERIES, false>(none),
+                (false, true) => self.rows::<FMA, LANES, false, EXPONENTIAL, true>(none),
+                (false, false) => self.rows::<FMA, LANES, false, EXPONENTIAL, false>(none),
+            }
+        }
+    }
+
+    /// The loop: rows of the patch, chunks of `LANES` pixels of each row.
+    ///
+    /// `ALIGNED`: exp(-Q/2) is a factor of the column times one of the row, an exponential less for
+    /// each pixel. Q itself is the same, and so are the pixels within the cut-off.
+    #[inline(always)]
+    fn rows<
+        const FMA: bool,
+        const LANES: usize,
+        const EXACT: bool,
+        const OPACITY: u8,
+        const ALIGNED: bool,
+    >(
+        self,
+        terms: &ExactTerms,
+    ) -> u32 {
+        let Self {
+            fused,
+            first_px,
+            rays,
+            tile,
+            patch,
+            width,
+        } = self;
+        // Copies, which stores to the tile cannot change: of references each row would ask again.
+        let (footprint, terms) = (&{ *fused.footprint }, &{ *terms });
+        let [red, green, blue] = fused.light.colour;
+        let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
+        let dx_first = first_px[0] - footprint.centre_px[0];
+        let dy_first = first_px[1] - footprint.centre_px[1];
+        // A row of one vector is no loop.
+        let chunks = if LANES == TILE_SIZE {
+            0..1
+        } else {
+            patch.columns[0] / LANES..(patch.columns[1] - 1) / LANES + 1
+        };
+        let (alphas, _) = tile.alpha.as_chunks_mut::<LANES>();
+        let (reds, _) = tile.red.as_chunks_mut::<LANES>();
+        let (greens, _) = tile.green.as_chunks_mut::<LANES>();
+        let (blues, _) = tile.blue.as_chunks_mut::<LANES>();
+        let (rays, _) = rays.as_chunks::<LANES>();
+        // Vectors reach beyond the image's right border; there nothing is within the cut-off.
+        let mut limits = [cutoff; TILE_SIZE];
+        for limit in limits.iter_mut().skip(width) {
+            *limit = -1.0;
+        }
+        let (mut of_columns, mut of_rows) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);
+        if ALIGNED {
+            let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+            // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+            let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
+            for (i, (column, row)) in of_columns.iter_mut().zip(&mut of_rows).enumerate() {
+                *column = factor((px + rx) * (dx_first + i as f32));
+                *row = tau_peak * factor((py + ry) * (dy_first + i as f32));
+            }
+        }
+        let mut inside = [0_u32; LANES];
+        #[allow(
+            clippy::needless_range_loop,
+            reason = "over an iterator of `of_rows` the inner loop becomes scalar code, four times slower"
+        )]
+        for y in patch.rows[0]..patch.rows[1] {
+            let dy = dy_first + y as f32;
+            let form = RowForm::new(footprint, dy);
+            let exact = RowOfExact::new::<FMA>(footprint, terms, dy);
+            for chunk in chunks.clone() {
+                let at = y * (TILE_SIZE / LANES) + chunk;
+                let (Some(a_row), Some(r_out), Some(g_out), Some(b_out), Some(ray)) = (
+                    alphas.get_mut(at),
+                    reds.get_mut(at),
+                    greens.get_mut(at),
+                    blues.get_mut(at),
+                    rays.get(at),
+                ) else {
+                    continue;
+                };
+                let Some(of_column) = of_columns[chunk * LANES..].first_chunk::<LANES>() else {
+                    continue;
+                };
+                let Some(limit) = limits[chunk * LANES..].first_chunk::<LANES>() else {
+                    continue;
+                };
+                let ray = *ray;
+                let dx_chunk = dx_first + (chunk * LANES) as f32;
+                for lane in 0..LANES {
+                    let dx = dx_chunk + lane as f32;
+                    let (q, mut tau, mut is_inside);
+                    if EXACT {
+                        let ExactAt {
+                            q: of_ray,
+                            inverse,
+                            is_ahead,
+                        } = exact.at::<FMA>(dx);
+                        q = of_ray;
+                        tau = tau_peak * (ray[lane] * inverse.sqrt());
+                        is_inside = is_ahead;
+                    } else {
+                        q = form.q::<FMA>(dx);
+                        tau = tau_peak;
+                        is_inside = true;
+                    }
+                    // NaN compares false, here and above: outside.
+                    is_inside &= q <= limit[lane];
+                    tau = if ALIGNED {
+                        of_rows[y] * of_column[lane]
+                    } else {
+                        tau * exp_minus_half::<FMA>(q)
+                    };
+                    let tau = if is_inside { tau } else { 0.0 };
+                    let opacity = match OPACITY {
+                        LINEAR => tau.min(1.0),
+                        SERIES => tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0))),
+                        _ => opacity::<FMA>(tau),
+                    };
+                    let before = a_row[lane];
+                    let weight = opacity * (1.0 - before);
+                    a_row[lane] = before + weight;
+                    r_out[lane] = madd::<FMA>(weight, red, r_out[lane]);
+                    g_out[lane] = madd::<FMA>(weight, green, g_out[lane]);
+                    b_out[lane] = madd::<FMA>(weight, blue, b_out[lane]);
+                    inside[lane] += u32::from(is_inside);
+                }
+            }
+        }
+        inside.iter().sum()
+    }
+}

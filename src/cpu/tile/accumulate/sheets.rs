@@ -1,0 +1,42 @@
+//! Kernels summed whole in the layer that holds their centre.
+//!
+//! Twin: `shaders/tile/accumulate/sheets.wgsl`.
+
+use super::layers::Ring;
+use crate::cpu::tile::evaluate::{Evaluate, Row};
+use crate::cpu::tile::interval::cut::Spans;
+use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::pixels::{Tile, count_row};
+
+/// Rows on their way into a layer.
+pub(in crate::cpu::tile) struct IntoSheet<'a> {
+    pub(super) ring: &'a mut Ring,
+    /// Where the kernel may be cut.
+    pub(super) spans: Option<&'a Spans>,
+    pub(super) layer: u32,
+    pub(super) has_depth: bool,
+    /// Where pixels count kernels.
+    pub(super) count: Option<&'a mut Tile>,
+}
+
+impl IntoSheet<'_> {
+    #[inline(always)]
+    pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
+        let (first, has_depth) = (row.first(), self.has_depth);
+        if let Some(tile) = &mut self.count {
+            count_row(tile, first, &row.inside);
+        }
+        let footprint = evaluate.footprint();
+        let layer = self.ring.layer(self.layer);
+        let Some(spans) = self.spans else {
+            layer.add(first, &row.tau, footprint, has_depth);
+            return;
+        };
+        let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
+            .map(|plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]));
+        let in_front = between(row, &near, &middle);
+        layer.add(first, &in_front, footprint, has_depth);
+        let behind = between(row, &middle, &far);
+        self.ring.divided.add(first, &behind, footprint, has_depth);
+    }
+}

@@ -1,0 +1,159 @@
+//! Kernels cut into the layers that they reach, by differences of their integral along the ray.
+//!
+//! Twin: `shaders/tile/accumulate/slabs.wgsl`.
+
+use super::layers::{Ring, layer_start};
+use crate::constants::TILE_SIZE;
+use crate::cpu::tile::arithmetic::cdf;
+use crate::cpu::tile::classify::slab::RowEdge;
+use crate::cpu::tile::evaluate::{Along, Evaluate, Row, RowSlope};
+use crate::cpu::tile::interval::cut::Spans;
+use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::pixels::{Plane, Tile, count_row};
+use crate::record::ViewUniform;
+
+/// Rows on their way into layers.
+pub(in crate::cpu::tile) struct IntoSlabs<'a> {
+    pub(super) view: &'a ViewUniform,
+    pub(super) ring: &'a mut Ring,
+    /// Where the kernel may be cut.
+    pub(super) spans: Option<&'a Spans>,
+    /// The first and the last layer that it reaches.
+    pub(super) layers: [u32; 2],
+    /// Whether a surface divides them.
+    pub(super) has_surface: bool,
+    /// Whether light asks how layers change.
+    pub(super) has_slopes: bool,
+    /// Where pixels count kernels.
+    pub(super) count: Option<&'a mut Tile>,
+}
+
+/// A slab's depth is its own.
+const HAS_DEPTH: bool = false;
+
+impl IntoSlabs<'_> {
+    #[inline(always)]
+    pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
+        if let Some(tile) = &mut self.count {
+            count_row(tile, row.first(), &row.inside);
+        }
+        self.slice::<FMA>(evaluate, row);
+        if self.has_slopes
+            && let Some(slope) = evaluate.slope(row.y)
+        {
+            self.slope::<FMA>(evaluate, row, &slope);
+        }
+    }
+
+    /// The first layer takes what lies in front of it, the last what lies behind.
+    #[inline(always)]
+    fn slice<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
+        let (view, first) = (self.view, row.first());
+        let footprint = evaluate.footprint();
+        let is_gaussian = evaluate.along() == Along::Gaussian;
+        let [nearest, last] = self.layers;
+        let share_of = |plane: &Plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]);
+        let mut below = self.spans.map_or([0.0; TILE_SIZE], |s| share_of(&s.near));
+        let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
+        for number in nearest..=last {
+            let (start, end) = (layer_start(view, number), layer_start(view, number + 1));
+            let mut ends = [f32::INFINITY; TILE_SIZE];
+            if number < last {
+                ends = [end; TILE_SIZE];
+            }
+            let Some(spans) = self.spans else {
+                let mut above = [1.0; TILE_SIZE];
+                if number < last && is_gaussian {
+                    let kernels = row.depth.iter().zip(&row.per_sigma);
+                    for (above, (depth, per_sigma)) in above.iter_mut().zip(kernels) {
+                        *above = cdf::<FMA>((end - depth) * per_sigma);
+                    }
+                } else if number < last {
+                    above = shares_up_to::<FMA>(evaluate, row, &ends);
+                }
+                let own = between(row, &below, &above);
+                self.ring
+                    .layer(number)
+                    .add(first, &own, footprint, HAS_DEPTH);
+                below = above;
+                continue;
+            };
+            let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
+            for (end, (near, far)) in ends.iter_mut().zip(of_rays) {
+                *end = end.max(*near).min(*far);
+            }
+            let above = shares_up_to::<FMA>(evaluate, row, &ends);
+            if !self.has_surface {
+                let own = between(row, &below, &above);
+                self.ring
+                    .layer(number)
+                    .add(first, &own, footprint, HAS_DEPTH);
+                below = above;
+                continue;
+            }
+            let mut divide = divide_at;
+            for lane in 0..TILE_SIZE {
+                // A layer behind the surface is all behind it.
+                if !(start < spans.middle[first + lane] && divide[lane] < above[lane]) {
+                    divide[lane] = above[lane];
+                }
+            }
+            let own = between(row, &below, &divide);
+            self.ring
+                .layer(number)
+                .add(first, &own, footprint, HAS_DEPTH);
+            let behind = between(row, &divide, &above);
+            self.ring.divided.add(first, &behind, footprint, HAS_DEPTH);
+            below = above;
+        }
+    }
+
+    /// What [`Self::slice`] adds, by how it changes from pixel to pixel.
+    #[inline(always)]
+    fn slope<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row, slope: &RowSlope) {
+        const NONE: [f32; TILE_SIZE] = [f32::INFINITY; TILE_SIZE];
+        let (view, first) = (self.view, row.first());
+        let [nearest, last] = self.layers;
+        let carried = evaluate.footprint().carried.value();
+        let of_rays = |plane: fn(&Spans) -> &Plane| {
+            let spans = self
+                .spans
+                .and_then(|s| plane(s)[first..].first_chunk::<TILE_SIZE>());
+            spans.copied()
+        };
+        let nears = of_rays(|s| &s.near).unwrap_or(NONE.map(|x| -x));
+        let middles = of_rays(|s| &s.middle).filter(|_| self.has_surface);
+        let fars = of_rays(|s| &s.far).unwrap_or(NONE);
+        let mut begins = nears;
+        let mut below = RowEdge::new::<FMA>(evaluate, row, &begins);
+        for number in nearest..=last {
+            let start = layer_start(view, number);
+            let end = if number < last {
+                layer_start(view, number + 1)
+            } else {
+                f32::INFINITY
+            };
+            let mut ends = [end; TILE_SIZE];
+            for lane in 0..TILE_SIZE {
+                ends[lane] = end.max(nears[lane]).min(fars[lane]);
+            }
+            let above = RowEdge::new::<FMA>(evaluate, row, &ends);
+            let own = self.ring.layer(number).slopes.get_or_insert_default();
+            if let Some(middles) = &middles {
+                let mut divides = ends;
+                for lane in 0..TILE_SIZE {
+                    if start < middles[lane] {
+                        divides[lane] = middles[lane].min(ends[lane]).max(begins[lane]);
+                    }
+                }
+                let divide = RowEdge::new::<FMA>(evaluate, row, &divides);
+                own.add(first, row, slope, [&below, &divide], carried);
+                let behind = self.ring.divided.slopes.get_or_insert_default();
+                behind.add(first, row, slope, [&divide, &above], carried);
+            } else {
+                own.add(first, row, slope, [&below, &above], carried);
+            }
+            (begins, below) = (ends, above);
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Layers of slabs whose mean value is classified and lit, per pixel, instead of each particle.
+//!
+//! Particles carry the value's share of the range as their colour, and the extinction is the same for
+//! all: then the optical depth W of a layer is the length of the ray in it, in units of that extinction,
+//! and the sum N of optical depth times colour is the mean value f = N / W times it. Light asks for the
+//! slope of f, (∇N - f ∇W) / W, from the derivatives of the footprints (as section 8 of
+//! Zwicker et al. 2001 proposes, of the resampling filter), low-pass filter and all.
+//!
+//! Twin: `shaders/tile/classify/slab.wgsl`.
+
+use glam::Vec3;
+
+use crate::constants::{FRAC_1_SQRT_2PI, LEAST_SLOPE, TILE_PIXELS, TILE_SIZE};
+use crate::cpu::light::{Sides, lit};
+use crate::cpu::tile::arithmetic::exp_minus_half;
+use crate::cpu::tile::evaluate::{Evaluate, Row, RowSlope};
+use crate::cpu::tile::interval::shares_up_to;
+use crate::cpu::tile::pixels::{Plane, RowOf, TilePlace, add_scaled, ray};
+use crate::record::LightingUniform;
+use crate::scene::TransferFunction;
+
+/// What makes a colour and an optical depth of the mean value of a layer.
+#[derive(Debug, Clone, Copy)]
+pub struct PostClassification<'a> {
+    /// From values to colours and extinctions.
+    pub transfer: &'a TransferFunction,
+    /// One over the extinction that particles carry.
+    pub per_extinction: f32,
+    /// What lights layers.
+    pub lighting: Option<&'a LightingUniform>,
+}
+
+impl PostClassification<'_> {
+    /// Linear colour and optical depth of a layer at pixel `i` of a tile.
+    ///
+    /// - `length`, `carried`: W and N.
+    /// - `slopes`: of both, where light falls; `depth`: the middle of the layer.
+    pub(in crate::cpu::tile) fn classify(
+        &self,
+        place: &TilePlace<'_>,
+        i: usize,
+        [length, carried]: [f32; 2],
+        slopes: Option<&Slopes>,
+        depth: f32,
+    ) -> [f32; 4] {
+        let mean = carried / length;
+        let [red, green, blue, extinction] = self.transfer.classify_share(mean);
+        let mut colour = [red, green, blue];
+        if let (Some(lighting), Some(slopes)) = (self.lighting, slopes) {
+            let direction = ray(place.view, place.pixel(i));
+            let normal = slopes.direction(place, i, [length, mean], direction, depth);
+            let to_eye = if place.view.orthographic == 0 {
+                -direction.normalize_or_zero()
+            } else {
+                -Vec3::Z
+            };
+            colour = lit(lighting, Sides::Both, colour, normal, to_eye);
+        }
+        let [red, green, blue] = colour;
+        [red, green, blue, length * self.per_extinction * extinction]
+    }
+}
+
+/// A kernel along a row of a tile up to one depth of each pixel.
+pub(in crate::cpu::tile) struct RowEdge {
+    /// Of its optical depth.
+    share: [f32; TILE_SIZE],
+    /// By how much that grows with the depth.
+    density: [f32; TILE_SIZE],
+}
+
+impl RowEdge {
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn new<const FMA: bool>(
+        evaluate: &Evaluate<'_>,
+        row: &Row,
+        depths: &RowOf<f32>,
+    ) -> Self {
+        let mut edge = Self {
+            share: shares_up_to::<FMA>(evaluate, row, depths),
+            density: [0.0; TILE_SIZE],
+        };
+        let kernels = row.depth.iter().zip(&row.per_sigma);
+        for ((out, depth), (mean, per_sigma)) in edge.density.iter_mut().zip(depths).zip(kernels) {
+            let ahead = (depth - mean) * per_sigma;
+            let density = exp_minus_half::<FMA>((ahead * ahead).min(49.0));
+            // NaN and what lies far out have none.
+            let near_by = if ahead.abs() <= 7.0 { density } else { 0.0 };
+            *out = near_by * FRAC_1_SQRT_2PI * per_sigma;
+        }
+        edge
+    }
+}
+
+/// How sums over the kernels of a layer change from pixel to pixel of a tile: along its columns, its
+/// rows, and z.
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+pub(in crate::cpu::tile) struct Slopes {
+    carried: [Plane; 3],
+    length: [Plane; 3],
+}
+
+impl Default for Slopes {
+    fn default() -> Self {
+        Self {
+            carried: [[0.0; TILE_PIXELS]; 3],
+            length: [[0.0; TILE_PIXELS]; 3],
+        }
+    }
+}
+
+impl Slopes {
+    /// Forgets pixel `i`.
+    pub(in crate::cpu::tile) fn clear_pixel(&mut self, i: usize) {
+        for plane in self.carried.iter_mut().chain(&mut self.length) {
+            plane[i] = 0.0;
+        }
+    }
+
+    /// Adds the part of a kernel between two depths at the pixels of a row, which begins at `first`.
+    ///
+    /// - `carried`: by the kernel.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn add(
+        &mut self,
+        first: usize,
+        row: &Row,
+        slope: &RowSlope,
+        [below, above]: [&RowEdge; 2],
+        carried: f32,
+    ) {
+        let mut part = [0.0; TILE_SIZE];
+        let mut rise = [0.0; TILE_SIZE];
+        for lane in 0..TILE_SIZE {
+            part[lane] = row.tau[lane] * (above.share[lane] - below.share[lane]).max(0.0);
+            rise[lane] = row.tau[lane] * (above.density[lane] - below.density[lane]);
+        }
+        let mut of_axis = [[0.0; TILE_SIZE], [0.0; TILE_SIZE], rise];
+        for (k, of_axis) in of_axis[..2].iter_mut().enumerate() {
+            let (log_tau, mean) = (&slope.log_tau[k], &slope.mean[k]);
+            for lane in 0..TILE_SIZE {
+                of_axis[lane] = log_tau[lane] * part[lane] - mean[lane] * rise[lane];
+            }
+        }
+        for (k, of_axis) in of_axis.iter().enumerate() {
+            add_scaled(&mut self.length[k], first, of_axis, 1.0);
+            add_scaled(&mut self.carried[k], first, of_axis, carried);
+        }
+    }
+
+    /// The camera-space direction in which the mean value grows; zero where there is none.
+    fn direction(
+        &self,
+        place: &TilePlace<'_>,
+        i: usize,
+        [length, mean]: [f32; 2],
+        ray: Vec3,
+        depth: f32,
+    ) -> Vec3 {
+        let view = place.view;
+        let at = |planes: &[Plane; 3]| Vec3::from([0, 1, 2].map(|k| planes[k][i]));
+        // Of the mean value, per pixel and per unit of z; then per thickness of a layer.
+        let of_mean = at(&self.carried) - mean * at(&self.length);
+        let mut slope = of_mean * (view.layer_thickness / length);
+        let perspective = view.orthographic == 0;
+        // Pixels grow with z under perspective.
+        let per_px = if perspective { depth } else { 1.0 };
+        slope.x *= view.focal_px[0] / per_px;
+        slope.y *= view.focal_px[1] / per_px;
+        if perspective {
+            slope.z -= ray.x * slope.x + ray.y * slope.y;
+        }
+        if slope.length_squared() > LEAST_SLOPE * LEAST_SLOPE {
+            slope.normalize_or_zero()
+        } else {
+            Vec3::ZERO
+        }
+    }
+}

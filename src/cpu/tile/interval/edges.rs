@@ -1,0 +1,162 @@
+//! What clip planes leave of a surfel: its coverage falls from 1 to 0 across the cut as the low-pass
+//! filter spreads it, Phi of the distance from the cut on the image in standard deviations of the filter.
+//!
+//! Twin: `shaders/shared/clip.wgsl`.
+
+use glam::{Mat2, Vec2};
+
+use crate::constants::{CLIP_SOFTNESS, MAX_CLIP_PLANES, TILE_SIZE};
+use crate::cpu::tile::arithmetic::{cdf, madd};
+use crate::cpu::tile::evaluate::surfel::{NearSurfelAt, SurfelRow};
+use crate::cpu::tile::pixels::{TilePlace, ray};
+use crate::record::{Footprint, SurfelTerms, ViewUniform};
+
+/// Where planes clip a surfel: how far inside lies what a pixel shows of it, standard deviations of the
+/// low-pass filter, is linear over the image.
+///
+/// Of a surfel that the filter spreads, a pixel at offset d from its centre shows what lies at F d on
+/// average, F = V (V + V_h)⁻¹ = 1 - V_h S⁻¹ with S the variance of its footprint. Its gradient of
+/// inverse depth is one over the image already.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::cpu::tile) struct ClipEdges {
+    /// At the surfel's centre, and the change per pixel.
+    edges: [[f32; 3]; MAX_CLIP_PLANES],
+    count: usize,
+}
+
+impl ClipEdges {
+    /// Of a surfel in a tile; `None` where no plane cuts it there.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn of(
+        place: &TilePlace<'_>,
+        footprint: &Footprint,
+        terms: &SurfelTerms,
+    ) -> Option<Self> {
+        let view = place.view;
+        if view.clip_count == 0 {
+            return None;
+        }
+        let patch = place.patch(footprint);
+        let first = |i: usize| place.px(i, 0) - footprint.centre_px[i];
+        let reach = farthest(patch.columns, first(0)).hypot(farthest(patch.rows, first(1)));
+        let edges = Self::new(
+            view,
+            footprint.centre_px.into(),
+            terms.inverse_depth,
+            terms.gradient.into(),
+            shown(view, footprint, terms),
+            reach,
+        );
+        (edges.count > 0).then_some(edges)
+    }
+
+    /// The share that is left of a surfel that reaches the plane of the eye at a point of the image.
+    pub(in crate::cpu::tile) fn share_of_near(
+        view: &ViewUniform,
+        pixel: Vec2,
+        at: &NearSurfelAt,
+    ) -> f32 {
+        let gradient = at.plane.truncate() / Vec2::from(view.focal_px);
+        let edges = Self::new(view, pixel, at.inverse_depth, gradient, Mat2::IDENTITY, 0.0);
+        edges.share::<false>(0.0, 0.0)
+    }
+
+    /// Leaves of a row of a surfel what no plane clips; `dx` and `dy` lead from its centre to the row's
+    /// first pixel.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn cut<const FMA: bool>(
+        &self,
+        row: &mut SurfelRow,
+        [dx, dy]: [f32; 2],
+    ) {
+        let mut shares = [0.0; TILE_SIZE];
+        for (lane, share) in shares.iter_mut().enumerate() {
+            *share = self.share::<FMA>(dx + lane as f32, dy);
+        }
+        for (lane, share) in shares.into_iter().enumerate() {
+            // NaN leaves nothing.
+            let is_left = share > 0.0;
+            row.weight[lane] *= if is_left { share } else { 0.0 };
+            row.inside[lane] *= f32::from(u8::from(is_left));
+        }
+    }
+
+    /// Of the plane of a surfel with this inverse depth at a point of the image and this change of it, the
+    /// planes that cut it within `reach` pixels.
+    ///
+    /// - `shown`: F.
+    fn new(
+        view: &ViewUniform,
+        pixel: Vec2,
+        inverse_depth: f32,
+        gradient: Vec2,
+        shown: Mat2,
+        reach: f32,
+    ) -> Self {
+        let mut edges = Self {
+            edges: [[0.0; 3]; MAX_CLIP_PLANES],
+            count: 0,
+        };
+        let direction = ray(view, pixel);
+        let focal = Vec2::from(view.focal_px);
+        for &[nx, ny, nz, d] in &view.clip_planes[..view.clip_count as usize] {
+            // Of the point D / inverse depth (orthographic: X, Y, -inverse depth), times what is positive.
+            let across = nx * direction.x + ny * direction.y;
+            let (inside, rate) = if view.orthographic == 0 {
+                (across + nz + d * inverse_depth, d)
+            } else {
+                (across - nz * inverse_depth + d, -nz)
+            };
+            let slope = shown * (Vec2::new(nx, ny) / focal) + gradient * rate;
+            // The variance of what a pixel shows is h² F.
+            let kept = slope.dot(shown * slope) / slope.length_squared();
+            let spread = (view.low_pass_variance_px2 / kept.max(LEAST_SHOWN)).sqrt();
+            let softness = slope.length() * spread;
+            let scale = 1.0 / softness.max(f32::MIN_POSITIVE);
+            if inside * scale - slope.length() * scale * reach < WHOLE {
+                let slope = slope * scale;
+                edges.edges[edges.count] = [inside * scale, slope.x, slope.y];
+                edges.count += 1;
+            }
+        }
+        edges
+    }
+
+    /// The share of a surfel that is left at an offset from its centre; 0 beyond the softness.
+    #[inline(always)]
+    fn share<const FMA: bool>(&self, dx: f32, dy: f32) -> f32 {
+        let mut share = 1.0;
+        for [inside, along_x, along_y] in &self.edges[..self.count] {
+            let inside = madd::<FMA>(*along_x, dx, madd::<FMA>(*along_y, dy, *inside));
+            // Phrased so that NaN is outside.
+            share *= if inside > -CLIP_SOFTNESS {
+                cdf::<FMA>(inside)
+            } else {
+                0.0
+            };
+        }
+        share
+    }
+}
+
+/// So many standard deviations inside a plane a surfel is whole: Phi is 1 to f32.
+const WHOLE: f32 = 5.5;
+
+/// A surfel of a thousandth of a pixel shows so much of itself: below, roundings of F rule.
+const LEAST_SHOWN: f32 = 1e-6;
+
+/// F of [`ClipEdges`]: of surfels that follow their plane's homography 1, as their inverse depth does.
+fn shown(view: &ViewUniform, footprint: &Footprint, terms: &SurfelTerms) -> Mat2 {
+    if terms.homography > 0.0 {
+        return Mat2::IDENTITY;
+    }
+    let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+    let across = px * py + rx * ry;
+    let inverse = Mat2::from_cols_array(&[px * px + rx * rx, across, across, py * py + ry * ry]);
+    Mat2::IDENTITY - inverse * view.low_pass_variance_px2
+}
+
+/// The farthest of a row or column of pixels from a centre, `first` the offset of the tile's first one.
+fn farthest([start, end]: [usize; 2], first: f32) -> f32 {
+    (first + start as f32).abs().max((first + end as f32).abs())
+}

@@ -1,0 +1,56 @@
+//! Axis *interval*: which part of a pixel's ray counts. All of it needs no file: the row of optical
+//! depths is taken as it is. `cut.rs` takes shares of it, `edges.rs` says what clip planes leave of a
+//! surfel.
+
+pub(super) mod cut;
+pub(super) mod edges;
+
+use super::arithmetic::cdf;
+use super::evaluate::{Along, Evaluate, Row};
+use super::pixels::RowOf;
+use crate::constants::TILE_SIZE;
+
+/// The share of each pixel's optical depth that lies in front of a depth of its own.
+#[inline(always)]
+pub(super) fn shares_up_to<const FMA: bool>(
+    evaluate: &Evaluate<'_>,
+    row: &Row,
+    depths: &[f32],
+) -> RowOf<f32> {
+    let mut shares = [0.0; TILE_SIZE];
+    let Some(depths) = depths.first_chunk::<TILE_SIZE>() else {
+        return shares;
+    };
+    if let Evaluate::Near(walk) = evaluate {
+        return walk.shares_up_to(row, depths);
+    }
+    let is_point = evaluate.along() == Along::Point;
+    for lane in 0..TILE_SIZE {
+        let ahead = (depths[lane] - row.depth[lane]) * row.per_sigma[lane];
+        let share = if is_point {
+            f32::from(u8::from(ahead > 0.0))
+        } else {
+            cdf::<FMA>(ahead)
+        };
+        // NaN lies behind.
+        shares[lane] = if share > 0.0 { share } else { 0.0 };
+    }
+    shares
+}
+
+/// A row's optical depths between two shares of each.
+#[inline(always)]
+pub(super) fn between(row: &Row, from: &RowOf<f32>, to: &RowOf<f32>) -> RowOf<f32> {
+    let mut taus = [0.0; TILE_SIZE];
+    for lane in 0..TILE_SIZE {
+        // `max` takes the other argument where one is NaN.
+        taus[lane] = row.tau[lane] * (to[lane] - from[lane]).max(0.0);
+    }
+    taus
+}
+
+/// A depth held to the part of a ray that is drawn.
+#[inline(always)]
+pub(super) fn within(depth: f32, [from, to]: [f32; 2]) -> f32 {
+    depth.min(to).max(from)
+}

@@ -1,0 +1,160 @@
+//! What kinds of data a volume has: its shaders are made for them.
+
+use crate::blocks::{BlockedParticles, BlockedVolume, Rule};
+use crate::math::harmonics_count;
+use crate::record::{BlockView, ClassifiedParticle, DeviceBlock, Footprint};
+use crate::scene::{Colour, Strength, Values};
+
+/// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum ParticleKind {
+    /// [`LatticeUniform`] and the samples of the axes.
+    Lattice,
+    /// Blocks, and four words per particle: the offset and sigma.
+    Isotropic,
+    /// Blocks, and nine words per particle: the offset and the lower-triangular factor.
+    Anisotropic,
+    /// Blocks, and nine words per particle: the offset and the two tangents.
+    Surfels,
+}
+
+impl ParticleKind {
+    pub(super) fn of(particles: &BlockedParticles) -> Self {
+        match particles {
+            BlockedParticles::Lattice(_) => Self::Lattice,
+            BlockedParticles::Isotropic { .. } => Self::Isotropic,
+            BlockedParticles::Anisotropic { .. } => Self::Anisotropic,
+            BlockedParticles::Surfels { .. } => Self::Surfels,
+        }
+    }
+
+    /// Words that [`pack_shapes`] writes per particle.
+    pub(super) fn words_per_particle(self) -> usize {
+        match self {
+            Self::Lattice => 0,
+            Self::Isotropic => 4,
+            Self::Anisotropic | Self::Surfels => 9,
+        }
+    }
+}
+
+/// The type of a part's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum ValueKind {
+    /// Nothing is classified.
+    None,
+    U8,
+    U16,
+    I16,
+    F32,
+    /// Of merged particles: mean and spread of each.
+    Spread,
+}
+
+/// Where a part's masses come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum StrengthKind {
+    /// Extinction times a volume of each particle.
+    Volumes,
+    /// Extinction times the volume that all cells share.
+    Cell,
+    /// Extinction times the product of a cell's widths.
+    Widths,
+    /// Masses or opacities of their own.
+    Given,
+}
+
+/// Where a part's colours come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(super) enum ColourKind {
+    Classified,
+    PerParticle,
+    Uniform,
+    /// Left to `shade`.
+    Harmonics,
+}
+
+/// What kinds of data a part has: its shaders are made for them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Kinds {
+    pub(super) particles: ParticleKind,
+    pub(super) rule: Rule,
+    pub(super) values: ValueKind,
+    pub(super) strength: StrengthKind,
+    pub(super) colour: ColourKind,
+    /// Coefficients of a colour channel; 0 without harmonics.
+    pub(super) harmonics_count: u32,
+    /// Whether its particles stand for others.
+    pub(super) is_merged: bool,
+    /// Whether each strength is followed by the particle's clump.
+    pub(super) has_clumps: bool,
+    /// Whether light falls on it.
+    pub(super) is_lit: bool,
+}
+
+impl Kinds {
+    pub(super) fn of(volume: &BlockedVolume) -> Self {
+        let is_classified = matches!(volume.strength, Strength::Classified { .. })
+            || volume.colour == Colour::Classified;
+        Self {
+            particles: ParticleKind::of(&volume.particles),
+            rule: Rule::of(volume),
+            values: match &volume.values {
+                Some(_) if is_classified && volume.merged.is_some() => ValueKind::Spread,
+                Some(Values::U8(_)) if is_classified => ValueKind::U8,
+                Some(Values::U16(_)) if is_classified => ValueKind::U16,
+                Some(Values::I16(_)) if is_classified => ValueKind::I16,
+                Some(Values::F32(_)) if is_classified => ValueKind::F32,
+                _ => ValueKind::None,
+            },
+            strength: match (&volume.strength, &volume.particles) {
+                (Strength::Classified { .. }, BlockedParticles::Lattice(grid)) => {
+                    if grid.uniform_volume().is_some() {
+                        StrengthKind::Cell
+                    } else {
+                        StrengthKind::Widths
+                    }
+                }
+                (Strength::Classified { .. }, _) => StrengthKind::Volumes,
+                _ => StrengthKind::Given,
+            },
+            colour: match volume.colour {
+                Colour::Classified => ColourKind::Classified,
+                Colour::PerParticle(_) => ColourKind::PerParticle,
+                Colour::Uniform(_) => ColourKind::Uniform,
+                Colour::Harmonics { .. } => ColourKind::Harmonics,
+            },
+            harmonics_count: match volume.colour {
+                Colour::Harmonics { degree, .. } => harmonics_count(degree) as u32,
+                _ => 0,
+            },
+            is_merged: volume.merged.is_some(),
+            has_clumps: volume.merged.as_ref().is_some_and(|m| !m.clumps.is_empty()),
+            is_lit: volume.is_lit(),
+        }
+    }
+
+    /// Whether particles are cells of a lattice.
+    pub(super) fn is_lattice(&self) -> bool {
+        self.particles == ParticleKind::Lattice
+    }
+
+    /// Whether blocks may be transparent.
+    pub(super) fn may_be_transparent(&self) -> bool {
+        self.strength != StrengthKind::Given
+    }
+
+    /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
+    /// frame in which all are visible makes of them.
+    pub(super) fn bytes_per_particle(&self) -> u64 {
+        const { assert!(size_of::<Footprint>() >= 9 * 4) };
+        let frame = size_of::<Footprint>().max(size_of::<ClassifiedParticle>());
+        // A block has one particle at least.
+        let blocks = size_of::<DeviceBlock>().max(size_of::<BlockView>());
+        let colours = 12 * self.harmonics_count.max(1) as usize;
+        frame.max(blocks).max(colours) as u64
+    }
+}

@@ -1,0 +1,158 @@
+//! How much of everything a pass of a frame has memory for.
+
+use super::kind::PassKind;
+use super::report::Seen;
+use crate::constants::TILE_SIZE;
+use crate::error::{Error, Hint, Result};
+use crate::gpu::device::Gpu;
+use crate::gpu::project::near_bytes;
+use crate::gpu::rasterise::LAYER_SLOTS;
+use crate::gpu::scene::Scene;
+use crate::record::Footprint;
+
+/// How much of what frames have found they need.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Capacity {
+    /// Classified particles of each part.
+    pub(super) classified: Vec<u32>,
+    /// Kernels that cross the camera plane; without any the rasteriser has no code for them.
+    pub(super) near: u32,
+    /// Entries of the tiles' lists of a chunk.
+    pub(super) entries: u32,
+    /// Footprints of a depth chunk.
+    pub(super) chunk: u32,
+    /// Whether exact footprints have been seen: without them the rasteriser has no code for them.
+    pub(super) exact: bool,
+    /// Layers that a pixel keeps open, one of [`LAYER_SLOTS`]; of slabs.
+    pub(super) slots: u32,
+}
+
+/// Classified particles of a part that there is memory for before anything is known.
+const FIRST_CLASSIFIED: u32 = 1 << 18;
+/// The same of merged ones, of which a frame draws few.
+const FIRST_MERGED: u32 = 1 << 14;
+const FIRST_ENTRIES: u32 = 1 << 20;
+
+/// Entries of a chunk's lists at most, 1 GiB of them: beyond, a frame takes smaller chunks. So is
+/// what one submission may take bounded, for systems that end those of seconds.
+fn entries_limit(binding_bytes: u64) -> u64 {
+    (binding_bytes / 4).min(1 << 26)
+}
+
+impl Capacity {
+    /// Before any frame was drawn.
+    pub(super) fn first(scene: &Scene, binding_bytes: u64) -> Self {
+        let classified = scene.parts.iter().map(|part| {
+            let all = part.slots as u32;
+            // All are visible where nothing is classified.
+            if part.kinds.is_merged {
+                all.min(FIRST_MERGED)
+            } else if part.kinds.may_be_transparent() {
+                all.min(FIRST_CLASSIFIED)
+            } else {
+                all
+            }
+        });
+        Self {
+            classified: classified.collect(),
+            near: 0,
+            entries: FIRST_ENTRIES.min(entries_limit(binding_bytes) as u32),
+            chunk: chunk_limit(binding_bytes),
+            exact: false,
+            slots: LAYER_SLOTS[0],
+        }
+    }
+
+    /// What a frame would have needed; this where it was enough.
+    ///
+    /// - `kind`, `seen`: of the frame.
+    ///
+    /// # Errors
+    /// More than the device's bindings hold.
+    pub(super) fn grown(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        kind: &PassKind,
+        seen: &Seen,
+    ) -> Result<Self> {
+        let limit = gpu.max_binding_bytes();
+        let mut grown = self.clone();
+        let parts = scene.drawn(&mut grown.classified, kind.detail);
+        for ((part, classified), state) in parts.zip(&seen.parts) {
+            if state.needed > *classified {
+                *classified = with_slack(state.needed, part.slots as u64);
+            }
+        }
+        if grown.classified != self.classified {
+            // What follows has not seen all particles.
+            return Ok(grown);
+        }
+        if seen.near > grown.near {
+            let most = (limit - near_bytes(0)) / (near_bytes(1) - near_bytes(0));
+            grown.near = with_slack(seen.near, most);
+            check(gpu, "kernels across the camera plane", seen.near, most)?;
+        }
+        if seen.sort.exact > 0 {
+            grown.exact = true;
+        }
+        let layers = seen.tiles.layers_needed;
+        if kind.axes.accumulate.cuts_slabs() && layers > grown.slots {
+            let most = LAYER_SLOTS[LAYER_SLOTS.len() - 1];
+            check(gpu, "slabs that a kernel reaches", layers, most.into())?;
+            let slots = LAYER_SLOTS.into_iter().find(|slots| layers <= *slots);
+            grown.slots = slots.unwrap_or(most);
+        }
+        if seen.needed_entries > grown.entries {
+            let most = entries_limit(limit);
+            if u64::from(seen.needed_entries) <= most {
+                grown.entries = with_slack(seen.needed_entries, most);
+            } else {
+                // Fewer footprints at a time, however many tiles each touches.
+                let chunk = grown.chunk.min(seen.sort.visible);
+                if chunk <= 1 {
+                    check(gpu, "entries of one footprint", seen.needed_entries, most)?;
+                }
+                let share = u64::from(chunk) * most / u64::from(seen.needed_entries);
+                grown.chunk = (share as u32).min(chunk / 2).max(1);
+                grown.entries = most as u32;
+            }
+        }
+        Ok(grown)
+    }
+
+    /// Classified particles of all parts that frames of a kind draw.
+    pub(super) fn all_classified(&self, scene: &Scene, kind: &PassKind) -> u64 {
+        let capacities = scene.drawn(self.classified.iter().copied(), kind.detail);
+        capacities.map(|(_, n)| u64::from(n)).sum()
+    }
+}
+
+/// `needed`, and an eighth more, so that the next frame fits as well.
+fn with_slack(needed: u32, most: u64) -> u32 {
+    let wanted = u64::from(needed) + u64::from(needed) / 8 + 64;
+    wanted
+        .min(most)
+        .max(u64::from(needed))
+        .min(u64::from(u32::MAX)) as u32
+}
+
+fn check(gpu: &Gpu, what: &str, needed: u32, most: u64) -> Result<()> {
+    if u64::from(needed) <= most {
+        return Ok(());
+    }
+    Err(Error::Unsupported {
+        place: gpu.adapter(),
+        expected: format!("at most {most} {what}"),
+        found: needed.to_string(),
+        advice: Hint::UseCpu.into(),
+    })
+}
+
+/// Footprints of a depth chunk at most: those whose buffer a binding holds, and fewer than overflow
+/// a tile's count of splat-pixels, one of 32 bits for all its pixels.
+fn chunk_limit(binding_bytes: u64) -> u32 {
+    const COUNTABLE: u64 = u32::MAX as u64 / (TILE_SIZE * TILE_SIZE) as u64;
+    let footprints = binding_bytes / size_of::<Footprint>() as u64;
+    footprints.clamp(1, COUNTABLE) as u32
+}

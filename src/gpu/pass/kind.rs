@@ -1,0 +1,34 @@
+//! What makes the passes of frames differ: their buffers and pipelines are made for it.
+
+use crate::render::plan::{FramePlan, PassPlan};
+use crate::splat::{Accumulate, Axes};
+
+/// What makes a pass' buffers and pipelines differ from another's of the same scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::gpu) struct PassKind {
+    pub(super) size: [u32; 2],
+    filter: u32,
+    orthographic: u32,
+    /// Whether merged particles may be drawn.
+    pub(super) detail: bool,
+    pub(super) lights_particles: bool,
+    pub(super) axes: Axes,
+}
+
+impl PassKind {
+    pub(in crate::gpu) fn of(plan: &FramePlan, pass: &PassPlan) -> Self {
+        Self {
+            size: pass.view.size,
+            filter: pass.view.filter_kind,
+            orthographic: pass.view.orthographic,
+            detail: plan.has_detail(),
+            lights_particles: pass.lights_particles,
+            axes: pass.axes,
+        }
+    }
+
+    /// Whether kernels are summed into column densities.
+    pub(super) fn is_column(&self) -> bool {
+        self.axes.accumulate == Accumulate::Column
+    }
+}

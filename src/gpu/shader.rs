@@ -1,0 +1,273 @@
+//! Shaders as text: each is the prelude, files of `shaders/shared/` and a stage's own files, one after the
+//! other. Which files, the stages say.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+use super::constants::{
+    MAX_GROUPS, NO_DEPTH, NO_LAYER, PARTICLE_ARGUMENTS, RADIX_BITS, RADIX_GROUP, RULE_KERNEL,
+    RULE_PANE, RULE_PEAK, RULE_SURFACE, SCAN_RUN, THREADS, VIEW_ARGUMENTS,
+};
+use super::kinds::{ColourKind, StrengthKind, ValueKind};
+use super::packed::words;
+use crate::blocks::DEPTH_KEY_SPAN;
+use crate::constants::{
+    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, FRAC_1_SQRT_2PI,
+    LEAST_SLOPE, MAX_CLIP_PLANES, MAX_CUTOFF, MAX_LIGHTS, MAX_PLANES, NEAR_MARGIN, SURFACE_LAYERS,
+    TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
+};
+use crate::math::{
+    E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
+    HARMONIC_1, HARMONICS_2, HARMONICS_3, NORMAL_STEPS,
+};
+use crate::record::{
+    MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
+    PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL,
+};
+use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES, MAXIMUM_ROUNDING};
+use crate::splat::budget::{
+    AFFINE_SHARE, CONTRAST_SHARE, CUTOFF_SHARE, FILTER_SHARE, GREATEST_PILE, MANY_SHARE,
+    MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD, MISREAD_SHARE, MIXED_SHARE, OVERLAP, TREND,
+};
+use crate::splat::{
+    ANTI_ALIASED_LOW_PASS_PX2, CHOICE_COLOURS, Filter, GRAZING, JACOBIAN_MARGIN, PERSPECTIVE_FROM,
+    SLACK_PIXELS, SLACK_SIGMAS, SLACK_SLOPE, SPLAT_LOW_PASS_PX2, SUB_PIXEL_FAINT, SUB_PIXEL_LARGE,
+    SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE, SUB_PIXEL_REACH, SUB_PIXEL_SPLIT,
+    SUB_PIXEL_WEIGHTS,
+};
+
+/// A shader's name and the files it is composed of.
+#[derive(Debug, Clone)]
+pub struct Shader {
+    /// The stage, and what tells it from others of the same stage.
+    pub name: Cow<'static, str>,
+    /// Numbers of this shader alone.
+    constants: Vec<(&'static str, u32)>,
+    parts: Cow<'static, [&'static str]>,
+}
+
+impl Shader {
+    /// A shader of certain files.
+    pub(super) const fn new(name: &'static str, parts: &'static [&'static str]) -> Self {
+        Self {
+            name: Cow::Borrowed(name),
+            constants: Vec::new(),
+            parts: Cow::Borrowed(parts),
+        }
+    }
+
+    /// A shader of files that are chosen, with numbers of its own before them.
+    pub(super) fn composed(
+        name: String,
+        constants: Vec<(&'static str, u32)>,
+        parts: Vec<&'static str>,
+    ) -> Self {
+        Self {
+            name: Cow::Owned(name),
+            constants,
+            parts: Cow::Owned(parts),
+        }
+    }
+
+    /// The WGSL text: the prelude and the parts.
+    pub fn source(&self) -> String {
+        let mut source = prelude();
+        for (name, value) in &self.constants {
+            let _ = writeln!(source, "const {name}: u32 = {value}u;");
+        }
+        for part in &*self.parts {
+            source.push('\n');
+            source.push_str(part);
+        }
+        source
+    }
+}
+
+/// The structs of [`crate::record`].
+pub(super) const STRUCTS: &str = include_str!("../../shaders/shared/layout.wgsl");
+/// Which workgroup a thread belongs to.
+pub(super) const DISPATCH: &str = include_str!("../../shaders/shared/dispatch.wgsl");
+/// Unit vectors in a word.
+pub(super) const NORMAL: &str = include_str!("../../shaders/shared/normal.wgsl");
+/// The plane of two tangents.
+pub(super) const TANGENTS: &str = include_str!("../../shaders/shared/tangents.wgsl");
+/// Exponentials with a known error.
+pub(super) const EXPONENTIAL: &str = include_str!("../../shaders/shared/exponential.wgsl");
+/// Double precision in integers.
+pub(super) const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.wgsl");
+/// Places in a transfer function's table.
+pub(super) const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
+/// Averages over intervals of values.
+pub(super) const AVERAGES: &str = include_str!("../../shaders/shared/averages.wgsl");
+/// Maxima over intervals of values.
+pub(super) const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl");
+/// The exponential integral.
+pub(super) const EIN: &str = include_str!("../../shaders/shared/ein.wgsl");
+/// Prefix sums over the threads of a workgroup.
+pub(super) const SCAN_THREADS: &str = include_str!("../../shaders/shared/scan_threads.wgsl");
+/// What f32 does beyond the promises of WGSL.
+pub(super) const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl");
+/// Kernels' factors.
+pub(super) const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
+/// What lights make of a colour.
+pub(super) const LIT: &str = include_str!("../../shaders/shared/lit.wgsl");
+
+/// Positions and shapes of a lattice's cells.
+pub(super) const PARTICLES_LATTICE: &str =
+    include_str!("../../shaders/shared/particles_lattice.wgsl");
+/// Positions and shapes of spheres.
+pub(super) const PARTICLES_ISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_isotropic.wgsl");
+/// Positions and shapes of ellipsoids.
+pub(super) const PARTICLES_ANISOTROPIC: &str =
+    include_str!("../../shaders/shared/particles_anisotropic.wgsl");
+/// Positions and tangents of surfels.
+pub(super) const PARTICLES_SURFELS: &str =
+    include_str!("../../shaders/shared/particles_surfels.wgsl");
+
+/// The numbers that both back ends share, as WGSL constants.
+pub fn prelude() -> String {
+    let mut text = String::new();
+    let integers = [
+        ("MAX_GROUPS", MAX_GROUPS),
+        ("THREADS", THREADS),
+        ("SCAN_RUN", SCAN_RUN),
+        ("TILE_SIZE", TILE_SIZE as u32),
+        ("MAX_LIGHTS", MAX_LIGHTS as u32),
+        ("BRICK_X", BRICK[0] as u32),
+        ("BRICK_Y", BRICK[1] as u32),
+        ("BRICK_Z", BRICK[2] as u32),
+        ("DEPTH_KEY_BITS", DEPTH_KEY_BITS),
+        ("TERMINATION_INTERVAL", TERMINATION_INTERVAL as u32),
+        ("RADIX_BITS", RADIX_BITS),
+        ("RADIX_GROUP", RADIX_GROUP as u32),
+        ("CLASSIFICATION_TABLE_LEN", CLASSIFICATION_TABLE_LEN as u32),
+        ("TABLE_LEVELS", CLASSIFICATION_TABLE_LEN.ilog2() + 1),
+        ("VALUES_NONE", ValueKind::None as u32),
+        ("VALUES_U8", ValueKind::U8 as u32),
+        ("VALUES_U16", ValueKind::U16 as u32),
+        ("VALUES_I16", ValueKind::I16 as u32),
+        ("VALUES_SPREAD", ValueKind::Spread as u32),
+        ("STRENGTH_CELL", StrengthKind::Cell as u32),
+        ("STRENGTH_WIDTHS", StrengthKind::Widths as u32),
+        ("STRENGTH_GIVEN", StrengthKind::Given as u32),
+        ("COLOUR_CLASSIFIED", ColourKind::Classified as u32),
+        ("COLOUR_PER_PARTICLE", ColourKind::PerParticle as u32),
+        ("COLOUR_UNIFORM", ColourKind::Uniform as u32),
+        ("VIEW_ARGUMENTS", VIEW_ARGUMENTS),
+        ("PARTICLE_ARGUMENTS", PARTICLE_ARGUMENTS),
+        ("PATH_AFFINE", PATH_AFFINE),
+        ("PATH_PEAK", PATH_PEAK),
+        ("PATH_EXACT", PATH_EXACT),
+        ("PATH_NEAR", PATH_NEAR),
+        ("PATH_HALF_LINE", PATH_HALF_LINE),
+        ("PATH_SURFEL", PATH_SURFEL),
+        ("PATH_NEAR_SURFEL", PATH_NEAR_SURFEL),
+        ("RULE_KERNEL", RULE_KERNEL),
+        ("RULE_PEAK", RULE_PEAK),
+        ("RULE_SURFACE", RULE_SURFACE),
+        ("RULE_PANE", RULE_PANE),
+        ("SURFACE_LAYERS", SURFACE_LAYERS as u32),
+        ("MAX_CLIP_PLANES", MAX_CLIP_PLANES as u32),
+        ("MAX_PLANES", MAX_PLANES as u32),
+        ("NO_LAYER", NO_LAYER),
+        ("MERGED_OPEN", MERGED_OPEN),
+        ("MERGED_UNSEEN", MERGED_UNSEEN),
+        ("MERGED_FITS", MERGED_FITS),
+        ("FILTER_COUNT", Filter::ALL.len() as u32),
+    ];
+    for (name, value) in integers {
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    for filter in Filter::ALL {
+        let name = filter.name().to_uppercase().replace('-', "_");
+        let _ = writeln!(text, "const FILTER_{name}: u32 = {}u;", filter as u32);
+    }
+    let floats = [
+        ("MAX_CUTOFF", MAX_CUTOFF),
+        ("NEAR_MARGIN", NEAR_MARGIN),
+        ("TERMINATION_SHARE", TERMINATION_SHARE),
+        ("FAINT", FAINT),
+        ("COVERAGE_FULL", COVERAGE_FULL),
+        ("CLIP_SOFTNESS", CLIP_SOFTNESS),
+        ("SLACK_SIGMAS", SLACK_SIGMAS),
+        ("SLACK_PIXELS", SLACK_PIXELS),
+        ("SLACK_SLOPE", SLACK_SLOPE),
+        ("GRAZING", GRAZING),
+        ("PERSPECTIVE_FROM", PERSPECTIVE_FROM),
+        ("NORMAL_STEPS", NORMAL_STEPS),
+        ("NO_DEPTH", NO_DEPTH),
+        ("SMALLEST", f32::MIN_POSITIVE),
+        ("LARGEST", f32::MAX),
+        ("LN_2", std::f32::consts::LN_2),
+        ("LOG2_E", std::f32::consts::LOG2_E),
+        ("FRAC_1_SQRT_2", std::f32::consts::FRAC_1_SQRT_2),
+        ("FRAC_1_SQRT_2PI", FRAC_1_SQRT_2PI),
+        ("LEAST_SLOPE", LEAST_SLOPE),
+        ("SPLAT_LOW_PASS_PX2", SPLAT_LOW_PASS_PX2),
+        ("ANTI_ALIASED_LOW_PASS_PX2", ANTI_ALIASED_LOW_PASS_PX2),
+        ("JACOBIAN_MARGIN", JACOBIAN_MARGIN),
+        ("FAR_ENTRIES", FAR_ENTRIES),
+        ("MAXIMUM_ROUNDING", MAXIMUM_ROUNDING),
+        ("CUTOFF_SHARE", CUTOFF_SHARE),
+        ("OVERLAP", OVERLAP),
+        ("GREATEST_PILE", GREATEST_PILE),
+        ("AFFINE_SHARE", AFFINE_SHARE),
+        ("FILTER_SHARE", FILTER_SHARE),
+        ("MERGE_SHARE", MERGE_SHARE),
+        ("MERGE_THIRD", MERGE_THIRD),
+        ("MERGE_FOURTH", MERGE_FOURTH),
+        ("CONTRAST_SHARE", CONTRAST_SHARE),
+        ("MISREAD_SHARE", MISREAD_SHARE),
+        ("MIXED_SHARE", MIXED_SHARE),
+        ("MANY_SHARE", MANY_SHARE),
+        ("TREND", TREND),
+        ("SUB_PIXEL_SPLIT", SUB_PIXEL_SPLIT),
+        ("SUB_PIXEL_REACH", SUB_PIXEL_REACH),
+        ("SUB_PIXEL_FAINT", SUB_PIXEL_FAINT),
+        ("SUB_PIXEL_LARGE", SUB_PIXEL_LARGE),
+        ("EIN_SPLIT", EIN_SPLIT),
+        ("EULER", EULER),
+        ("TAU", std::f32::consts::TAU),
+        ("HARMONIC_0", HARMONIC_0),
+        ("HARMONIC_1", HARMONIC_1),
+    ];
+    for (name, value) in floats {
+        let _ = writeln!(text, "const {name}: f32 = {value:?};");
+    }
+    let lists = [
+        ("EXP2_SERIES", EXP2_SERIES.as_slice()),
+        ("ERFC_SERIES", ERFC_SERIES.as_slice()),
+        ("EIN_SERIES", EIN_SERIES.as_slice()),
+        ("E1_NUMERATOR", E1_NUMERATOR.as_slice()),
+        ("E1_DENOMINATOR", E1_DENOMINATOR.as_slice()),
+        ("SUB_PIXEL_NODES", SUB_PIXEL_NODES.as_slice()),
+        ("SUB_PIXEL_LOGS", SUB_PIXEL_LOGS.as_slice()),
+        ("SUB_PIXEL_WEIGHTS", SUB_PIXEL_WEIGHTS.as_slice()),
+        ("SUB_PIXEL_OPAQUE", SUB_PIXEL_OPAQUE.as_slice()),
+        ("HARMONICS_2", HARMONICS_2.as_slice()),
+        ("HARMONICS_3", HARMONICS_3.as_slice()),
+    ];
+    for (name, values) in lists {
+        let (count, values) = (values.len(), format!("{values:?}"));
+        let values = values.trim_matches(['[', ']']);
+        let kind = format!("array<f32, {count}>");
+        let _ = writeln!(text, "const {name}: {kind} = {kind}({values});");
+    }
+    let colours = CHOICE_COLOURS.map(|[r, g, b]| format!("array<f32, 3>({r:?}, {g:?}, {b:?})"));
+    let kind = format!("array<array<f32, 3>, {}>", colours.len());
+    let colours = colours.join(", ");
+    let _ = writeln!(text, "const CHOICE_COLOURS: {kind} = {kind}({colours});");
+    let doubles = [
+        ("DEPTH_KEY_SPAN", DEPTH_KEY_SPAN),
+        ("GREATEST_F32", f64::from(f32::MAX)),
+    ];
+    for (name, value) in doubles {
+        let [low, high] = words(value);
+        let _ = writeln!(
+            text,
+            "const {name}: vec2<u32> = vec2<u32>({low}u, {high}u);"
+        );
+    }
+    text
+}

@@ -1,0 +1,378 @@
+//! PNG and JPEG files decoded to samples: what images and textures share.
+//!
+//! Decoding has two steps, so that the claimed size can be checked before memory is taken for it:
+//! [`Encoded::open`] reads the header, [`Encoded::decode`] the pixels. Colour profiles are not
+//! applied: numbers are taken as sRGB.
+
+use std::io::Cursor;
+
+use png::Transformations;
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+use super::raw::DEFLATE_RATIO;
+
+/// The first bytes of every PNG file.
+pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// The first bytes of every JPEG file.
+pub(super) const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
+
+/// A PNG holds eight pixels in a byte at most, deflated.
+const PNG_PIXELS_PER_BYTE: u64 = 8 * DEFLATE_RATIO;
+
+/// A JPEG spends a bit on each block of 64 pixels at least.
+const JPEG_PIXELS_PER_BYTE: u64 = 8 * 64;
+
+/// A file whose header has been read and whose size its bytes could hold.
+pub(super) struct Encoded<'a> {
+    form: Form<'a>,
+    /// Width and height, pixels; neither is 0.
+    size: [usize; 2],
+}
+
+enum Form<'a> {
+    Png(Box<png::Reader<Cursor<&'a [u8]>>>),
+    Jpeg(Box<JpegDecoder<ZCursor<&'a [u8]>>>),
+}
+
+/// Why there are no pixels, as the end of a sentence about the image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// Its first bytes are of another format.
+    Unknown,
+    /// What the decoder says.
+    Damaged(String),
+    /// More pixels than its bytes can hold, or none: width, height and bytes.
+    Claim(usize, usize, usize),
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unknown => write!(f, "is neither PNG nor JPEG"),
+            Self::Damaged(reason) => write!(f, "is damaged ({reason})"),
+            Self::Claim(width, height, bytes) => {
+                write!(f, "claims {width} x {height} pixels in {bytes} bytes")
+            }
+        }
+    }
+}
+
+/// What a decoder says, its first line.
+fn damaged(error: impl std::fmt::Display) -> Refusal {
+    let text = error.to_string();
+    Refusal::Damaged(text.lines().next().unwrap_or("").to_owned())
+}
+
+impl<'a> Encoded<'a> {
+    /// Reads the header of a file, known by its first bytes.
+    pub(super) fn open(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        if bytes.starts_with(PNG_MAGIC) {
+            Self::png(bytes)
+        } else if bytes.starts_with(JPEG_MAGIC) {
+            Self::jpeg(bytes)
+        } else {
+            Err(Refusal::Unknown)
+        }
+    }
+
+    /// Reads the header of a PNG file.
+    pub(super) fn png(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        // At its best, deflate packs this many bytes into one; some more for small images.
+        let limit = bytes.len() as u64 * DEFLATE_RATIO + (1 << 20);
+        let limits = png::Limits {
+            bytes: usize::try_from(limit).unwrap_or(usize::MAX),
+        };
+        let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
+        decoder.set_ignore_text_chunk(true);
+        decoder.set_ignore_iccp_chunk(true);
+        // Palettes and fewer than eight bits become eight; sixteen stay.
+        decoder.set_transformations(Transformations::EXPAND);
+        let info = decoder.read_header_info().map_err(damaged)?;
+        let size = [info.width, info.height].map(|n| n as usize);
+        check_claim(size, bytes, PNG_PIXELS_PER_BYTE)?;
+        let reader = decoder.read_info().map_err(damaged)?;
+        Ok(Self {
+            form: Form::Png(Box::new(reader)),
+            size,
+        })
+    }
+
+    fn jpeg(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        let options = DecoderOptions::default()
+            .set_strict_mode(false)
+            .set_max_width(usize::MAX)
+            .set_max_height(usize::MAX);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+        decoder.decode_headers().map_err(damaged)?;
+        let (width, height) = decoder.dimensions().unwrap_or((0, 0));
+        check_claim([width, height], bytes, JPEG_PIXELS_PER_BYTE)?;
+        // Grey stays grey; all else is turned into RGB.
+        let colours = match decoder.input_colorspace() {
+            Some(ColorSpace::Luma) => ColorSpace::Luma,
+            _ => ColorSpace::RGB,
+        };
+        decoder.set_options(options.jpeg_set_out_colorspace(colours));
+        Ok(Self {
+            form: Form::Jpeg(Box::new(decoder)),
+            size: [width, height],
+        })
+    }
+
+    /// Width and height, pixels.
+    pub(super) fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// Decodes the pixels (of an animation, the first frame).
+    pub(super) fn decode(self) -> Result<Samples, Refusal> {
+        let (channels, numbers) = match self.form {
+            Form::Png(mut reader) => {
+                let (colour, depth) = reader.output_color_type();
+                let length = reader
+                    .output_buffer_size()
+                    .ok_or_else(|| damaged("too large"))?;
+                let mut bytes = vec![0; length];
+                reader.next_frame(&mut bytes).map_err(damaged)?;
+                let numbers = match depth {
+                    png::BitDepth::Sixteen => {
+                        let pairs = bytes.as_chunks().0.iter();
+                        Numbers::Sixteen(pairs.map(|b| u16::from_be_bytes(*b)).collect())
+                    }
+                    _ => Numbers::Eight(bytes),
+                };
+                (colour.samples(), numbers)
+            }
+            Form::Jpeg(mut decoder) => {
+                let bytes = decoder.decode().map_err(damaged)?;
+                let colours = decoder.output_colorspace();
+                (
+                    colours.map_or(0, |c| c.num_components()),
+                    Numbers::Eight(bytes),
+                )
+            }
+        };
+        let samples = Samples {
+            size: self.size,
+            channels,
+            numbers,
+        };
+        if samples.is_whole() {
+            Ok(samples)
+        } else {
+            Err(damaged("another number of samples than of pixels"))
+        }
+    }
+}
+
+/// Refuses a size that the file's bytes cannot hold, even packed as densely as can be.
+fn check_claim(size: [usize; 2], bytes: &[u8], pixels_per_byte: u64) -> Result<(), Refusal> {
+    let [width, height] = size;
+    let claimed = (width as u64).saturating_mul(height as u64);
+    if claimed == 0 || claimed > pixels_per_byte.saturating_mul(bytes.len() as u64) {
+        return Err(Refusal::Claim(width, height, bytes.len()));
+    }
+    Ok(())
+}
+
+/// An image as its file has it: grey, grey and alpha, RGB or RGBA, rows from the top.
+pub(super) struct Samples {
+    size: [usize; 2],
+    /// Numbers per pixel, 1 to 4.
+    channels: usize,
+    numbers: Numbers,
+}
+
+enum Numbers {
+    Eight(Vec<u8>),
+    Sixteen(Vec<u16>),
+}
+
+impl Samples {
+    fn is_whole(&self) -> bool {
+        let count = match &self.numbers {
+            Numbers::Eight(n) => n.len(),
+            Numbers::Sixteen(n) => n.len(),
+        };
+        let [width, height] = self.size;
+        let expected = width
+            .checked_mul(height)
+            .and_then(|n| n.checked_mul(self.channels));
+        (1..=4).contains(&self.channels) && expected == Some(count)
+    }
+
+    /// Pixels of eight bits; sixteen are rounded.
+    pub(super) fn rgba8(self) -> Vec<[u8; 4]> {
+        let narrow = |x: &u16| u8::try_from((u32::from(*x) + 128) / 257).unwrap_or(u8::MAX);
+        match &self.numbers {
+            Numbers::Eight(n) => pixels(n, self.channels, u8::MAX, |x| *x),
+            Numbers::Sixteen(n) => pixels(n, self.channels, u8::MAX, narrow),
+        }
+    }
+
+    /// Pixels of sixteen bits; 255 of eight bits is 65535.
+    pub(super) fn rgba16(self) -> Vec<[u16; 4]> {
+        match &self.numbers {
+            Numbers::Eight(n) => pixels(n, self.channels, u16::MAX, |x| u16::from(*x) * 257),
+            Numbers::Sixteen(n) => pixels(n, self.channels, u16::MAX, |x| *x),
+        }
+    }
+}
+
+/// Numbers as pixels of four channels: grey thrice, `opaque` where there is no alpha.
+fn pixels<T, U: Copy>(
+    numbers: &[T],
+    channels: usize,
+    opaque: U,
+    convert: impl Fn(&T) -> U,
+) -> Vec<[U; 4]> {
+    let convert = &convert;
+    let pixel = |n: &[T]| match n {
+        [grey] => [convert(grey), convert(grey), convert(grey), opaque],
+        [grey, a] => [convert(grey), convert(grey), convert(grey), convert(a)],
+        [r, g, b] => [convert(r), convert(g), convert(b), opaque],
+        [r, g, b, a, ..] => [convert(r), convert(g), convert(b), convert(a)],
+        [] => [opaque; 4],
+    };
+    numbers.chunks_exact(channels).map(pixel).collect()
+}
+
+/// A PNG file of eight bits and `channels` (3 or 4) per pixel, deflated fast.
+///
+/// # Errors
+/// What the encoder says: sizes that disagree.
+pub(super) fn png_file(
+    [width, height]: [u32; 2],
+    channels: usize,
+    numbers: &[u8],
+) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(match channels {
+        3 => png::ColorType::Rgb,
+        _ => png::ColorType::Rgba,
+    });
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::Filter::Adaptive);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(numbers)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A PNG file of one row; `numbers` as stored.
+    fn png_row(
+        width: u32,
+        colour: png::ColorType,
+        depth: png::BitDepth,
+        palette: &[u8],
+        numbers: &[u8],
+    ) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, width, 1);
+        encoder.set_color(colour);
+        encoder.set_depth(depth);
+        if !palette.is_empty() {
+            encoder.set_palette(palette.to_vec());
+        }
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(numbers).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    fn decoded(bytes: &[u8]) -> Samples {
+        Encoded::open(bytes).unwrap().decode().unwrap()
+    }
+
+    #[test]
+    fn every_kind_of_png_becomes_four_channels() {
+        use png::{BitDepth as D, ColorType as C};
+        let max = u16::MAX;
+        for (bytes, expected) in [
+            // Black, white, black, white, in bits.
+            (
+                png_row(4, C::Grayscale, D::One, &[], &[0b0101_0000]),
+                vec![[0, 0, 0, 255], [255; 4], [0, 0, 0, 255], [255; 4]],
+            ),
+            (
+                png_row(2, C::Indexed, D::Two, &[1, 2, 3, 4, 5, 6], &[0b0001_0000]),
+                vec![[1, 2, 3, 255], [4, 5, 6, 255]],
+            ),
+            (
+                png_row(2, C::GrayscaleAlpha, D::Eight, &[], &[9, 0, 7, 200]),
+                vec![[9, 9, 9, 0], [7, 7, 7, 200]],
+            ),
+            (
+                png_row(1, C::Rgb, D::Sixteen, &[], &[0, 127, 0, 129, 255, 255]),
+                vec![[0, 1, 255, 255]],
+            ),
+        ] {
+            assert_eq!(decoded(&bytes).rgba8(), expected);
+        }
+        let sixteen = png_row(1, C::Grayscale, D::Sixteen, &[], &[1, 2]);
+        assert_eq!(decoded(&sixteen).rgba16(), [[258, 258, 258, max]]);
+        let eight = png_row(1, C::Rgb, D::Eight, &[], &[0, 1, 255]);
+        assert_eq!(decoded(&eight).rgba16(), [[0, 257, max, max]]);
+    }
+
+    #[test]
+    fn jpegs_are_grey_or_coloured() {
+        use jpeg_encoder::{ColorType, Encoder};
+        // Uniform blocks, of the best quality: all that is left is the rounding of the colours.
+        for (colours, numbers, expected) in [
+            (ColorType::Luma, &[77][..], [77, 77, 77]),
+            (ColorType::Rgb, &[200, 100, 50], [200, 100, 50]),
+            // Inks: none of the first three and half of black.
+            (ColorType::Cmyk, &[0, 0, 0, 128], [127, 127, 127]),
+        ] {
+            let mut bytes = Vec::new();
+            Encoder::new(&mut bytes, 100)
+                .encode(&numbers.repeat(9 * 5), 9, 5, colours)
+                .unwrap();
+            let encoded = Encoded::open(&bytes).unwrap();
+            assert_eq!(encoded.size(), [9, 5]);
+            let pixels = encoded.decode().unwrap().rgba8();
+            assert_eq!(pixels.len(), 45);
+            for [r, g, b, a] in pixels {
+                let near = |x: u8, y: u8| x.abs_diff(y) <= 2;
+                let [er, eg, eb] = expected;
+                assert!(
+                    near(r, er) && near(g, eg) && near(b, eb) && a == 255,
+                    "{:?} for {expected:?}",
+                    [r, g, b]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn claims_are_checked_before_memory_is_taken() {
+        let mut bytes = png_row(
+            1,
+            png::ColorType::Rgb,
+            png::BitDepth::Eight,
+            &[],
+            &[1, 2, 3],
+        );
+        // Width and height, and the checksum of the header.
+        bytes[16..24].copy_from_slice(&[0, 0, 255, 255, 0, 0, 255, 255]);
+        let mut crc = flate2::Crc::new();
+        crc.update(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&crc.sum().to_be_bytes());
+        let expected = Refusal::Claim(65535, 65535, bytes.len());
+        assert_eq!(Encoded::open(&bytes).err(), Some(expected));
+        assert_eq!(Encoded::open(b"GIF89a").err(), Some(Refusal::Unknown));
+        for magic in [PNG_MAGIC, JPEG_MAGIC] {
+            let refusal = Encoded::open(magic).err();
+            assert!(matches!(refusal, Some(Refusal::Damaged(_))), "{refusal:?}");
+        }
+    }
+}

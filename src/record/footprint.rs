@@ -1,0 +1,136 @@
+//! A kernel's footprint on the image.
+
+use bytemuck::{Pod, Zeroable};
+
+/// What a particle and its footprint carry to the pixels: three words, which mean what the pass says
+/// ([`Classify`](crate::splat::Classify), [`Accumulate`](crate::splat::Accumulate)).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct Carried([f32; 3]);
+
+impl Carried {
+    /// Linear RGB.
+    #[inline]
+    pub const fn of_colour(colour: [f32; 3]) -> Self {
+        Self(colour)
+    }
+
+    /// The sign of an amplitude, whose magnitude is the mass: sums of columns.
+    #[inline]
+    pub const fn of_sign(sign: f32) -> Self {
+        Self([sign, 0.0, 0.0])
+    }
+
+    /// Where particles are classified: linear RGB.
+    #[inline]
+    pub const fn colour(self) -> [f32; 3] {
+        self.0
+    }
+
+    /// Where slabs are classified: the particle's value, as its share of the transfer function's
+    /// range.
+    #[inline]
+    pub const fn value(self) -> f32 {
+        self.0[0]
+    }
+
+    /// Where columns are summed: the sign of the particle's amplitude.
+    #[inline]
+    pub const fn sign(self) -> f32 {
+        self.0[0]
+    }
+}
+
+/// A kernel's or a surfel's footprint on the image: sixteen words.
+///
+/// Optical depth at offset d = (dx, dy) px from the centre, for an affine footprint:
+/// tau exp(-Q/2) with Q = (p . d)² + (r . d)², cut off at Q > `cutoff_squared`.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Footprint {
+    /// x_k, pixels.
+    pub centre_px: [f32; 2],
+    /// First row p of the triangular form of the inverse variance, 1/px. One of its two numbers
+    /// is zero. Near kernels have none.
+    pub form_p: [f32; 2],
+    /// Second row r.
+    pub form_r: [f32; 2],
+    /// Optical depth at the centre. On the exact path: divided by |D0|. For near kernels:
+    /// g/(2 pi), in the units of its terms. For splats: the opacity at the centre. For surfels
+    /// [`Self::weight`] reads it.
+    pub tau: f32,
+    /// Square of the cut-off radius.
+    pub cutoff_squared: f32,
+    /// A colour, a value or a sign.
+    pub carried: Carried,
+    /// Camera-space z of the centre. For surfels [`Self::greatest_inverse_depth`] reads it.
+    pub depth: f32,
+    /// What evaluates it: one of the `PATH_` constants, in the low two bits; above them, the
+    /// index of its [`NearTerms`](super::NearTerms), or what makes [`PATH_PEAK`] of [`PATH_AFFINE`].
+    /// Other terms lie at the footprint's own index.
+    pub path: u32,
+    /// First and one-past-last pixel column, low and high half word.
+    pub columns: u32,
+    /// First and one-past-last pixel row, low and high half word. An empty range marks a kernel
+    /// that reaches no pixel.
+    pub rows: u32,
+    /// Depth key: smaller is nearer.
+    pub key: u32,
+}
+
+/// Affine footprint: EWA and everything cheaper.
+pub const PATH_AFFINE: u32 = 0;
+/// Affine footprint whose `tau` is an opacity: min(tau exp(-Q/2), 1), whatever the mode of the
+/// frame.
+pub const PATH_PEAK: u32 = PATH_AFFINE | 4;
+/// Surfel of an opaque surface: [`SurfelTerms`](super::SurfelTerms).
+pub const PATH_SURFEL: u32 = PATH_AFFINE | 8;
+/// Surfel that reaches the camera plane: [`NearTerms`](super::NearTerms), its index above the low
+/// four bits.
+pub const PATH_NEAR_SURFEL: u32 = PATH_NEAR | 8;
+/// Exact perspective: [`ExactTerms`](super::ExactTerms).
+pub const PATH_EXACT: u32 = 1;
+/// Perspective kernel that crosses the camera plane: [`NearTerms`](super::NearTerms).
+pub const PATH_NEAR: u32 = 2;
+/// Orthographic kernel that crosses the camera plane: affine times a half-line factor
+/// from `half_line` and `sigma` of its [`NearTerms`](super::NearTerms).
+pub const PATH_HALF_LINE: u32 = 3;
+
+impl Footprint {
+    /// Of a surfel of an opaque surface: its weight at the centre.
+    #[inline]
+    pub fn weight(&self) -> f32 {
+        self.tau
+    }
+
+    /// Of a surfel of an opaque surface: the greatest inverse depth (under parallel rays: of the
+    /// negative depth) that it has within its cut-off, its slack added.
+    #[inline]
+    pub fn greatest_inverse_depth(&self) -> f32 {
+        self.depth
+    }
+
+    /// First and one-past-last pixel column.
+    #[inline]
+    pub fn column_range(&self) -> (u32, u32) {
+        (self.columns & 0xffff, self.columns >> 16)
+    }
+
+    /// First and one-past-last pixel row.
+    #[inline]
+    pub fn row_range(&self) -> (u32, u32) {
+        (self.rows & 0xffff, self.rows >> 16)
+    }
+
+    /// Whether it reaches any pixel.
+    #[inline]
+    pub fn is_visible(&self) -> bool {
+        self.rows != 0
+    }
+}
+
+/// Packs a half-open pixel range into a word.
+#[inline]
+pub fn pack_range(first: u32, end: u32) -> u32 {
+    first | end << 16
+}

@@ -1,0 +1,296 @@
+//! Scene + camera + settings -> frame.
+
+use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images};
+use super::check::{check, check_scene};
+use super::plan::FramePlan;
+use super::settings::Settings;
+use crate::blocks::{AmplitudeSummary, BlockedScene, BlockedVolume, Keep, Layers};
+use crate::cpu::CpuFrames;
+use crate::error::Result;
+#[cfg(feature = "gpu")]
+use crate::gpu::{AdapterChoice, DeviceScene, Gpu};
+use crate::image::{DepthImage, Image, NormalImage};
+use crate::scene::{PointVolume, Requirements, TransferFunction, Values};
+use crate::stats::{FrameCounts, StageTimes};
+use crate::view::{Bounds, Camera};
+
+/// A scene made ready, and the memory of its frames: after the first frame of a size, a frame
+/// allocates nothing of note.
+#[derive(Debug)]
+pub struct Renderer {
+    pub(super) scene: BlockedScene,
+    pub(super) cpu: CpuFrames,
+    /// What draws instead of the processor, where anything does.
+    device: Option<Box<dyn DrawFrames>>,
+    /// Whether the processor draws what the device cannot.
+    falls_back: bool,
+    /// Why the last frame was drawn on the processor although there is a device.
+    fallback: Option<String>,
+    pub(super) images: Images,
+    pub(super) amplitudes: Option<AmplitudeSummary>,
+    layers: Option<Layers>,
+    pub(super) report: FrameReport,
+}
+
+impl Renderer {
+    /// Sorts the volumes' particles into blocks; frames are drawn on the CPU.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name, or a volume that says it is classified and
+    /// has no values or no transfer function.
+    pub fn new(scene: Vec<PointVolume>) -> Result<Self> {
+        Self::keeping(scene, Keep::default())
+    }
+
+    /// As [`Renderer::new`], and keeps what later exchanges and questions ask for.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`].
+    pub fn keeping(scene: Vec<PointVolume>, keep: Keep) -> Result<Self> {
+        let scene = BlockedScene::new(scene, keep)?;
+        let mut cpu = CpuFrames::default();
+        cpu.upload(&scene)?;
+        Ok(Self {
+            scene,
+            cpu,
+            device: None,
+            falls_back: false,
+            fallback: None,
+            images: Images::default(),
+            amplitudes: None,
+            layers: None,
+            report: FrameReport::default(),
+        })
+    }
+
+    /// As [`Renderer::new`], and keeps the scene on a GPU where `backend` asks for one.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`]; no adapter where one is asked for, or too little memory on it.
+    pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
+        #[cfg(feature = "gpu")]
+        {
+            let is_asked_for = backend == Backend::Gpu || Gpu::is_adapter_named();
+            let gpu = match backend {
+                Backend::Cpu => None,
+                _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
+                _ => Gpu::open(AdapterChoice::Hardware).ok(),
+            };
+            let renderer = Self::new(scene)?;
+            match gpu {
+                None => Ok(renderer),
+                Some(gpu) if is_asked_for => renderer.on(gpu),
+                Some(gpu) => Ok(renderer.on_if_it_can(gpu)),
+            }
+        }
+        #[cfg(not(feature = "gpu"))]
+        {
+            if backend == Backend::Gpu {
+                return Err(crate::error::Error::without_gpu());
+            }
+            Self::new(scene)
+        }
+    }
+
+    /// Uploads the scene to a device, which draws all frames from now on.
+    ///
+    /// # Errors
+    /// Too little memory on the device.
+    #[cfg(feature = "gpu")]
+    pub fn on(mut self, gpu: Gpu) -> Result<Self> {
+        let mut device = DeviceScene::new(gpu)?;
+        device.upload(&self.scene)?;
+        self.device = Some(Box::new(device));
+        Ok(self)
+    }
+
+    /// Uploads the scene to a device, which draws what it can from now on; the processor draws the rest:
+    /// frames for which the device has too little memory or no code, and all of them where the scene does
+    /// not fit. [`Renderer::fallback`] says of the last frame whether it did.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub fn on_if_it_can(mut self, gpu: Gpu) -> Self {
+        self.falls_back = true;
+        let device = DeviceScene::new(gpu).and_then(|mut device| {
+            device.upload(&self.scene)?;
+            Ok(device)
+        });
+        match device {
+            Ok(device) => self.device = Some(Box::new(device)),
+            Err(error) => self.fallback = Some(error.to_string()),
+        }
+        self
+    }
+
+    /// The adapter that draws the frames, or `None` where it is the CPU.
+    pub fn adapter(&self) -> Option<String> {
+        self.device.as_ref().and_then(|device| device.adapter())
+    }
+
+    /// Why the last frame was drawn on the processor where [`Backend::Auto`] had chosen a device, or
+    /// the scene is kept on the processor; `None` where nothing fell back.
+    pub fn fallback(&self) -> Option<&str> {
+        self.fallback.as_deref()
+    }
+
+    /// Replaces the transfer function of a volume; its particles stay as and where they are.
+    ///
+    /// # Errors
+    /// No such volume, or one that is not classified.
+    pub fn set_transfer_function(
+        &mut self,
+        volume: usize,
+        transfer: TransferFunction,
+    ) -> Result<()> {
+        self.scene.set_transfer_function(volume, transfer)?;
+        self.edited(Edit::TransferFunction(volume))
+    }
+
+    /// Exchanges the values of a volume, for the next time step: places, shapes and the transfer function
+    /// stay. The scene must have been made to keep its shapes ([`Renderer::keeping`]).
+    ///
+    /// ```
+    /// use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+    /// use ewa_splat::{Keep, Renderer};
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// # let positions: Vec<glam::DVec3> = (0..9).map(|i| glam::DVec3::splat(f64::from(i))).collect();
+    /// # let grey = TransferFunction::from_curves(|v| [v; 3], |v| v, [0.0, 1.0], 1.0)?;
+    /// let volume = PointVolume {
+    ///     particles: Particles::Isotropic { positions, sigmas: vec![1.0; 9] },
+    ///     strength: Strength::Classified { volumes: vec![1.0; 9] },
+    ///     colour: Colour::Classified,
+    ///     values: Some(Values::F32(vec![0.1; 9])),
+    ///     transfer_function: Some(grey),
+    ///     normals: None,
+    /// };
+    /// let keep = Keep { shapes: true, ..Keep::default() };
+    /// let mut renderer = Renderer::keeping(vec![volume], keep)?;
+    /// renderer.set_values(0, Values::F32(vec![0.7; 9]))?;
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// No such volume, one without values, another number of values than of particles, or a scene that
+    /// did not keep its shapes.
+    pub fn set_values(&mut self, volume: usize, values: Values) -> Result<()> {
+        self.scene.set_values(volume, values)?;
+        self.amplitudes = None;
+        self.edited(Edit::Values)
+    }
+
+    fn edited(&mut self, edit: Edit) -> Result<()> {
+        self.cpu.edit(&self.scene, edit)?;
+        let Some(device) = &mut self.device else {
+            return Ok(());
+        };
+        match device.edit(&self.scene, edit) {
+            Err(error) if self.falls_back && error.is_of_device() => {
+                // What it keeps is of another time step.
+                self.device = None;
+                self.fallback = Some(error.to_string());
+                Ok(())
+            }
+            edited => edited,
+        }
+    }
+
+    /// Draws a frame; [`Renderer::image`] and the others hold its results until the next.
+    ///
+    /// # Errors
+    /// An image of no pixels or of more than 65,535 along a side; settings out of range, or that
+    /// do not go together with each other or with the scene; a device that is lost or has too little
+    /// memory.
+    pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        check(camera, settings)?;
+        check_scene(&self.scene, settings)?;
+        let carries_values = settings.composite.classifies_slabs();
+        if let Some(volume) = self.scene.carry_values(carries_values)? {
+            self.edited(Edit::TransferFunction(volume))?;
+        }
+        let plan = FramePlan::new(&self.scene, camera, settings)?;
+        self.report = self.draw(&plan)?;
+        self.layers = plan.of_volumes().and_then(|pass| pass.layers);
+        Ok(&self.images.image)
+    }
+
+    /// Draws a plan on the device, where there is one that can, on the processor otherwise.
+    pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        if let Some(device) = &mut self.device {
+            match device.draw(&self.scene, plan, &mut self.images) {
+                Err(error) if self.falls_back && error.is_of_device() => {
+                    self.fallback = Some(error.to_string());
+                }
+                drawn => {
+                    self.fallback = None;
+                    return drawn;
+                }
+            }
+        }
+        self.cpu.draw(&self.scene, plan, &mut self.images)
+    }
+
+    /// The last frame's image.
+    pub fn image(&self) -> &Image {
+        &self.images.image
+    }
+
+    /// The last frame's depths, where the settings asked for them.
+    pub fn depth(&self) -> Option<&DepthImage> {
+        self.images.depth.as_ref()
+    }
+
+    /// The last frame's normals of opaque surfaces, where the settings asked for them.
+    pub fn normals(&self) -> Option<&NormalImage> {
+        self.images.normals.as_ref()
+    }
+
+    /// What the last frame counted.
+    pub fn counts(&self) -> FrameCounts {
+        self.report.counts
+    }
+
+    /// The layers in which the last frame summed kernels, if it did.
+    pub fn layers(&self) -> Option<&Layers> {
+        self.layers.as_ref()
+    }
+
+    /// How long the last frame's stages took.
+    pub fn times(&self) -> StageTimes {
+        self.report.times
+    }
+
+    /// What each volume of the scene requires.
+    pub fn requirements(&self) -> &[Requirements] {
+        self.scene.requirements()
+    }
+
+    /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;
+    /// world units.
+    pub fn visible_boxes(&self) -> Vec<Bounds> {
+        self.scene.visible_boxes()
+    }
+
+    /// Middles and half extents of the boxes that hold all particles, grown by one standard
+    /// deviation; world units. For a camera that fits a column density, where nothing is
+    /// transparent.
+    pub fn boxes(&self) -> Vec<Bounds> {
+        self.scene.boxes()
+    }
+
+    /// How many particles all volumes have.
+    pub fn particle_count(&self) -> usize {
+        self.scene.particle_count()
+    }
+
+    /// Bytes kept per particle, blocks and levels of detail included, over all volumes.
+    pub fn bytes_per_particle(&self) -> f64 {
+        self.scene.bytes_per_particle()
+    }
+
+    /// The volumes in blocks, each with its levels of detail after it.
+    pub fn volumes(&self) -> &[BlockedVolume] {
+        self.scene.volumes()
+    }
+}

@@ -1,0 +1,988 @@
+//! The command line as a user meets it: outputs, exit statuses, one-line errors, nothing left
+//! behind.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ewa-splat"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn fixture(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name);
+    path.to_str().unwrap().to_string()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(path: PathBuf) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn renders_every_output_and_says_what_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    for image in ["a.png", "a.exr", "a.pfm", "a.npy"] {
+        let output = run(
+            folder.path(),
+            &[
+                "render",
+                &wake,
+                "--transfer-function",
+                &transfer,
+                "--size",
+                "80x60",
+                "--out",
+                image,
+                "--depth",
+                "d.npy",
+                "--stats",
+                "s.json",
+                "--frames",
+                "2",
+            ],
+        );
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+    assert_eq!(
+        files(folder.path()),
+        ["a.exr", "a.npy", "a.pfm", "a.png", "d.npy", "s.json"]
+    );
+    let exr = ewa_splat::io::read_image(&folder.path().join("a.exr")).unwrap();
+    let npy = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    assert_eq!(exr, npy);
+    assert_eq!((npy.width, npy.height), (80, 60));
+    assert!(
+        npy.pixels.iter().any(|p| p[3] > 0.3),
+        "an empty picture of the wake"
+    );
+
+    let stats = json(folder.path().join("s.json"));
+    for key in [
+        "/particles",
+        "/surfels",
+        "/blocks/total",
+        "/blocks/culled",
+        "/footprints",
+        "/splat_pixels",
+        "/bytes_per_particle",
+        "/requirements",
+        "/backend",
+        "/adapter",
+        "/times_ms/read",
+        "/times_ms/prepare",
+        "/times_ms/cull",
+        "/times_ms/classify",
+        "/times_ms/project",
+        "/times_ms/sort",
+        "/times_ms/bin",
+        "/times_ms/rasterise",
+        "/times_ms/resolve",
+        "/times_ms/frame",
+        "/frames",
+    ] {
+        assert!(
+            stats.pointer(key).is_some_and(|v| !v.is_null()),
+            "no {key} in {stats}"
+        );
+    }
+    assert_eq!(stats["frames"], 2);
+    assert!(stats["splat_pixels"].as_u64().unwrap() > 0);
+
+    let equal = run(folder.path(), &["compare", "a.exr", "a.npy", "--json"]);
+    let errors: serde_json::Value = serde_json::from_slice(&equal.stdout).unwrap();
+    assert_eq!(errors["max"], 0.0);
+}
+
+#[test]
+fn every_filter_and_camera_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let particles = fixture("particles.csv");
+    std::fs::write(
+        folder.path().join("camera.json"),
+        r#"{"eye": [0, -14, 4], "target": [0, 0, 0], "fov_deg": 40}"#,
+    )
+    .unwrap();
+    let filters = [
+        "adaptive",
+        "exact",
+        "ewa",
+        "reconstruction",
+        "low-pass",
+        "isotropic",
+        "uniform-scaling",
+    ];
+    let cameras: [&[&str]; 4] = [
+        &["--azimuth", "-20", "--elevation", "60", "--zoom", "1.5"],
+        &["--ortho", "12"],
+        &["--camera", "camera.json"],
+        &["--eye", "-1,-15,2", "--target", "0,0,0", "--fov", "30"],
+    ];
+    for (filter, camera) in filters
+        .iter()
+        .map(|f| (*f, cameras[0]))
+        .chain(cameras.iter().map(|c| ("adaptive", *c)))
+    {
+        let mut arguments = vec![
+            "render", &particles, "--size", "64x64", "--out", "a.npy", "--filter", filter,
+        ];
+        arguments.extend(camera);
+        let output = run(folder.path(), &arguments);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        let covered = image.pixels.iter().filter(|p| p[3] > 0.05).count();
+        assert!(covered > 100, "{filter} {camera:?}: {covered} pixels");
+    }
+}
+
+#[test]
+fn lone_particles_far_below_a_pixel_are_fainter() {
+    let folder = tempfile::tempdir().unwrap();
+    // Depth 20 in a tenth of a pixel: sigma .1 world units at half a pixel to the unit.
+    let rows: Vec<String> = (0..9)
+        .map(|i| format!("{},{},0,0.1,1.25", i % 3 * 20, i / 3 * 20))
+        .collect();
+    let table = format!("x,y,z,sigma,mass\n{}\n", rows.join("\n"));
+    std::fs::write(folder.path().join("p.csv"), table).unwrap();
+    let sum = |more: &[&str]| {
+        let arguments = [
+            "render", "p.csv", "--size", "64x64", "--eye", "20,20,9", "--target", "20,20,0",
+        ];
+        let arguments = [
+            &arguments[..],
+            &["--up", "0,1,0", "--ortho", "128", "--out", "a.npy"],
+            more,
+        ]
+        .concat();
+        let output = run(
+            folder.path(),
+            &[&arguments[..], &["--level-of-detail", "off"]].concat(),
+        );
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let (by_depth, lone) = (sum(&[]), sum(&["--sub-pixel-opacity"]));
+    // Areas 2 pi a of depths tau0 = 20: Ein(20)/20 = .179 is left of what the depth makes of it.
+    let share = lone / by_depth;
+    assert!((share - 0.179).abs() < 0.005, "{share}");
+}
+
+#[test]
+fn a_grid_without_a_solution_is_described() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(fixture("wake.xyz"), folder.path().join("alone.xyz")).unwrap();
+    let output = run(folder.path(), &["info", "alone.xyz"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    assert!(
+        text.contains("curvilinear grid") && text.contains("--solution"),
+        "{text}"
+    );
+    // Nothing to draw: an error all the same.
+    let output = run(folder.path(), &["render", "alone.xyz", "--out", "a.png"]);
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
+fn bad_input_is_one_line_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, particles) = (fixture("wake.xyz"), fixture("particles.csv"));
+    let whole = std::fs::read(&wake).unwrap();
+    let inputs = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = inputs.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_string()
+    };
+    let truncated = write("half.xyz", &whole[..whole.len() / 2]);
+    let empty = write("empty.csv", b"");
+    let huge = write("huge.xyz", &[&i32::MAX.to_le_bytes()[..]; 3].concat());
+    let nan = write("nan.csv", b"x,y,z,sigma,mass\nnan,0,0,1,1\n");
+    let table = write("bad.csv", b"x,y,z,sigma,mass\n0,0,0,one,1\n1,0,0,1,1\n");
+    let transfer = write("bad.json", br#"{"range": [0, 1], "points": []}"#);
+    let cases: [(&[&str], &str); 11] = [
+        (&[&truncated], "bytes"),
+        (&[&empty], "empty"),
+        (&[&huge], "error"),
+        (&[&nan], "particle"),
+        (&[&table], "line 2, column `sigma`"),
+        (&["missing.csv"], "missing.csv"),
+        (&[&wake, "--field", "colour"], "density, momentum, energy"),
+        (&[&wake, "--transfer-function", "rainbow"], "viridis"),
+        (&[&wake, "--transfer-function", &transfer], "bad.json"),
+        (&[&wake, "--solution", &particles], "particles.csv: line 1"),
+        (&[&wake, "--out", "no/folder.png"], "folder"),
+    ];
+    for (arguments, says) in cases {
+        let mut all = vec!["render"];
+        all.extend(arguments);
+        if !arguments.contains(&"--out") {
+            all.extend(["--out", "out.png"]);
+        }
+        let output = run(folder.path(), &all);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
+        let line = text.lines().last().unwrap_or_default();
+        assert!(
+            line.starts_with("error: ") && line.contains(says),
+            "{arguments:?}: {text}"
+        );
+        assert_eq!(text.matches("error: ").count(), 1, "{text}");
+        assert!(files(folder.path()).is_empty(), "{arguments:?} left a file");
+    }
+}
+
+#[test]
+fn bad_usage_is_status_2() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    for arguments in [
+        &["render"][..],
+        &["render", &wake],
+        &["render", &wake, "--out", "a.png", "--size", "0x4"],
+        &["render", &wake, "--out", "a.png", "--fov", "180"],
+        &["render", &wake, "--out", "a.png", "--eye", "1,2"],
+        &["render", &wake, "--out", "a.png", "--tolerance", "nan"],
+        &["render", &wake, "--out", "a.png", "--filter", "best"],
+        &[
+            "render",
+            &wake,
+            "--out",
+            "a.png",
+            "--show",
+            "count",
+            "--reference",
+        ],
+        &["paint"],
+    ] {
+        assert_eq!(
+            run(folder.path(), arguments).status.code(),
+            Some(2),
+            "{arguments:?}"
+        );
+    }
+}
+
+#[test]
+fn counts_are_written_as_numbers_and_in_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let show = |out: &str, options: &[&str]| {
+        let mut arguments = vec!["render", &wake, "--transfer-function", &transfer];
+        arguments.extend(["--size", "80x60", "--show", "count", "--out", out]);
+        arguments.extend(["--backend", "cpu", "--stats", "s.json"]);
+        arguments.extend(options);
+        let output = run(folder.path(), &arguments);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{text}");
+        text.lines().last().unwrap().to_string()
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let text = show("n.npy", &[]);
+    let numbers = read("n.npy");
+    let of = |p: &[f32; 4]| f64::from(p[0]);
+    let sum: f64 = numbers.pixels.iter().map(of).sum();
+    let greatest = numbers.pixels.iter().map(of).fold(0.0, f64::max);
+    let stats = json(folder.path().join("s.json"));
+    assert_eq!(stats["splat_pixels"].as_f64().unwrap(), sum);
+    let said = format!("{greatest} at most, {:.1} on average", sum / 4800.0);
+    assert!(text.contains(&said) && !text.contains("viridis"), "{text}");
+    show("n.exr", &["--background", "1,1,1"]);
+    assert_eq!(read("n.exr"), numbers);
+
+    let text = show("n.png", &[]);
+    assert!(text.contains(&said), "{text}");
+    assert!(
+        text.contains(&format!("viridis from 0 to {greatest}")),
+        "{text}"
+    );
+    let colours = read("n.png");
+    for (n, colour) in numbers.pixels.iter().zip(&colours.pixels) {
+        // Viridis ends in a yellow that has no other's red, and begins in a purple of little green.
+        assert!(of(n) < greatest || colour[0] > 0.98, "{n:?}: {colour:?}");
+        assert!(
+            of(n) > 0.9 * greatest || colour[0] < 0.9,
+            "{n:?}: {colour:?}"
+        );
+        assert!(n[0] > 0.0 || colour[1] < 0.01, "{n:?}: {colour:?}");
+        assert_eq!(colour[3], 1.0);
+    }
+}
+
+#[test]
+fn a_legend_is_drawn_over_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let render = |input: &str, more: &[&str]| {
+        let arguments = [&["render", input, "--size", "240x200"], more].concat();
+        run(folder.path(), &arguments)
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let wake_with = ["--transfer-function", &transfer, "--out"];
+    for (plain, drawn) in [("a.npy", "b.npy"), ("a.exr", "b.exr"), ("a.pfm", "b.pfm")] {
+        let made = render(&wake, &[&wake_with[..], &[plain]].concat());
+        assert!(made.status.success());
+        let made = render(&wake, &[&wake_with[..], &[drawn, "--legend"]].concat());
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        let (plain, drawn) = (read(plain), read(drawn));
+        let is_changed: Vec<bool> = plain
+            .pixels
+            .iter()
+            .zip(&drawn.pixels)
+            .map(|(a, b)| a != b)
+            .collect();
+        // Within the right upper corner, and much of that.
+        let changed = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
+            y.flat_map(|y| x.clone().map(move |x| y * 240 + x))
+                .filter(|&i| is_changed[i])
+                .count()
+        };
+        assert_eq!(changed(0..120, 0..200) + changed(120..240, 150..200), 0);
+        assert!(changed(120..240, 0..150) > 5000);
+    }
+    assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
+    let made = render(&wake, &[&wake_with[..], &["b.png", "--legend"]].concat());
+    assert!(made.status.success());
+    // A sixteenth bit of sRGB lies between.
+    for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
+        assert!((a[3] - b[3]).abs() < 0.003);
+    }
+    let particles = fixture("particles.csv");
+    let made = render(
+        &particles,
+        &["--column-density", "--out", "c.png", "--legend"],
+    );
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let made = render(&particles, &["--column-density", "--out", "d.png"]);
+    assert!(made.status.success());
+    assert_ne!(read("c.png").pixels, read("d.png").pixels);
+    // What has none says so, and writes nothing.
+    let before = files(folder.path());
+    for (arguments, expected) in [
+        (
+            &["--column-density", "--out", "e.npy", "--legend"][..],
+            "a png",
+        ),
+        (&["--show", "count", "--out", "e.npy", "--legend"], "--show"),
+        (
+            &["--size", "100x50", "--out", "e.npy", "--legend"],
+            "at least",
+        ),
+    ] {
+        let refused = run(folder.path(), &[&["render", &wake], arguments].concat());
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(
+            text(&refused.stderr).contains(expected),
+            "{}",
+            text(&refused.stderr)
+        );
+    }
+    let refused = render(&fixture("vase.obj"), &["--out", "e.npy", "--legend"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("a field with a transfer function"));
+    assert_eq!(files(folder.path()), before);
+}
+
+#[test]
+fn cut_faces_show_the_field_on_the_planes() {
+    let folder = tempfile::tempdir().unwrap();
+    // A field of one value that its transfer function leaves all but transparent.
+    std::fs::write(folder.path().join("v.raw"), [100_u8; 4096]).unwrap();
+    let transfer = r#"{"range": [0, 200], "color_space": "linear", "points":
+        [{"value": 0, "color": [0, 0, 1], "opacity": 1e-6}, {"value": 200, "color": [1, 0, 0]}]}"#;
+    std::fs::write(folder.path().join("t.json"), transfer).unwrap();
+    let volume = [
+        "render",
+        "v.raw",
+        "--dims",
+        "16,16,16",
+        "--transfer-function",
+        "t.json",
+    ];
+    let view = [
+        "--eye",
+        "-30,7.5,7.5",
+        "--target",
+        "7.5,7.5,7.5",
+        "--fov",
+        "14",
+        "--size",
+        "40x40",
+    ];
+    let draw = |more: &[&str]| {
+        let arguments = [
+            &volume[..],
+            &view,
+            &["--out", "a.npy", "--clip", "1,0,0,-6.3"],
+            more,
+        ]
+        .concat();
+        run(folder.path(), &arguments)
+    };
+    let alpha = |pixel: [f32; 4]| pixel[3];
+    let middle = || {
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        image.pixel(20, 20)
+    };
+    assert!(draw(&[]).status.success());
+    assert!(alpha(middle()) < 1e-3);
+    let drawn = draw(&["--cut-faces"]);
+    assert!(drawn.status.success(), "{}", text(&drawn.stderr));
+    let [r, g, b, a] = middle();
+    assert!(a > 0.99 && (r - 0.5).abs() < 0.01 && g < 0.01 && (b - 0.5).abs() < 0.01);
+    // Without planes a usage, without a field an error.
+    let arguments = [&volume[..], &["--out", "b.npy", "--cut-faces"]].concat();
+    assert_eq!(run(folder.path(), &arguments).status.code(), Some(2));
+    let mesh = fixture("vase.obj");
+    let arguments = [
+        "render",
+        &mesh,
+        "--out",
+        "b.npy",
+        "--clip",
+        "1,0,0,0",
+        "--cut-faces",
+    ];
+    let refused = run(folder.path(), &arguments);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("--cut-faces"));
+}
+
+#[test]
+fn nothing_visible_is_a_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let clear = r#"{"range": [0, 1], "points": [{"value": 0, "color": [1, 1, 1], "opacity": 0},
+                    {"value": 1, "color": [1, 1, 1], "opacity": 0}]}"#;
+    std::fs::write(folder.path().join("clear.json"), clear).unwrap();
+    let wake = fixture("wake.xyz");
+    let output = run(
+        folder.path(),
+        &[
+            "render",
+            &wake,
+            "--transfer-function",
+            "clear.json",
+            "--size",
+            "20x20",
+            "--out",
+            "a.npy",
+        ],
+    );
+    assert!(output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("nothing visible"));
+    let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    assert!(image.pixels.iter().all(|p| *p == [0.0; 4]));
+}
+
+#[test]
+fn info_tells_what_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), &["info", &fixture("wake.xyz"), "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["format"], "PLOT3D grid");
+    let names: Vec<_> = info["fields"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| &f["name"])
+        .collect();
+    assert!(names.contains(&&serde_json::json!("mach")));
+    assert_eq!(info["requirements"]["shape_floats"], 6);
+    let table = run(folder.path(), &["info", &fixture("particles.csv")]);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("bytes per particle"));
+}
+
+#[test]
+fn info_describes_meshes() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, format) in [
+        ("vase.glb", "glTF mesh"),
+        ("vase.obj", "Wavefront OBJ mesh"),
+    ] {
+        let output = run(folder.path(), &["info", &fixture(name), "--json"]);
+        let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(info["format"], format);
+        assert_eq!(info["geometry"]["triangles"], 1800);
+        let material = &info["geometry"]["materials"][0];
+        assert_eq!(material["name"], "glaze");
+        assert_eq!(material["base_texture"], serde_json::json!([64, 64]));
+        assert_eq!(info["notes"], serde_json::json!([]));
+        let output = run(folder.path(), &["info", &fixture(name)]);
+        let table = String::from_utf8_lossy(&output.stdout).into_owned();
+        let line = "1800 triangles, \"glaze\", opaque, one-sided, texture 64 x 64";
+        assert!(table.contains(line), "{table}");
+    }
+    // The mesh alone, with an image named by hand.
+    let mesh = std::fs::read_to_string(fixture("vase.obj")).unwrap();
+    let plain = mesh.replace("mtllib vase.mtl", "");
+    std::fs::write(folder.path().join("plain.obj"), plain).unwrap();
+    let arguments = [
+        "info",
+        "plain.obj",
+        "--json",
+        "--texture",
+        &fixture("vase.png"),
+    ];
+    let output = run(folder.path(), &arguments);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let texture = &info["geometry"]["materials"][0]["base_texture"];
+    assert_eq!(*texture, serde_json::json!([64, 64]));
+}
+
+/// A file of one splat, from its bytes to its pixel.
+#[test]
+fn a_splat_file_is_described_and_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut record: Vec<u8> = [0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0]
+        .map(f32::to_le_bytes)
+        .concat();
+    record.extend([255, 255, 0, 204, 255, 128, 128, 128]);
+    std::fs::write(folder.path().join("a.splat"), record).unwrap();
+    let output = run(folder.path(), &["info", "a.splat", "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["geometry"]["kind"], "splats");
+    assert_eq!(info["geometry"]["degree"], 0);
+    assert_eq!(info["requirements"]["peak_opacity"], true);
+    let render = [
+        "render", "a.splat", "--eye", "0,-8,0", "--target", "0,0,0", "--size", "9x9", "--out",
+        "a.npy",
+    ];
+    let output = run(folder.path(), &render);
+    assert!(output.status.success());
+    let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+    let [r, g, b, a] = image.pixel(4, 4);
+    // 204/255 at the centre of the middle pixel; full red and green, and a little blue left of the
+    // coefficient's rounding.
+    assert!((a - 0.8).abs() < 1e-5 && (r - 0.8).abs() < 1e-5 && (g - 0.8).abs() < 1e-5);
+    assert!(b.abs() < 1e-5);
+    let output = run(folder.path(), &[&render[..], &["--reference"]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("without the reference"));
+}
+
+#[test]
+fn measures_every_variant_and_writes_three_reports() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let mut arguments = vec![
+        "measure",
+        &wake,
+        "--transfer-function",
+        &transfer,
+        "--size",
+        "48x48",
+        "--frames",
+        "1",
+    ];
+    // The true image is dear: a fine splatting stands in for it.
+    let rendered = run(
+        folder.path(),
+        &[
+            "render",
+            &wake,
+            "--transfer-function",
+            &transfer,
+            "--size",
+            "48x48",
+            "--filter",
+            "exact",
+            "--cutoff",
+            "7",
+            "--out",
+            "true.exr",
+        ],
+    );
+    assert!(rendered.status.success());
+    for given in ["--reference-image", "--reference-kernels-image"] {
+        arguments.extend([given, "true.exr"]);
+    }
+    arguments.extend(["--out", "new/folder"]);
+    // Twice: the second replaces the first's files.
+    for _ in 0..2 {
+        let output = run(folder.path(), &arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}");
+    }
+    let out = folder.path().join("new/folder");
+    assert_eq!(
+        files(&out),
+        [
+            "reference-kernels.exr",
+            "reference.exr",
+            "report.csv",
+            "report.html",
+            "report.json"
+        ]
+    );
+    let report = json(out.join("report.json"));
+    let csv = std::fs::read_to_string(out.join("report.csv")).unwrap();
+    let html = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    let mut ids: Vec<&str> = rows.iter().map(|r| r["id"].as_str().unwrap()).collect();
+    for id in &ids {
+        assert!(csv.contains(&format!("\n{id},")), "{id}");
+        assert!(html.contains(&format!("<code>{id}</code>")), "{id}");
+    }
+    assert_eq!(csv.lines().count(), rows.len() + 1);
+    for group in ["tolerance", "filter", "cut-off", "opacity", "kernel width"] {
+        assert!(rows.iter().any(|r| r["group"] == group), "{group}");
+    }
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), rows.len());
+    let budget = report["budget"]["rows"].as_array().unwrap();
+    for row in rows
+        .iter()
+        .flat_map(|r| [&r["errors"], &r["from_baseline"]])
+        .chain(budget.iter().map(|r| &r["alone"]))
+    {
+        for figure in ["rmse", "max", "p999", "mean_difference", "ssim", "flip"] {
+            // JSON has no other numbers than finite ones.
+            assert!(row[figure].is_f64(), "{figure} in {row}");
+        }
+    }
+    let of = |id: &str| budget.iter().find(|r| r["id"] == id).unwrap();
+    assert!(of("splatting-sorting")["alone"]["rmse"].as_f64().unwrap() < 1e-4);
+    assert!(
+        of("budget-filter-isotropic")["alone"]["rmse"]
+            .as_f64()
+            .unwrap()
+            > 1e-3
+    );
+    for text in ["<script", "http://", "https://"] {
+        let inside = html.replace("http://www.w3.org/2000/svg", "");
+        assert!(!inside.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn a_reference_of_another_size_is_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let small = ["render", &wake, "--size", "30x20", "--out", "small.npy"];
+    assert!(run(folder.path(), &small).status.success());
+    let output = run(
+        folder.path(),
+        &[
+            "measure",
+            &wake,
+            "--out",
+            "m",
+            "--reference-image",
+            "small.npy",
+        ],
+    );
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("256 x 256") && text.contains("30x20"),
+        "{text}"
+    );
+    assert_eq!(files(folder.path()), ["small.npy"]);
+}
+
+#[test]
+fn compare_draws_the_difference() {
+    let folder = tempfile::tempdir().unwrap();
+    let particles = fixture("particles.csv");
+    for (out, filter) in [("a.npy", "exact"), ("b.npy", "isotropic")] {
+        let render = [
+            "render", &particles, "--size", "40x30", "--out", out, "--filter", filter,
+        ];
+        assert!(run(folder.path(), &render).status.success());
+    }
+    let output = run(
+        folder.path(),
+        &[
+            "compare",
+            "a.npy",
+            "b.npy",
+            "--difference",
+            "d.png",
+            "--difference-scale",
+            "0.5",
+        ],
+    );
+    assert!(output.status.success());
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("ssim") && text.contains("flip") && text.contains("0.5"),
+        "{text}"
+    );
+    let shown = ewa_splat::io::read_image(&folder.path().join("d.png")).unwrap();
+    assert_eq!((shown.width, shown.height), (40, 30));
+    let over_itself = ["compare", "a.npy", "b.npy", "--difference", "a.npy"];
+    assert_eq!(run(folder.path(), &over_itself).status.code(), Some(1));
+}
+
+#[test]
+fn a_reference_states_its_error() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("p.csv"),
+        "x,y,z,sigma,mass,r,g,b\n0,0,0,1,2,1,0,0\n0.5,1,0.5,0.7,1,0,1,0\n",
+    )
+    .unwrap();
+    let render = |options: &[&str]| {
+        let mut arguments = vec!["render", "p.csv", "--size", "24x20"];
+        arguments.extend(options);
+        run(folder.path(), &arguments)
+    };
+    let output = render(&[
+        "--reference",
+        "--tolerance",
+        "1e-5",
+        "--out",
+        "true.npy",
+        "--stats",
+        "s.json",
+    ]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{text}");
+    let stats = json(folder.path().join("s.json"));
+    assert_eq!(stats["backend"], "reference");
+    assert!(stats["error_estimate"].as_f64().unwrap() <= 1e-5);
+    assert!(stats["rays"].as_u64().unwrap() >= 24 * 20);
+    // The splatted picture is near it: kernels of many pixels, shallow, little overlap.
+    assert!(render(&["--out", "splatted.npy"]).status.success());
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let errors = ewa_splat::measure::compare(&read("true.npy"), &read("splatted.npy")).unwrap();
+    assert!(errors.max > 0.0 && errors.max < 0.05, "{errors:?}");
+    // What the integrator has no use for is refused, not ignored.
+    let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_reference_shows_surfaces_alone_and_among_volumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let vase = fixture("vase.obj");
+    // Two clouds that the vase cuts.
+    std::fs::write(
+        folder.path().join("smoke.csv"),
+        "x,y,z,sigma,mass,r,g,b\n0,1.2,0.8,0.3,0.4,0,1,0\n0.6,0.5,0.6,0.2,0.2,0,0,1\n",
+    )
+    .unwrap();
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    let mut pictures = Vec::new();
+    for (name, inputs) in [
+        ("alone", &[vase.as_str()][..]),
+        ("smoke", &[vase.as_str(), "smoke.csv"]),
+    ] {
+        let options = [
+            "--spacing",
+            "0.08",
+            "--size",
+            "24x24",
+            "--eye",
+            "0,1.2,6",
+            "--target",
+            "0,1.2,0",
+        ];
+        let (truth, splatted) = (format!("{name}.npy"), format!("{name}-splatted.npy"));
+        for more in [&["--reference", "--out", &truth][..], &["--out", &splatted]] {
+            let arguments = [&["render"], inputs, &options, more].concat();
+            let output = run(folder.path(), &arguments);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+        }
+        let truth = read(&truth);
+        let errors = ewa_splat::measure::compare(&truth, &read(&splatted)).unwrap();
+        println!("{name}: {errors:?}");
+        // Silhouettes are covered from .85 on in the one and from 1 on in the other.
+        assert!(
+            errors.rmse < 0.06 && errors.max < 0.35,
+            "{name}: {errors:?}"
+        );
+        let covered = truth.pixels.iter().filter(|p| p[3] > 0.9).count();
+        assert!(covered > 50, "{name}: {covered}");
+        pictures.push(truth);
+    }
+    assert_ne!(pictures[0], pictures[1]);
+
+    let arguments = [
+        "measure",
+        &vase,
+        "smoke.csv",
+        "--spacing",
+        "0.15",
+        "--size",
+        "12x12",
+        "--frames",
+        "1",
+        "--reference-error",
+        "1e-2",
+        "--out",
+        "report",
+    ];
+    let output = run(folder.path(), &arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let report = json(folder.path().join("report/report.json"));
+    assert!(report["rows"].as_array().unwrap().len() > 10);
+}
+
+#[test]
+fn light_changes_colours_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let draw = |out: &str, more: &[&str]| {
+        let arguments = [
+            "render",
+            &wake,
+            "--size",
+            "60x40",
+            "--backend",
+            "cpu",
+            "--out",
+            out,
+        ];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        std::fs::read(folder.path().join(out)).unwrap()
+    };
+    let plain = draw("a.npy", &[]);
+    let lit = draw("b.npy", &["--lit", "--stats", "s.json"]);
+    assert_ne!(plain, lit);
+    assert_eq!(
+        json(folder.path().join("s.json"))["requirements"][0]["normals"],
+        true
+    );
+    let one = draw("c.npy", &["--light", "-1,0,2"]);
+    assert_ne!(lit, one);
+    assert_eq!(one, draw("d.npy", &["--lit", "--light=-2,0,4,1,1,1"]));
+    assert_ne!(
+        one,
+        draw("e.npy", &["--light", "-1,0,2", "--light", "0,1,0,0.5,0,0"])
+    );
+    let refused = |status: i32, more: &[&str]| {
+        let arguments = ["render", &wake, "--out", "no.png"];
+        let output = run(folder.path(), &[&arguments[..], more].concat());
+        assert_eq!(output.status.code(), Some(status), "{more:?}");
+        assert!(!folder.path().join("no.png").exists());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for bad in [
+        "0,0,0",
+        "1,2",
+        "1,2,3,4",
+        "1,2,3,-1,0,0",
+        "a,b,c",
+        "1,2,inf",
+        "",
+    ] {
+        assert!(refused(2, &["--light", bad]).contains("direction"), "{bad}");
+    }
+    refused(2, &["--lit", "--reference"]);
+    refused(2, &["--light", "1,0,0", "--column-density"]);
+    let nine = refused(1, &["--light", "1,0,0"].repeat(9));
+    assert!(nine.contains("at most 8"), "{nine}");
+}
+
+#[test]
+fn compositing_and_clipping_reach_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let draw = |name: &str, options: &[&str]| {
+        let common = [
+            "render",
+            &wake,
+            "--transfer-function",
+            &transfer,
+            "--size",
+            "64x48",
+            "--backend",
+            "cpu",
+            "--out",
+            name,
+            "--stats",
+            "s.json",
+        ];
+        let output = run(folder.path(), &[&common[..], options].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+        (image, json(folder.path().join("s.json")))
+    };
+    let (over, stats) = draw("over.npy", &[]);
+    assert!(stats["layer_thickness"].is_null());
+    let thick = ["--composite", "slabs", "--slab-thickness", "0.25"];
+    let (_, stats) = draw("thick.npy", &thick);
+    assert_eq!(stats["layer_thickness"], 0.25);
+    let opacity =
+        |image: &ewa_splat::Image| -> f64 { image.pixels.iter().map(|p| f64::from(p[3])).sum() };
+    for mode in ["sheets", "axis-sheets", "slabs"] {
+        let (layered, stats) = draw("layered.npy", &["--composite", mode]);
+        assert!(stats["layer_thickness"].as_f64().unwrap() > 0.0, "{stats}");
+        // Colours mix otherwise, opacities do not: but for where tiles stop early, a share of the
+        // tolerance.
+        let (a, b) = (opacity(&over), opacity(&layered));
+        assert!((a - b).abs() < 1e-3 * a, "{mode}: {a} {b}");
+        assert_ne!(over, layered, "{mode}");
+    }
+    let (half, _) = draw("half.npy", &["--clip", "0,0,1,0"]);
+    let (other, _) = draw("other.npy", &["--clip", "0,0,-1,0"]);
+    let (boxed, _) = draw("boxed.npy", &["--clip", "-1e3,-1e3,-1e3,1e3,1e3,1e3"]);
+    assert_eq!(boxed, over);
+    assert!(opacity(&half) < 0.9 * opacity(&over));
+    assert!(opacity(&other) < 0.9 * opacity(&over));
+    // The camera is fitted to what is left: an eighth of the length fills a third as much of
+    // the picture, not an eighth.
+    let covered = |image: &ewa_splat::Image| image.pixels.iter().filter(|p| p[3] > 0.01).count();
+    let (piece, _) = draw("piece.npy", &["--clip", "0,-9,-9,1,9,9"]);
+    assert!(covered(&piece) > covered(&over) / 3, "{}", covered(&piece));
+    let slabs = ["--composite", "slabs", "--slab-thickness", "0.1"];
+    let (before, _) = draw("before.npy", &slabs);
+    let (after, _) = draw(
+        "after.npy",
+        &[&slabs[..], &["--post-classification"]].concat(),
+    );
+    let (lit, _) = draw(
+        "lit.npy",
+        &[&slabs[..], &["--post-classification", "--lit"]].concat(),
+    );
+    assert_ne!(before, after);
+    assert_ne!(after, lit);
+    for useless in [vec!["--slab-thickness", "1"], vec!["--post-classification"]] {
+        let input = ["render", &wake, "--out", "bad.png"];
+        let output = run(folder.path(), &[&input[..], &useless].concat());
+        assert!(!output.status.success(), "{useless:?}");
+        assert!(text(&output.stderr).contains("composite"), "{useless:?}");
+    }
+    for bad in ["1,2,3", "0,0,0,1", "1,1,1,0,0,0", "1,2,3,x"] {
+        let output = run(
+            folder.path(),
+            &["render", &wake, "--clip", bad, "--out", "bad.png"],
+        );
+        assert_eq!(output.status.code(), Some(2), "{bad}");
+    }
+}

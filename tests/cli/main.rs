@@ -1,0 +1,14 @@
+//! The program, as a user runs it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "helpers of tests fail by panicking, as tests do; numbers are narrowed on purpose"
+)]
+#![cfg(feature = "cli")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod commands;
+#[cfg(feature = "gpu")]
+mod gpu;

@@ -1,0 +1,30 @@
+//! Files, and what is made of them: readers, writers, sampling.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "helpers of tests fail by panicking, as tests do; numbers are narrowed on purpose"
+)]
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../../examples/fixtures/mod.rs"]
+mod examples;
+#[path = "../support/mod.rs"]
+mod support;
+
+mod bad_input;
+mod cells;
+mod convert;
+mod fixtures;
+mod from_bytes;
+mod hdf5;
+mod mesh_sampling;
+mod meshes;
+mod particles;
+mod public_data;
+mod readers;
+mod ripple;
+mod sampling;
+mod splats;
+mod vtk_legacy;
+mod vtk_xml;

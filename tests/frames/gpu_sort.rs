@@ -1,0 +1,128 @@
+//! The order of footprints on the device against that of the CPU.
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::unwrap_used,
+    reason = "inputs are narrowed on purpose; a test fails by panicking"
+)]
+
+use crate::common::Random;
+use crate::common::gpu::gpu;
+use bytemuck::Zeroable;
+use ewa_splat::constants::DEPTH_KEY_BITS;
+use ewa_splat::gpu::{Gpu, sort};
+use ewa_splat::record::{Footprint, pack_range};
+
+/// The greatest key.
+const LAST: u32 = (1 << DEPTH_KEY_BITS) - 1;
+
+/// Footprints of these keys; those without reach no pixel.
+fn footprints(keys: impl IntoIterator<Item = Option<u32>>) -> Vec<Footprint> {
+    keys.into_iter()
+        .map(|key| Footprint {
+            // What an invisible footprint's key is, nobody asks.
+            key: key.unwrap_or(3),
+            rows: key.map_or(0, |_| pack_range(3, 9)),
+            columns: pack_range(0, 5),
+            ..Footprint::zeroed()
+        })
+        .collect()
+}
+
+/// Sorts on the device, in parts that end at `ends`, and compares all words.
+fn check(gpu: &Gpu, footprints: &[Footprint], ends: &[usize], what: &str) {
+    let mut expected = vec![7; 3];
+    ewa_splat::cpu::sort(footprints, &mut expected);
+    let mut parts = Vec::new();
+    let mut first = 0;
+    for &end in ends {
+        parts.push(&footprints[first..end]);
+        first = end;
+    }
+    parts.push(&footprints[first..]);
+    let got = sort(gpu, &parts).unwrap();
+    assert_eq!(got.len(), expected.len(), "{what}");
+    let first = got.iter().zip(&expected).position(|(a, b)| a != b);
+    assert_eq!(first, None, "{what}");
+}
+
+#[test]
+fn the_order_is_the_cpus() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(1);
+    // Around a thread's run, a workgroup and many of them.
+    for count in [0, 1, 7, 8, 9, 255, 257, 2047, 2048, 2049, 65_537, 200_000] {
+        for keys in [3, 1 << 16, 1 << DEPTH_KEY_BITS] {
+            let drawn = (0..count)
+                .map(|_| (random.index(5) > 0).then(|| (random.bits() % keys) as u32))
+                .collect::<Vec<_>>();
+            check(
+                gpu,
+                &footprints(drawn),
+                &[],
+                &format!("{count} of {keys} keys"),
+            );
+        }
+    }
+}
+
+#[test]
+fn keys_in_any_pattern_are_sorted() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(2);
+    let count = 10_000_u32;
+    let pattern = |what: &str, key: &mut dyn FnMut(u32) -> Option<u32>| {
+        check(gpu, &footprints((0..count).map(key)), &[], what);
+    };
+    pattern("all equal", &mut |_| Some(77));
+    pattern("all first", &mut |_| Some(0));
+    pattern("all last", &mut |_| Some(LAST));
+    pattern("none visible", &mut |_| None);
+    pattern("sorted", &mut |i| Some(i * 200_000));
+    pattern("reversed", &mut |i| Some(LAST - i * 200_000));
+    pattern("first and last", &mut |i| match i % 3 {
+        0 => None,
+        1 => Some(0),
+        _ => Some(LAST),
+    });
+    pattern("one visible", &mut |i| (i == count - 1).then_some(LAST));
+    pattern("single bits", &mut |_| {
+        Some(1 << random.index(DEPTH_KEY_BITS as usize))
+    });
+    // Every digit alone tells them apart.
+    for shift in (0..DEPTH_KEY_BITS).step_by(4) {
+        pattern(&format!("digit at {shift}"), &mut |i| {
+            Some(((i * 7 % 16) << shift) & LAST)
+        });
+    }
+}
+
+#[test]
+fn parts_follow_one_another() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(3);
+    let drawn = footprints(
+        (0..20_000).map(|_| (random.index(7) > 0).then(|| (random.bits() % 4000) as u32)),
+    );
+    for ends in [
+        &[0][..],
+        &[20_000],
+        &[0, 0, 1, 256, 257, 5_000, 5_000, 19_999],
+    ] {
+        check(gpu, &drawn, ends, &format!("{ends:?}"));
+    }
+    assert!(sort(gpu, &[]).unwrap().is_empty());
+}
+
+#[test]
+fn many_footprints_are_sorted() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(4);
+    let count = 1_500_000;
+    let drawn = footprints((0..count).map(|_| {
+        let key = (random.bits() >> 33) as u32;
+        (random.index(4) > 0).then_some(key)
+    }));
+    let start = std::time::Instant::now();
+    check(gpu, &drawn, &[1_000_000], "many");
+    println!("{count} footprints: {:.2} s", start.elapsed().as_secs_f64());
+}

@@ -1,0 +1,62 @@
+//! Kernels, stages and pictures, on both back ends; one device, and its pipelines, for all.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "helpers of tests fail by panicking, as tests do; numbers are narrowed on purpose"
+)]
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../support/mod.rs"]
+mod support;
+
+mod agreement;
+mod analytic_cases;
+mod blocks;
+mod bounds;
+mod column_density;
+mod composite;
+mod cut_faces;
+mod detail;
+mod exchange;
+mod extreme_cases;
+mod extremes;
+mod footprint_laws;
+#[cfg(feature = "gpu")]
+mod gpu_bin;
+#[cfg(feature = "gpu")]
+mod gpu_classify;
+#[cfg(feature = "gpu")]
+mod gpu_columns;
+#[cfg(feature = "gpu")]
+mod gpu_cull;
+#[cfg(feature = "gpu")]
+mod gpu_device;
+#[cfg(feature = "gpu")]
+mod gpu_images;
+#[cfg(feature = "gpu")]
+mod gpu_light;
+#[cfg(feature = "gpu")]
+mod gpu_project;
+#[cfg(feature = "gpu")]
+mod gpu_rasterise;
+#[cfg(feature = "gpu")]
+mod gpu_sort;
+#[cfg(feature = "gpu")]
+mod gpu_stages;
+#[cfg(feature = "gpu")]
+mod gpu_surface;
+mod maximum;
+mod mesh_pictures;
+mod pairs;
+mod post_classification;
+mod promise;
+mod real_data;
+mod reference;
+mod render_laws;
+mod ripple_pictures;
+mod shading;
+mod simd_levels;
+mod stages;
+mod sub_pixel;
+mod surfels;
