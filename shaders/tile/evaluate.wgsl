@@ -23,7 +23,7 @@ fn share_before(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f
     if HAS_NEAR && is_near_path(footprint.path) {
         return near_share(footprint, ray.pixel, depth);
     }
-    return share_up_to(sample, depth);
+    return share_up_to(footprint, sample, depth);
 }
 
 // How far footprint i of the chunk reaches along z on either side of its centre.

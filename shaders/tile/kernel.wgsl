@@ -11,9 +11,9 @@ struct Sample {
     is_inside: bool,
     // Its optical depth along the whole ray.
     tau: f32,
-    // Mean and one over the standard deviation of its depth z along the ray, where they are wanted and
-    // the kernel is not near.
-    mean: f32,
+    // How far its mean depth z along the ray lies beyond the footprint's depth, and one over the standard
+    // deviation; where they are wanted and the kernel is not near.
+    beyond: f32,
     per_sigma: f32,
 }
 
@@ -32,6 +32,12 @@ struct Span {
 }
 
 const WHOLE_SPAN: Span = Span(-LARGEST, LARGEST, LARGEST);
+
+// How far a depth lies beyond the mean of a kernel, in standard deviations. From the footprint's depth
+// first: sums of depths would round away what needles are cut at.
+fn ahead_of(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
+    return ((depth - footprint.depth) - sample.beyond) * sample.per_sigma;
+}
 
 fn begin_tile(tile: u32) {
     begin_interval_of_tile();

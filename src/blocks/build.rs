@@ -153,7 +153,7 @@ fn build_ordered(
     };
     // Clusters are runs of the tree's order, which the blocks' own order is not.
     // Surfels are not merged: a cluster of them need not lie in a plane.
-    let crowds = Crowds::new(&order, &tree, &positions, &sigma_ranges);
+    let crowds = Crowds::new(&order, &tree, &positions, &sigma_ranges, strength.stored());
     let merged = if detail && sides.is_none() {
         merge_points(&source, &tree, &order, &crowds)
     } else {

@@ -8,8 +8,8 @@ use glam::DVec3;
 use super::merge::Tree;
 use crate::splat::budget::OVERLAP;
 
-/// Kernels whose centres fit into a box of this diagonal, in units of their mean standard deviation,
-/// lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
+/// Kernels whose centres fit into a box of this diagonal, in units of the standard deviation that at least
+/// half of them have, lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
 /// twelfth and a thirtieth do: as much of the edge that they would have together is left.
 const DIAGONAL: f64 = 1.0;
 
@@ -26,60 +26,77 @@ impl Crowds {
     /// - `order`: the particles in block order.
     /// - `tree`: over that order; empty where all are in one block.
     /// - `sigmas`: least and greatest standard deviation of each particle; the least counts.
+    /// - `strengths`: as stored ([`Strength::stored`](crate::scene::Strength::stored)); particles of none
+    ///   draw nothing, and add to no crowd.
     pub(super) fn new(
         order: &[u32],
         tree: &Tree,
         positions: &[DVec3],
         sigmas: &[[f32; 2]],
+        strengths: &[f32],
     ) -> Self {
+        // The least standard deviation, of what draws anything.
         let width = |i: u32| {
-            let width = f64::from(sigmas[i as usize][0]);
-            // What is no width is none.
-            if width > 0.0 && width.is_finite() {
-                width
-            } else {
-                0.0
-            }
+            let [least, greatest] = sigmas[i as usize];
+            let is_drawn = least >= 0.0 && greatest.is_finite() && {
+                let strength = strengths[i as usize];
+                strength > 0.0 && strength.is_finite()
+            };
+            is_drawn.then_some(f64::from(least))
         };
         let at = |i: u32| positions[i as usize];
         let mut runs = Vec::new();
         if tree.is_empty() {
-            let beside = |i: u32| {
-                let reach = 0.5 * DIAGONAL * width(i);
-                let is_near = |&&j: &&u32| at(i).distance(at(j)) <= reach;
-                order.iter().filter(is_near).count()
+            let drawn: Vec<u32> = order
+                .iter()
+                .copied()
+                .filter(|&i| width(i).is_some())
+                .collect();
+            let beside = |&i: &u32| {
+                // A wide kernel is no place of many narrow ones.
+                let reach = |i: u32| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
+                let is_near = |&&j: &&u32| at(i).distance(at(j)) <= reach(i).min(reach(j));
+                drawn.iter().filter(is_near).count()
             };
-            let count = order.iter().map(|&i| beside(i)).max().unwrap_or(0);
+            let count = drawn.iter().map(beside).max().unwrap_or(0);
             if is_crowd(count) {
                 runs.push((0..order.len(), count));
             }
             return Self { runs };
         }
-        // Sums of widths up to each particle.
+        // Up to each particle: how many are drawn, and the sum of their widths.
         let mut sums = Vec::with_capacity(order.len() + 1);
-        sums.push(0.0);
+        sums.push((0, 0.0));
         for &i in order {
-            sums.push(sums[sums.len() - 1] + width(i));
+            let (count, sum) = sums[sums.len() - 1];
+            sums.push(width(i).map_or((count, sum), |w| (count + 1, sum + w)));
         }
         let is_one_place = |run: &Range<usize>| {
-            let members = &order[run.clone()];
+            let members = order[run.clone()].iter();
+            let drawn = members.filter_map(|&i| Some((at(i), width(i)?)));
             let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            let (lower, upper) = members.iter().fold(none, |(lower, upper), &i| {
-                (lower.min(at(i)), upper.max(at(i)))
+            let (lower, upper) = drawn
+                .clone()
+                .fold(none, |(lower, upper), (p, _)| (lower.min(p), upper.max(p)));
+            let diagonal = (upper - lower).length();
+            let (wide, all) = drawn.fold((0, 0), |(wide, all), (_, w)| {
+                (wide + u32::from(diagonal <= DIAGONAL * w), all + 1)
             });
-            let widths: f64 = members.iter().map(|&i| width(i)).sum();
-            (upper - lower).length() <= DIAGONAL * widths / members.len() as f64
+            2 * wide >= all
         };
         tree.visit(|run, diagonal| {
-            if !is_crowd(run.len()) {
+            let ((before, sum_before), (after, sum)) = (sums[run.start], sums[run.end]);
+            let count = after - before;
+            if !is_crowd(count) {
                 return false;
             }
-            let mean = (sums[run.end] - sums[run.start]) / run.len() as f64;
-            // The tree knows its boxes roughly, and so do differences of sums: particles are asked
-            // where it may be.
-            let is_found = diagonal <= (1.0 + 1e-6) * DIAGONAL * mean && is_one_place(&run);
+            let mean = (sum - sum_before) / count as f64;
+            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
+            // so do differences of sums: particles are asked where it may be.
+            let may_be = diagonal <= (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
+            let is_found = may_be && is_one_place(&run);
             if is_found {
-                runs.push((run.clone(), run.len()));
+                runs.push((run.clone(), count));
             }
             !is_found
         });
@@ -112,13 +129,21 @@ mod tests {
     use super::*;
 
     fn crowding(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> Vec<f32> {
+        crowding_of(positions, sigma, |_| 1.0)
+    }
+
+    fn crowding_of(
+        positions: Vec<DVec3>,
+        sigma: impl Fn(usize) -> f32,
+        mass: impl Fn(usize) -> f32,
+    ) -> Vec<f32> {
         let count = positions.len();
         let family = BlockedVolume::with_detail(PointVolume {
             particles: Particles::Isotropic {
                 sigmas: (0..count).map(sigma).collect(),
                 positions,
             },
-            strength: Strength::Mass(vec![1.0; count]),
+            strength: Strength::Mass((0..count).map(mass).collect()),
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
@@ -185,6 +210,39 @@ mod tests {
         let all = crowding(positions, |_| 1e-7);
         let greatest = all.iter().copied().fold(0.0, f32::max);
         assert!((greatest * OVERLAP - 1_000.0).abs() < 1.0, "{greatest}");
+    }
+
+    #[test]
+    fn what_draws_nothing_adds_to_no_crowd() {
+        for broken in [f32::NAN, f32::INFINITY, 0.0, -1.0] {
+            for count in [100, 1_000] {
+                // All at one place: with these, a crowd.
+                let all = crowding_of(
+                    vec![DVec3::splat(0.3); count],
+                    |_| 0.01,
+                    |i| {
+                        if i < 5 { 1.0 } else { broken }
+                    },
+                );
+                assert!(
+                    all.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()),
+                    "{broken}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_wide_kernel_is_no_place_of_many_narrow_ones() {
+        for wide in [1.0, 1e30] {
+            for count in [100, 1_000] {
+                let all = crowding(scattered(count), |i| if i == 7 { wide } else { 1e-3 });
+                assert!(
+                    all.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()),
+                    "{wide}"
+                );
+            }
+        }
     }
 
     #[test]

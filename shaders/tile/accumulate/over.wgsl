@@ -61,9 +61,9 @@ fn add_cut(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) {
     var end: f32;
     if footprint.path == PATH_PEAK {
         // A splat that states its opacity is not divided: it lies where its centre does.
-        begin = f32(sample.mean < span.near);
-        middle = f32(sample.mean < span.middle);
-        end = f32(sample.mean < span.far);
+        begin = f32(footprint.depth < span.near);
+        middle = f32(footprint.depth < span.middle);
+        end = f32(footprint.depth < span.far);
     } else {
         begin = share_before(footprint, sample, ray, span.near);
         middle = share_before(footprint, sample, ray, span.middle);

@@ -19,8 +19,8 @@ fn needs_place(side: u32) -> bool {
 }
 
 // The density of a kernel's place along the ray at a depth; none at the ends of the ray.
-fn density_at(sample: Sample, depth: f32) -> f32 {
-    let ahead = (depth - sample.mean) * sample.per_sigma;
+fn density_at(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
+    let ahead = ahead_of(footprint, sample, depth);
     if abs(depth) >= LARGEST || is_nan(ahead) || !(abs(ahead) <= 7.0) {
         return 0.0;
     }
@@ -80,9 +80,9 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
             if layer_start(layer) < drawn_span.middle {
                 divide_depth = max(min(drawn_span.middle, end), begin);
             }
-            let at_begin = density_at(sample, begin);
-            let at_divide = density_at(sample, divide_depth);
-            let at_end = density_at(sample, end);
+            let at_begin = density_at(footprint, sample, begin);
+            let at_divide = density_at(footprint, sample, divide_depth);
+            let at_end = density_at(footprint, sample, end);
             let value = footprint.carried.x;
             let own_slope = part_slope(slope, in_front, tau * (at_divide - at_begin));
             let at_slot = layer % SLOPE_SLOTS;

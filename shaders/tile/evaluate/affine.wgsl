@@ -3,12 +3,12 @@
 
 fn affine(n: u32, footprint: TileFootprint, d: vec2<f32>, has_place: bool) -> Sample {
     let q = form_at(footprint, d);
-    var sample = Sample(is_within(footprint, q), 0.0, footprint.depth, 0.0);
+    var sample = Sample(is_within(footprint, q), 0.0, 0.0, 0.0);
     if sample.is_inside {
         sample.tau = footprint.peak * falloff(q);
         if has_place {
             let gradient = batch_terms[n].gradient;
-            sample.mean = footprint.depth + (gradient[0] * d.x + gradient[1] * d.y);
+            sample.beyond = gradient[0] * d.x + gradient[1] * d.y;
             sample.per_sigma = 1.0 / max(batch_terms[n].depth_sigma, SMALLEST);
         }
     }
@@ -49,14 +49,14 @@ fn affine_slope(n: u32, footprint: TileFootprint, d: vec2<f32>) -> FootprintSlop
 
 // The share of a kernel's optical depth up to a depth: Phi of how far that lies beyond the mean. The
 // ends of the ray lie beyond all of it.
-fn share_up_to(sample: Sample, depth: f32) -> f32 {
+fn share_up_to(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     if depth >= LARGEST {
         return 1.0;
     }
     if depth <= -LARGEST {
         return 0.0;
     }
-    let ahead = (depth - sample.mean) * sample.per_sigma;
+    let ahead = ahead_of(footprint, sample, depth);
     // NaN lies behind.
     return select(0.0, normal_cdf(clamp(ahead, -38.0, 38.0)), !is_nan(ahead));
 }

@@ -15,24 +15,20 @@ fn begin_ray(ray: TileRay) {
 fn exact(n: u32, footprint: TileFootprint, d: vec2<f32>, has_place: bool) -> Sample {
     let gradient = batch_terms[n].gradient;
     let hessian = batch_terms[n].hessian;
-    let slope = gradient[0] * d.x + gradient[1] * d.y;
-    var w = d.x * (d.x * hessian[0] + (d.y * hessian[1] + gradient[0]))
+    let w = d.x * (d.x * hessian[0] + (d.y * hessian[1] + gradient[0]))
         + (d.y * (d.y * hessian[2] + gradient[1]) + 1.0);
-    if has_place {
-        // Summed so that both twins lose the same: a needle is cut within its standard deviation along the
-        // ray, a ten-thousandth of its depth, where roundings of z* show.
-        w = 1.0 + slope + d.x * (hessian[0] * d.x + hessian[1] * d.y) + hessian[2] * d.y * d.y;
-    }
     let q = form_at(footprint, d) / w;
     // NaN is outside.
     let is_ahead = !is_nan(w) && w > 0.0;
-    var sample = Sample(is_ahead && is_within(footprint, q), 0.0, footprint.depth, 0.0);
+    var sample = Sample(is_ahead && is_within(footprint, q), 0.0, 0.0, 0.0);
     if sample.is_inside {
         let root = sqrt(w);
         sample.tau = footprint.peak * (ray_length / root) * falloff(q);
         if has_place {
-            // z* = z (1 + g . d / 2) / w, sigma as 1 / sqrt(w).
-            sample.mean = footprint.depth * (1.0 + 0.5 * slope) / w;
+            // z* - z = -z (g . d / 2 + dᵀHd) / w, sigma as 1 / sqrt(w).
+            let slope = gradient[0] * d.x + gradient[1] * d.y;
+            let bend = d.x * (hessian[0] * d.x + hessian[1] * d.y) + hessian[2] * d.y * d.y;
+            sample.beyond = -footprint.depth * (0.5 * slope + bend) / w;
             sample.per_sigma = 1.0 / max(batch_terms[n].depth_sigma, SMALLEST) * root;
         }
     }

@@ -8,7 +8,7 @@ fn is_near_path(path: u32) -> bool {
 
 fn near_kernel(footprint: TileFootprint, pixel: vec2<f32>) -> Sample {
     let tau = near_depth(footprint, pixel);
-    return Sample(is_positive(tau), tau, footprint.depth, 0.0);
+    return Sample(is_positive(tau), tau, 0.0, 0.0);
 }
 
 // Optical depth in front of the eye along the ray through a point of the image.

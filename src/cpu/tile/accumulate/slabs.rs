@@ -64,9 +64,8 @@ impl IntoSlabs<'_> {
             let Some(spans) = self.spans else {
                 let mut above = [1.0; TILE_SIZE];
                 if number < last && is_gaussian {
-                    let kernels = row.depth.iter().zip(&row.per_sigma);
-                    for (above, (depth, per_sigma)) in above.iter_mut().zip(kernels) {
-                        *above = cdf::<FMA>((end - depth) * per_sigma);
+                    for (lane, above) in above.iter_mut().enumerate() {
+                        *above = cdf::<FMA>(row.ahead(lane, end));
                     }
                 } else if number < last {
                     above = shares_up_to::<FMA>(evaluate, row, &ends);

@@ -80,13 +80,12 @@ impl RowEdge {
             share: shares_up_to::<FMA>(evaluate, row, depths),
             density: [0.0; TILE_SIZE],
         };
-        let kernels = row.depth.iter().zip(&row.per_sigma);
-        for ((out, depth), (mean, per_sigma)) in edge.density.iter_mut().zip(depths).zip(kernels) {
-            let ahead = (depth - mean) * per_sigma;
+        for (lane, (out, depth)) in edge.density.iter_mut().zip(depths).enumerate() {
+            let ahead = row.ahead(lane, *depth);
             let density = exp_minus_half::<FMA>((ahead * ahead).min(49.0));
             // NaN and what lies far out have none.
             let near_by = if ahead.abs() <= 7.0 { density } else { 0.0 };
-            *out = near_by * FRAC_1_SQRT_2PI * per_sigma;
+            *out = near_by * FRAC_1_SQRT_2PI * row.per_sigma[lane];
         }
         edge
     }

@@ -46,7 +46,7 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
     let dy = walk.dy(y);
     let form = RowForm::new(footprint, dy);
-    let mut row = Row::new(y);
+    let mut row = Row::new(footprint, y);
     for lane in 0..TILE_SIZE {
         let dx = walk.dx(lane);
         let q = form.q::<FMA>(dx);
@@ -57,7 +57,8 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
         } else {
             0.0
         };
-        row.depth[lane] = footprint.depth + madd::<FMA>(gx, dx, gy * dy);
+        // Rounded as the twin rounds it, where it matters to needles.
+        row.beyond[lane] = gx * dx + gy * dy;
         row.per_sigma[lane] = per_sigma;
         row.inside[lane] = u32::from(is_inside);
     }

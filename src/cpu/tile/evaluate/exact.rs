@@ -61,10 +61,8 @@ impl RowOfExact {
     }
 }
 
-/// Row `y`, `ray_length` |D| of its pixels: z* = z (1 + g . d / 2) / w, sigma_z as 1 / sqrt(w).
-///
-/// The depth has a w of its own, summed in the twin's order: a needle is cut within its standard
-/// deviation along the ray, a ten-thousandth of its depth, where roundings of z* show.
+/// Row `y`, `ray_length` |D| of its pixels: z* = z (1 + g . d / 2) / w, sigma_z as 1 / sqrt(w); from z
+/// on, z* - z = -z (g . d / 2 + dᵀHd) / w, rounded as the twin rounds it, where it matters to needles.
 #[inline(always)]
 pub(super) fn row<const FMA: bool>(
     walk: &Walk<'_>,
@@ -77,7 +75,7 @@ pub(super) fn row<const FMA: bool>(
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
     let dy = walk.dy(y);
     let of_row = RowOfExact::new::<FMA>(footprint, terms, dy);
-    let mut row = Row::new(y);
+    let mut row = Row::new(footprint, y);
     #[allow(
         clippy::needless_range_loop,
         reason = "one counter for all arrays of a row becomes vector code"
@@ -93,10 +91,10 @@ pub(super) fn row<const FMA: bool>(
         let is_inside = is_ahead & (q <= walk.limits[lane]);
         let tau = footprint.tau * (ray_length[lane] * inverse.sqrt()) * exp_minus_half::<FMA>(q);
         row.tau[lane] = if is_inside { tau } else { 0.0 };
-        let slope = madd::<FMA>(gx, dx, gy * dy);
-        let w = 1.0 + slope + dx * (hxx * dx + hxy * dy) + hyy * dy * dy;
-        row.depth[lane] = footprint.depth * (1.0 + 0.5 * slope) / w;
-        row.per_sigma[lane] = per_sigma * w.sqrt();
+        let slope = gx * dx + gy * dy;
+        let bend = dx * (hxx * dx + hxy * dy) + hyy * dy * dy;
+        row.beyond[lane] = -footprint.depth * (0.5 * slope + bend) * inverse;
+        row.per_sigma[lane] = per_sigma * (1.0 / inverse).sqrt();
         row.inside[lane] = u32::from(is_inside);
     }
     row.count = row.inside.iter().sum();

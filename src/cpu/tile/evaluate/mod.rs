@@ -23,8 +23,10 @@ pub(super) struct Row {
     pub(super) y: usize,
     /// Optical depths; 0 outside.
     pub(super) tau: RowOf<f32>,
-    /// Mean z of the kernel along each ray; not of near kernels.
-    pub(super) depth: RowOf<f32>,
+    /// The footprint's depth.
+    pub(super) depth: f32,
+    /// How far the kernel's mean z along each ray lies beyond that; not of near kernels.
+    pub(super) beyond: RowOf<f32>,
     /// One over the standard deviation of z; not of near kernels.
     pub(super) per_sigma: RowOf<f32>,
     /// 1 within the cut-off.
@@ -35,15 +37,24 @@ pub(super) struct Row {
 
 impl Row {
     #[inline(always)]
-    fn new(y: usize) -> Self {
+    fn new(footprint: &Footprint, y: usize) -> Self {
         Self {
             y,
             tau: [0.0; TILE_SIZE],
-            depth: [0.0; TILE_SIZE],
+            depth: footprint.depth,
+            beyond: [0.0; TILE_SIZE],
             per_sigma: [0.0; TILE_SIZE],
             inside: [0; TILE_SIZE],
             count: 0,
         }
+    }
+
+    /// How far a depth lies beyond the kernel's mean, in standard deviations. From the footprint's depth
+    /// first: sums of depths would round away what needles are cut at, 1:10,000 ones by a hundredth of
+    /// their width.
+    #[inline(always)]
+    pub(super) fn ahead(&self, lane: usize, depth: f32) -> f32 {
+        ((depth - self.depth) - self.beyond[lane]) * self.per_sigma[lane]
     }
 
     /// The tile's pixel that it begins with.

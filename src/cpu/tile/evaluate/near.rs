@@ -36,7 +36,7 @@ impl<'a> NearWalk<'a> {
 
     /// Row `y`: optical depths alone.
     pub(super) fn row(&self, y: usize) -> Row {
-        let mut row = Row::new(y);
+        let mut row = Row::new(self.footprint, y);
         for x in self.patch.columns[0]..self.patch.columns[1] {
             let tau = self.tau(self.place.centre(x, y));
             if tau > 0.0 {

@@ -26,7 +26,7 @@ pub(super) fn shares_up_to<const FMA: bool>(
     }
     let is_point = evaluate.along() == Along::Point;
     for lane in 0..TILE_SIZE {
-        let ahead = (depths[lane] - row.depth[lane]) * row.per_sigma[lane];
+        let ahead = row.ahead(lane, depths[lane]);
         let share = if is_point {
             f32::from(u8::from(ahead > 0.0))
         } else {
