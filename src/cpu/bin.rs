@@ -152,7 +152,7 @@ fn for_each_tile_of<const SIZE: usize>(
     terms: FootprintTerms<'_>,
     index: usize,
     tile_columns: usize,
-    mut emit: impl FnMut(usize),
+    emit: impl FnMut(usize),
 ) {
     let (x0, x1) = footprint.column_range();
     let (y0, y1) = footprint.row_range();
@@ -165,21 +165,54 @@ fn for_each_tile_of<const SIZE: usize>(
     let (ty0, ty1) = (y0 / size, (y1 - 1) / size);
     // A box of one row or column of tiles is (nearly) all touched.
     let test = (tx1 > tx0 && ty1 > ty0) && footprint.path & 3 != PATH_NEAR;
-    let outline = test.then(|| outline(footprint, terms, index));
-    let centre = Vec2::from(footprint.centre_px);
-    for ty in ty0..=ty1 {
-        for tx in tx0..=tx1 {
-            let touched = outline.as_ref().is_none_or(|outline| {
+    let walk = TileWalk {
+        footprint,
+        columns: [tx0, tx1],
+        rows: [ty0, ty1],
+        tile_columns,
+    };
+    if !test {
+        return walk.each::<SIZE>(|_, _| true, emit);
+    }
+    // One loop for each: which outline it is, is not asked at every tile.
+    match outline(footprint, terms, index) {
+        Outline::Kernel(outline) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
+        Outline::Plane(outline) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
+    }
+}
+
+/// The tiles of a footprint's box: first and last columns and rows of tiles.
+struct TileWalk<'a> {
+    footprint: &'a Footprint,
+    columns: [u32; 2],
+    rows: [u32; 2],
+    tile_columns: usize,
+}
+
+impl TileWalk<'_> {
+    /// Calls `emit` for those whose rectangle of pixel centres, offsets from the footprint's centre,
+    /// touches its outline.
+    #[inline(always)]
+    fn each<const SIZE: usize>(
+        self,
+        touches: impl Fn(Vec2, Vec2) -> bool,
+        mut emit: impl FnMut(usize),
+    ) {
+        let size = SIZE as u32;
+        let centre = Vec2::from(self.footprint.centre_px);
+        let (x0, x1) = self.footprint.column_range();
+        let (y0, y1) = self.footprint.row_range();
+        for ty in self.rows[0]..=self.rows[1] {
+            for tx in self.columns[0]..=self.columns[1] {
                 // The pixel centres of the tile that lie in the box.
                 let lower = Vec2::new((tx * size).max(x0) as f32, (ty * size).max(y0) as f32);
                 let upper = Vec2::new(
                     ((tx + 1) * size).min(x1) as f32,
                     ((ty + 1) * size).min(y1) as f32,
                 );
-                outline.touches(lower + 0.5 - centre, upper - 0.5 - centre)
-            });
-            if touched {
-                emit(ty as usize * tile_columns + tx as usize);
+                if touches(lower + 0.5 - centre, upper - 0.5 - centre) {
+                    emit(ty as usize * self.tile_columns + tx as usize);
+                }
             }
         }
     }

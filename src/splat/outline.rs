@@ -17,17 +17,6 @@ pub(crate) enum Outline {
     Plane(PlaneOutline),
 }
 
-impl Outline {
-    /// Whether the rectangle between two offsets meets the inside. Not a number counts as inside.
-    #[inline]
-    pub(crate) fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
-        match self {
-            Self::Kernel(outline) => outline.touches(lower, upper),
-            Self::Plane(outline) => outline.touches(lower, upper),
-        }
-    }
-}
-
 /// Q(d) - r² w(d) = 0, a convex quadratic of the pixel offset.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct KernelOutline {
@@ -93,8 +82,11 @@ impl KernelOutline {
         q - w - self.cutoff_squared
     }
 
+    /// Whether the rectangle between two offsets meets the inside. Not a number counts as inside.
+    ///
     /// The least value in a rectangle that does not hold the middle lies on an edge that faces it.
-    fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
+    #[inline]
+    pub(crate) fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
         let nearest = self.middle.clamp(lower, upper);
         if nearest == self.middle {
             return true;
@@ -184,7 +176,9 @@ impl PlaneOutline {
         q.is_nan() || reach.is_nan() || (reach >= 0.0 && !(q > reach * reach))
     }
 
-    fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
+    /// Whether the rectangle between two offsets meets the inside. Not a number counts as inside.
+    #[inline]
+    pub(crate) fn touches(&self, lower: Vec2, upper: Vec2) -> bool {
         if lower.is_nan() {
             return true;
         }

@@ -169,9 +169,12 @@ impl Patch {
 #[inline(always)]
 pub(super) fn add_scaled(plane: &mut Plane, first: usize, numbers: &RowOf<f32>, factor: f32) {
     if let Some(sums) = plane[first..].first_chunk_mut::<TILE_SIZE>() {
-        for (sum, number) in sums.iter_mut().zip(numbers) {
-            *sum += number * factor;
+        // Copies: what may be the same memory is added one by one.
+        let (mut row, numbers) = (*sums, *numbers);
+        for lane in 0..TILE_SIZE {
+            row[lane] += numbers[lane] * factor;
         }
+        *sums = row;
     }
 }
 

@@ -14,7 +14,7 @@ use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::{CutTile, Side, Spans};
 use crate::cpu::tile::interval::{between, shares_up_to, within};
-use crate::cpu::tile::pixels::{Patch, Plane, RowOf, Tile, TilePlace};
+use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
 use crate::simd::SimdLevel;
 use crate::splat::Axes;
@@ -40,19 +40,16 @@ impl OverTile<'_, '_> {
         terms: Option<&ExactTerms>,
         near: &[NearTerms],
     ) -> u32 {
-        let light = Light::new(&self.axes, footprint);
         let Some(cut) = &mut self.cut else {
-            if let Some(fused) = light.fused(footprint, terms) {
-                let patch = self.place.patch(footprint);
-                let width = self.place.width();
-                return fused.add(self.level, self.place, self.rays, front, patch, width);
+            if let Some(fused) = Fused::of(&self.axes, footprint, terms) {
+                return fused.add(self.level, &self.place, self.rays, front);
             }
             let evaluate = Evaluate::new(&self.place, footprint, terms, near);
             let into = IntoOver {
                 spans: None,
                 front,
                 behind: None,
-                light,
+                light: Light::new(&self.axes, footprint),
             };
             let work = AddRows {
                 evaluate: &evaluate,
@@ -73,16 +70,14 @@ impl OverTile<'_, '_> {
                 cut.is_partial.then_some(&mut *cut.behind),
             ),
         };
-        if let (None, Some(fused)) = (spans, light.fused(footprint, terms)) {
-            let patch = self.place.patch(footprint);
-            let width = self.place.width();
-            return fused.add(self.level, self.place, self.rays, into, patch, width);
+        if let (None, Some(fused)) = (spans, Fused::of(&self.axes, footprint, terms)) {
+            return fused.add(self.level, &self.place, self.rays, into);
         }
         let into = IntoOver {
             spans,
             front: into,
             behind,
-            light,
+            light: Light::new(&self.axes, footprint),
         };
         let work = AddRows {
             evaluate: &evaluate,
@@ -100,11 +95,16 @@ impl OverTile<'_, '_> {
     }
 }
 
+/// The depth of a kernel: its centre's, which within a kernel that holds the eye may lie behind that.
+#[inline(always)]
+fn depth_of(footprint: &Footprint) -> f32 {
+    footprint.depth.max(0.0)
+}
+
 /// What a kernel's opacity makes of a pixel.
 #[derive(Debug, Clone, Copy)]
 struct Light {
     colour: [f32; 3],
-    /// Of the kernel's centre: within a kernel that holds the eye it may lie behind that.
     depth: f32,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau).
     is_linear: bool,
@@ -118,35 +118,10 @@ impl Light {
     fn new(axes: &Axes, footprint: &Footprint) -> Self {
         Self {
             colour: footprint.carried.colour(),
-            depth: footprint.depth.max(0.0),
+            depth: depth_of(footprint),
             is_linear: axes.linear_opacity || footprint.path == PATH_PEAK,
             has_depth: axes.depth,
             is_count: axes.count,
-        }
-    }
-
-    /// The fused loop that draws the footprint, where there is one.
-    #[inline(always)]
-    fn fused<'a>(
-        &self,
-        footprint: &'a Footprint,
-        terms: Option<&'a ExactTerms>,
-    ) -> Option<Fused<'a>> {
-        if self.is_count {
-            return None;
-        }
-        match (footprint.path, terms) {
-            (PATH_AFFINE | PATH_PEAK, _) => Some(Fused {
-                footprint,
-                terms: None,
-                light: *self,
-            }),
-            (PATH_EXACT, Some(terms)) if !self.is_linear => Some(Fused {
-                footprint,
-                terms: Some(terms),
-                light: *self,
-            }),
-            _ => None,
         }
     }
 }
@@ -243,35 +218,43 @@ struct Fused<'a> {
     footprint: &'a Footprint,
     /// On the exact path.
     terms: Option<&'a ExactTerms>,
-    light: Light,
+    /// Opacity min(tau, 1) instead of 1 - exp(-tau).
+    is_linear: bool,
+    has_depth: bool,
 }
 
-impl Fused<'_> {
-    /// Returns how many pixels lay within the cut-off.
-    ///
-    /// - `width`: columns of the tile that lie in the image.
+impl<'a> Fused<'a> {
+    /// `None` where rows draw it.
     #[inline(always)]
-    fn add(
-        self,
-        level: SimdLevel,
-        place: TilePlace<'_>,
-        rays: &Plane,
-        tile: &mut Tile,
-        patch: Patch,
-        width: usize,
-    ) -> u32 {
-        let (has_depth, rows) = (self.light.has_depth, patch.rows);
-        let depth = self.light.depth;
+    fn of(axes: &Axes, footprint: &'a Footprint, terms: Option<&'a ExactTerms>) -> Option<Self> {
+        if axes.count {
+            return None;
+        }
+        let is_linear = axes.linear_opacity || footprint.path == PATH_PEAK;
+        let terms = match (footprint.path, terms) {
+            (PATH_AFFINE | PATH_PEAK, _) => None,
+            (PATH_EXACT, Some(terms)) if !is_linear => Some(terms),
+            _ => return None,
+        };
+        Some(Self {
+            footprint,
+            terms,
+            is_linear,
+            has_depth: axes.depth,
+        })
+    }
+
+    /// Returns how many pixels lay within the cut-off.
+    #[inline(always)]
+    fn add(self, level: SimdLevel, place: &TilePlace<'_>, rays: &Plane, tile: &mut Tile) -> u32 {
         let work = FusedWork {
             fused: self,
-            first_px: [place.px(0, 0), place.px(1, 0)],
+            place,
             rays,
             tile,
-            patch,
-            width,
         };
-        if has_depth {
-            return add_with_depths(level, work, rows, depth);
+        if self.has_depth {
+            return add_with_depths(level, work);
         }
         run_at(level, work)
     }
@@ -279,19 +262,18 @@ impl Fused<'_> {
 
 /// Depths follow from the opacities before and after: they need no loops of their own.
 #[inline(never)]
-fn add_with_depths(
-    level: SimdLevel,
-    work: FusedWork<'_>,
-    [first, end]: [usize; 2],
-    depth: f32,
-) -> u32 {
-    let FusedWork { tile, .. } = work;
+fn add_with_depths(level: SimdLevel, work: FusedWork<'_>) -> u32 {
+    let FusedWork {
+        fused, place, tile, ..
+    } = work;
+    let [first, end] = place.patch(fused.footprint).rows;
     let before = tile.alpha;
     let work = FusedWork {
         tile: &mut *tile,
         ..work
     };
     let count = run_at(level, work);
+    let depth = depth_of(fused.footprint);
     let pixels = first * TILE_SIZE..end * TILE_SIZE;
     let alphas = before[pixels.clone()]
         .iter()
@@ -305,12 +287,9 @@ fn add_with_depths(
 
 struct FusedWork<'a> {
     fused: Fused<'a>,
-    /// Centre of the tile's first pixel.
-    first_px: [f32; 2],
+    place: &'a TilePlace<'a>,
     rays: &'a Plane,
     tile: &'a mut Tile,
-    patch: Patch,
-    width: usize,
 }
 
 /// Opacity 1 - exp(-tau).
@@ -335,13 +314,14 @@ impl FusedWork<'_> {
         let Fused {
             footprint,
             terms,
-            light,
+            is_linear,
+            ..
         } = self.fused;
         if let Some(terms) = terms {
             return self.rows::<FMA, LANES, true, EXPONENTIAL, false>(terms);
         }
         let none = &ExactTerms::default();
-        if light.is_linear {
+        if is_linear {
             self.rows::<FMA, LANES, false, LINEAR, false>(none)
         } else {
             match (footprint.tau <= FAINT, is_aligned(footprint)) {
@@ -370,18 +350,17 @@ impl FusedWork<'_> {
     ) -> u32 {
         let Self {
             fused,
-            first_px,
+            place,
             rays,
             tile,
-            patch,
-            width,
         } = self;
         // Copies, which stores to the tile cannot change: of references each row would ask again.
         let (footprint, terms) = (&{ *fused.footprint }, &{ *terms });
-        let [red, green, blue] = fused.light.colour;
+        let patch = place.patch(footprint);
+        let [red, green, blue] = footprint.carried.colour();
         let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
-        let dx_first = first_px[0] - footprint.centre_px[0];
-        let dy_first = first_px[1] - footprint.centre_px[1];
+        let dx_first = place.px(0, 0) - footprint.centre_px[0];
+        let dy_first = place.px(1, 0) - footprint.centre_px[1];
         // A row of one vector is no loop.
         let chunks = if LANES == TILE_SIZE {
             0..1
@@ -395,7 +374,7 @@ impl FusedWork<'_> {
         let (rays, _) = rays.as_chunks::<LANES>();
         // Vectors reach beyond the image's right border; there nothing is within the cut-off.
         let mut limits = [cutoff; TILE_SIZE];
-        for limit in limits.iter_mut().skip(width) {
+        for limit in limits.iter_mut().skip(place.width()) {
             *limit = -1.0;
         }
         let (mut of_columns, mut of_rows) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);

@@ -41,7 +41,8 @@ impl RowForm {
 /// Row `y`. The depth is linear over the image, its standard deviation constant.
 #[inline(always)]
 pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize) -> Row {
-    let footprint = walk.footprint;
+    // A copy: what lies behind a reference ends the vectors.
+    let footprint = &{ *walk.footprint };
     let [gx, gy] = terms.gradient;
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
     let dy = walk.dy(y);
@@ -52,11 +53,8 @@ pub(super) fn row<const FMA: bool>(walk: &Walk<'_>, terms: &ExactTerms, y: usize
         let q = form.q::<FMA>(dx);
         // NaN compares false: outside.
         let is_inside = q <= walk.limits[lane];
-        row.tau[lane] = if is_inside {
-            footprint.tau * exp_minus_half::<FMA>(q)
-        } else {
-            0.0
-        };
+        let tau = footprint.tau * exp_minus_half::<FMA>(q);
+        row.tau[lane] = if is_inside { tau } else { 0.0 };
         // Rounded as the twin rounds it, where it matters to needles.
         row.beyond[lane] = gx * dx + gy * dy;
         row.per_sigma[lane] = per_sigma;

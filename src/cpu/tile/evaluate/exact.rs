@@ -70,7 +70,8 @@ pub(super) fn row<const FMA: bool>(
     y: usize,
     ray_length: &RowOf<f32>,
 ) -> Row {
-    let footprint = walk.footprint;
+    // Copies: what lies behind a reference ends the vectors.
+    let (footprint, terms) = (&{ *walk.footprint }, &{ *terms });
     let ([gx, gy], [hxx, hxy, hyy]) = (terms.gradient, terms.hessian);
     let per_sigma = 1.0 / terms.depth_sigma.max(f32::MIN_POSITIVE);
     let dy = walk.dy(y);
