@@ -28,17 +28,19 @@ use crate::stats::FrameCounts;
 #[derive(Debug, Default)]
 pub(crate) struct CpuFrames {
     closed: Vec<bool>,
-    views: Vec<Vec<BlockView>>,
-    classified: Vec<ClassifiedParticle>,
-    footprints: Vec<Footprint>,
+    pub(super) views: Vec<Vec<BlockView>>,
+    pub(super) classified: Vec<ClassifiedParticle>,
+    /// How many of those each volume has.
+    pub(super) totals: Vec<usize>,
+    pub(super) footprints: Vec<Footprint>,
     exact: Vec<ExactTerms>,
     surfels: Vec<SurfelTerms>,
     project_output: ProjectOutput,
-    order: Vec<u64>,
+    pub(super) order: Vec<u64>,
     bins: Bins,
-    tiles: Vec<Tile>,
+    pub(super) tiles: Vec<Tile>,
     /// The opaque surfaces of the frame.
-    surface: Vec<Tile>,
+    pub(super) surface: Vec<Tile>,
     surface_normals: Vec<NormalTile>,
     sums: ColumnSums,
 }
@@ -84,7 +86,7 @@ impl DrawFrames for CpuFrames {
 
 impl CpuFrames {
     /// All stages of one pass but the last.
-    fn draw_pass(
+    pub(super) fn draw_pass(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,
@@ -96,11 +98,11 @@ impl CpuFrames {
         let view = self.cull(scene, plan, pass, counts);
         times.cull += clock.lap();
 
-        let totals = self.classify(scene.volumes(), plan, pass);
+        self.classify(scene.volumes(), plan, pass);
         counts.classified += self.classified.len();
         times.classify += clock.lap();
 
-        self.project(scene.volumes(), plan, pass, &view, &totals);
+        self.project(scene.volumes(), plan, pass, &view);
         times.project += clock.lap();
 
         let is_column = pass.axes.accumulate == Accumulate::Column;
@@ -225,19 +227,15 @@ impl CpuFrames {
         }
     }
 
-    /// Visible particles, with masses and what they carry. Returns each volume's number.
-    fn classify(
-        &mut self,
-        volumes: &[BlockedVolume],
-        plan: &FramePlan,
-        pass: &PassPlan,
-    ) -> Vec<usize> {
+    /// Visible particles, with masses and what they carry.
+    fn classify(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
         if let Carries::Amplitude { scale, .. } = pass.carries {
-            return self.fill_classified(
+            self.fill_classified(
                 volumes,
                 |volume, views| count_amplitudes(volume, views, scale),
                 |volume, views, out| fill_amplitudes(volume, views, scale, out),
             );
+            return;
         }
         let rotation = plan.camera.camera_from_world.as_mat3();
         self.fill_classified(volumes, count_classified, |volume, views, out| {
@@ -246,38 +244,36 @@ impl CpuFrames {
             if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
                 light(volume, views, rotation, lighting, out);
             }
-        })
+        });
     }
 
-    /// Counts the particles of all views and fills their places; returns each volume's number.
+    /// Counts the particles of all views and fills their places.
     fn fill_classified(
         &mut self,
         volumes: &[BlockedVolume],
         count: impl Fn(&BlockedVolume, &mut [BlockView]) -> usize,
         fill: impl Fn(&BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
-    ) -> Vec<usize> {
-        let mut totals = Vec::with_capacity(volumes.len());
+    ) {
+        self.totals.clear();
         for (volume, views) in volumes.iter().zip(&mut self.views) {
-            totals.push(count(volume, views));
+            self.totals.push(count(volume, views));
         }
-        overwrite(&mut self.classified, totals.iter().sum());
+        overwrite(&mut self.classified, self.totals.iter().sum());
         let mut rest = self.classified.as_mut_slice();
-        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&totals) {
+        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&self.totals) {
             let (out, others) = rest.split_at_mut(total);
             fill(volume, views, out);
             rest = others;
         }
-        totals
     }
 
-    /// Projects what was classified, `totals` of each volume.
+    /// Projects what was classified.
     fn project(
         &mut self,
         volumes: &[BlockedVolume],
         plan: &FramePlan,
         pass: &PassPlan,
         view: &ViewUniform,
-        totals: &[usize],
     ) {
         let count = self.classified.len();
         overwrite(&mut self.footprints, count);
@@ -289,7 +285,7 @@ impl CpuFrames {
         self.project_output.clear();
         let rotation = plan.camera.camera_from_world.as_mat3();
         let mut first = 0;
-        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(totals) {
+        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&self.totals) {
             let range = first..first + total;
             project(
                 volume,
@@ -307,7 +303,7 @@ impl CpuFrames {
         }
     }
 
-    fn rasterise_surface(
+    pub(super) fn rasterise_surface(
         &mut self,
         plan: &FramePlan,
         pass: &PassPlan,
@@ -332,7 +328,7 @@ impl CpuFrames {
         )
     }
 
-    fn rasterise(
+    pub(super) fn rasterise(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,

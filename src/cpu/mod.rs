@@ -10,6 +10,7 @@
 //! | `tile/` | lists, footprints of opaque surfels | tiles of the surface |
 //! | `tile/` | lists, footprints | tiles |
 //! | `resolve.rs` | tiles | image, depth |
+//! | `pick.rs` | all of these, of one pixel | the particles that it shows |
 //!
 //! A column density has two stages of its own, in place of `classify.rs` and of `sort.rs` to
 //! `resolve.rs`:
@@ -32,6 +33,7 @@ mod bin;
 mod classify;
 mod frame;
 mod light;
+mod pick;
 mod project;
 mod resolve;
 mod shade;
@@ -44,6 +46,7 @@ pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
 pub(crate) use frame::CpuFrames;
 pub use light::{Sides, light, lit};
+pub(crate) use pick::shares;
 pub use project::{ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;

@@ -9,10 +9,12 @@
 //! | `backend.rs` | what a back end is |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `column.rs` | column densities |
+//! | `pick.rs` | which particles a pixel shows |
 
 pub(crate) mod backend;
 mod check;
 mod column;
+mod pick;
 pub(crate) mod plan;
 mod renderer;
 mod settings;
@@ -22,5 +24,6 @@ pub use crate::blocks::Keep;
 pub use crate::stats::{FrameCounts, StageTimes};
 pub use backend::Backend;
 pub use column::ColumnSettings;
+pub use pick::Picked;
 pub use renderer::Renderer;
 pub use settings::{ClassifyAt, Composite, Settings, Show};

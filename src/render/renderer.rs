@@ -205,14 +205,20 @@ impl Renderer {
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         check(camera, settings)?;
         check_scene(&self.scene, settings)?;
-        let carries_values = settings.composite.classifies_slabs();
-        if let Some(volume) = self.scene.carry_values(carries_values)? {
-            self.edited(Edit::TransferFunction(volume))?;
-        }
+        self.carry(settings)?;
         let plan = FramePlan::new(&self.scene, camera, settings)?;
         self.report = self.draw(&plan)?;
         self.layers = plan.of_volumes().and_then(|pass| pass.layers);
         Ok(&self.images.image)
+    }
+
+    /// Lets particles carry what the settings ask for: values or colours.
+    pub(super) fn carry(&mut self, settings: &Settings) -> Result<()> {
+        let carries_values = settings.composite.classifies_slabs();
+        match self.scene.carry_values(carries_values)? {
+            Some(volume) => self.edited(Edit::TransferFunction(volume)),
+            None => Ok(()),
+        }
     }
 
     /// Draws a plan on the device, where there is one that can, on the processor otherwise.

@@ -49,6 +49,7 @@ mod gpu_surface;
 mod maximum;
 mod mesh_pictures;
 mod pairs;
+mod pick;
 mod post_classification;
 mod promise;
 mod real_data;

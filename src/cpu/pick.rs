@@ -1,0 +1,136 @@
+//! What a pixel shows of each particle.
+//!
+//! A pixel is linear in what footprints carry, whatever composites them: drawn with one footprint in red
+//! and everything else in black, its red is that footprint's share. The stages that draw pictures say so,
+//! three footprints at a time; nothing here knows how kernels are evaluated, cut or composited.
+
+use super::frame::CpuFrames;
+use super::sort::footprint_index;
+use crate::blocks::BlockedScene;
+use crate::record::Carried;
+use crate::render::backend::{DrawFrames, FrameReport};
+use crate::render::plan::{Draws, FramePlan};
+
+/// A particle's share of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Share {
+    /// Which of the blocked volumes it is in.
+    pub(crate) volume: usize,
+    /// Its block.
+    pub(crate) block: u32,
+    /// Its number in the block.
+    pub(crate) local: u32,
+    /// Of what the pixel shows.
+    pub(crate) share: f32,
+}
+
+const BLACK: Carried = Carried::of_colour([0.0; 3]);
+
+/// The shares that particles have of the one pixel of a plan, above 0; surfaces first, then the others,
+/// each front to back.
+pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Vec<Share> {
+    let mut pixel = Pixel::new(scene, plan);
+    let mut shares = Vec::new();
+    for number in 0..plan.passes.len() {
+        let frames = &pixel.passes[number];
+        let order: Vec<usize> = frames.order.iter().map(|&n| footprint_index(n)).collect();
+        if plan.passes[number].draws == Draws::Volumes {
+            // No share of theirs comes by a surface.
+            pixel.draw_surface();
+        }
+        for three in order.chunks(3) {
+            let of_three = pixel.draw_in_colours(number, three);
+            for (&footprint, share) in three.iter().zip(of_three) {
+                if share > 0.0 {
+                    shares.push(pixel.share_of(number, footprint, share));
+                }
+            }
+        }
+    }
+    shares
+}
+
+/// A pixel that can be drawn again with other colours.
+struct Pixel<'a> {
+    scene: &'a BlockedScene,
+    plan: &'a FramePlan,
+    /// Of each pass its own footprints, in black.
+    passes: Vec<CpuFrames>,
+}
+
+impl<'a> Pixel<'a> {
+    fn new(scene: &'a BlockedScene, plan: &'a FramePlan) -> Self {
+        let draw = |pass| {
+            let mut frames = CpuFrames::default();
+            // Nothing of the scene is kept: no error.
+            let _ = frames.upload(scene);
+            frames.draw_pass(scene, plan, pass, &mut FrameReport::default());
+            for footprint in &mut frames.footprints {
+                footprint.carried = BLACK;
+            }
+            frames
+        };
+        Self {
+            scene,
+            plan,
+            passes: plan.passes.iter().map(draw).collect(),
+        }
+    }
+
+    /// Draws the surface, if there is one, and puts it where volumes find it.
+    fn draw_surface(&mut self) {
+        let Some((frames, others)) = self.passes.split_first_mut() else {
+            return;
+        };
+        let pass = &self.plan.passes[0];
+        if pass.draws != Draws::Surfaces {
+            return;
+        }
+        frames.rasterise_surface(self.plan, pass, &pass.view, [1, 1]);
+        for volumes in others {
+            volumes.surface.clone_from(&frames.surface);
+        }
+    }
+
+    /// The pixel, with footprints of a pass in red, green and blue.
+    fn draw_in_colours(&mut self, pass: usize, footprints: &[usize]) -> [f32; 3] {
+        for (channel, &i) in footprints.iter().enumerate() {
+            let mut colour = [0.0; 3];
+            colour[channel] = 1.0;
+            self.passes[pass].footprints[i].carried = Carried::of_colour(colour);
+        }
+        if self.plan.passes[pass].draws == Draws::Surfaces {
+            self.draw_surface();
+        }
+        let last = self.passes.len() - 1;
+        let (frames, plan) = (&mut self.passes[last], &self.plan.passes[last]);
+        let tile = if plan.draws == Draws::Volumes {
+            frames.rasterise(self.scene, self.plan, plan, &plan.view, [1, 1]);
+            &frames.tiles[0]
+        } else {
+            &frames.surface[0]
+        };
+        let shares = [tile.red[0], tile.green[0], tile.blue[0]];
+        for &i in footprints {
+            self.passes[pass].footprints[i].carried = BLACK;
+        }
+        shares
+    }
+
+    fn share_of(&self, pass: usize, footprint: usize, share: f32) -> Share {
+        let frames = &self.passes[pass];
+        let mut first = 0;
+        let mut volume = 0;
+        while footprint >= first + frames.totals[volume] {
+            first += frames.totals[volume];
+            volume += 1;
+        }
+        let particle = &frames.classified[footprint];
+        Share {
+            volume,
+            block: frames.views[volume][particle.view as usize].block,
+            local: particle.local,
+            share,
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Which particles a pixel shows.
+
+use glam::{DVec2, DVec3};
+
+use super::check::{check, check_scene};
+use super::plan::FramePlan;
+use super::renderer::Renderer;
+use super::settings::{Settings, Show};
+use crate::blocks::BlockedParticles;
+use crate::cpu::shares;
+use crate::error::{Error, Result};
+use crate::view::Camera;
+
+/// A particle that a pixel shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Picked {
+    /// Which volume of the scene it belongs to.
+    pub volume: usize,
+    /// Which of the caller's particles of that volume; of a lattice the cell, x running fastest.
+    pub particle: usize,
+    /// Its centre, world units.
+    pub position: DVec3,
+    /// The depth z of its centre in camera space, world units.
+    pub depth: f64,
+    /// Its share of the pixel: what it would add to each channel were it white. All shares add up to the
+    /// pixel's opacity.
+    pub share: f32,
+}
+
+impl Renderer {
+    /// The particles that a pixel shows of a frame, front to back, with the share of each: what lies under
+    /// the mouse.
+    ///
+    /// They are the caller's own: none is merged, so that shares add up to the picture's opacity within
+    /// the tolerance. The processor finds them, whatever drew the frame, in a time that grows with the square
+    /// of the number of kernels under the pixel. The scene must have been made to keep its particles'
+    /// numbers; lattices have them anyway.
+    ///
+    /// - `pixel`: column and row, from the top left.
+    ///
+    /// ```
+    /// use ewa_splat::{Keep, Renderer, Settings, scene::PointVolume, view::Camera};
+    /// use glam::DVec3;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let two = PointVolume::spheres([DVec3::ZERO, DVec3::Y], [0.2, 0.2])?.with_masses([1.0, 1.0]);
+    /// let keep = Keep { indices: true, ..Keep::default() };
+    /// let mut renderer = Renderer::keeping(vec![two], keep)?;
+    /// let eye = DVec3::new(0.0, -5.0, 0.0);
+    /// let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [64, 64]);
+    /// let picked = renderer.pick(&camera, &Settings::default(), [32, 32])?;
+    /// assert_eq!(picked[0].particle, 0);
+    /// assert!(picked[0].share > picked[1].share);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`]; a pixel beside the image; slabs that are classified as a whole,
+    /// where no particle has a share of its own; volumes of points without [`Keep::indices`](super::Keep).
+    pub fn pick(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        [x, y]: [usize; 2],
+    ) -> Result<Vec<Picked>> {
+        let refuse = |place: &str, expected: &str, found: String, advice: &str| {
+            Err(Error::invalid("settings", place, expected, found, advice))
+        };
+        check(camera, settings)?;
+        check_scene(&self.scene, settings)?;
+        if x >= camera.width || y >= camera.height {
+            let expected = format!("one of {} x {}", camera.width, camera.height);
+            return refuse(
+                "pixel",
+                &expected,
+                format!("{x}, {y}"),
+                "pick within the image",
+            );
+        }
+        if settings.composite.classifies_slabs() {
+            let expected = "particles that are classified one by one";
+            let found = "slabs classified by their mean values".into();
+            return refuse("pick", expected, found, "pick with another composite");
+        }
+        let is_numbered = |volume: &crate::blocks::BlockedVolume| {
+            matches!(volume.particles, BlockedParticles::Lattice(_)) || volume.indices.is_some()
+        };
+        if !self.scene.data().all(is_numbered) {
+            let expected = "a scene that keeps its particles' numbers";
+            let advice = "make the scene with Keep { indices: true, .. }";
+            return refuse("pick", expected, "one that does not".into(), advice);
+        }
+        self.carry(settings)?;
+        // Layers as the whole picture has them.
+        let plan = FramePlan::new(&self.scene, camera, settings)?;
+        let thickness = plan.of_volumes().and_then(|pass| pass.layers);
+        let thickness = thickness.map(|layers| layers.thickness);
+        let settings = Settings {
+            composite: settings.composite.with_thickness(thickness),
+            level_of_detail: false,
+            show: Show::Scene,
+            background: None,
+            depth: false,
+            normals: false,
+            lighting: None,
+            ..settings.clone()
+        };
+        let camera = Camera {
+            centre_px: camera.centre_px - DVec2::new(x as f64, y as f64),
+            width: 1,
+            height: 1,
+            ..camera.clone()
+        };
+        let plan = FramePlan::new(&self.scene, &camera, &settings)?;
+        let mut picked: Vec<Picked> = shares(&self.scene, &plan)
+            .into_iter()
+            .filter_map(|found| {
+                let family = |range: &std::ops::Range<usize>| range.contains(&found.volume);
+                let blocked = &self.scene.volumes()[found.volume];
+                let (index, offset) = blocked.place(found.block, found.local);
+                let position = blocked.blocks[found.block as usize].origin + offset.as_dvec3();
+                let number = |order: &Vec<u32>| order[index] as usize;
+                Some(Picked {
+                    volume: self.scene.families().iter().position(family)?,
+                    particle: blocked.indices.as_ref().map_or(index, number),
+                    position,
+                    depth: camera.camera_point(position).z,
+                    share: found.share,
+                })
+            })
+            .collect();
+        picked.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+        Ok(picked)
+    }
+}
