@@ -16,13 +16,13 @@ use common::Random;
 use common::frame::Frame;
 use common::scene::{self, Particle, volume};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use ewa_splat::blocks::{BlockedVolume, cull};
-use ewa_splat::cpu::{
+use ewa_splat::Filter;
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::stages::blocks::{BlockedVolume, cull};
+use ewa_splat::stages::cpu::{
     Bins, RasteriseSettings, Tile, bin, classify, count_classified, rasterise, resolve, sort,
 };
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Axes;
-use ewa_splat::splat::Filter;
+use ewa_splat::stages::splat::Axes;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
 use glam::DVec3;

@@ -12,7 +12,7 @@ mod scenes;
 
 use std::time::Instant;
 
-use ewa_splat::gpu::{AdapterChoice, Gpu};
+use ewa_splat::render::{AdapterChoice, Gpu};
 use ewa_splat::scene::{
     Colour, ColourSpace, ControlPoint, Lattice, Particles, PointVolume, Strength, TransferFunction,
     Values,

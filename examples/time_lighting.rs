@@ -9,12 +9,12 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use ewa_splat::blocks::{BlockedVolume, cull};
-use ewa_splat::cpu;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::record::{ClassifiedParticle, LightingUniform};
 use ewa_splat::sample::{SampleOptions, volume};
 use ewa_splat::scene::Lighting;
+use ewa_splat::stages::blocks::{BlockedVolume, cull};
+use ewa_splat::stages::cpu;
+use ewa_splat::stages::record::{ClassifiedParticle, LightingUniform};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;

@@ -5,9 +5,9 @@
 
 mod scenes;
 
-use ewa_splat::cpu::SimdLevel;
+use ewa_splat::Filter;
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{ColumnSettings, Renderer, Settings};
 use glam::DVec3;

@@ -50,7 +50,8 @@
 //!
 //! # Rooms
 //!
-//! Imports run down this list, never up.
+//! Imports run down this list, never up. Rooms without a link hold the stages of frames: they are no
+//! interface.
 //!
 //! | module | what lives there |
 //! |---|---|
@@ -60,11 +61,11 @@
 //! | [`io`] | readers and writers, one file per format |
 //! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
-//! | [`splat`] | kernel to footprint: filters, exact terms, error bounds |
-//! | [`record`] | the structs that stages exchange |
-//! | [`blocks`] | particles in blocks, culling, level of detail, filters block by block |
+//! | `splat` | kernel to footprint: filters, exact terms, error bounds |
+//! | `record` | the structs that stages exchange |
+//! | `blocks` | particles in blocks, culling, level of detail, filters block by block |
 //! | [`stats`] | what frames count, and their times |
-//! | [`cpu`] | the stages of a frame on the CPU |
+//! | `cpu` | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
@@ -90,30 +91,30 @@
 //!
 //! | the papers' | here |
 //! |---|---|
-//! | V''_k, V'_k, V_k | factors of the variance in object, camera and ray space: [`scene::Particles`], [`math::Factor`], [`splat::ScreenFactor`] |
+//! | V''_k, V'_k, V_k | factors of the variance in object, camera and ray space: [`scene::Particles`], [`math::Factor`], `splat::ScreenFactor` |
 //! | W | `camera_from_world` |
-//! | J | folded into [`splat::project_kernel`] |
+//! | J | folded into `splat::project_kernel` |
 //! | u_k, x_k | `centre` (camera space), `centre_px` |
 //! | h, V_h | `low_pass_variance_px2` |
-//! | T^2D | M, the mapping of a surfel's plane to the image: [`splat::surfel_footprint`] |
+//! | T^2D | M, the mapping of a surfel's plane to the image: `splat::surfel_footprint` |
 //! | surfel | a flat kernel: [`scene::Particles::Surfels`] |
-//! | q_k, rho_k | [`record::Footprint`]: the resampling filter, times the mass |
+//! | q_k, rho_k | `record::Footprint`: the resampling filter, times the mass |
 //! | g_k, c_k | extinction, colour: [`scene::TransferFunction`] |
 //! | classify | apply the transfer function |
 //! | amplitude | value x volume, or mass: what column densities sum |
-//! | choose | pick a filter path: [`blocks::choose`], [`splat::choose_exact`] |
-//! | merged | a cluster of particles drawn as one: [`blocks::Merged`] |
+//! | choose | pick a filter path: `blocks::choose`, `splat::choose_exact` |
+//! | merged | a cluster of particles drawn as one: `blocks::Merged` |
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
-pub mod blocks;
+mod blocks;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
 pub mod constants;
-pub mod cpu;
+mod cpu;
 pub mod error;
 #[cfg(feature = "gpu")]
-pub mod gpu;
+mod gpu;
 pub mod image;
 pub mod io;
 #[doc = include_str!("../docs/irregular.md")]
@@ -122,15 +123,15 @@ pub mod irregular {}
 pub mod legend;
 pub mod math;
 pub mod measure;
-pub mod record;
+mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}
 pub mod reference;
 pub mod render;
 pub mod sample;
 pub mod scene;
-pub mod simd;
-pub mod splat;
+mod simd;
+mod splat;
 pub mod stats;
 #[doc = include_str!("../docs/shading.md")]
 pub mod shading {}
@@ -138,6 +139,31 @@ pub mod shading {}
 pub mod surfels {}
 pub mod view;
 
+/// The stages of a frame and the structs that they exchange, for the tests, benchmarks and examples of this
+/// crate: they change without notice.
+#[doc(hidden)]
+#[allow(missing_docs, reason = "the modules have their own")]
+pub mod stages {
+    pub mod blocks {
+        pub use crate::blocks::*;
+    }
+    pub mod cpu {
+        pub use crate::cpu::*;
+    }
+    #[cfg(feature = "gpu")]
+    pub mod gpu {
+        pub use crate::gpu::*;
+    }
+    pub mod record {
+        pub use crate::record::*;
+    }
+    pub mod splat {
+        pub use crate::splat::*;
+    }
+}
+
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
-pub use render::{Backend, ClassifyAt, ColumnSettings, Composite, Keep, Renderer, Settings, Show};
+pub use render::{
+    Backend, ClassifyAt, ColumnSettings, Composite, Filter, Keep, Renderer, Settings, Show,
+};

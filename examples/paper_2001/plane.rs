@@ -7,10 +7,10 @@
     reason = "counts and colours are rounded on purpose"
 )]
 
+use ewa_splat::Filter;
 use ewa_splat::math::flatten;
 use ewa_splat::measure::compare;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DMat3, DVec2, DVec3};

@@ -9,11 +9,11 @@
 
 use std::f64::consts::TAU;
 
+use ewa_splat::Filter;
 use ewa_splat::measure::compare;
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
-use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DVec2, DVec3};

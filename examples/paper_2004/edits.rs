@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     time_scenes(arguments.size, arguments.frames, Ok)?;
     #[cfg(feature = "gpu")]
     {
-        use ewa_splat::gpu::{AdapterChoice, Gpu};
+        use ewa_splat::render::{AdapterChoice, Gpu};
         match Gpu::open(AdapterChoice::Hardware) {
             Ok(gpu) => {
                 println!("{}", gpu.adapter());

@@ -76,7 +76,7 @@ fn on_processor(name: &str, scene: &[PointVolume], side: f64, arguments: &Argume
 /// On a graphics card.
 #[cfg(feature = "gpu")]
 fn on_adapter(scenes: &[(&str, Vec<PointVolume>, f64)], arguments: &Arguments) -> Result<()> {
-    use ewa_splat::gpu::{AdapterChoice, Gpu};
+    use ewa_splat::render::{AdapterChoice, Gpu};
     let gpu = match Gpu::open(AdapterChoice::Hardware) {
         Ok(gpu) => gpu,
         Err(e) => {

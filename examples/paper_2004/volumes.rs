@@ -1,8 +1,8 @@
 //! Table 3: adaptive filters against EWA on volumes. Claim: 9 to 21 % more frames, the same picture.
 
+use ewa_splat::Filter;
 use ewa_splat::measure::{PAPER_THRESHOLDS, compare};
 use ewa_splat::scene::TransferFunction;
-use ewa_splat::splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Result, Settings};
 use glam::DVec3;

@@ -4,7 +4,7 @@
     reason = "weights are narrowed on purpose"
 )]
 
-use ewa_splat::splat::Filter;
+use ewa_splat::Filter;
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use rayon::prelude::*;

@@ -170,7 +170,7 @@ pub struct ChunkBins {
 /// frame.
 ///
 /// - `parts`: footprints, one part after the other; terms of kernels for all parts or none.
-/// - `order`: as [`super::sort`] writes it.
+/// - `order`: as `sort` writes it.
 /// - `chunks`: bands of [`MAX_BAND_TILES`] at most.
 /// - `capacity`: entries of one chunk that find room.
 ///

@@ -20,7 +20,11 @@ mod renderer;
 mod settings;
 mod uniforms;
 
-pub use crate::blocks::Keep;
+pub use crate::blocks::{Keep, LayerKind, Layers};
+#[cfg(feature = "gpu")]
+pub use crate::gpu::{AdapterChoice, Gpu};
+pub use crate::simd::SimdLevel;
+pub use crate::splat::Filter;
 pub use crate::stats::{FrameCounts, StageTimes};
 pub use backend::Backend;
 pub use column::ColumnSettings;

@@ -6,18 +6,18 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
 use ewa_splat::constants::{TERMINATION_SHARE, TILE_SIZE};
-use ewa_splat::cpu::{Bins, SimdLevel};
 use ewa_splat::image::Image;
-use ewa_splat::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
 use ewa_splat::scene::PointVolume;
-use ewa_splat::splat::evaluate_near;
+use ewa_splat::stages::cpu::{Bins, SimdLevel};
+use ewa_splat::stages::record::{Footprint, PATH_EXACT, PATH_NEAR, PATH_PEAK};
+use ewa_splat::stages::splat::evaluate_near;
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::{DVec2, Vec3};
 
 use super::frame::Frame;
 
-use ewa_splat::gpu::{AdapterChoice, Gpu};
+use ewa_splat::render::{AdapterChoice, Gpu};
 
 /// An open device, or `None` (with a word about it) where there is no adapter.
 pub fn gpu() -> Option<&'static Gpu> {

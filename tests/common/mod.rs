@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 
 use ewa_splat::image::DepthImage;
 use ewa_splat::math::Factor;
-use ewa_splat::record::ViewUniform;
-use ewa_splat::splat::{Filter, Kernel};
+use ewa_splat::stages::record::ViewUniform;
+use ewa_splat::stages::splat::{Filter, Kernel};
 use glam::{DMat3, DVec3, Vec3};
 use serde_json::Value;
 
@@ -106,8 +106,8 @@ pub fn view(focal_px: [f32; 2], centre_px: [f32; 2], h2: f32) -> ViewUniform {
 /// One splat's evaluation at a pixel in its plainest form, f32: what the rasteriser's vector loop
 /// must equal.
 pub mod scalar {
-    use ewa_splat::record::{ExactTerms, ViewUniform};
-    use ewa_splat::splat::{ImageKernel, ScreenFactor};
+    use ewa_splat::stages::record::{ExactTerms, ViewUniform};
+    use ewa_splat::stages::splat::{ImageKernel, ScreenFactor};
     use glam::{Vec2, Vec3};
 
     /// (Q, tau) of the affine footprint.
@@ -224,8 +224,8 @@ pub fn lower_factor(f: &DMat3) -> [f32; 6] {
 /// What the formulas should give, in f64 and by other roads than theirs: variances are formed,
 /// matrices inverted, integrals summed. Good to about 1e-16 times the square of the axis ratio.
 pub mod judge {
-    use ewa_splat::record::ViewUniform;
-    use ewa_splat::splat::Kernel;
+    use ewa_splat::stages::record::ViewUniform;
+    use ewa_splat::stages::splat::Kernel;
     use glam::{DMat2, DMat3, DVec2, DVec3};
 
     /// A kernel in camera space with its variance.
@@ -355,8 +355,8 @@ pub mod judge {
 
 /// Random kernels in front of a perspective camera, and what their judges need.
 pub mod draw {
-    use ewa_splat::record::ViewUniform;
-    use ewa_splat::splat::Kernel;
+    use ewa_splat::stages::record::ViewUniform;
+    use ewa_splat::stages::splat::Kernel;
     use glam::{DMat2, DVec2, DVec3};
 
     use super::judge::{self, Body};
@@ -571,16 +571,16 @@ pub mod scene {
 
 /// A frame taken apart into its stages, up to the sorted order.
 pub mod frame {
+    use ewa_splat::Filter;
     use ewa_splat::Settings;
-    use ewa_splat::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
     use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
-    use ewa_splat::cpu::{self, Bins, ProjectOutput};
-    use ewa_splat::record::{
+    use ewa_splat::scene::PointVolume;
+    use ewa_splat::stages::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
+    use ewa_splat::stages::cpu::{self, Bins, ProjectOutput};
+    use ewa_splat::stages::record::{
         BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, NearTerms,
         SurfelTerms, ViewUniform,
     };
-    use ewa_splat::scene::PointVolume;
-    use ewa_splat::splat::Filter;
     use ewa_splat::view::{Camera, Projection};
 
     /// What the stages of one frame of one volume hand to each other.
@@ -719,12 +719,12 @@ pub mod frame {
 }
 
 /// Depths of tiles that cover an image of a size.
-pub fn depth_of(tiles: &[ewa_splat::cpu::Tile], [width, height]: [usize; 2]) -> DepthImage {
+pub fn depth_of(tiles: &[ewa_splat::stages::cpu::Tile], [width, height]: [usize; 2]) -> DepthImage {
     let mut image = DepthImage {
         width,
         height,
         depths: vec![0.0; width * height],
     };
-    ewa_splat::cpu::resolve_depth(tiles, &mut image);
+    ewa_splat::stages::cpu::resolve_depth(tiles, &mut image);
     image
 }

@@ -5,7 +5,6 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use ewa_splat::cpu::for_each_tile;
 use ewa_splat::image::{ColumnImage, Image};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
@@ -13,13 +12,14 @@ use ewa_splat::io::{
     column_picture, write_splats,
 };
 use ewa_splat::measure::{compare, difference, flip, ssim};
-use ewa_splat::record::{Footprint, FootprintTerms};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
 use ewa_splat::sample::{SampleOptions, cut_faces, scene, sound_splats, splat_cloud, volume};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferDefaults,
     TransferFunction, Values,
 };
+use ewa_splat::stages::cpu::for_each_tile;
+use ewa_splat::stages::record::{Footprint, FootprintTerms};
 use ewa_splat::{Error, Renderer};
 use glam::{Affine2, DVec3, Vec2, Vec3};
 

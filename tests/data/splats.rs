@@ -18,7 +18,7 @@ use ewa_splat::io::{Dataset, FieldSource, Geometry, OpenOptions, SplatCloud, ope
 use ewa_splat::reference::Integrator;
 use ewa_splat::sample::{SampleOptions, Sampled, volume as sample};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
-use ewa_splat::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
+use ewa_splat::stages::splat::{ANTI_ALIASED_LOW_PASS_PX2, Filter, SPLAT_LOW_PASS_PX2};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -826,13 +826,18 @@ fn splats_do_not_depend_on_order_or_instruction_set() {
         };
         render(vec![splats(particles, true)], &camera, &settings)
     };
-    let best = image(&particles, ewa_splat::cpu::SimdLevel::best());
+    let best = image(&particles, ewa_splat::render::SimdLevel::best());
     let reversed: Vec<Particle> = particles.iter().rev().copied().collect();
-    let levels = ewa_splat::cpu::SimdLevel::available();
+    let levels = ewa_splat::render::SimdLevel::available();
     for level in levels {
         assert!(difference(&image(&particles, level), &best) < 1e-5);
     }
-    assert!(difference(&image(&reversed, ewa_splat::cpu::SimdLevel::best()), &best) < 1e-5);
+    assert!(
+        difference(
+            &image(&reversed, ewa_splat::render::SimdLevel::best()),
+            &best
+        ) < 1e-5
+    );
     assert!(best.pixels.iter().any(|p| p[3] > 0.9));
 }
 

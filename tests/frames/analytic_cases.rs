@@ -8,8 +8,8 @@
 
 use crate::common::scene::{self, Particle};
 use crate::common::{Random, fixture, number, numbers};
+use ewa_splat::Filter;
 use ewa_splat::scene::{Colour, Lattice, Particles, PointVolume, Strength};
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};

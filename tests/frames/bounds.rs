@@ -17,14 +17,14 @@ use crate::common::draw::{Draw, EPS, draw, judged, ray};
 use crate::common::frame::Frame;
 use crate::common::judge::{self, Body};
 use crate::common::scene::{Particle, camera, difference, overlapping, render, volume};
-use ewa_splat::blocks::{
-    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
-};
 use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::math::normal_cdf;
-use ewa_splat::record::{BlockView, PATH_NEAR, ViewUniform};
 use ewa_splat::scene::{ColourSpace, ControlPoint, TransferFunction};
-use ewa_splat::splat::{
+use ewa_splat::stages::blocks::{
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, distance_interval,
+};
+use ewa_splat::stages::record::{BlockView, PATH_NEAR, ViewUniform};
+use ewa_splat::stages::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_error, cutoff_radius, cutoff_share,
     edge_growth, exact_terms, opacity_amplification, project_kernel,
 };

@@ -8,11 +8,11 @@
 use crate::common::judge::Body;
 use crate::common::scene::{self, camera};
 use crate::common::{Random, lower_factor};
-use ewa_splat::cpu::SimdLevel;
+use ewa_splat::Filter;
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
 };
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer};
 use glam::{DMat3, DVec2, DVec3};

@@ -9,12 +9,12 @@
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
 use ewa_splat::Composite;
+use ewa_splat::Filter;
 use ewa_splat::constants::COVERAGE_FULL;
-use ewa_splat::cpu::SimdLevel;
 use ewa_splat::math::normal_cdf;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};

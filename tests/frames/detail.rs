@@ -7,11 +7,11 @@
 )]
 
 use crate::common::{Random, lower_factor};
-use ewa_splat::blocks::{BlockedParticles, BlockedVolume, NO_PARENT};
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
-use ewa_splat::splat::budget::{MERGE_FOURTH, MERGE_THIRD};
+use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume, NO_PARENT};
+use ewa_splat::stages::splat::budget::{MERGE_FOURTH, MERGE_THIRD};
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;

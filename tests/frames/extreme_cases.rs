@@ -7,8 +7,8 @@
 )]
 
 use crate::common::{fixture, kernel, number, numbers, scalar, view};
-use ewa_splat::record::ViewUniform;
-use ewa_splat::splat::{
+use ewa_splat::stages::record::ViewUniform;
+use ewa_splat::stages::splat::{
     Filter, Kernel, evaluate_near, exact_extent, exact_terms, near_terms, project_kernel,
 };
 use glam::{Vec2, Vec3};
@@ -214,7 +214,7 @@ fn quadratic_rows_evaluated_directly() {
         let (a, b, c) = (n("/input/A"), n("/input/B"), n("/input/C"));
         // Q = A x² + 2 B x y + C y² in the triangular form of its inverse.
         let determinant = a * c - b * b;
-        let image = ewa_splat::splat::ImageKernel {
+        let image = ewa_splat::stages::splat::ImageKernel {
             a: c / determinant,
             b: -b / determinant,
             c: a / determinant,

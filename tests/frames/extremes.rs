@@ -15,9 +15,9 @@ use std::f64::consts::TAU;
 
 use crate::common::scene::{self, Particle};
 use crate::common::{Random, fixture, number, numbers};
+use ewa_splat::Filter;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
 use ewa_splat::scene::PointVolume;
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};

@@ -11,8 +11,8 @@ use crate::common::judge::{self, Body};
 use crate::common::scene::{self, Particle};
 use crate::common::{Random, kernel, view};
 use ewa_splat::Settings;
-use ewa_splat::record::{ExactTerms, ViewUniform};
-use ewa_splat::splat::{
+use ewa_splat::stages::record::{ExactTerms, ViewUniform};
+use ewa_splat::stages::splat::{
     Filter, ImageKernel, ScreenFactor, evaluate_near, exact_extent, exact_terms, near_terms,
     project_kernel,
 };

@@ -10,15 +10,15 @@ use crate::common::frame::Frame;
 use crate::common::gpu::gpu;
 use crate::common::scene::{self, Particle, volume};
 use bytemuck::Zeroable;
+use ewa_splat::Filter;
 use ewa_splat::Settings;
 use ewa_splat::constants::TILE_SIZE;
-use ewa_splat::cpu::{self, Bins};
-use ewa_splat::gpu::{ChunkBins, Gpu, MAX_BAND_TILES, bin};
-use ewa_splat::record::{
+use ewa_splat::stages::cpu::{self, Bins};
+use ewa_splat::stages::gpu::{ChunkBins, Gpu, MAX_BAND_TILES, bin};
+use ewa_splat::stages::record::{
     ChunkUniform, ExactTerms, Footprint, FootprintTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
     PATH_NEAR, PATH_PEAK, PATH_SURFEL, SurfelTerms, pack_range,
 };
-use ewa_splat::splat::Filter;
 use ewa_splat::view::Projection;
 use glam::{DVec2, DVec3};
 

@@ -7,16 +7,16 @@
 
 use crate::common::Random;
 use crate::common::gpu::gpu;
-use ewa_splat::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
-use ewa_splat::cpu;
-use ewa_splat::gpu::{self, merged_numbers};
 use ewa_splat::image::linear_from_srgb;
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
-use ewa_splat::record::{BlockView, ClassifiedParticle};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Slopes, Strength, TransferFunction,
     Values, Weighting,
 };
+use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use ewa_splat::stages::cpu;
+use ewa_splat::stages::gpu::{self, merged_numbers};
+use ewa_splat::stages::record::{BlockView, ClassifiedParticle};
 use ewa_splat::view::Camera;
 use glam::{DMat3, DVec3, Vec3};
 
@@ -608,7 +608,7 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         first: 2 * i,
         count: 2,
         value_range: [0.0, 255.0],
-        parent: ewa_splat::blocks::NO_PARENT,
+        parent: ewa_splat::stages::blocks::NO_PARENT,
         level: 0,
         crowding: 1.0,
     };

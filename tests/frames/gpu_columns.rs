@@ -9,13 +9,13 @@ use crate::common::frame::Frame;
 use crate::common::gpu::gpu;
 use crate::common::scene::{Particle, camera, volume};
 use crate::common::{Random, lower_factor};
-use ewa_splat::cpu::SimdLevel;
-use ewa_splat::gpu::{Gpu, RasterSpec, rasterise};
-use ewa_splat::record::ExactTerms;
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
 };
-use ewa_splat::splat::{Accumulate, Axes, Filter, Interval};
+use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
+use ewa_splat::stages::record::ExactTerms;
+use ewa_splat::stages::splat::{Accumulate, Axes, Filter, Interval};
 use ewa_splat::stats::FrameCounts;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer, Settings};

@@ -10,17 +10,17 @@ use std::sync::Arc;
 
 use crate::common::gpu::gpu;
 use crate::common::{Random, lower_factor};
-use ewa_splat::blocks::{
-    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged,
-    MergedTransfer, NO_PARENT, choose, cull, cull_detail, distance_interval,
-};
-use ewa_splat::gpu::{self, f64_operations};
-use ewa_splat::record::{BlockView, ChoiceUniform};
+use ewa_splat::Filter;
 use ewa_splat::scene::{
     Colour, ColourSpace, ControlPoint, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
     TransferFunction, Values, Weighting,
 };
-use ewa_splat::splat::Filter;
+use ewa_splat::stages::blocks::{
+    Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged,
+    MergedTransfer, NO_PARENT, choose, cull, cull_detail, distance_interval,
+};
+use ewa_splat::stages::gpu::{self, f64_operations};
+use ewa_splat::stages::record::{BlockView, ChoiceUniform};
 use ewa_splat::view::{Camera, Projection};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 

@@ -11,12 +11,12 @@ use std::time::{Duration, Instant};
 use crate::common::Random;
 use crate::common::gpu::{assert_alike, gpu};
 use crate::common::scene::{Particle, camera, difference, volume};
-use ewa_splat::gpu::{AdapterChoice, Gpu};
 use ewa_splat::image::{DepthImage, Image};
-use ewa_splat::record::NearTerms;
+use ewa_splat::render::{AdapterChoice, Gpu};
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
+use ewa_splat::stages::record::NearTerms;
 use ewa_splat::stats::FrameCounts;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ClassifyAt, ColumnSettings, Composite, Error, Renderer, Settings};

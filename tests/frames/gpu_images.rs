@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 use crate::common::gpu::{ALIKE, assert_alike, gpu};
 use crate::common::scene::{Particle, difference, volume};
 use crate::common::{Random, real_data};
+use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
 };
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, Show};
 use glam::{DMat3, DVec3};

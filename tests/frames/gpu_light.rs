@@ -7,16 +7,17 @@
 
 use crate::common::gpu::{assert_alike, gpu};
 use crate::common::{Random, real_data};
-use ewa_splat::blocks::{BlockedVolume, cull};
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::math::normal_code;
-use ewa_splat::record::{BlockView, ClassifiedParticle, LightingUniform};
 use ewa_splat::sample::{SampleOptions, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
 };
+use ewa_splat::stages::blocks::{BlockedVolume, cull};
+use ewa_splat::stages::record::{BlockView, ClassifiedParticle, LightingUniform};
+use ewa_splat::stages::{cpu, gpu as device};
 use ewa_splat::view::{Camera, Lens, Viewpoint};
-use ewa_splat::{Renderer, Settings, cpu, gpu as device};
+use ewa_splat::{Renderer, Settings};
 use glam::{DMat3, DVec3};
 
 const POISON: [f32; 8] = [

@@ -10,18 +10,18 @@
 
 use crate::common::gpu::gpu;
 use crate::common::{Random, lower_factor};
-use ewa_splat::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use ewa_splat::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
-use ewa_splat::cpu::{self, ProjectOutput};
-use ewa_splat::gpu::{Projected, project};
 use ewa_splat::math::Factor;
-use ewa_splat::record::{
+use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
+use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
+use ewa_splat::stages::cpu::{self, ProjectOutput};
+use ewa_splat::stages::gpu::{Projected, project};
+use ewa_splat::stages::record::{
     BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT,
     PATH_HALF_LINE, PATH_NEAR, PATH_PEAK, ViewUniform,
 };
-use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
-use ewa_splat::splat::budget::AFFINE_SHARE;
-use ewa_splat::splat::{
+use ewa_splat::stages::splat::budget::AFFINE_SHARE;
+use ewa_splat::stages::splat::{
     CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, affine_error, choose_exact,
     cutoff_radius, edge_growth, evaluate_near, exact_extent, exact_terms, filtered_opacity,
     opacity_amplification, peak_footprint, project_kernel,

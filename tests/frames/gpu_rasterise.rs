@@ -10,15 +10,15 @@ use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::gpu::{explained_flips, gpu};
 use crate::common::scene::{Particle, volume};
+use ewa_splat::Filter;
 use ewa_splat::constants::{FAINT, TERMINATION_INTERVAL};
-use ewa_splat::cpu::{self, Bins, RasteriseSettings, SimdLevel, Tile};
-use ewa_splat::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::image::{DepthImage, Image};
-use ewa_splat::record::{
+use ewa_splat::stages::cpu::{self, Bins, RasteriseSettings, SimdLevel, Tile};
+use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
+use ewa_splat::stages::record::{
     Carried, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_PEAK, pack_range,
 };
-use ewa_splat::splat::Axes;
-use ewa_splat::splat::Filter;
+use ewa_splat::stages::splat::Axes;
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings, Show};
 use glam::DVec3;

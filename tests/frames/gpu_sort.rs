@@ -9,8 +9,8 @@ use crate::common::Random;
 use crate::common::gpu::gpu;
 use bytemuck::Zeroable;
 use ewa_splat::constants::DEPTH_KEY_BITS;
-use ewa_splat::gpu::{Gpu, sort};
-use ewa_splat::record::{Footprint, pack_range};
+use ewa_splat::stages::gpu::{Gpu, sort};
+use ewa_splat::stages::record::{Footprint, pack_range};
 
 /// The greatest key.
 const LAST: u32 = (1 << DEPTH_KEY_BITS) - 1;
@@ -31,7 +31,7 @@ fn footprints(keys: impl IntoIterator<Item = Option<u32>>) -> Vec<Footprint> {
 /// Sorts on the device, in parts that end at `ends`, and compares all words.
 fn check(gpu: &Gpu, footprints: &[Footprint], ends: &[usize], what: &str) {
     let mut expected = vec![7; 3];
-    ewa_splat::cpu::sort(footprints, &mut expected);
+    ewa_splat::stages::cpu::sort(footprints, &mut expected);
     let mut parts = Vec::new();
     let mut first = 0;
     for &end in ends {

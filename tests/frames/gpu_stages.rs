@@ -7,7 +7,7 @@
 
 use crate::common::Random;
 use crate::common::gpu::gpu;
-use ewa_splat::gpu::exclusive_scan;
+use ewa_splat::stages::gpu::exclusive_scan;
 
 #[test]
 fn prefix_sums_are_those_of_a_loop() {

@@ -11,20 +11,22 @@ use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::gpu::{ALIKE, gpu};
 use crate::common::scene::{Particle, camera, difference, volume};
+use ewa_splat::Filter;
 use ewa_splat::constants::{COVERAGE_FULL, NEAR_MARGIN, TERMINATION_INTERVAL, TILE_SIZE};
-use ewa_splat::cpu::{self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile};
-use ewa_splat::gpu::{
-    Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
-};
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::math::unpack_normal;
-use ewa_splat::record::{
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::stages::cpu::{
+    self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile,
+};
+use ewa_splat::stages::gpu::{
+    Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
+};
+use ewa_splat::stages::record::{
     Carried, ExactTerms, Footprint, NearTerms, PATH_NEAR_SURFEL, PATH_SURFEL, SurfelTerms,
     ViewUniform, pack_range,
 };
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::splat::Filter;
-use ewa_splat::splat::{Axes, Interval};
+use ewa_splat::stages::splat::{Axes, Interval};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings, Show};
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -450,7 +452,7 @@ fn poison_stays_where_it_is() {
         let scene = surfels(&scattered(&mut random, 3_000, 1.5), false);
         let mut frame = Frame::new(scene, &camera, &Settings::default());
         let is_poisoned = |i: usize| i.is_multiple_of(3);
-        if let ewa_splat::blocks::BlockedParticles::Surfels {
+        if let ewa_splat::stages::blocks::BlockedParticles::Surfels {
             offsets, tangents, ..
         } = &mut frame.volume.particles
         {

@@ -5,8 +5,8 @@
     reason = "a test may panic, and its numbers are small"
 )]
 
-use ewa_splat::cpu::SimdLevel;
 use ewa_splat::math::normal_cdf;
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, Values,
 };

@@ -6,12 +6,12 @@
     reason = "a test may panic, and its numbers are small"
 )]
 
-use ewa_splat::cpu::SimdLevel;
+use ewa_splat::Filter;
+use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
     Values,
 };
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ClassifyAt, Composite, Image, Renderer, Settings, Show};
 use glam::{DMat3, DVec3};

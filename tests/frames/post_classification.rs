@@ -8,12 +8,12 @@
 
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
-use ewa_splat::cpu::{Sides, SimdLevel, lit};
-use ewa_splat::record::LightingUniform;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
     TransferFunction, Values,
 };
+use ewa_splat::stages::cpu::{Sides, SimdLevel, lit};
+use ewa_splat::stages::record::LightingUniform;
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ClassifyAt, Composite};
 use ewa_splat::{Image, Renderer, Settings};

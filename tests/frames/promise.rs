@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 
 use crate::common::scene::{Particle, overlapping, volume};
 use crate::common::{Random, real_data};
+use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
-use ewa_splat::splat::Filter;
-use ewa_splat::splat::budget::WORST_PIXEL;
+use ewa_splat::stages::splat::budget::WORST_PIXEL;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DVec2, DVec3};

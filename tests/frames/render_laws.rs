@@ -7,8 +7,8 @@
 
 use crate::common::Random;
 use crate::common::scene::{self, Particle, camera, difference, render, volume};
+use ewa_splat::Filter;
 use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength};
-use ewa_splat::splat::Filter;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec2, DVec3};

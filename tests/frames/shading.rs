@@ -9,18 +9,18 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use crate::common::{Random, grid_nodes, real_data};
-use ewa_splat::cpu::{Sides, lit};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
     OpenOptions, RawLayout, RawType, open,
 };
 use ewa_splat::math::{NO_NORMAL, harmonics_count, normal_code, normal_of_code};
-use ewa_splat::record::LightingUniform;
 use ewa_splat::sample::{SampleOptions, volume as sample};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
     Values,
 };
+use ewa_splat::stages::cpu::{Sides, lit};
+use ewa_splat::stages::record::LightingUniform;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Image, Renderer, Settings};
 use glam::{DMat3, DVec3, Vec3};

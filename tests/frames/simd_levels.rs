@@ -11,13 +11,13 @@ use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, volume};
 use ewa_splat::constants::TERMINATION_SHARE;
-use ewa_splat::cpu::{self, RasteriseSettings, SimdLevel, Tile};
-use ewa_splat::record::{
+use ewa_splat::scene::{Colour, PointVolume, Strength};
+use ewa_splat::stages::cpu::{self, RasteriseSettings, SimdLevel, Tile};
+use ewa_splat::stages::record::{
     ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
 };
-use ewa_splat::scene::{Colour, PointVolume, Strength};
-use ewa_splat::splat::Axes;
-use ewa_splat::splat::{Filter, evaluate_near};
+use ewa_splat::stages::splat::Axes;
+use ewa_splat::stages::splat::{Filter, evaluate_near};
 use ewa_splat::view::Projection;
 use ewa_splat::{Image, Renderer, Settings, Show};
 use glam::{DVec2, DVec3, Vec3};

@@ -8,15 +8,15 @@
 use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, render, volume};
-use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::constants::TILE_SIZE;
-use ewa_splat::cpu::{classify, count_classified, sort};
-use ewa_splat::record::{
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
+use ewa_splat::stages::cpu::{classify, count_classified, sort};
+use ewa_splat::stages::record::{
     BlockView, Carried, ClassifiedParticle, Footprint, PATH_EXACT, PATH_NEAR, pack_range,
 };
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
-use ewa_splat::splat::Axes;
-use ewa_splat::splat::{Filter, evaluate_near};
+use ewa_splat::stages::splat::Axes;
+use ewa_splat::stages::splat::{Filter, evaluate_near};
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{Renderer, Settings};
 use glam::{DVec2, DVec3, Vec3};
@@ -380,7 +380,7 @@ fn the_cull_drops_nothing_that_would_draw() {
 
 /// The image of all blocks, none culled: the stages of a frame, with a frustum that sees all.
 fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_splat::Image {
-    use ewa_splat::cpu::{RasteriseSettings, Tile, rasterise, resolve};
+    use ewa_splat::stages::cpu::{RasteriseSettings, Tile, rasterise, resolve};
     let frame = Frame::uncut(volume(all), camera, settings);
     let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
     let raster = RasteriseSettings {

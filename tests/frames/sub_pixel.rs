@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use crate::common::Random;
 use crate::common::scene::{self, Particle};
-use ewa_splat::splat::Filter;
+use ewa_splat::Filter;
 use ewa_splat::view::Projection;
 use ewa_splat::{Image, Settings};
 use glam::DVec3;

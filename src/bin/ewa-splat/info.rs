@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
-use ewa_splat::blocks::BlockedVolume;
 use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Geometry, Mesh, TextureUse};
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
+use ewa_splat::stages::blocks::BlockedVolume;
 use glam::DVec3;
 use serde_json::{Value, json};
 

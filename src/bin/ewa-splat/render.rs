@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use ewa_splat::blocks::{BlockedParticles, BlockedVolume};
+use ewa_splat::Filter;
 use ewa_splat::io::{
     check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
@@ -15,7 +15,7 @@ use ewa_splat::reference::{Integrator, ReferenceSettings};
 use ewa_splat::render::{ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::splat::Filter;
+use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
 use indicatif::ProgressBar;
@@ -577,7 +577,7 @@ pub(crate) fn stats(
         "backend": if adapter.is_some() { "gpu" } else { "cpu" },
         "fallback": renderer.fallback(),
         "adapter": adapter.unwrap_or_else(|| {
-            let level = ewa_splat::cpu::SimdLevel::best();
+            let level = ewa_splat::render::SimdLevel::best();
             format!("{} threads, {level:?}", rayon::current_num_threads())
         }),
         "times_ms": {
