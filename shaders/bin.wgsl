@@ -146,13 +146,13 @@ fn outline_of(footprint: Footprint, k: u32) -> Outline {
     let r = footprint.form_r;
     let r2 = footprint.cutoff_squared;
     if EXACT && footprint.path == PATH_SURFEL {
-        // `SurfelTerms`, word by word: the nearness and whether it follows a homography.
+        // `SurfelTerms`, word by word: the inverse depth and whether it follows a homography.
         let terms = exact[k];
-        let nearness = terms.hessian[0];
+        let inverse_depth = terms.hessian[0];
         let homography = terms.hessian[2];
         if is_above(homography, 0.0) {
             outline.is_plane = true;
-            let gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]) / nearness;
+            let gradient = vec2<f32>(terms.gradient[0], terms.gradient[1]) / inverse_depth;
             outline.plane = plane_outline(p, r, r2, gradient);
             return outline;
         }

@@ -72,7 +72,7 @@ fn project(
     } else if RULE == RULE_SURFACE {
         out = surfel(view, kernel, particle.carried, key, i);
     } else {
-        if RULE == RULE_PANE {
+        if RULE == RULE_TRANSLUCENT {
             kernel.mass = kernel.mass * facing(view, kernel);
         }
         out = footprint(view, filter_kind, is_lone, kernel, crowding, particle.carried, key, i);
@@ -180,7 +180,7 @@ fn splat_footprint(
     if !peak.exists {
         return out;
     }
-    let depth = peak.image.tau * peak.image.pile * crowding;
+    let depth = peak.image.tau * peak.image.enlargement * crowding;
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
@@ -320,7 +320,7 @@ fn footprint(
         return out;
     }
     // Of what ends together.
-    let depth = image.tau * image.pile * crowding;
+    let depth = image.tau * image.enlargement * crowding;
     var r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let choice = choose_exact(view, filter_kind, screen, image, crowding);
     if choice.exists {

@@ -2,8 +2,8 @@
 // colour.
 
 override COLOUR: u32 = COLOUR_CLASSIFIED;
-// Of merged points: each strength is followed by the particle's clump.
-override HAS_CLUMPS: bool = false;
+// Of merged points: each strength is followed by the depth of its members.
+override HAS_MEMBER_DEPTHS: bool = false;
 
 @group(0) @binding(7) var<storage, read> transfer: TransferTable;
 @group(0) @binding(8) var<storage, read> colours: array<f32>;
@@ -21,7 +21,7 @@ fn weighed(index: u32, cell: vec3<u32>) -> Visit {
         particle.class_of_value = class_at(particle.index);
     }
     if STRENGTH == STRENGTH_GIVEN {
-        particle.mass = as_clump(strength_at(particle.index), particle.index);
+        particle.mass = as_cluster(strength_at(particle.index), particle.index);
         return particle;
     }
     // Most cells of most volumes end here.
@@ -36,7 +36,7 @@ fn weighed(index: u32, cell: vec3<u32>) -> Visit {
     } else {
         volume = strength_at(particle.index);
     }
-    particle.mass = as_clump(particle.class_of_value.w * volume, particle.index);
+    particle.mass = as_cluster(particle.class_of_value.w * volume, particle.index);
     return particle;
 }
 
@@ -51,12 +51,12 @@ fn class_at(i: u32) -> vec4<f32> {
 }
 
 fn strength_at(i: u32) -> f32 {
-    return strengths[select(i, 2u * i, HAS_CLUMPS)];
+    return strengths[select(i, 2u * i, HAS_MEMBER_DEPTHS)];
 }
 
 // Of members that lie apart, each is less opaque than their mean depth says.
-fn as_clump(mass: f32, i: u32) -> f32 {
-    if HAS_CLUMPS {
+fn as_cluster(mass: f32, i: u32) -> f32 {
+    if HAS_MEMBER_DEPTHS {
         return mass * ein_share(mass * strengths[2u * i + 1u]);
     }
     return mass;

@@ -27,7 +27,7 @@ struct ImageKernel {
     determinant: f32,
     tau: f32,
     // How many times the filter has enlarged its area.
-    pile: f32,
+    enlargement: f32,
 }
 
 // Carries a kernel to the image plane. No power of the depth is ever formed.
@@ -101,11 +101,11 @@ fn filtered(screen: ScreenFactor, filter_kind: u32, h2: f32) -> ImageKernel {
         }
     }
     let tau = screen.weight / (TAU * sqrt(moments.w));
-    var pile = GREATEST_PILE;
+    var enlargement = GREATEST_ENLARGEMENT;
     if is_above(minors, 0.0) {
-        pile = min_number(max_number(sqrt(moments.w / minors), 1.0), GREATEST_PILE);
+        enlargement = min_number(max_number(sqrt(moments.w / minors), 1.0), GREATEST_ENLARGEMENT);
     }
-    return ImageKernel(moments.x, moments.y, moments.z, moments.w, tau, pile);
+    return ImageKernel(moments.x, moments.y, moments.z, moments.w, tau, enlargement);
 }
 
 fn with_low_pass(x: vec3<f32>, y: vec3<f32>, minors: f32, h2: f32) -> vec4<f32> {

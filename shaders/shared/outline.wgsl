@@ -119,7 +119,7 @@ const OUTLINE_ROUNDING: f32 = 1e-6;
 // Stands for a shift without end: beyond any image, and within f32 when multiplied by an offset.
 const ENDLESS: f32 = 1e30;
 
-// Of a surfel whose nearness at the offset d is 1 + `gradient` . d of its centre's.
+// Of a surfel whose inverse depth at the offset d is 1 + `gradient` . d of its centre's.
 fn plane_outline(
     p: vec2<f32>,
     r: vec2<f32>,
@@ -164,9 +164,9 @@ fn plane_inside(outline: PlaneOutline, d: vec2<f32>) -> bool {
     let r = rx + ry;
     let q = p * p + r * r;
     // Never less than what the rasteriser finds: each sum may be off by its terms' roundings.
-    let nearness_terms = outline.cutoff * (1.0 + abs(gx) + abs(gy));
+    let plane_terms = outline.cutoff * (1.0 + abs(gx) + abs(gy));
     let form_terms = abs(px) + abs(py) + abs(rx) + abs(ry);
-    let reach = outline.cutoff * (1.0 + gx + gy) + OUTLINE_ROUNDING * (nearness_terms + form_terms);
+    let reach = outline.cutoff * (1.0 + gx + gy) + OUTLINE_ROUNDING * (plane_terms + form_terms);
     return is_nan(q) || is_nan(reach) || (reach >= 0.0 && !is_above(q, reach * reach));
 }
 

@@ -60,7 +60,7 @@ pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: imp
         }
         Strength::Classified { volumes } => volumes,
         // An opacity is no amount of anything; the frame refuses it.
-        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Pane(_) => return,
+        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Translucent(_) => return,
     };
     let Some(values) = &volume.values else {
         return;

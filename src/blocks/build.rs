@@ -218,7 +218,7 @@ fn build_ordered(
             },
             Strength::Mass(masses) => Strength::Mass(pick(&masses)),
             Strength::Surface(areas) => Strength::Surface(pick(&areas)),
-            Strength::Pane(areas) => Strength::Pane(pick(&areas)),
+            Strength::Translucent(areas) => Strength::Translucent(pick(&areas)),
             Strength::PeakOpacity {
                 opacities,
                 is_anti_aliased,

@@ -190,7 +190,7 @@ impl BlockedVolume {
             .map_or(0, |v| v.len() * v.bytes_per_value());
         let blocks = self.blocks.len() * size_of::<Block>();
         let merged = self.merged.as_ref().map_or(0, |m| {
-            size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.clumps)
+            size_of_val(&*m.bounds) + size_of_val(&*m.spreads) + size_of_val(&*m.member_depths)
         });
         let normals = self.normals.as_ref().map_or(0, |n| 4 * n.len());
         let indices = self.indices.as_ref().map_or(0, |n| 4 * n.len());

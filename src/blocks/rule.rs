@@ -13,7 +13,7 @@ pub(crate) enum Rule {
     /// As surfels of an opaque surface.
     Surface { is_one_sided: bool },
     /// As surfels of a translucent one.
-    Pane { is_one_sided: bool },
+    Translucent { is_one_sided: bool },
 }
 
 impl Rule {
@@ -30,7 +30,7 @@ impl Rule {
                 is_anti_aliased, ..
             } => Self::Peak { is_anti_aliased },
             Strength::Surface(_) => Self::Surface { is_one_sided },
-            Strength::Pane(_) => Self::Pane { is_one_sided },
+            Strength::Translucent(_) => Self::Translucent { is_one_sided },
             Strength::Classified { .. } | Strength::Mass(_) => Self::Kernel,
         }
     }

@@ -176,7 +176,9 @@ fn visit_with(
         };
         // Of members that lie apart, each is less opaque than their mean depth says.
         let mass = match &volume.merged {
-            Some(merged) if !merged.clumps.is_empty() => mass * ein_share(mass * merged.clumps[i]),
+            Some(merged) if !merged.member_depths.is_empty() => {
+                mass * ein_share(mass * merged.member_depths[i])
+            }
             _ => mass,
         };
         if mass > 0.0 {

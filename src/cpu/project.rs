@@ -116,7 +116,7 @@ pub fn project(
                     let is_one_sided = is_one_sided && !is_opened;
                     surfel(view, &kernel, is_one_sided, carried, key, &mut plane, near)
                 }
-                Rule::Pane { is_one_sided } => {
+                Rule::Translucent { is_one_sided } => {
                     kernel.mass *= facing(view, &kernel, is_one_sided && !is_opened);
                     footprint(
                         view, filter, is_lone, &kernel, crowding, carried, key, is_cut, &mut terms,
@@ -315,7 +315,7 @@ fn splat_footprint(
     let Some((screen, image)) = peak_footprint(view, kernel, is_anti_aliased) else {
         return out;
     };
-    let depth = image.tau * image.pile * crowding;
+    let depth = image.tau * image.enlargement * crowding;
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
@@ -453,7 +453,7 @@ pub(crate) fn footprint(
         return out;
     }
     // Of what ends together.
-    let depth = image.tau * image.pile * crowding;
+    let depth = image.tau * image.enlargement * crowding;
     let mut r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
     let mut terms = choose_exact(view, filter, &screen, &image, crowding);
     if let Some(terms) = &terms {

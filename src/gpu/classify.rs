@@ -100,7 +100,7 @@ impl Classify {
             (&AMPLITUDES, Uniform)
         } else {
             constants.push(("COLOUR", f64::from(kinds.colour as u32)));
-            constants.push(("HAS_CLUMPS", flag(kinds.has_clumps)));
+            constants.push(("HAS_MEMBER_DEPTHS", flag(kinds.has_member_depths)));
             (&SHADER, Read)
         };
         let kernel = |entry, bindings: &[Access]| gpu.kernel(shader, entry, bindings, &constants);

@@ -33,7 +33,7 @@ pub(super) const NO_DEPTH: f32 = f32::MIN;
 pub(super) const RULE_KERNEL: u32 = 0;
 pub(super) const RULE_PEAK: u32 = 1;
 pub(super) const RULE_SURFACE: u32 = 2;
-pub(super) const RULE_PANE: u32 = 3;
+pub(super) const RULE_TRANSLUCENT: u32 = 3;
 
 // What shaders/tile/accumulate counts on.
 const _: () = assert!(SURFACE_LAYERS == 3 && TERMINATION_INTERVAL == 32);

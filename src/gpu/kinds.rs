@@ -89,8 +89,8 @@ pub(super) struct Kinds {
     pub(super) harmonics_count: u32,
     /// Whether its particles stand for others.
     pub(super) is_merged: bool,
-    /// Whether each strength is followed by the particle's clump.
-    pub(super) has_clumps: bool,
+    /// Whether each strength is followed by the depth of its members.
+    pub(super) has_member_depths: bool,
     /// Whether light falls on it.
     pub(super) is_lit: bool,
 }
@@ -132,7 +132,10 @@ impl Kinds {
                 _ => 0,
             },
             is_merged: volume.merged.is_some(),
-            has_clumps: volume.merged.as_ref().is_some_and(|m| !m.clumps.is_empty()),
+            has_member_depths: volume
+                .merged
+                .as_ref()
+                .is_some_and(|m| !m.member_depths.is_empty()),
             is_lit: volume.is_lit(),
         }
     }

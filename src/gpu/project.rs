@@ -2,7 +2,7 @@
 
 use glam::Mat3;
 
-use super::constants::{RULE_KERNEL, RULE_PANE, RULE_PEAK, RULE_SURFACE, THREADS};
+use super::constants::{RULE_KERNEL, RULE_PEAK, RULE_SURFACE, RULE_TRANSLUCENT, THREADS};
 use super::device::Gpu;
 use super::kernel::{Access, BoundKernel, Kernel};
 use super::kinds::{Kinds, ParticleKind};
@@ -92,7 +92,7 @@ impl ProjectSpec {
         match self.rule {
             Rule::Surface { .. } => true,
             Rule::Peak { .. } => self.is_cut,
-            Rule::Kernel | Rule::Pane { .. } => self.is_cut || may_be_exact,
+            Rule::Kernel | Rule::Translucent { .. } => self.is_cut || may_be_exact,
         }
     }
 }
@@ -139,7 +139,7 @@ impl Project {
             Rule::Kernel => (RULE_KERNEL, false, false),
             Rule::Peak { is_anti_aliased } => (RULE_PEAK, is_anti_aliased, false),
             Rule::Surface { is_one_sided } => (RULE_SURFACE, false, is_one_sided),
-            Rule::Pane { is_one_sided } => (RULE_PANE, false, is_one_sided),
+            Rule::Translucent { is_one_sided } => (RULE_TRANSLUCENT, false, is_one_sided),
         };
         let kernel = gpu.kernel(
             shader,

@@ -171,7 +171,7 @@ fn upload(
     let nothing = gpu.buffer("nothing", 0)?;
     let merged = volume.merged.as_ref();
     let spreads = merged.map_or(&[][..], |m| &m.spreads);
-    let clumps = merged.map_or(&[][..], |m| &m.clumps);
+    let member_depths = merged.map_or(&[][..], |m| &m.member_depths);
     let capacity = part_bytes / kinds.bytes_per_particle();
     for run in runs(volume, kinds.is_lattice(), capacity) {
         let particles = particles(volume, &run);
@@ -203,8 +203,8 @@ fn upload(
             (Strength::Classified { .. }, Some(cells)) => gpu.upload("cell widths", &cells)?,
             (strength, _) => {
                 let given = strength.stored();
-                if kinds.has_clumps {
-                    pairs("strengths and clumps", given, clumps)?
+                if kinds.has_member_depths {
+                    pairs("strengths and member depths", given, member_depths)?
                 } else {
                     per_particle("strengths", given, 1)?
                 }

@@ -84,7 +84,7 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
             .zip(volume.transfer_function.as_ref());
         let surface = match volume.strength {
             Strength::Surface(_) => Some(true),
-            Strength::Pane(_) => Some(false),
+            Strength::Translucent(_) => Some(false),
             _ => None,
         };
         let is_one_sided = matches!(
@@ -102,9 +102,9 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                 Strength::Classified { volumes } => {
                     f64::from(class[3]) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
                 }
-                Strength::Mass(masses) | Strength::Surface(masses) | Strength::Pane(masses) => {
-                    f64::from(masses[i])
-                }
+                Strength::Mass(masses)
+                | Strength::Surface(masses)
+                | Strength::Translucent(masses) => f64::from(masses[i]),
                 // `Integrator::new` refuses these.
                 Strength::PeakOpacity { .. } => 0.0,
             };

@@ -84,8 +84,11 @@ impl Renderer {
     ) -> Result<&ColumnImage> {
         check(camera, &settings.shared())?;
         let states_opacity = |volume: &BlockedVolume| {
-            use crate::scene::Strength::{Pane, PeakOpacity, Surface};
-            matches!(volume.strength, PeakOpacity { .. } | Surface(_) | Pane(_))
+            use crate::scene::Strength::{PeakOpacity, Surface, Translucent};
+            matches!(
+                volume.strength,
+                PeakOpacity { .. } | Surface(_) | Translucent(_)
+            )
         };
         if self.scene.volumes().iter().any(states_opacity) {
             return Err(Error::invalid(

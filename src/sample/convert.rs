@@ -7,7 +7,7 @@
 //! |---|---|
 //! | volumes, absorbing sheets | 1 - exp(-g / (2 pi s1 s2)): that of the kernel seen along its shortest axis, s1 and s2 the two greatest standard deviations. The inverse of what a table's column `opacity` means. From other sides a volume is deeper than its splat. |
 //! | opaque surfaces | 1, or twice the share that is there where that is less than half (masks); kernels widened to [`CLOSED_WIDTH`] so that nothing shines through between them |
-//! | panes | the one whose optical depth, averaged over the surface, is the pane's: see [`pane`] |
+//! | translucent surfaces | the one whose optical depth, averaged over the surface, is theirs: see [`translucent_splat`] |
 //! | splats | their own |
 //!
 //! Colours become sRGB codes and, of them, coefficients of the constant harmonic. Surfels get the
@@ -278,7 +278,7 @@ fn splat(volume: &PointVolume, closing: &Closing, i: usize) -> Result<Splat, Lef
             (sheet(f64::from(classified(volume, i)[3]) * cell), 1.0)
         }
         Strength::Surface(areas) => closing.opaque(f64::from(areas[i]), sigmas),
-        Strength::Pane(strengths) => pane(f64::from(strengths[i]) / area),
+        Strength::Translucent(strengths) => translucent_splat(f64::from(strengths[i]) / area),
     };
     let is_size = sigmas[0] > 0.0 && sigmas.iter().all(|s| narrowed(*s * widening).is_finite());
     if !is_size {
@@ -405,14 +405,14 @@ impl Closing {
     }
 }
 
-/// Opacity of a pane's surfel whose optical depth on the surface would be `depth` at its centre, and
+/// Opacity of the surfel of a translucent surface whose optical depth on the surface would be `depth` at its centre, and
 /// by how much it is widened.
 ///
 /// A splat of peak opacity a has the optical depth -ln(1 - a exp(-Q/2)), whose integral over the
 /// surface is 2 pi s1 s2 Li2(a), Li2 the dilogarithm; a kernel's depth integrates to 2 pi s1 s2
-/// `depth`. Equal integrals leave the mean optical depth of the pane as it is, whatever the overlap.
+/// `depth`. Equal integrals leave the mean optical depth of the surface as it is, whatever the overlap.
 /// Li2(1) = pi²/6 is the most that a splat has: deeper ones are widened.
-fn pane(depth: f64) -> (f64, f64) {
+fn translucent_splat(depth: f64) -> (f64, f64) {
     const MOST: f64 = std::f64::consts::PI * std::f64::consts::PI / 6.0;
     if depth >= MOST {
         return (1.0, (depth / MOST).sqrt());
@@ -475,7 +475,7 @@ mod tests {
     #[test]
     fn a_panes_splat_has_its_mean_depth() {
         for depth in [1e-6, 0.1, 1.0, 1.6, 1.7, 4.0] {
-            let (opacity, widening) = pane(depth);
+            let (opacity, widening) = translucent_splat(depth);
             let mean = dilogarithm(opacity) * widening * widening;
             // 40 bisections, where the slope is infinite at 1.
             assert!(
@@ -483,6 +483,6 @@ mod tests {
                 "{depth}: {mean}"
             );
         }
-        assert!(pane(f64::NAN).0.is_nan());
+        assert!(translucent_splat(f64::NAN).0.is_nan());
     }
 }

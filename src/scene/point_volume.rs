@@ -94,7 +94,7 @@ pub enum Strength {
     /// Surfels of a translucent surface whose opacity is the same from every side, as a mesh's
     /// material has it: area x -ln(1 - opacity) \[length²\]. (Surfels with a
     /// [`Strength::Mass`] absorb as sheets do: the more, the flatter they are seen.)
-    Pane(Vec<f32>),
+    Translucent(Vec<f32>),
 }
 
 /// Where the colour of a particle comes from.
@@ -122,7 +122,7 @@ impl Strength {
     pub fn stored(&self) -> &[f32] {
         match self {
             Self::Classified { volumes } => volumes,
-            Self::Mass(numbers) | Self::Surface(numbers) | Self::Pane(numbers) => numbers,
+            Self::Mass(numbers) | Self::Surface(numbers) | Self::Translucent(numbers) => numbers,
             Self::PeakOpacity { opacities, .. } => opacities,
         }
     }
@@ -239,7 +239,7 @@ impl PointVolume {
             Strength::Classified { volumes } => check("cell volumes", volumes.len())?,
             Strength::Mass(masses) => check("masses", masses.len())?,
             Strength::PeakOpacity { opacities, .. } => check("opacities", opacities.len())?,
-            Strength::Surface(areas) | Strength::Pane(areas) => {
+            Strength::Surface(areas) | Strength::Translucent(areas) => {
                 check("areas", areas.len())?;
                 if !matches!(self.particles, Particles::Surfels { .. }) {
                     return Err(Error::invalid(

@@ -33,7 +33,7 @@ pub const OVERLAP: f32 = 6.0;
 /// Below a pixel the low-pass filter heaps neighbours upon one another, as many as it has enlarged
 /// their area: their depth together is what ends them. At most so many: a kernel without width has
 /// no area to enlarge.
-pub const GREATEST_PILE: f32 = 256.0;
+pub const GREATEST_ENLARGEMENT: f32 = 256.0;
 
 /// Of the affine footprint.
 pub const AFFINE_SHARE: f32 = 0.5;

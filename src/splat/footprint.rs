@@ -7,7 +7,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::budget::GREATEST_PILE;
+use super::budget::GREATEST_ENLARGEMENT;
 use super::filter::Filter;
 use crate::math::Factor;
 use crate::record::ViewUniform;
@@ -63,8 +63,8 @@ pub struct ImageKernel {
     /// Optical depth at the centre, the mass in full (not yet corrected for the cut-off).
     pub tau: f32,
     /// How many times the filter has enlarged its area, and so how many of its neighbours lie within
-    /// one another that did not before; 1 to [`GREATEST_PILE`].
-    pub pile: f32,
+    /// one another that did not before; 1 to [`GREATEST_ENLARGEMENT`].
+    pub enlargement: f32,
 }
 
 /// Carries a kernel to the image plane.
@@ -141,11 +141,11 @@ impl ScreenFactor {
             }
         };
         let growth = (determinant / minors).sqrt();
-        let pile = match minors > 0.0 {
-            true if growth > 1.0 => growth.min(GREATEST_PILE),
+        let enlargement = match minors > 0.0 {
+            true if growth > 1.0 => growth.min(GREATEST_ENLARGEMENT),
             // NaN, too.
             true => 1.0,
-            false => GREATEST_PILE,
+            false => GREATEST_ENLARGEMENT,
         };
         ImageKernel {
             a,
@@ -153,7 +153,7 @@ impl ScreenFactor {
             c,
             determinant,
             tau: self.weight / (TAU * determinant.sqrt()),
-            pile,
+            enlargement,
         }
     }
 }

@@ -132,7 +132,7 @@ const ROUNDING: f32 = 1e-6;
 const ENDLESS: f32 = 1e30;
 
 impl PlaneOutline {
-    /// Of a surfel whose nearness at the offset d is 1 + `gradient` . d of its centre's.
+    /// Of a surfel whose inverse depth at the offset d is 1 + `gradient` . d of its centre's.
     pub(crate) fn new(p: Vec2, r: Vec2, cutoff_squared: f32, gradient: Vec2) -> Self {
         let cutoff = cutoff_squared.sqrt();
         let (a, b, c) = (
@@ -170,9 +170,9 @@ impl PlaneOutline {
         let (p, r) = (px + py, rx + ry);
         let q = p * p + r * r;
         // Never less than what the rasteriser finds: each sum may be off by its terms' roundings.
-        let nearness_terms = self.cutoff * (1.0 + gx.abs() + gy.abs());
+        let plane_terms = self.cutoff * (1.0 + gx.abs() + gy.abs());
         let form_terms = px.abs() + py.abs() + rx.abs() + ry.abs();
-        let reach = self.cutoff * (1.0 + gx + gy) + ROUNDING * (nearness_terms + form_terms);
+        let reach = self.cutoff * (1.0 + gx + gy) + ROUNDING * (plane_terms + form_terms);
         q.is_nan() || reach.is_nan() || (reach >= 0.0 && !(q > reach * reach))
     }
 

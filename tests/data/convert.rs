@@ -1109,7 +1109,7 @@ fn panes_keep_their_opacity() {
     let cells = Cells::new(20, 3);
     for opacity in [0.05, 0.3, 0.6, 0.9, 0.99] {
         let depth = -f64::ln_1p(-opacity);
-        let volume = cells.volume(0.6, Strength::Pane(cells.areas(depth)));
+        let volume = cells.volume(0.6, Strength::Translucent(cells.areas(depth)));
         let (cloud, _) = splat_cloud(&[volume]).unwrap();
         for tilt in [0.0, 45.0] {
             let alphas = inner_alphas(&cloud, tilt);

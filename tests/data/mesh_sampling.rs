@@ -154,7 +154,7 @@ fn list(volume: &PointVolume) -> Vec<Surfel> {
     else {
         panic!("no surfels")
     };
-    let (Strength::Surface(strengths) | Strength::Pane(strengths)) = &volume.strength else {
+    let (Strength::Surface(strengths) | Strength::Translucent(strengths)) = &volume.strength else {
         panic!("no surface")
     };
     let Colour::PerParticle(colours) = &volume.colour else {
@@ -644,7 +644,7 @@ fn alpha_is_absence_or_opacity_or_nothing() {
     };
     for alpha in [0.01_f32, 0.5, 0.9, 0.999, 1.0, 7.0] {
         let pane = sampled(&uniform(alpha), 100);
-        assert!(matches!(pane.volumes[0].strength, Strength::Pane(_)));
+        assert!(matches!(pane.volumes[0].strength, Strength::Translucent(_)));
         let opacity = -(-total(&all(&pane))).exp_m1();
         let expected = f64::from(alpha).min(ewa_splat::scene::MAX_OPACITY);
         assert!((opacity - expected).abs() < 1e-6, "{alpha}: {opacity}");
@@ -698,8 +698,8 @@ fn each_kind_of_surface_has_its_volume() {
             let Particles::Surfels { is_one_sided, .. } = v.particles else {
                 panic!("no surfels")
             };
-            let is_pane = matches!(v.strength, Strength::Pane(_));
-            (is_pane, is_one_sided, v.particles.len())
+            let is_translucent = matches!(v.strength, Strength::Translucent(_));
+            (is_translucent, is_one_sided, v.particles.len())
         })
         .collect();
     let expected = [

@@ -41,7 +41,9 @@ fn check(sampled: &Sampled) {
     let n = v.particles.len();
     assert_eq!(sampled.report.particle_count, n);
     match &v.strength {
-        Strength::Mass(m) | Strength::Surface(m) | Strength::Pane(m) => assert_eq!(m.len(), n),
+        Strength::Mass(m) | Strength::Surface(m) | Strength::Translucent(m) => {
+            assert_eq!(m.len(), n)
+        }
         Strength::PeakOpacity { opacities, .. } => assert_eq!(opacities.len(), n),
         Strength::Classified { volumes } => {
             assert!(v.values.is_some() && v.transfer_function.is_some());

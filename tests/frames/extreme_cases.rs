@@ -220,7 +220,7 @@ fn quadratic_rows_evaluated_directly() {
             c: a / determinant,
             determinant: 1.0 / determinant,
             tau: 1.0,
-            pile: 1.0,
+            enlargement: 1.0,
         };
         let [p, r] = image.triangular_form().map(Vec2::from);
         let expected = numbers(&case, "/expected/Q");

@@ -1059,7 +1059,7 @@ fn clusters_of_classified_particles_are_chosen_alike() {
             bounds: bounds.collect(),
             spreads: vec![1.0; count as usize],
             transfer: Some(Arc::new(MergedTransfer::new(&transfer, weighting))),
-            clumps: vec![0.0; count as usize],
+            member_depths: vec![0.0; count as usize],
         };
         let volume = |blocks, merged| BlockedVolume {
             normals: None,

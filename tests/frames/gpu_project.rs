@@ -242,7 +242,7 @@ fn radius(
     crowding: f32,
     is_splat: bool,
 ) -> f32 {
-    let tau = image.tau * image.pile * crowding;
+    let tau = image.tau * image.enlargement * crowding;
     let r = cutoff_radius(tau, 1.0, view.tolerance, view.cutoff);
     if is_splat {
         return r;

@@ -319,7 +319,7 @@ fn panes_are_projected_alike() {
         for is_one_sided in [false, true] {
             let mut scene = surfels(&scattered(&mut random, 3_000, 1.5), is_one_sided);
             if let Strength::Surface(areas) = scene.strength {
-                scene.strength = Strength::Pane(areas);
+                scene.strength = Strength::Translucent(areas);
             }
             let settings = Settings {
                 filter: Filter::Ewa,
@@ -1092,7 +1092,7 @@ fn surfaces_among_splats_and_panes_look_alike() {
     let edges = [DVec3::X * 2.0, DVec3::new(0.0, 0.3, 1.5)];
     let mut pane = surfels(&plane(DVec3::new(-1.0, -0.8, 0.1), edges, 30), false);
     if let Strength::Surface(areas) = pane.strength {
-        pane.strength = Strength::Pane(areas.iter().map(|a| 0.7 * a).collect());
+        pane.strength = Strength::Translucent(areas.iter().map(|a| 0.7 * a).collect());
     }
     let scene = [spheres_on_a_plane(), splats(400), pane, gas(100)];
     for (name, camera) in cameras([120, 90]) {

@@ -724,7 +724,7 @@ fn surface(surfels: &[Surfel], is_opaque: bool, is_one_sided: bool) -> PointVolu
         strength: if is_opaque {
             Strength::Surface(areas)
         } else {
-            Strength::Pane(areas)
+            Strength::Translucent(areas)
         },
         colour: Colour::PerParticle(surfels.iter().map(|s| s.colour).collect()),
         values: None,

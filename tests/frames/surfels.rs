@@ -922,7 +922,7 @@ fn a_panes_opacity_does_not_depend_on_its_tilt() {
         let surface = plane(DVec3::Z * 40.0, axes, spacing, 60, |_| [1.0; 3]);
         let mut pane = discs(&surface, false);
         let depth = spacing * spacing * -(-opacity).ln_1p();
-        pane.strength = Strength::Pane(vec![depth as f32; surface.len()]);
+        pane.strength = Strength::Translucent(vec![depth as f32; surface.len()]);
         let view = camera(Projection::Orthographic, 60.0, [16, 16]);
         let mut scene = renderer(vec![pane]);
         let image = scene.render(&view, &Settings::default()).unwrap();

@@ -141,7 +141,7 @@ fn level(
             bounds,
             spreads,
             transfer: None,
-            clumps: Vec::new(),
+            member_depths: Vec::new(),
         }),
     }
 }

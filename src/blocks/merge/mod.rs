@@ -42,7 +42,7 @@ pub struct Merged {
     /// Peak optical depth of a member by itself, before any filter, over the optical depth of the
     /// cluster's mass \[1/length²\], as far as its kernels lie apart; per particle, empty where
     /// kernels overlap.
-    pub clumps: Vec<f32>,
+    pub member_depths: Vec<f32>,
 }
 
 /// A transfer function's averages over intervals of values and how fast it changes, as the strength

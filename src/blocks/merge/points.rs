@@ -204,7 +204,7 @@ struct Particle {
     colour: [f32; 3],
     value: f32,
     spread: f32,
-    clump: f32,
+    member_depth: f32,
 }
 
 /// Merges particles level by level: the blocks of all levels, the coarsest first, and for each run
@@ -350,7 +350,7 @@ fn merge(
     let common = f64::from(narrowest).powi(2);
     let mut moments = Moments::default();
     let (mut value, mut square, mut colour, mut colour_square) = (0.0, 0.0, DVec3::ZERO, 0.0);
-    let mut clump = 0.0;
+    let mut member_depth = 0.0;
     let mut overlap = 0.0;
     for (i, g) in visible() {
         let w = share(g);
@@ -383,7 +383,7 @@ fn merge(
             colour_square += w * c.length_squared();
         }
         let [least, greatest] = source.sigmas[i].map(f64::from);
-        clump += w * w / (std::f64::consts::TAU * least * greatest);
+        member_depth += w * w / (std::f64::consts::TAU * least * greatest);
         overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
     }
     let variance = moments.second();
@@ -399,7 +399,7 @@ fn merge(
         value: value as f32,
         // Even over an interval of this half width, the values have this variance.
         spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
-        clump: (clump * lone_share(overlap, sigmas)) as f32,
+        member_depth: (member_depth * lone_share(overlap, sigmas)) as f32,
     };
     let spread = (3.0 * (square - value * value).max(0.0)).sqrt();
     let uneven = source.values.map_or(0.0, |values| {
@@ -626,7 +626,7 @@ impl MergedPoints {
                     offsets.push(particle.centre.as_vec3().to_array());
                     factors.push(particle.factor);
                     strengths.push(particle.strength);
-                    merged.clumps.push(particle.clump);
+                    merged.member_depths.push(particle.member_depth);
                     if matches!(source.colour, Colour::PerParticle(_)) {
                         colours.push(particle.colour);
                     }

@@ -145,7 +145,7 @@ impl MeshReport {
 /// - Opaque materials: [`Strength::Surface`], alpha does not count. With a mask, the area is that
 ///   part of the cell where alpha reaches the cut-off (alpha of the texture and the material;
 ///   that of corners does not count here).
-/// - Blended materials: [`Strength::Pane`], area x -ln(1 - opacity), the opacity the mean of the
+/// - Blended materials: [`Strength::Translucent`], area x -ln(1 - opacity), the opacity the mean of the
 ///   cell, held to [`MAX_OPACITY`].
 /// - Colours are linear: the means over the cells, of what is there. What a material emits is added.
 ///
@@ -327,7 +327,7 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
             is_one_sided: kind.is_one_sided,
         },
         strength: if kind.is_pane {
-            Strength::Pane(strengths)
+            Strength::Translucent(strengths)
         } else {
             Strength::Surface(strengths)
         },
