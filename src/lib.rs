@@ -138,6 +138,9 @@ pub mod shading {}
 pub mod surfels {}
 pub mod view;
 
+#[cfg(feature = "gpu")]
+pub use wgpu;
+
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{Backend, ClassifyAt, ColumnSettings, Composite, Keep, Renderer, Settings, Show};

@@ -9,10 +9,13 @@
 //! | `backend.rs` | what a back end is |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `column.rs` | column densities |
+//! | `device.rs` | devices and textures of the caller's; frames without waiting |
 
 pub(crate) mod backend;
 mod check;
 mod column;
+#[cfg(feature = "gpu")]
+mod device;
 pub(crate) mod plan;
 mod renderer;
 mod settings;
