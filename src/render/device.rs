@@ -12,7 +12,8 @@ use crate::view::Camera;
 impl Renderer {
     /// As [`Renderer::new`], the scene kept on a device that the caller opened and goes on using, that of a
     /// window for one; [`gpu::device_descriptor`](crate::gpu::device_descriptor) is what to ask its
-    /// adapter for.
+    /// adapter for. Several scenes on one device share what it compiles by clones of one
+    /// [`Gpu::from_device`] and [`Renderer::on`].
     ///
     /// # Errors
     /// Those of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
