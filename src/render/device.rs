@@ -96,7 +96,7 @@ impl Renderer {
     /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
     ///
     /// [`Renderer::image`] stays what it was. Depths and normals come back as ever where the settings ask
-    /// for them; without, only counts do, some hundred bytes and 16 a tile, which tell whether
+    /// for them; without, only counts do, some hundred bytes and 24 a tile, which tell whether
     /// buffers were too small and the frame is to be drawn again. This call waits for them;
     /// [`Renderer::render_to_texture_async`] does not. The texture is whole when either is done.
     ///

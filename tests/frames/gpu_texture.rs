@@ -192,6 +192,7 @@ fn cases() -> Vec<(&'static str, Vec<PointVolume>, Camera, Settings)> {
         ..Settings::default()
     };
     let plain = Settings::default;
+    let pixel = camera(Projection::Perspective, [20.0; 2], [1, 1]);
     vec![
         ("volume", vec![cloud()], view([64, 48]), plain()),
         ("volume, odd size", vec![cloud()], view([71, 37]), plain()),
@@ -199,7 +200,7 @@ fn cases() -> Vec<(&'static str, Vec<PointVolume>, Camera, Settings)> {
         ("hybrid", vec![cloud(), plane()], view([71, 37]), plain()),
         ("hybrid, all", vec![cloud(), plane()], view([71, 37]), all),
         ("slabs", vec![cloud()], view([50, 41]), slabs),
-        ("a pixel", vec![cloud(), plane()], view([1, 1]), plain()),
+        ("a pixel", vec![cloud(), plane()], pixel, plain()),
     ]
 }
 
