@@ -3,6 +3,18 @@
 /// Side of a raster tile in pixels.
 pub const TILE_SIZE: usize = 16;
 
+/// Linear values up to this have code values [`SRGB_SLOPE`] times as large, larger ones
+/// [`SRGB_SCALE`] x linear^(1 / [`SRGB_GAMMA`]) - [`SRGB_OFFSET`] (IEC 61966-2-1).
+pub const SRGB_LINEAR_END: f32 = 0.003_130_8;
+/// See [`SRGB_LINEAR_END`].
+pub const SRGB_SLOPE: f32 = 12.92;
+/// See [`SRGB_LINEAR_END`].
+pub const SRGB_SCALE: f32 = 1.055;
+/// See [`SRGB_LINEAR_END`].
+pub const SRGB_OFFSET: f32 = 0.055;
+/// See [`SRGB_LINEAR_END`].
+pub const SRGB_GAMMA: f32 = 2.4;
+
 /// Pixels of a raster tile.
 pub const TILE_PIXELS: usize = TILE_SIZE * TILE_SIZE;
 

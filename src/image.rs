@@ -1,5 +1,7 @@
 //! The picture that a render returns: linear, premultiplied, f32.
 
+use crate::constants::{SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE};
+
 /// An image of linear premultiplied RGBA in f32, rows from the top.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Image {
@@ -112,10 +114,10 @@ impl Image {
 /// Values outside 0 to 1 follow the same curve, mirrored about 0.
 pub fn srgb_from_linear(linear: f32) -> f32 {
     let x = linear.abs();
-    let code = if x <= 0.003_130_8 {
-        12.92 * x
+    let code = if x <= SRGB_LINEAR_END {
+        SRGB_SLOPE * x
     } else {
-        1.055 * x.powf(1.0 / 2.4) - 0.055
+        SRGB_SCALE * x.powf(1.0 / SRGB_GAMMA) - SRGB_OFFSET
     };
     code.copysign(linear)
 }
@@ -125,9 +127,9 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
 pub fn linear_from_srgb(code: f32) -> f32 {
     let x = code.abs();
     let linear = if x <= 0.040_45 {
-        x / 12.92
+        x / SRGB_SLOPE
     } else {
-        ((x + 0.055) / 1.055).powf(2.4)
+        ((x + SRGB_OFFSET) / SRGB_SCALE).powf(SRGB_GAMMA)
     };
     linear.copysign(code)
 }

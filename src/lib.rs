@@ -162,6 +162,9 @@ pub mod stages {
     }
 }
 
+#[cfg(feature = "gpu")]
+pub use wgpu;
+
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{

@@ -1,5 +1,7 @@
 //! What a frame counted, and how long its stages took.
 
+use std::time::Instant;
+
 use serde::Serialize;
 
 /// What a frame counted.
@@ -46,4 +48,23 @@ pub struct StageTimes {
     pub resolve: f64,
     /// The whole frame, as whoever asked for it waits.
     pub frame: f64,
+}
+
+/// What measures [`StageTimes`] on the processor. The standard library has no clock in a browser: times
+/// are 0 there.
+#[derive(Debug)]
+pub(crate) struct Stopwatch(Option<Instant>);
+
+impl Stopwatch {
+    pub(crate) fn start() -> Self {
+        Self((!cfg!(target_family = "wasm")).then(Instant::now))
+    }
+
+    /// Milliseconds since the last lap, or the start.
+    pub(crate) fn lap(&mut self) -> f64 {
+        let Some(last) = &mut self.0 else { return 0.0 };
+        let now = Instant::now();
+        let elapsed = now - std::mem::replace(last, now);
+        elapsed.as_secs_f64() * 1e3
+    }
 }

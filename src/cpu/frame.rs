@@ -1,7 +1,5 @@
 //! The CPU back end: frames of a scene, stage after stage, and the memory that they share.
 
-use std::time::Instant;
-
 use super::{
     Bins, ColumnInput, ColumnSums, NormalTile, PostClassification, ProjectOutput,
     RasteriseSettings, Tile, bin, bin_columns, classify, count_amplitudes, count_classified,
@@ -21,7 +19,7 @@ use crate::record::{
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
-use crate::stats::FrameCounts;
+use crate::stats::{FrameCounts, Stopwatch};
 
 /// What the frames of a scene keep from one to the next: after the first frame of a size, a frame
 /// allocates nothing of note.
@@ -67,7 +65,7 @@ impl DrawFrames for CpuFrames {
         plan: &FramePlan,
         images: &mut Images,
     ) -> Result<FrameReport> {
-        let start = Instant::now();
+        let mut whole = Stopwatch::start();
         let mut report = FrameReport::default();
         report.counts.blocks = scene.block_count();
         let mut seen = 0;
@@ -76,10 +74,10 @@ impl DrawFrames for CpuFrames {
             seen += self.views.iter().map(Vec::len).sum::<usize>();
         }
         report.counts.blocks_culled = report.counts.blocks - seen;
-        let mut clock = Clock::start();
+        let mut clock = Stopwatch::start();
         self.resolve(plan, images);
         report.times.resolve = clock.lap();
-        report.times.frame = start.elapsed().as_secs_f64() * 1e3;
+        report.times.frame = whole.lap();
         Ok(report)
     }
 }
@@ -94,7 +92,7 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) {
         let FrameReport { counts, times } = report;
-        let mut clock = Clock::start();
+        let mut clock = Stopwatch::start();
         let view = self.cull(scene, plan, pass, counts);
         times.cull += clock.lap();
 
@@ -407,22 +405,6 @@ impl CpuFrames {
     fn count_exact(&self) -> usize {
         let exact = |i: &&u64| self.footprints[footprint_index(**i)].path == PATH_EXACT;
         self.order.iter().filter(exact).count()
-    }
-}
-
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    /// Milliseconds since the last lap.
-    fn lap(&mut self) -> f64 {
-        let now = Instant::now();
-        let elapsed = (now - self.0).as_secs_f64() * 1e3;
-        self.0 = now;
-        elapsed
     }
 }
 

@@ -1,10 +1,12 @@
 //! Adapters, limits, and what a device says when it fails.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::pin;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use wgpu::{Backends, DeviceType, Features, Limits};
+use wgpu::{Backends, DeviceType, ErrorFilter, Features, Limits};
 
 use super::kernel::{Access, Kernel, KernelCache};
 use super::shader::Shader;
@@ -37,6 +39,63 @@ pub struct Gpu {
     kernels: KernelCache,
     info: wgpu::AdapterInfo,
     fault: Arc<Mutex<Option<String>>>,
+    /// Whether it is the caller's, and with it what becomes of errors that no scope catches.
+    is_callers: bool,
+}
+
+/// What every stage counts on, all of which WebGPU guarantees.
+const NEEDED: [(&str, fn(&Limits) -> u64); 7] = [
+    ("max_storage_buffers_per_shader_stage", |l| {
+        l.max_storage_buffers_per_shader_stage.into()
+    }),
+    ("max_uniform_buffer_binding_size", |l| {
+        l.max_uniform_buffer_binding_size
+    }),
+    ("max_bindings_per_bind_group", |l| {
+        l.max_bindings_per_bind_group.into()
+    }),
+    ("max_compute_workgroup_storage_size", |l| {
+        l.max_compute_workgroup_storage_size.into()
+    }),
+    ("max_compute_invocations_per_workgroup", |l| {
+        l.max_compute_invocations_per_workgroup.into()
+    }),
+    ("max_compute_workgroup_size_x", |l| {
+        l.max_compute_workgroup_size_x.into()
+    }),
+    ("max_compute_workgroups_per_dimension", |l| {
+        l.max_compute_workgroups_per_dimension.into()
+    }),
+];
+
+/// What to ask an adapter for, so that [`Gpu::from_device`] takes the device: what WebGPU guarantees,
+/// buffers as large as the adapter has them, and timestamps where there are any. Callers raise what
+/// they need themselves; less than the adapter's buffers is enough too, and cuts frames smaller.
+///
+/// ```no_run
+/// # async fn open(adapter: wgpu::Adapter) -> Result<(), Box<dyn std::error::Error>> {
+/// use ewa_splat::render::{Gpu, device_descriptor};
+/// use ewa_splat::wgpu;
+///
+/// let (device, queue) = adapter.request_device(&device_descriptor(&adapter)).await?;
+/// let gpu = Gpu::from_device(device, queue)?;
+/// # Ok(())
+/// # }
+/// ```
+pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+    let limits = adapter.limits();
+    let required_limits = Limits {
+        max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size,
+        max_buffer_size: limits.max_buffer_size,
+        ..Limits::default()
+    };
+    wgpu::DeviceDescriptor {
+        label: Some("ewa-splat"),
+        required_features: adapter.features() & Features::TIMESTAMP_QUERY,
+        // An adapter with less opens, and `from_device` says what is missing.
+        required_limits: required_limits.or_worse_values_from(&limits),
+        ..wgpu::DeviceDescriptor::default()
+    }
 }
 
 /// Names an adapter by a part of its description.
@@ -54,13 +113,53 @@ impl Gpu {
             .filter(|n| !n.is_empty())
     }
 
+    /// A device that the caller opened, of a window for one, and goes on using: see
+    /// [`device_descriptor`] for what to ask its adapter for. Handlers of errors and of a lost device
+    /// stay the caller's; what goes wrong in a frame is the frame's error.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where a limit of the device is lower than what every stage counts on.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self> {
+        let (limits, info) = (device.limits(), device.adapter_info());
+        let guaranteed = Limits::default();
+        for (name, of) in NEEDED {
+            let (expected, found) = (of(&guaranteed), of(&limits));
+            if found < expected {
+                return Err(Error::Unsupported {
+                    place: describe(&info),
+                    expected: format!("a device whose {name} is {expected} or more"),
+                    found: found.to_string(),
+                    advice: "request the device by gpu::device_descriptor, or draw on the CPU"
+                        .into(),
+                });
+            }
+        }
+        Ok(Self {
+            device,
+            queue,
+            limits,
+            kernels: KernelCache::default(),
+            info,
+            fault: Arc::default(),
+            is_callers: true,
+        })
+    }
+
     /// Opens an adapter: discrete before integrated before software; the first whose name contains
     /// the environment variable `EWA_ADAPTER` (in any case) where that is set.
     ///
     /// # Errors
     /// No adapter, none of that name, or one that refuses to open; with what there is.
     pub fn open(choice: AdapterChoice) -> Result<Self> {
-        Self::open_named(choice, Self::adapter_name().as_deref())
+        pollster::block_on(Self::open_async(choice))
+    }
+
+    /// As [`Gpu::open`], without waiting: for browsers, where nothing may.
+    ///
+    /// # Errors
+    /// Those of [`Gpu::open`].
+    pub async fn open_async(choice: AdapterChoice) -> Result<Self> {
+        Self::find(choice, Self::adapter_name().as_deref()).await
     }
 
     /// As [`Gpu::open`], the name given instead of read from the environment. A name outweighs the
@@ -69,11 +168,15 @@ impl Gpu {
     /// # Errors
     /// Those of [`Gpu::open`].
     pub fn open_named(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
+        pollster::block_on(Self::find(choice, name))
+    }
+
+    async fn find(choice: AdapterChoice, name: Option<&str>) -> Result<Self> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         // The stages' own arguments are in range by construction.
         descriptor.flags = wgpu::InstanceFlags::empty();
         let instance = wgpu::Instance::new(descriptor);
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::PRIMARY));
+        let mut adapters = instance.enumerate_adapters(Backends::PRIMARY).await;
         adapters.retain(|a| {
             a.get_downlevel_capabilities()
                 .flags
@@ -109,38 +212,27 @@ impl Gpu {
         let Some(adapter) = adapters.into_iter().next() else {
             return Err(no_adapter(choice, name, found));
         };
-        let info = adapter.get_info();
-        let limits = adapter.limits();
-        let features = adapter.features() & Features::TIMESTAMP_QUERY;
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
-            label: Some("ewa-splat"),
-            required_features: features,
-            required_limits: limits.clone(),
-            ..wgpu::DeviceDescriptor::default()
-        }))
-        .map_err(|e| Error::NoAdapter {
-            place: describe(&info),
+        let opened = adapter.request_device(&device_descriptor(&adapter)).await;
+        let (device, queue) = opened.map_err(|e| Error::NoAdapter {
+            place: describe(&adapter.get_info()),
             expected: "an adapter that opens".into(),
             found: e.to_string(),
             advice: Hint::OtherAdapterOrCpu.into(),
         })?;
-        let fault = Arc::new(Mutex::new(None));
-        let on_lost = Arc::clone(&fault);
-        device.set_device_lost_callback(move |reason, message| {
+        let gpu = Self {
+            is_callers: false,
+            ..Self::from_device(device, queue)?
+        };
+        let on_lost = Arc::clone(&gpu.fault);
+        gpu.device.set_device_lost_callback(move |reason, message| {
             note(&on_lost, format!("device lost: {reason:?} {message}"));
         });
-        let on_error = Arc::clone(&fault);
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            note(&on_error, error.to_string());
-        }));
-        Ok(Self {
-            device,
-            queue,
-            limits,
-            kernels: KernelCache::default(),
-            info,
-            fault,
-        })
+        let on_error = Arc::clone(&gpu.fault);
+        gpu.device
+            .on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+                note(&on_error, error.to_string());
+            }));
+        Ok(gpu)
     }
 
     /// This device with bindings of at most `bytes`, as on a smaller adapter: more goes in parts,
@@ -167,7 +259,7 @@ impl Gpu {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
-    /// Gives the device up, with all memory that scenes hold on it: for this and all clones
+    /// Gives the device up, the caller's as well, with all memory that scenes hold on it: for this and all clones
     /// whatever is drawn from now on, and what is being drawn, is an error.
     pub fn close(&self) {
         note(&self.fault, "a device that was closed".to_string());
@@ -206,6 +298,60 @@ impl Gpu {
         match polled {
             Ok(polled) => polled.map(|_| ()).map_err(|e| self.failed(e.to_string())),
             Err(_) => Err(self.failed("a device that cannot be waited for".to_string())),
+        }
+    }
+
+    /// Drives a future that the device completes, waiting for the device in between.
+    ///
+    /// # Errors
+    /// Those of the future and of [`Gpu::wait`]; in a browser, where nothing waits, that it does not
+    /// complete at once.
+    pub(crate) fn block_on<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
+        let mut future = pin!(future);
+        let mut context = Context::from_waker(Waker::noop());
+        loop {
+            if let Poll::Ready(done) = future.as_mut().poll(&mut context) {
+                return done;
+            }
+            if cfg!(target_family = "wasm") {
+                return Err(Error::Unsupported {
+                    place: self.adapter(),
+                    expected: "a call that does not wait".to_owned(),
+                    found: "one that does, in a browser".to_owned(),
+                    advice: "await the function of this name that ends in _async".into(),
+                });
+            }
+            self.wait()?;
+        }
+    }
+
+    /// Gives commands to the device. What a device of the caller's says against them does not reach
+    /// the caller's handler.
+    ///
+    /// # Errors
+    /// What such a device says.
+    pub(super) async fn watched<R>(&self, commands: impl FnOnce() -> R) -> Result<R> {
+        if !self.is_callers {
+            return Ok(commands());
+        }
+        let (out, scopes) = {
+            let filters = [
+                ErrorFilter::Validation,
+                ErrorFilter::OutOfMemory,
+                ErrorFilter::Internal,
+            ];
+            let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+            let out = commands();
+            let popped = scopes.into_iter().rev().map(wgpu::ErrorScopeGuard::pop);
+            (out, popped.collect::<Vec<_>>())
+        };
+        let mut error = None;
+        for scope in scopes {
+            error = scope.await.or(error);
+        }
+        match error {
+            None => Ok(out),
+            Some(error) => Err(self.failed(error.to_string())),
         }
     }
 

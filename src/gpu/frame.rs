@@ -4,8 +4,6 @@
 //! stay on the device for the volumes among which they lie. A scene of one kind has one pass. Band
 //! after band of the image takes all passes before it goes back.
 
-use std::time::Instant;
-
 use glam::Vec3;
 use rayon::prelude::*;
 use wgpu::CommandEncoder;
@@ -13,6 +11,7 @@ use wgpu::CommandEncoder;
 use super::device::Gpu;
 use super::kernel::BoundKernel;
 use super::pass::{Bands, Pass, PassFrame, PassKind, Seen, TileCounts};
+use super::present::{BoundPresent, Present, check_texture};
 use super::rasterise::picture_words;
 use super::resolve::{Background, Resolve};
 use super::tile::depth_of_word;
@@ -22,7 +21,7 @@ use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Draws, FramePlan};
-use crate::stats::{FrameCounts, StageTimes};
+use crate::stats::{FrameCounts, StageTimes, Stopwatch};
 
 /// Bytes of the picture that one thread copies at a time.
 const COPY_BYTES: usize = 1 << 20;
@@ -34,7 +33,17 @@ pub(crate) struct DeviceScene {
     timer: Timer,
     /// In the order in which they are drawn.
     passes: Vec<Pass>,
-    frame: Option<(Vec<PassKind>, Frame)>,
+    frame: Option<(FrameKind, Frame)>,
+    /// For textures of the last one's format.
+    present: Option<Present>,
+}
+
+/// What makes two frames differ.
+#[derive(Debug, PartialEq)]
+struct FrameKind {
+    passes: Vec<PassKind>,
+    /// Whether the picture stays on the device.
+    stays: bool,
 }
 
 impl DeviceScene {
@@ -47,8 +56,94 @@ impl DeviceScene {
             timer: Timer::new(&gpu)?,
             passes: Vec::new(),
             frame: None,
+            present: None,
             gpu,
         })
+    }
+
+    /// Draws a frame: its picture into a texture where one is given, and into the images otherwise; depths and
+    /// normals, where the plan asks for them, into the images. Whoever drives the future polls the
+    /// device; dropped before its end, it leaves the scene as it was.
+    ///
+    /// # Errors
+    /// Those of [`DrawFrames::draw`]; a texture that is not of the plan's size, or of a format or kind that
+    /// is not drawn into.
+    pub(crate) async fn draw_to(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        images: &mut Images,
+        texture: Option<&wgpu::Texture>,
+    ) -> Result<FrameReport> {
+        let mut whole = Stopwatch::start();
+        self.gpu.check()?;
+        if let Some(texture) = texture {
+            check_texture(texture, &plan.camera)?;
+            images.resize_beside(plan);
+        } else if plan.column().is_some() {
+            images.resize_column(plan);
+        } else {
+            images.resize(plan);
+        }
+        let gpu = self.gpu.clone();
+        if let Some(format) = texture.map(wgpu::Texture::format)
+            && self.present.as_ref().is_none_or(|p| p.format != format)
+        {
+            let present = gpu.watched(|| Present::new(&gpu, format)).await?;
+            self.present = Some(present);
+        }
+        let kind = FrameKind {
+            passes: plan.passes.iter().map(|p| PassKind::of(plan, p)).collect(),
+            stays: texture.is_some(),
+        };
+        loop {
+            let frame = match self.frame.take() {
+                Some((made_for, frame)) if made_for == kind => frame,
+                // Its memory is free before the next one's is asked for.
+                other => {
+                    drop(other);
+                    let make = || Frame::new(&gpu, &self.passes, plan, &kind);
+                    let made = gpu.watched(make).await.flatten();
+                    if made.is_err() {
+                        // Another frame may need less than this one found it did.
+                        for pass in &mut self.passes {
+                            pass.forget_capacity(&gpu);
+                        }
+                    }
+                    made?
+                }
+            };
+            let bound = match texture.zip(self.present.as_ref()) {
+                Some((texture, present)) => {
+                    let bind = || present.bind(&gpu, frame.picture(), texture);
+                    Some(gpu.watched(bind).await.flatten()?)
+                }
+                None => None,
+            };
+            let drawn = frame.draw(&gpu, &mut self.timer, scene, plan, images, bound.as_ref());
+            let seen = drawn.await?;
+            let mut fits = true;
+            for ((pass, kind), seen) in self.passes.iter_mut().zip(&kind.passes).zip(&seen) {
+                fits &= !pass.grow(&gpu, kind, seen)?;
+            }
+            if fits {
+                let counts = self.counts(scene, &kind.passes, &seen);
+                self.frame = Some((kind, frame));
+                let times = self.timer.read(&gpu).await?;
+                return Ok(FrameReport {
+                    counts,
+                    times: StageTimes {
+                        frame: whole.lap(),
+                        ..times
+                    },
+                });
+            }
+        }
+    }
+
+    /// The device.
+    pub(crate) fn gpu(&self) -> &Gpu {
+        &self.gpu
     }
 
     fn counts(&self, scene: &BlockedScene, kinds: &[PassKind], seen: &[Seen]) -> FrameCounts {
@@ -105,45 +200,8 @@ impl DrawFrames for DeviceScene {
         plan: &FramePlan,
         images: &mut Images,
     ) -> Result<FrameReport> {
-        let start = Instant::now();
-        self.gpu.check()?;
-        if plan.column().is_some() {
-            images.resize_column(plan);
-        } else {
-            images.resize(plan);
-        }
-        let kinds: Vec<_> = plan.passes.iter().map(|p| PassKind::of(plan, p)).collect();
-        loop {
-            let frame = match self.frame.take() {
-                Some((made_for, frame)) if made_for == kinds => frame,
-                // Its memory is free before the next one's is asked for.
-                other => {
-                    drop(other);
-                    let made = Frame::new(&self.gpu, &self.passes, plan, &kinds);
-                    if made.is_err() {
-                        // Another frame may need less than this one found it did.
-                        for pass in &mut self.passes {
-                            pass.forget_capacity(&self.gpu);
-                        }
-                    }
-                    made?
-                }
-            };
-            let seen = frame.draw(&self.gpu, &mut self.timer, scene, plan, images)?;
-            let mut fits = true;
-            for ((pass, kind), seen) in self.passes.iter_mut().zip(&kinds).zip(&seen) {
-                fits &= !pass.grow(&self.gpu, kind, seen)?;
-            }
-            if fits {
-                let counts = self.counts(scene, &kinds, &seen);
-                self.frame = Some((kinds, frame));
-                let times = StageTimes {
-                    frame: start.elapsed().as_secs_f64() * 1e3,
-                    ..self.timer.read(&self.gpu)?
-                };
-                return Ok(FrameReport { counts, times });
-            }
-        }
+        let gpu = self.gpu.clone();
+        gpu.block_on(self.draw_to(scene, plan, images, None))
     }
 }
 
@@ -155,15 +213,22 @@ struct Frame {
     bands: Bands,
     background: wgpu::Buffer,
     resolve: BoundKernel,
-    pixels_back: wgpu::Buffer,
+    /// Words of a pixel that stay on the device: those of its colour, or none.
+    staying_words: u64,
+    /// The others, where there are any.
+    pixels_back: Option<wgpu::Buffer>,
     normals_back: Option<wgpu::Buffer>,
 }
+
+/// Floats of a pixel's colour and opacity, before those of its depth.
+const COLOUR_WORDS: u64 = 4;
 
 /// Floats of a pixel of a surface before its normal.
 const WORDS_BEFORE_NORMALS: u64 = 5;
 
 impl Frame {
-    fn new(gpu: &Gpu, passes: &[Pass], plan: &FramePlan, kinds: &[PassKind]) -> Result<Self> {
+    fn new(gpu: &Gpu, passes: &[Pass], plan: &FramePlan, kind: &FrameKind) -> Result<Self> {
+        let kinds = &kind.passes;
         let size = [plan.camera.width as u32, plan.camera.height as u32];
         let tiles = size.map(|n| n.div_ceil(TILE_SIZE as u32));
         let mut rows = tiles[1];
@@ -191,9 +256,13 @@ impl Frame {
         let has_surface = passes.iter().any(|pass| pass.draws == Draws::Surfaces);
         let has_normals = plan.normals && has_surface;
         let normals_back = has_normals.then(|| gpu.staging("normals", 12 * pixels));
+        let staying_words = if kind.stays { COLOUR_WORDS } else { 0 };
+        let words = picture_words(plan.depth) - staying_words;
+        let pixels_back = (words > 0).then(|| gpu.staging("picture", 4 * words * pixels));
         Ok(Self {
             resolve: Resolve::new(gpu).bind(gpu, &background, picture),
-            pixels_back: gpu.staging("picture", 4 * picture_words(plan.depth) * pixels)?,
+            staying_words,
+            pixels_back: pixels_back.transpose()?,
             normals_back: normals_back.transpose()?,
             background,
             bands,
@@ -201,45 +270,71 @@ impl Frame {
         })
     }
 
-    fn draw(
+    /// A band's pixels, once it is drawn.
+    fn picture(&self) -> &wgpu::Buffer {
+        &self.passes[self.passes.len() - 1].pixels
+    }
+
+    async fn draw(
         &self,
         gpu: &Gpu,
         timer: &mut Timer,
         scene: &BlockedScene,
         plan: &FramePlan,
         images: &mut Images,
+        present: Option<&BoundPresent<'_>>,
     ) -> Result<Vec<Seen>> {
         timer.clear();
         images.largest = 0.0;
-        for (pass, of_plan) in self.passes.iter().zip(&plan.passes) {
-            pass.begin(gpu, timer, plan, of_plan, scene.carried());
-        }
+        gpu.watched(|| {
+            for (pass, of_plan) in self.passes.iter().zip(&plan.passes) {
+                pass.begin(gpu, timer, plan, of_plan, scene.carried());
+            }
+        })
+        .await?;
         let mut tiles = vec![TileCounts::default(); self.passes.len()];
         for band in 0..self.bands.count() {
-            let pixels = self.bands.pixels(band);
-            let background = Background::new(plan.background.unwrap_or_default(), pixels);
-            gpu.write(&self.background, bytemuck::bytes_of(&background));
-            for pass in &self.passes {
-                pass.draw_band(gpu, timer, band);
-            }
-            let mut encoder = gpu.encoder();
-            self.encode_band_end(&mut encoder, timer, plan, pixels);
-            if band + 1 == self.bands.count() {
-                timer.finish(&mut encoder);
-            }
-            gpu.submit(encoder);
+            gpu.watched(|| self.submit_band(gpu, timer, plan, band, present))
+                .await?;
             match plan.column() {
-                Some((_, per_mass)) => self.read_columns(gpu, per_mass, band, images)?,
-                None => self.read_band(gpu, plan, band, images)?,
+                Some((_, per_mass)) => self.read_columns(gpu, per_mass, band, images).await?,
+                None => self.read_band(gpu, plan, band, images).await?,
             }
             for (pass, counts) in self.passes.iter().zip(&mut tiles) {
-                pass.read_tiles(gpu, band, counts)?;
+                pass.read_tiles(gpu, band, counts).await?;
             }
         }
-        let passes = self.passes.iter().zip(tiles);
-        passes
-            .map(|(pass, tiles)| pass.read_report(gpu, tiles))
-            .collect()
+        let mut seen = Vec::with_capacity(tiles.len());
+        for (pass, tiles) in self.passes.iter().zip(tiles) {
+            seen.push(pass.read_report(gpu, tiles).await?);
+        }
+        Ok(seen)
+    }
+
+    /// Submits all passes of a band, and its way into a texture or back.
+    fn submit_band(
+        &self,
+        gpu: &Gpu,
+        timer: &mut Timer,
+        plan: &FramePlan,
+        band: u32,
+        present: Option<&BoundPresent<'_>>,
+    ) {
+        let pixels = self.bands.pixels(band);
+        let background = Background::new(plan.background.unwrap_or_default(), pixels);
+        gpu.write(&self.background, bytemuck::bytes_of(&background));
+        for pass in &self.passes {
+            pass.draw_band(gpu, timer, band);
+        }
+        let mut encoder = gpu.encoder();
+        self.encode_band_end(&mut encoder, timer, plan, pixels);
+        if let Some(present) = present {
+            present.encode(gpu, &mut encoder, &self.bands, band);
+        }
+        if band + 1 == self.bands.count() {
+            timer.finish(&mut encoder);
+        }
+        gpu.submit(encoder);
     }
 
     /// The background, and the way back.
@@ -254,10 +349,12 @@ impl Frame {
             let mut pass = timer.pass(encoder, Stage::Resolve);
             self.resolve.dispatch(&mut pass, Resolve::groups(pixels));
         }
-        let picture = &self.passes[self.passes.len() - 1].pixels;
         let pixels = u64::from(pixels);
-        let bytes = 4 * picture_words(plan.depth) * pixels;
-        encoder.copy_buffer_to_buffer(picture, 0, &self.pixels_back, 0, bytes);
+        if let Some(pixels_back) = &self.pixels_back {
+            let first = 4 * self.staying_words * pixels;
+            let bytes = 4 * picture_words(plan.depth) * pixels - first;
+            encoder.copy_buffer_to_buffer(self.picture(), first, pixels_back, 0, bytes);
+        }
         if let Some(normals_back) = &self.normals_back {
             let surface = &self.passes[0].pixels;
             let first = 4 * WORDS_BEFORE_NORMALS * pixels;
@@ -268,14 +365,23 @@ impl Frame {
     /// Adds up the sums of a band's column densities.
     ///
     /// - `per_mass`: field x length per unit of a sum of masses.
-    fn read_columns(&self, gpu: &Gpu, per_mass: f64, band: u32, images: &mut Images) -> Result<()> {
+    async fn read_columns(
+        &self,
+        gpu: &Gpu,
+        per_mass: f64,
+        band: u32,
+        images: &mut Images,
+    ) -> Result<()> {
+        let Some(pixels_back) = &self.pixels_back else {
+            return Ok(());
+        };
         let (first_row, _) = self.bands.band(band);
         let Images {
             column, largest, ..
         } = images;
         let first = first_row as usize * TILE_SIZE * column.width;
         let count = self.bands.pixels(band) as usize;
-        gpu.read_staging(&self.pixels_back, |bytes| {
+        gpu.read_staging(pixels_back, |bytes| {
             let sums = bytemuck::cast_slice::<u8, [f32; 4]>(&bytes[..16 * count]);
             let values = &mut column.values[first..first + count];
             for (value, sums) in values.iter_mut().zip(sums) {
@@ -292,10 +398,17 @@ impl Frame {
                 *value = density as f32;
             }
         })
+        .await
     }
 
     /// Copies a band's rows into the images.
-    fn read_band(&self, gpu: &Gpu, plan: &FramePlan, band: u32, images: &mut Images) -> Result<()> {
+    async fn read_band(
+        &self,
+        gpu: &Gpu,
+        plan: &FramePlan,
+        band: u32,
+        images: &mut Images,
+    ) -> Result<()> {
         let (first_row, _) = self.bands.band(band);
         let Images {
             image,
@@ -303,23 +416,29 @@ impl Frame {
             normals,
             ..
         } = images;
-        let first = first_row as usize * TILE_SIZE * image.width;
+        let first = first_row as usize * TILE_SIZE * plan.camera.width;
         let count = self.bands.pixels(band) as usize;
-        gpu.read_staging(&self.pixels_back, |bytes| {
-            let (colours, depths) = bytes.split_at(16 * count);
-            let pixels = bytemuck::cast_slice_mut::<_, u8>(&mut image.pixels[first..first + count]);
-            // On a graphics card one thread's copy would take longer than the frame.
-            pixels
-                .par_chunks_mut(COPY_BYTES)
-                .zip(colours.par_chunks(COPY_BYTES))
-                .for_each(|(to, from)| to.copy_from_slice(from));
-            if let Some(depth) = depth {
-                let words = bytemuck::cast_slice::<u8, f32>(&depths[..4 * count]);
-                for (out, word) in depth.depths[first..first + count].iter_mut().zip(words) {
-                    *out = depth_of_word(*word);
+        if let Some(pixels_back) = &self.pixels_back {
+            let colour_words = COLOUR_WORDS - self.staying_words;
+            let read = gpu.read_staging(pixels_back, |bytes| {
+                let (colours, depths) = bytes.split_at(4 * colour_words as usize * count);
+                if !colours.is_empty() {
+                    let pixels = &mut image.pixels[first..first + count];
+                    // On a graphics card one thread's copy would take longer than the frame.
+                    bytemuck::cast_slice_mut::<_, u8>(pixels)
+                        .par_chunks_mut(COPY_BYTES)
+                        .zip(colours.par_chunks(COPY_BYTES))
+                        .for_each(|(to, from)| to.copy_from_slice(from));
                 }
-            }
-        })?;
+                if let Some(depth) = depth {
+                    let words = bytemuck::cast_slice::<u8, f32>(&depths[..4 * count]);
+                    for (out, word) in depth.depths[first..first + count].iter_mut().zip(words) {
+                        *out = depth_of_word(*word);
+                    }
+                }
+            });
+            read.await?;
+        }
         if let (Some(normals_back), Some(normals)) = (&self.normals_back, normals) {
             let world_from_camera = plan.camera.camera_from_world.as_mat3().transpose();
             gpu.read_staging(normals_back, |bytes| {
@@ -328,7 +447,8 @@ impl Frame {
                 for (out, normal) in out.iter_mut().zip(words) {
                     *out = (world_from_camera * Vec3::from(*normal)).into();
                 }
-            })?;
+            })
+            .await?;
         }
         Ok(())
     }

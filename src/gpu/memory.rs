@@ -1,5 +1,9 @@
 //! Buffers: up, down, and how much fits.
 
+use std::future::poll_fn;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Waker};
+
 use bytemuck::Pod;
 use wgpu::{BufferUsages, CommandEncoder, ErrorFilter};
 
@@ -9,6 +13,59 @@ use crate::error::{Error, Result};
 /// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
 /// declares, and the largest are near terms.
 const EMPTY_BUFFER: u64 = 256;
+
+/// A staging buffer on its way to the processor; dropped, it is the device's again.
+#[derive(Debug)]
+struct Mapping<'a> {
+    staging: &'a wgpu::Buffer,
+    state: Arc<Mutex<MapState>>,
+}
+
+#[derive(Debug, Default)]
+struct MapState {
+    mapped: Option<Result<(), wgpu::BufferAsyncError>>,
+    waker: Option<Waker>,
+}
+
+impl<'a> Mapping<'a> {
+    fn new(staging: &'a wgpu::Buffer) -> Self {
+        let state = Arc::<Mutex<MapState>>::default();
+        let of_callback = Arc::clone(&state);
+        staging.map_async(wgpu::MapMode::Read, .., move |mapped| {
+            let mut state = of_callback.lock().unwrap_or_else(PoisonError::into_inner);
+            state.mapped = Some(mapped);
+            let waker = state.waker.take();
+            drop(state);
+            if let Some(waker) = waker {
+                waker.wake();
+            }
+        });
+        Self { staging, state }
+    }
+
+    fn poll(&mut self, context: &Context<'_>) -> Poll<Result<(), wgpu::BufferAsyncError>> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        match &state.mapped {
+            Some(mapped) => Poll::Ready(mapped.clone()),
+            None => {
+                state.waker = Some(context.waker().clone());
+                Poll::Pending
+            }
+        }
+    }
+}
+
+impl Drop for Mapping<'_> {
+    fn drop(&mut self) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let has_failed = matches!(state.mapped, Some(Err(_)));
+        // Unmapping calls back where the device has not yet answered.
+        drop(state);
+        if !has_failed {
+            self.staging.unmap();
+        }
+    }
+}
 
 impl Gpu {
     /// A storage buffer of `bytes`, rounded up to whole words; of [`EMPTY_BUFFER`] where that is 0.
@@ -106,9 +163,9 @@ impl Gpu {
         let mut encoder = self.encoder();
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
         self.submit(encoder);
-        self.read_staging(&staging, |bytes| {
+        self.block_on(self.read_staging(&staging, |bytes| {
             bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
-        })
+        }))
     }
 
     /// A buffer that the processor can read.
@@ -123,24 +180,25 @@ impl Gpu {
         )
     }
 
-    /// Waits for the device and hands the bytes of a staging buffer to `read`.
+    /// Hands the bytes of a staging buffer to `read` once the device has run what was submitted.
+    /// Whoever drives the future polls the device, as [`Gpu::block_on`] does.
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read_staging<R>(
+    pub(super) async fn read_staging<R>(
         &self,
         staging: &wgpu::Buffer,
         read: impl FnOnce(&[u8]) -> R,
     ) -> Result<R> {
-        staging.map_async(wgpu::MapMode::Read, .., |_| {});
-        self.wait()?;
+        let mut mapping = Mapping::new(staging);
+        let mapped = poll_fn(|context| mapping.poll(context)).await;
+        // What the device itself has reported says more.
+        self.check()?;
+        mapped.map_err(|e| self.failed(e.to_string()))?;
         let view = staging
             .get_mapped_range(..)
             .map_err(|e| self.failed(e.to_string()))?;
-        let out = read(&view);
-        drop(view);
-        staging.unmap();
-        Ok(out)
+        Ok(read(&view))
     }
 
     /// Runs one compute pass.
@@ -172,16 +230,24 @@ impl Gpu {
     }
 
     fn create(&self, label: &str, bytes: u64, usage: BufferUsages) -> Result<wgpu::Buffer> {
+        let create = || {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        if cfg!(target_family = "wasm") {
+            // A browser answers later: the frame's own scopes tell.
+            return Ok(create());
+        }
         let scopes = [ErrorFilter::Validation, ErrorFilter::OutOfMemory]
             .map(|filter| self.device.push_error_scope(filter));
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size: bytes,
-            usage,
-            mapped_at_creation: false,
-        });
+        let buffer = create();
         let mut error = None;
         for scope in scopes.into_iter().rev() {
+            // Known at once everywhere else.
             error = pollster::block_on(scope.pop()).or(error);
         }
         match error {

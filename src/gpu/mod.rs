@@ -17,6 +17,7 @@
 //! | `surface.rs` | lists, the chunk, of opaque surfels | pixels of the surface |
 //! | `compose.rs` | pixels, the surface's | pixels with the surface behind them |
 //! | `resolve.rs` | pixels | pixels before a background |
+//! | `present.rs` | pixels | a texture of the caller's |
 //!
 //! | file | subject |
 //! |---|---|
@@ -60,6 +61,7 @@ mod merged;
 mod packed;
 mod particles;
 mod pass;
+mod present;
 mod project;
 mod radix;
 mod rasterise;
@@ -79,7 +81,7 @@ mod timer;
 pub use bin::{ChunkBins, MAX_BAND_TILES, bin};
 pub use classify::{Classified, classify};
 pub use cull::{CullOutput, camera_uniform, cull};
-pub use device::{AdapterChoice, Gpu};
+pub use device::{AdapterChoice, Gpu, device_descriptor};
 pub use f64::{F64Results, f64_operations};
 pub(crate) use frame::DeviceScene;
 pub use light::light;

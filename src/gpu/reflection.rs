@@ -92,7 +92,7 @@ fn translate(module: &naga::Module, info: &ModuleInfo, entry: &naga::EntryPoint)
     let [Ok(name)] = names.entry_point_names.as_slice() else {
         panic!("{:?}", names.entry_point_names);
     };
-    assert!(text.contains(&format!("kernel void {name}(")), "{text}");
+    assert!(text.contains(&format!(" {name}(")), "{text}");
 
     let options = hlsl::Options::default();
     let pipeline = hlsl::PipelineOptions { entry_point: named };
@@ -103,7 +103,7 @@ fn translate(module: &naga::Module, info: &ModuleInfo, entry: &naga::EntryPoint)
     let [Ok(name)] = names.entry_point_names.as_slice() else {
         panic!("{:?}", names.entry_point_names);
     };
-    assert!(text.contains(&format!("void {name}(")), "{text}");
+    assert!(text.contains(&format!(" {name}(")), "{text}");
 }
 
 /// No machine with Metal or DirectX 12 is needed to see that every kernel, for every constant

@@ -2,8 +2,8 @@
 
 use super::shader::{STRUCTS, Shader};
 use super::{
-    bin, classify, compose, cull, f64, gather, light, merged, project, radix, rasterise, resolve,
-    scan, shade, sort, surface,
+    bin, classify, compose, cull, f64, gather, light, merged, present, project, radix, rasterise,
+    resolve, scan, shade, sort, surface,
 };
 
 /// The structs of [`crate::record`] alone.
@@ -36,6 +36,7 @@ impl Shader {
             compose::SHADER,
             surface::SHADER,
             resolve::SHADER,
+            present::SHADER,
         ];
         all.extend(rasterise::shaders());
         all

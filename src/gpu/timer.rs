@@ -114,7 +114,7 @@ impl Timer {
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read(&self, gpu: &Gpu) -> Result<StageTimes> {
+    pub(super) async fn read(&self, gpu: &Gpu) -> Result<StageTimes> {
         let mut times = StageTimes::default();
         let Some(queries) = &self.queries else {
             return Ok(times);
@@ -122,7 +122,10 @@ impl Timer {
         if self.stages.is_empty() {
             return Ok(times);
         }
-        let ticks: Vec<u64> = gpu.read_staging(&queries.staging, bytemuck::pod_collect_to_vec)?;
+        let staging = &queries.staging;
+        let ticks: Vec<u64> = gpu
+            .read_staging(staging, bytemuck::pod_collect_to_vec)
+            .await?;
         let period_ms = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
         for (stage, pair) in self.stages.iter().zip(ticks.chunks_exact(2)) {
             let ms = pair[1].saturating_sub(pair[0]) as f64 * period_ms;

@@ -51,10 +51,16 @@ impl Images {
     /// Images of a plan's size: of the old ones those that have it. What was not asked for is gone.
     pub(crate) fn resize(&mut self, plan: &FramePlan) {
         let (width, height) = (plan.camera.width, plan.camera.height);
-        let has_size = |w: usize, h: usize| (w, h) == (width, height);
-        if !has_size(self.image.width, self.image.height) {
+        if (self.image.width, self.image.height) != (width, height) {
             self.image = Image::new(width, height);
         }
+        self.resize_beside(plan);
+    }
+
+    /// The same of what lies beside a picture that is drawn elsewhere.
+    pub(crate) fn resize_beside(&mut self, plan: &FramePlan) {
+        let (width, height) = (plan.camera.width, plan.camera.height);
+        let has_size = |w: usize, h: usize| (w, h) == (width, height);
         match &mut self.depth {
             Some(depth) if plan.depth && has_size(depth.width, depth.height) => {}
             depth => {
@@ -107,7 +113,7 @@ pub(crate) struct FrameReport {
 }
 
 /// A back end: keeps what it needs of a scene, and draws plans of frames of it.
-pub(crate) trait DrawFrames: Debug + Send {
+pub(crate) trait DrawFrames: Debug {
     /// What it draws on; `None` for the processor.
     fn adapter(&self) -> Option<String>;
 
@@ -123,7 +129,7 @@ pub(crate) trait DrawFrames: Debug + Send {
     /// Too little memory.
     fn edit(&mut self, scene: &BlockedScene, edit: Edit) -> Result<()>;
 
-    /// Draws a frame of the scene that was uploaded.
+    /// Draws a frame of the scene that was uploaded, and waits for it.
     ///
     /// # Errors
     /// Too little memory, what this back end does not draw, or a lost device.
@@ -133,4 +139,28 @@ pub(crate) trait DrawFrames: Debug + Send {
         plan: &FramePlan,
         images: &mut Images,
     ) -> Result<FrameReport>;
+}
+
+/// What draws instead of the processor in a build without code for GPUs: nothing.
+#[cfg(not(feature = "gpu"))]
+#[derive(Debug)]
+pub(crate) enum NoDevice {}
+
+#[cfg(not(feature = "gpu"))]
+impl DrawFrames for NoDevice {
+    fn adapter(&self) -> Option<String> {
+        match *self {}
+    }
+
+    fn upload(&mut self, _: &BlockedScene) -> Result<()> {
+        match *self {}
+    }
+
+    fn edit(&mut self, _: &BlockedScene, _: Edit) -> Result<()> {
+        match *self {}
+    }
+
+    fn draw(&mut self, _: &BlockedScene, _: &FramePlan, _: &mut Images) -> Result<FrameReport> {
+        match *self {}
+    }
 }

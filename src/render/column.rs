@@ -1,5 +1,6 @@
 //! Column densities: the line integral of the field along each pixel's ray.
 
+use super::backend::FrameReport;
 use super::check::check;
 use super::plan::FramePlan;
 use super::renderer::Renderer;
@@ -82,6 +83,17 @@ impl Renderer {
         camera: &Camera,
         settings: &ColumnSettings,
     ) -> Result<&ColumnImage> {
+        let plan = self.column_plan(camera, settings)?;
+        let report = self.draw(&plan)?;
+        self.column_drawn(report)
+    }
+
+    /// The plan of a column density, once its settings are checked.
+    pub(super) fn column_plan(
+        &mut self,
+        camera: &Camera,
+        settings: &ColumnSettings,
+    ) -> Result<FramePlan> {
         check(camera, &settings.shared())?;
         let states_opacity = |volume: &BlockedVolume| {
             use crate::scene::Strength::{PeakOpacity, Surface, Translucent};
@@ -100,8 +112,12 @@ impl Renderer {
             ));
         }
         let largest = self.amplitudes().largest;
-        let plan = FramePlan::of_columns(&self.scene, camera, settings, largest);
-        let report = self.draw(&plan)?;
+        let scene = &self.scene;
+        Ok(FramePlan::of_columns(scene, camera, settings, largest))
+    }
+
+    /// Keeps what a column density's frame found out.
+    pub(super) fn column_drawn(&mut self, report: FrameReport) -> Result<&ColumnImage> {
         let largest = self.images.largest;
         if !(largest <= f64::from(f32::MAX)) {
             return Err(Error::invalid(

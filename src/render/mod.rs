@@ -9,11 +9,14 @@
 //! | `backend.rs` | what a back end is |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `column.rs` | column densities |
+//! | `device.rs` | devices and textures of the caller's; frames without waiting |
 //! | `pick.rs` | which particles a pixel shows |
 
 pub(crate) mod backend;
 mod check;
 mod column;
+#[cfg(feature = "gpu")]
+mod device;
 mod pick;
 pub(crate) mod plan;
 mod renderer;
@@ -22,7 +25,7 @@ mod uniforms;
 
 pub use crate::blocks::{Keep, LayerKind, Layers};
 #[cfg(feature = "gpu")]
-pub use crate::gpu::{AdapterChoice, Gpu};
+pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::stats::{FrameCounts, StageTimes};

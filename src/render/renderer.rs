@@ -1,5 +1,7 @@
 //! Scene + camera + settings -> frame.
 
+#[cfg(not(feature = "gpu"))]
+use super::backend::NoDevice as Device;
 use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images};
 use super::check::{check, check_scene};
 use super::plan::FramePlan;
@@ -8,7 +10,7 @@ use crate::blocks::{AmplitudeSummary, BlockedScene, BlockedVolume, Keep, Layers}
 use crate::cpu::CpuFrames;
 use crate::error::Result;
 #[cfg(feature = "gpu")]
-use crate::gpu::{AdapterChoice, DeviceScene, Gpu};
+use crate::gpu::{AdapterChoice, DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::scene::{PointVolume, Requirements, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
@@ -21,11 +23,11 @@ pub struct Renderer {
     pub(super) scene: BlockedScene,
     pub(super) cpu: CpuFrames,
     /// What draws instead of the processor, where anything does.
-    device: Option<Box<dyn DrawFrames>>,
+    pub(super) device: Option<Device>,
     /// Whether the processor draws what the device cannot.
     falls_back: bool,
     /// Why the last frame was drawn on the processor although there is a device.
-    fallback: Option<String>,
+    pub(super) fallback: Option<String>,
     pub(super) images: Images,
     pub(super) amplitudes: Option<AmplitudeSummary>,
     layers: Option<Layers>,
@@ -98,9 +100,9 @@ impl Renderer {
     /// Too little memory on the device.
     #[cfg(feature = "gpu")]
     pub fn on(mut self, gpu: Gpu) -> Result<Self> {
-        let mut device = DeviceScene::new(gpu)?;
+        let mut device = Device::new(gpu)?;
         device.upload(&self.scene)?;
-        self.device = Some(Box::new(device));
+        self.device = Some(device);
         Ok(self)
     }
 
@@ -111,12 +113,12 @@ impl Renderer {
     #[must_use]
     pub fn on_if_it_can(mut self, gpu: Gpu) -> Self {
         self.falls_back = true;
-        let device = DeviceScene::new(gpu).and_then(|mut device| {
+        let device = Device::new(gpu).and_then(|mut device| {
             device.upload(&self.scene)?;
             Ok(device)
         });
         match device {
-            Ok(device) => self.device = Some(Box::new(device)),
+            Ok(device) => self.device = Some(device),
             Err(error) => self.fallback = Some(error.to_string()),
         }
         self
@@ -203,13 +205,24 @@ impl Renderer {
     /// do not go together with each other or with the scene; a device that is lost or has too little
     /// memory.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        let plan = self.plan(camera, settings)?;
+        let report = self.draw(&plan)?;
+        self.drawn(&plan, report);
+        Ok(&self.images.image)
+    }
+
+    /// The plan of a picture, once its settings are checked.
+    pub(super) fn plan(&mut self, camera: &Camera, settings: &Settings) -> Result<FramePlan> {
         check(camera, settings)?;
         check_scene(&self.scene, settings)?;
         self.carry(settings)?;
-        let plan = FramePlan::new(&self.scene, camera, settings)?;
-        self.report = self.draw(&plan)?;
+        FramePlan::new(&self.scene, camera, settings)
+    }
+
+    /// Keeps what a picture's frame found out.
+    pub(super) fn drawn(&mut self, plan: &FramePlan, report: FrameReport) {
+        self.report = report;
         self.layers = plan.of_volumes().and_then(|pass| pass.layers);
-        Ok(&self.images.image)
     }
 
     /// Lets particles carry what the settings ask for: values or colours.
@@ -223,16 +236,26 @@ impl Renderer {
 
     /// Draws a plan on the device, where there is one that can, on the processor otherwise.
     pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
-        if let Some(device) = &mut self.device {
-            match device.draw(&self.scene, plan, &mut self.images) {
-                Err(error) if self.falls_back && error.is_of_device() => {
-                    self.fallback = Some(error.to_string());
-                }
-                drawn => {
-                    self.fallback = None;
-                    return drawn;
-                }
+        let device = self.device.as_mut();
+        let drawn = device.map(|device| device.draw(&self.scene, plan, &mut self.images));
+        self.or_on_cpu(plan, drawn)
+    }
+
+    /// What the device has drawn, if there is one; otherwise, and where it may fall back, the processor draws.
+    pub(super) fn or_on_cpu(
+        &mut self,
+        plan: &FramePlan,
+        drawn: Option<Result<FrameReport>>,
+    ) -> Result<FrameReport> {
+        match drawn {
+            Some(Err(error)) if self.falls_back && error.is_of_device() => {
+                self.fallback = Some(error.to_string());
             }
+            Some(drawn) => {
+                self.fallback = None;
+                return drawn;
+            }
+            None => {}
         }
         self.cpu.draw(&self.scene, plan, &mut self.images)
     }

@@ -46,6 +46,8 @@ mod gpu_sort;
 mod gpu_stages;
 #[cfg(feature = "gpu")]
 mod gpu_surface;
+#[cfg(feature = "gpu")]
+mod gpu_texture;
 mod maximum;
 mod mesh_pictures;
 mod pairs;

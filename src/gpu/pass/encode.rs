@@ -73,22 +73,22 @@ impl PassFrame {
     ///
     /// # Errors
     /// A lost device.
-    pub(in crate::gpu) fn read_tiles(
+    pub(in crate::gpu) async fn read_tiles(
         &self,
         gpu: &Gpu,
         band: u32,
         counts: &mut TileCounts,
     ) -> Result<()> {
         let tiles = self.cuts.bands.tiles[0] * self.cuts.bands.band(band).1;
-        self.report.read_tiles(gpu, tiles, counts)
+        self.report.read_tiles(gpu, tiles, counts).await
     }
 
     /// What the pass found out, all bands drawn.
     ///
     /// # Errors
     /// A lost device.
-    pub(in crate::gpu) fn read_report(&self, gpu: &Gpu, tiles: TileCounts) -> Result<Seen> {
-        self.report.read(gpu, tiles)
+    pub(in crate::gpu) async fn read_report(&self, gpu: &Gpu, tiles: TileCounts) -> Result<Seen> {
+        self.report.read(gpu, tiles).await
     }
 
     /// Cull, classify, shade, project, sort; and their part of the report.

@@ -131,7 +131,12 @@ impl Report {
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read_tiles(&self, gpu: &Gpu, tiles: u32, counts: &mut TileCounts) -> Result<()> {
+    pub(super) async fn read_tiles(
+        &self,
+        gpu: &Gpu,
+        tiles: u32,
+        counts: &mut TileCounts,
+    ) -> Result<()> {
         gpu.read_staging(&self.tiles, |bytes| {
             let tiles = bytes
                 .chunks_exact(size_of::<TileProgress>())
@@ -141,13 +146,14 @@ impl Report {
                 counts.layers_needed = counts.layers_needed.max(tile.layers_needed);
             }
         })
+        .await
     }
 
     /// What the pass found out, all bands drawn.
     ///
     /// # Errors
     /// A lost device.
-    pub(super) fn read(&self, gpu: &Gpu, tiles: TileCounts) -> Result<Seen> {
+    pub(super) async fn read(&self, gpu: &Gpu, tiles: TileCounts) -> Result<Seen> {
         let places = &self.places;
         gpu.read_staging(&self.counts, |report| {
             let parts = (0..self.parts).map(|i| at(report, (i * size_of::<PartState>()) as u64));
@@ -164,6 +170,7 @@ impl Report {
                 tiles,
             }
         })
+        .await
     }
 }
 

@@ -1,0 +1,168 @@
+//! Frames on a device of the caller's, into its textures, and without waiting.
+
+use super::column::ColumnSettings;
+use super::renderer::Renderer;
+use super::settings::Settings;
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::image::{ColumnImage, Image};
+use crate::scene::PointVolume;
+use crate::view::Camera;
+
+impl Renderer {
+    /// As [`Renderer::new`], the scene kept on a device that the caller opened and goes on using, that of a
+    /// window for one; [`device_descriptor`](super::device_descriptor) is what to ask its
+    /// adapter for. Several scenes on one device share what it compiles by clones of one
+    /// [`Gpu::from_device`] and [`Renderer::on`].
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`] and of [`Gpu::from_device`]; too little memory on the device.
+    pub fn with_device(
+        scene: Vec<PointVolume>,
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+    ) -> Result<Self> {
+        Self::new(scene)?.on(Gpu::from_device(device, queue)?)
+    }
+
+    /// As [`Renderer::render`], without waiting for the device: the future completes when the device
+    /// has drawn, and may move between threads (but for a browser's).
+    ///
+    /// The browser drives the device by itself. Elsewhere someone has to call [`wgpu::Device::poll`] while the
+    /// future is pending: a window does so whenever it submits, and `PollType::Poll` once per turn of an event loop
+    /// does. A frame comes back once per band of the image, mostly one, and where buffers
+    /// were too small, which mostly the first frames find, it is drawn again. A future that is
+    /// dropped costs the next frame its buffers, and nothing else.
+    ///
+    /// ```no_run
+    /// # async fn draw(scene: ewa_splat::scene::PointVolume, camera: ewa_splat::view::Camera) -> ewa_splat::Result<()> {
+    /// use ewa_splat::render::{AdapterChoice, Gpu};
+    /// use ewa_splat::{Renderer, Settings};
+    ///
+    /// let gpu = Gpu::open_async(AdapterChoice::Any).await?;
+    /// let mut renderer = Renderer::new(vec![scene])?.on(gpu)?;
+    /// let image = renderer.render_async(&camera, &Settings::default()).await?;
+    /// println!("{:?}", image.pixel(0, 0));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        let plan = self.plan(camera, settings)?;
+        let drawn = match &mut self.device {
+            Some(device) => {
+                let drawing = device.draw_to(&self.scene, &plan, &mut self.images, None);
+                Some(drawing.await)
+            }
+            None => None,
+        };
+        let report = self.or_on_cpu(&plan, drawn)?;
+        self.drawn(&plan, report);
+        Ok(&self.images.image)
+    }
+
+    /// As [`Renderer::column_density`], without waiting: see [`Renderer::render_async`].
+    ///
+    /// # Errors
+    /// Those of [`Renderer::column_density`].
+    pub async fn column_density_async(
+        &mut self,
+        camera: &Camera,
+        settings: &ColumnSettings,
+    ) -> Result<&ColumnImage> {
+        let plan = self.column_plan(camera, settings)?;
+        let drawn = match &mut self.device {
+            Some(device) => {
+                let drawing = device.draw_to(&self.scene, &plan, &mut self.images, None);
+                Some(drawing.await)
+            }
+            None => None,
+        };
+        let report = self.or_on_cpu(&plan, drawn)?;
+        self.column_drawn(report)
+    }
+
+    /// Draws a frame into a texture of the device; its pixels never leave it.
+    ///
+    /// - `texture`: two-dimensional, of the camera's size, of one layer and one sample, with the usage
+    ///   `RENDER_ATTACHMENT`, of the device that this draws on. What it held is replaced.
+    ///
+    /// | format | a pixel |
+    /// |---|---|
+    /// | `Rgba32Float`, `Rgba16Float` | linear, premultiplied: that of [`Renderer::render`], the former to the bit |
+    /// | `Rgba8UnormSrgb`, `Bgra8UnormSrgb` | the same, which the texture encodes; read, it is linear and premultiplied again |
+    /// | `Rgba8Unorm`, `Bgra8Unorm` | sRGB code values of the straight colour, as in a PNG, times alpha: what windows and egui blend |
+    ///
+    /// [`Renderer::image`] stays what it was. Depths and normals come back as ever where the settings ask
+    /// for them; without, only counts do, some hundred bytes and 24 a tile, which tell whether
+    /// buffers were too small and the frame is to be drawn again. This call waits for them;
+    /// [`Renderer::render_to_texture_async`] does not. The texture is whole when either is done.
+    ///
+    /// ```no_run
+    /// # fn draw(mut renderer: ewa_splat::Renderer, camera: ewa_splat::view::Camera, device: ewa_splat::wgpu::Device)
+    /// # -> ewa_splat::Result<()> {
+    /// use ewa_splat::wgpu;
+    ///
+    /// let texture = device.create_texture(&wgpu::TextureDescriptor {
+    ///     label: None,
+    ///     size: wgpu::Extent3d { width: 640, height: 480, depth_or_array_layers: 1 },
+    ///     mip_level_count: 1,
+    ///     sample_count: 1,
+    ///     dimension: wgpu::TextureDimension::D2,
+    ///     format: wgpu::TextureFormat::Rgba8Unorm,
+    ///     usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+    ///     view_formats: &[],
+    /// });
+    /// renderer.render_to_texture(&camera, &ewa_splat::Settings::default(), &texture)?;
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
+    /// renderer that draws on the CPU. Nothing falls back to the CPU.
+    pub fn render_to_texture(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        texture: &wgpu::Texture,
+    ) -> Result<()> {
+        let gpu = self.device.as_ref().ok_or_else(no_device)?.gpu().clone();
+        gpu.block_on(self.render_to_texture_async(camera, settings, texture))
+    }
+
+    /// As [`Renderer::render_to_texture`], without waiting: see [`Renderer::render_async`].
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render_to_texture`].
+    pub async fn render_to_texture_async(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        texture: &wgpu::Texture,
+    ) -> Result<()> {
+        if self.device.is_none() {
+            return Err(no_device());
+        }
+        let plan = self.plan(camera, settings)?;
+        let device = self.device.as_mut().ok_or_else(no_device)?;
+        let drawing = device.draw_to(&self.scene, &plan, &mut self.images, Some(texture));
+        let report = drawing.await?;
+        self.fallback = None;
+        self.drawn(&plan, report);
+        Ok(())
+    }
+}
+
+fn no_device() -> Error {
+    let expected = "a renderer that draws on a GPU, as Renderer::with_device makes it";
+    Error::invalid(
+        "texture",
+        "renderer",
+        expected,
+        "one that draws on the CPU",
+        "call Renderer::render",
+    )
+}
