@@ -43,8 +43,11 @@ pub struct Gpu {
     is_callers: bool,
 }
 
+/// One limit of a device.
+type Limit = fn(&Limits) -> u64;
+
 /// What every stage counts on, all of which WebGPU guarantees.
-const NEEDED: [(&str, fn(&Limits) -> u64); 7] = [
+const NEEDED: [(&str, Limit); 7] = [
     ("max_storage_buffers_per_shader_stage", |l| {
         l.max_storage_buffers_per_shader_stage.into()
     }),
