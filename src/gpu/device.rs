@@ -132,7 +132,7 @@ impl Gpu {
                     place: describe(&info),
                     expected: format!("a device whose {name} is {expected} or more"),
                     found: found.to_string(),
-                    advice: "request the device by gpu::device_descriptor, or draw on the CPU"
+                    advice: "request the device by render::device_descriptor, or draw on the CPU"
                         .into(),
                 });
             }
