@@ -44,7 +44,7 @@ impl Renderer {
     /// use glam::DVec3;
     ///
     /// # fn main() -> ewa_splat::Result<()> {
-    /// let two = PointVolume::spheres([DVec3::ZERO, DVec3::Y], [0.2, 0.2])?.with_masses([1.0, 1.0]);
+    /// let two = PointVolume::spheres([DVec3::ZERO, DVec3::Y], [0.2, 0.2]).with_masses([1.0, 1.0]);
     /// let keep = Keep { indices: true, ..Keep::default() };
     /// let mut renderer = Renderer::keeping(vec![two], keep)?;
     /// let eye = DVec3::new(0.0, -5.0, 0.0);
