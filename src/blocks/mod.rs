@@ -318,6 +318,17 @@ impl BlockedVolume {
         }
     }
 
+    /// Whether it is known which of the caller's particles each is.
+    pub(crate) fn is_numbered(&self) -> bool {
+        matches!(self.particles, BlockedParticles::Lattice(_)) || self.indices.is_some()
+    }
+
+    /// Which of the caller's particles stands at [`Self::place`] `index`, of a numbered volume.
+    pub(crate) fn number(&self, index: usize) -> usize {
+        let order = self.indices.as_ref();
+        order.map_or(index, |order| order[index] as usize)
+    }
+
     /// Whether its particles are surfels of an opaque surface.
     pub fn is_surface(&self) -> bool {
         matches!(self.strength, Strength::Surface(_))

@@ -135,13 +135,7 @@ impl Kernel {
         gpu: &impl AsRef<wgpu::Device>,
         buffers: &[&wgpu::Buffer],
     ) -> BoundKernel {
-        let entries: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding,
-                resource: buffer.as_entire_binding(),
-            })
-            .collect();
+        let entries = whole(buffers);
         BoundKernel {
             pipeline: self.pipeline.clone(),
             group: gpu.as_ref().create_bind_group(&wgpu::BindGroupDescriptor {
@@ -179,4 +173,15 @@ impl BoundKernel {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.group, &[]);
     }
+}
+
+/// Bindings 0, 1, 2, ... of whole buffers.
+pub(super) fn whole<'a>(buffers: &[&'a wgpu::Buffer]) -> Vec<wgpu::BindGroupEntry<'a>> {
+    (0..)
+        .zip(buffers)
+        .map(|(binding, buffer)| wgpu::BindGroupEntry {
+            binding,
+            resource: buffer.as_entire_binding(),
+        })
+        .collect()
 }

@@ -11,41 +11,19 @@ use super::kinds::ParticleKind;
 use super::packed::rotation_uniform;
 use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shade::recolour;
-use super::shader::{
-    DISPATCH, FACTOR, FLOATS, LIT, NORMAL, PARTICLES_ANISOTROPIC, PARTICLES_ISOTROPIC,
-    PARTICLES_LATTICE, PARTICLES_SURFELS, STRUCTS, Shader, TANGENTS,
-};
+use super::shader::{LIT, NORMAL, Shader, TANGENTS, shaders_of_particles};
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedParticle, LightingUniform};
 
-macro_rules! light {
-    ($name:literal, $particles:ident) => {
-        Shader::new(
-            $name,
-            &[
-                DISPATCH,
-                STRUCTS,
-                FLOATS,
-                FACTOR,
-                $particles,
-                NORMAL,
-                TANGENTS,
-                LIT,
-                include_str!("../../shaders/light.wgsl"),
-            ],
-        )
-    };
-}
-
-/// Light on a lattice's cells.
-pub(super) const LATTICE: Shader = light!("light on a lattice", PARTICLES_LATTICE);
-/// Light on spheres.
-pub(super) const ISOTROPIC: Shader = light!("light on spheres", PARTICLES_ISOTROPIC);
-/// Light on ellipsoids.
-pub(super) const ANISOTROPIC: Shader = light!("light on ellipsoids", PARTICLES_ANISOTROPIC);
-/// Light on surfels.
-pub(super) const SURFELS: Shader = light!("light on surfels", PARTICLES_SURFELS);
+/// The stage over each kind of particles, in the order of [`ParticleKind`].
+pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
+    "light",
+    NORMAL,
+    TANGENTS,
+    LIT,
+    include_str!("../../shaders/light.wgsl"),
+);
 
 /// The stage over a part.
 #[derive(Debug)]
@@ -66,12 +44,7 @@ pub(super) fn bind_light(
         return None;
     }
     let kind = part.kinds.particles;
-    let shader = match kind {
-        ParticleKind::Lattice => &LATTICE,
-        ParticleKind::Isotropic => &ISOTROPIC,
-        ParticleKind::Anisotropic => &ANISOTROPIC,
-        ParticleKind::Surfels => &SURFELS,
-    };
+    let shader = &SHADERS[kind as usize];
     let kernel = gpu.kernel(
         shader,
         "light",

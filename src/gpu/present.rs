@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::{TextureDimension, TextureFormat, TextureUsages};
 
 use super::device::Gpu;
+use super::kernel::whole;
 use super::pass::Bands;
 use super::shader::Shader;
 use crate::constants::TILE_SIZE;
@@ -185,14 +186,7 @@ impl Present {
         texture: &wgpu::Texture,
     ) -> Result<BoundPresent<'_>> {
         let band = gpu.uniform("band of a texture", &PresentBand::zeroed())?;
-        let buffers = [&band, pixels];
-        let entries: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding,
-                resource: buffer.as_entire_binding(),
-            })
-            .collect();
+        let entries = whole(&[&band, pixels]);
         // The first level of those that it may have.
         let view = texture.create_view(&wgpu::TextureViewDescriptor {
             mip_level_count: Some(1),

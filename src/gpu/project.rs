@@ -8,10 +8,7 @@ use super::kernel::{Access, BoundKernel, Kernel};
 use super::kinds::{Kinds, ParticleKind};
 use super::packed::rotation_uniform;
 use super::particles::{lattice_uniform, pack_blocks, pack_shapes};
-use super::shader::{
-    DISPATCH, FACTOR, FLOATS, NORMAL, PARTICLES_ANISOTROPIC, PARTICLES_ISOTROPIC,
-    PARTICLES_LATTICE, PARTICLES_SURFELS, STRUCTS, Shader, TANGENTS,
-};
+use super::shader::{NORMAL, Shader, TANGENTS, shaders_of_particles};
 use crate::blocks::Rule;
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
@@ -20,41 +17,22 @@ use crate::record::{
 };
 use crate::splat::Filter;
 
-macro_rules! project {
-    ($name:literal, $particles:ident) => {
-        Shader::new(
-            $name,
-            &[
-                DISPATCH,
-                STRUCTS,
-                FLOATS,
-                FACTOR,
-                $particles,
-                include_str!("../../shaders/shared/footprint.wgsl"),
-                include_str!("../../shaders/shared/sub_pixel.wgsl"),
-                include_str!("../../shaders/shared/exact.wgsl"),
-                include_str!("../../shaders/shared/bounds.wgsl"),
-                include_str!("../../shaders/shared/filter.wgsl"),
-                include_str!("../../shaders/shared/cutoff.wgsl"),
-                include_str!("../../shaders/shared/peak.wgsl"),
-                include_str!("../../shaders/shared/near.wgsl"),
-                NORMAL,
-                TANGENTS,
-                include_str!("../../shaders/shared/surfel.wgsl"),
-                include_str!("../../shaders/project.wgsl"),
-            ],
-        )
-    };
-}
-
-/// Footprints of a lattice's cells.
-pub(super) const LATTICE: Shader = project!("project of a lattice", PARTICLES_LATTICE);
-/// Footprints of spheres.
-pub(super) const ISOTROPIC: Shader = project!("project of spheres", PARTICLES_ISOTROPIC);
-/// Footprints of ellipsoids.
-pub(super) const ANISOTROPIC: Shader = project!("project of ellipsoids", PARTICLES_ANISOTROPIC);
-/// Footprints of surfels.
-pub(super) const SURFELS: Shader = project!("project of surfels", PARTICLES_SURFELS);
+/// The stage over each kind of particles, in the order of [`ParticleKind`].
+pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
+    "project",
+    include_str!("../../shaders/shared/footprint.wgsl"),
+    include_str!("../../shaders/shared/sub_pixel.wgsl"),
+    include_str!("../../shaders/shared/exact.wgsl"),
+    include_str!("../../shaders/shared/bounds.wgsl"),
+    include_str!("../../shaders/shared/filter.wgsl"),
+    include_str!("../../shaders/shared/cutoff.wgsl"),
+    include_str!("../../shaders/shared/peak.wgsl"),
+    include_str!("../../shaders/shared/near.wgsl"),
+    NORMAL,
+    TANGENTS,
+    include_str!("../../shaders/shared/surfel.wgsl"),
+    include_str!("../../shaders/project.wgsl"),
+);
 
 /// What a projection's pipeline is compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,12 +106,7 @@ pub(super) struct ProjectBuffers<'a> {
 
 impl Project {
     pub(super) fn new(gpu: &Gpu, spec: &ProjectSpec) -> Self {
-        let shader = match spec.particles {
-            ParticleKind::Lattice => &LATTICE,
-            ParticleKind::Isotropic => &ISOTROPIC,
-            ParticleKind::Anisotropic => &ANISOTROPIC,
-            ParticleKind::Surfels => &SURFELS,
-        };
+        let shader = &SHADERS[spec.particles as usize];
         let flag = |is: bool| f64::from(u8::from(is));
         let (rule, is_anti_aliased, is_one_sided) = match spec.rule {
             Rule::Kernel => (RULE_KERNEL, false, false),

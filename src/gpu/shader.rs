@@ -113,18 +113,40 @@ pub(super) const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl")
 /// What lights make of a colour.
 pub(super) const LIT: &str = include_str!("../../shaders/shared/lit.wgsl");
 
-/// Positions and shapes of a lattice's cells.
-pub(super) const PARTICLES_LATTICE: &str =
-    include_str!("../../shaders/shared/particles_lattice.wgsl");
-/// Positions and shapes of spheres.
-pub(super) const PARTICLES_ISOTROPIC: &str =
-    include_str!("../../shaders/shared/particles_isotropic.wgsl");
-/// Positions and shapes of ellipsoids.
-pub(super) const PARTICLES_ANISOTROPIC: &str =
-    include_str!("../../shaders/shared/particles_anisotropic.wgsl");
-/// Positions and tangents of surfels.
-pub(super) const PARTICLES_SURFELS: &str =
-    include_str!("../../shaders/shared/particles_surfels.wgsl");
+/// Positions and shapes of each kind of particles, in the order of [`ParticleKind`](super::kinds::ParticleKind).
+pub(super) const PARTICLES: [&str; 4] = [
+    include_str!("../../shaders/shared/particles_lattice.wgsl"),
+    include_str!("../../shaders/shared/particles_isotropic.wgsl"),
+    include_str!("../../shaders/shared/particles_anisotropic.wgsl"),
+    include_str!("../../shaders/shared/particles_surfels.wgsl"),
+];
+
+/// The shaders of a stage over particles, one for each `ParticleKind` in its order: what all of them need, that
+/// kind's positions and shapes, and the stage's own files.
+macro_rules! shaders_of_particles {
+    ($stage:literal, $($file:expr),+ $(,)?) => {{
+        use $crate::gpu::shader::{DISPATCH, FACTOR, FLOATS, PARTICLES, STRUCTS, Shader};
+        [
+            Shader::new(
+                concat!($stage, " of lattices"),
+                &[DISPATCH, STRUCTS, FLOATS, FACTOR, PARTICLES[0], $($file),+],
+            ),
+            Shader::new(
+                concat!($stage, " of spheres"),
+                &[DISPATCH, STRUCTS, FLOATS, FACTOR, PARTICLES[1], $($file),+],
+            ),
+            Shader::new(
+                concat!($stage, " of ellipsoids"),
+                &[DISPATCH, STRUCTS, FLOATS, FACTOR, PARTICLES[2], $($file),+],
+            ),
+            Shader::new(
+                concat!($stage, " of surfels"),
+                &[DISPATCH, STRUCTS, FLOATS, FACTOR, PARTICLES[3], $($file),+],
+            ),
+        ]
+    }};
+}
+pub(super) use shaders_of_particles;
 
 /// The numbers that both back ends share, as WGSL constants.
 pub fn prelude() -> String {

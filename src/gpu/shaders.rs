@@ -21,14 +21,6 @@ impl Shader {
             classify::SHADER,
             classify::AMPLITUDES,
             shade::SHADER,
-            light::LATTICE,
-            light::ISOTROPIC,
-            light::ANISOTROPIC,
-            light::SURFELS,
-            project::LATTICE,
-            project::ISOTROPIC,
-            project::ANISOTROPIC,
-            project::SURFELS,
             radix::SHADER,
             sort::SHADER,
             gather::SHADER,
@@ -38,6 +30,8 @@ impl Shader {
             resolve::SHADER,
             present::SHADER,
         ];
+        all.extend(light::SHADERS);
+        all.extend(project::SHADERS);
         all.extend(rasterise::shaders());
         all
     }

@@ -1,6 +1,8 @@
 //! Frames on a device of the caller's, into its textures, and without waiting.
 
+use super::backend::FrameReport;
 use super::column::ColumnSettings;
+use super::plan::FramePlan;
 use super::renderer::Renderer;
 use super::settings::Settings;
 use crate::error::{Error, Result};
@@ -51,14 +53,7 @@ impl Renderer {
     /// Those of [`Renderer::render`].
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
-        let drawn = match &mut self.device {
-            Some(device) => {
-                let drawing = device.draw_to(&self.scene, &plan, &mut self.images, None);
-                Some(drawing.await)
-            }
-            None => None,
-        };
-        let report = self.or_on_cpu(&plan, drawn)?;
+        let report = self.draw_async(&plan).await?;
         self.drawn(&plan, report);
         Ok(&self.images.image)
     }
@@ -73,15 +68,20 @@ impl Renderer {
         settings: &ColumnSettings,
     ) -> Result<&ColumnImage> {
         let plan = self.column_plan(camera, settings)?;
+        let report = self.draw_async(&plan).await?;
+        self.column_drawn(report)
+    }
+
+    /// As [`Renderer::draw`], without waiting for the device.
+    async fn draw_async(&mut self, plan: &FramePlan) -> Result<FrameReport> {
         let drawn = match &mut self.device {
             Some(device) => {
-                let drawing = device.draw_to(&self.scene, &plan, &mut self.images, None);
+                let drawing = device.draw_to(&self.scene, plan, &mut self.images, None);
                 Some(drawing.await)
             }
             None => None,
         };
-        let report = self.or_on_cpu(&plan, drawn)?;
-        self.column_drawn(report)
+        self.or_on_cpu(plan, drawn)
     }
 
     /// Draws a frame into a texture of the device; its pixels never leave it.

@@ -6,7 +6,7 @@ use super::check::{check, check_scene};
 use super::plan::FramePlan;
 use super::renderer::Renderer;
 use super::settings::{Settings, Show};
-use crate::blocks::BlockedParticles;
+use crate::blocks::BlockedVolume;
 use crate::cpu::shares;
 use crate::error::{Error, Result};
 use crate::view::Camera;
@@ -84,10 +84,7 @@ impl Renderer {
             let found = "slabs classified by their mean values".into();
             return refuse("pick", expected, found, "pick with another composite");
         }
-        let is_numbered = |volume: &crate::blocks::BlockedVolume| {
-            matches!(volume.particles, BlockedParticles::Lattice(_)) || volume.indices.is_some()
-        };
-        if !self.scene.data().all(is_numbered) {
+        if !self.scene.data().all(BlockedVolume::is_numbered) {
             let expected = "a scene that keeps its particles' numbers";
             let advice = "make the scene with Keep { indices: true, .. }";
             return refuse("pick", expected, "one that does not".into(), advice);
@@ -117,14 +114,13 @@ impl Renderer {
         let mut picked: Vec<Picked> = shares(&self.scene, &plan)
             .into_iter()
             .filter_map(|found| {
-                let family = |range: &std::ops::Range<usize>| range.contains(&found.volume);
+                let mut families = self.scene.families().iter();
                 let blocked = &self.scene.volumes()[found.volume];
                 let (index, offset) = blocked.place(found.block, found.local);
                 let position = blocked.blocks[found.block as usize].origin + offset.as_dvec3();
-                let number = |order: &Vec<u32>| order[index] as usize;
                 Some(Picked {
-                    volume: self.scene.families().iter().position(family)?,
-                    particle: blocked.indices.as_ref().map_or(index, number),
+                    volume: families.position(|family| family.contains(&found.volume))?,
+                    particle: blocked.number(index),
                     position,
                     depth: camera.camera_point(position).z,
                     share: found.share,

@@ -324,18 +324,23 @@ impl Renderer {
     }
 }
 
-/// What a window or an interpreter hands to another thread.
-#[allow(dead_code, reason = "compiling it is the check")]
-fn can_be_sent() {
-    fn sent<T: Send + 'static>() {}
-    fn shared<T: Send + Sync + 'static>() {}
-    sent::<Renderer>();
-    shared::<PointVolume>();
-    shared::<crate::io::Dataset>();
-    shared::<Settings>();
-    shared::<Camera>();
-    shared::<Image>();
-    shared::<crate::error::Error>();
-    #[cfg(feature = "gpu")]
-    shared::<Gpu>();
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a window or an interpreter hands to another thread; compiling this is the check.
+    #[test]
+    fn may_move_between_threads() {
+        fn sent<T: Send + 'static>() {}
+        fn shared<T: Send + Sync + 'static>() {}
+        sent::<Renderer>();
+        shared::<PointVolume>();
+        shared::<crate::io::Dataset>();
+        shared::<Settings>();
+        shared::<Camera>();
+        shared::<Image>();
+        shared::<crate::error::Error>();
+        #[cfg(feature = "gpu")]
+        shared::<Gpu>();
+    }
 }

@@ -574,13 +574,15 @@ pub mod frame {
     use ewa_splat::Filter;
     use ewa_splat::Settings;
     use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
+    use ewa_splat::render::SimdLevel;
     use ewa_splat::scene::PointVolume;
     use ewa_splat::stages::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
-    use ewa_splat::stages::cpu::{self, Bins, ProjectOutput};
+    use ewa_splat::stages::cpu::{self, Bins, ProjectOutput, RasteriseSettings, Tile};
     use ewa_splat::stages::record::{
         BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, NearTerms,
         SurfelTerms, ViewUniform,
     };
+    use ewa_splat::stages::splat::Axes;
     use ewa_splat::view::{Camera, Projection};
 
     /// What the stages of one frame of one volume hand to each other.
@@ -614,6 +616,29 @@ pub mod frame {
         /// the frustum of a camera that an enormous margin opens to nearly 180 degrees.
         pub fn uncut(volume: PointVolume, camera: &Camera, settings: &Settings) -> Self {
             Self::with(volume, camera, settings, Frustum::new(camera, 1e9))
+        }
+
+        /// Rasterises its lists in the plainest code, without fused operations; returns the tiles and the count
+        /// of splat-pixels.
+        pub fn rasterised(&self, bins: &Bins, axes: Axes, surface: &[Tile]) -> (Vec<Tile>, u64) {
+            let mut tiles = vec![Tile::default(); self.tiles[0] * self.tiles[1]];
+            let settings = RasteriseSettings {
+                axes,
+                level: SimdLevel::Baseline,
+            };
+            let splat_pixels = cpu::rasterise(
+                &self.uniform,
+                settings,
+                &self.footprints,
+                &self.exact,
+                &self.near,
+                bins,
+                self.tiles[0],
+                surface,
+                None,
+                &mut tiles,
+            );
+            (tiles, splat_pixels)
         }
 
         fn with(

@@ -5,62 +5,19 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
+use super::column_scenes::{classified, masses, orthographic, spheres};
 use crate::common::judge::Body;
 use crate::common::scene::{self, camera};
 use crate::common::{Random, lower_factor};
 use ewa_splat::Filter;
 use ewa_splat::render::SimdLevel;
-use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Lattice, LatticeSpacing, Particles, PointVolume, Values};
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer};
 use glam::{DMat3, DVec2, DVec3};
 
 /// Half a unit in the last place of f32, relative.
 const EPS: f64 = 5.960_464_477_539_063e-8;
-
-/// Pixels are world units; the image is centred on the z axis, the eye far in front.
-fn orthographic(size: usize) -> Camera {
-    Camera {
-        eye: DVec3::Z * -1e5,
-        ..camera(Projection::Orthographic, [1.0; 2], [size; 2])
-    }
-}
-
-fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
-    PointVolume {
-        particles,
-        strength: Strength::Mass(masses),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        normals: None,
-    }
-}
-
-/// Classified by a transfer function that leaves nothing visible: it is not asked.
-fn classified(particles: Particles, volumes: Vec<f32>, values: Vec<f32>) -> PointVolume {
-    let text = r#"{"range": [0, 1], "unit_distance": 1, "points":
-        [{"value": 0, "color": [1, 1, 1], "opacity": 0}, {"value": 1, "opacity": 0}]}"#;
-    let defaults = ewa_splat::scene::TransferDefaults {
-        range: [0.0, 1.0],
-        unit_distance: 1.0,
-    };
-    let transfer = TransferFunction::from_json("none.json".as_ref(), text, &defaults).unwrap();
-    PointVolume {
-        particles,
-        strength: Strength::Classified { volumes },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer),
-        normals: None,
-    }
-}
-
-fn spheres(positions: Vec<DVec3>, sigmas: Vec<f32>) -> Particles {
-    Particles::Isotropic { positions, sigmas }
-}
 
 fn column(volume: PointVolume, camera: &Camera, settings: &ColumnSettings) -> ColumnImage {
     let mut renderer = Renderer::new(vec![volume]).unwrap();
@@ -173,7 +130,7 @@ fn mass_is_conserved_for_ellipsoids_and_lattices() {
             lattice,
             kernel_width: 0.6,
         };
-        let volume = classified(particles, Vec::new(), values.clone());
+        let volume = classified(particles, Vec::new(), Values::F32(values.clone()));
         let mut renderer = Renderer::new(vec![volume]).unwrap();
         let settings = ColumnSettings::default();
         let image = renderer
@@ -262,7 +219,7 @@ fn amplitudes_add_and_negative_ones_subtract() {
         let particles = spheres(positions.clone(), sigmas.clone());
         let volumes = vec![0.5; positions.len()];
         column(
-            classified(particles, volumes, values),
+            classified(particles, volumes, Values::F32(values)),
             &orthographic(512),
             &ColumnSettings::default(),
         )
@@ -400,7 +357,11 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
             focal_px: DVec2::splat(1.0 / length),
             ..orthographic(512)
         };
-        let volume = classified(particles, vec![volume; count], vec![value; count]);
+        let volume = classified(
+            particles,
+            vec![volume; count],
+            Values::F32(vec![value; count]),
+        );
         column(volume, &camera, &ColumnSettings::default())
     };
     for anisotropic in [false, true] {
@@ -424,7 +385,7 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
 #[test]
 fn results_beyond_single_precision_are_an_error() {
     let particles = spheres(vec![DVec3::ZERO; 10], vec![1.0; 10]);
-    let volume = classified(particles, vec![1e33; 10], vec![1e10; 10]);
+    let volume = classified(particles, vec![1e33; 10], Values::F32(vec![1e10; 10]));
     let mut renderer = Renderer::new(vec![volume]).unwrap();
     let error = renderer
         .column_density(&orthographic(64), &ColumnSettings::default())
@@ -439,9 +400,13 @@ fn values_that_are_not_numbers_add_nothing_and_are_counted() {
     let some = classified(
         spheres(at.clone(), vec![1.0; 3]),
         volumes.clone(),
-        vec![f32::NAN, 1.5, f32::INFINITY],
+        Values::F32(vec![f32::NAN, 1.5, f32::INFINITY]),
     );
-    let one = classified(spheres(at, vec![1.0; 3]), volumes, vec![0.0, 1.5, 0.0]);
+    let one = classified(
+        spheres(at, vec![1.0; 3]),
+        volumes,
+        Values::F32(vec![0.0, 1.5, 0.0]),
+    );
     let settings = ColumnSettings::default();
     let mut renderer = Renderer::new(vec![some]).unwrap();
     let image = renderer
@@ -466,7 +431,7 @@ fn a_uniform_lattice_is_its_path_length_inside() {
         lattice,
         kernel_width: 0.6,
     };
-    let volume = classified(particles, Vec::new(), vec![2.5; 16_000]);
+    let volume = classified(particles, Vec::new(), Values::F32(vec![2.5; 16_000]));
     let image = column(volume, &orthographic(256), &ColumnSettings::default());
     // Ten cells of 4 behind one another. The field of kernels .6 spacings wide ripples by
     // 2 exp(-2 pi² .36) = .16 % in each of two axes; the low-pass filter adds 1/16 to .36.

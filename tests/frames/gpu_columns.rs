@@ -5,14 +5,13 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
+use super::column_scenes::{classified, masses, orthographic, spheres};
 use crate::common::frame::Frame;
 use crate::common::gpu::gpu;
 use crate::common::scene::{Particle, camera, volume};
 use crate::common::{Random, lower_factor};
 use ewa_splat::render::SimdLevel;
-use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
-};
+use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Values};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::stages::record::ExactTerms;
 use ewa_splat::stages::splat::{Accumulate, Axes, Filter, Interval};
@@ -25,42 +24,6 @@ use glam::{DMat3, DVec3};
 /// amplitude and its footprint, and the sums', whose own bound is 4.8e-6 on the GPU and 4e-6 on the CPU
 /// and which come out some ten times below it; twice what was seen. The promise of mass is 1e-5.
 const ALIKE: f64 = 2e-6;
-
-/// Pixels are world units; the image is centred on the z axis, the eye far in front.
-fn orthographic(size: usize) -> Camera {
-    Camera {
-        eye: DVec3::Z * -1e5,
-        ..camera(Projection::Orthographic, [1.0; 2], [size; 2])
-    }
-}
-
-fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
-    PointVolume {
-        particles,
-        strength: Strength::Mass(masses),
-        colour: Colour::Uniform([1.0; 3]),
-        values: None,
-        transfer_function: None,
-        normals: None,
-    }
-}
-
-/// Classified by a transfer function that leaves nothing visible: it is not asked.
-fn classified(particles: Particles, volumes: Vec<f32>, values: Values) -> PointVolume {
-    let transfer = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.0, [0.0, 1.0], 1.0);
-    PointVolume {
-        particles,
-        strength: Strength::Classified { volumes },
-        colour: Colour::Classified,
-        values: Some(values),
-        transfer_function: Some(transfer.unwrap()),
-        normals: None,
-    }
-}
-
-fn spheres(positions: Vec<DVec3>, sigmas: Vec<f32>) -> Particles {
-    Particles::Isotropic { positions, sigmas }
-}
 
 fn settings() -> ColumnSettings {
     ColumnSettings {

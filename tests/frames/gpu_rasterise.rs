@@ -13,7 +13,7 @@ use crate::common::scene::{Particle, volume};
 use ewa_splat::Filter;
 use ewa_splat::constants::{FAINT, TERMINATION_INTERVAL};
 use ewa_splat::image::{DepthImage, Image};
-use ewa_splat::stages::cpu::{self, Bins, RasteriseSettings, SimdLevel, Tile};
+use ewa_splat::stages::cpu::{self, Bins, SimdLevel};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::stages::record::{
     Carried, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, PATH_PEAK, pack_range,
@@ -32,24 +32,7 @@ struct Drawn {
 
 fn on_cpu(frame: &Frame, bins: &Bins, spec: RasterSpec, background: Option<[f32; 3]>) -> Drawn {
     let [width, height] = frame.uniform.size.map(|n| n as usize);
-    let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
-    let settings = RasteriseSettings {
-        axes: spec.axes,
-        // No fused operations: the order of roundings of the plainest code.
-        level: SimdLevel::Baseline,
-    };
-    let splat_pixels = cpu::rasterise(
-        &frame.uniform,
-        settings,
-        &frame.footprints,
-        &frame.exact,
-        &frame.near,
-        bins,
-        frame.tiles[0],
-        &[],
-        None,
-        &mut tiles,
-    );
+    let (tiles, splat_pixels) = frame.rasterised(bins, spec.axes, &[]);
     let mut image = Image::new(width, height);
     cpu::resolve(&tiles, background, &mut image);
     Drawn {

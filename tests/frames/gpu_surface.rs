@@ -16,9 +16,7 @@ use ewa_splat::constants::{COVERAGE_FULL, NEAR_MARGIN, TERMINATION_INTERVAL, TIL
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::math::unpack_normal;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::stages::cpu::{
-    self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile,
-};
+use ewa_splat::stages::cpu::{self, Bins, NormalTile, ProjectOutput, SimdLevel, Tile};
 use ewa_splat::stages::gpu::{
     Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
 };
@@ -1291,23 +1289,7 @@ fn cut_on_cpu(
     surface: &[Tile],
     spec: RasterSpec,
 ) -> (Image, DepthImage, u64) {
-    let mut tiles = vec![Tile::default(); frame.tiles[0] * frame.tiles[1]];
-    let settings = RasteriseSettings {
-        axes: spec.axes,
-        level: SimdLevel::Baseline,
-    };
-    let splat_pixels = cpu::rasterise(
-        &frame.uniform,
-        settings,
-        &frame.footprints,
-        &frame.exact,
-        &frame.near,
-        bins,
-        frame.tiles[0],
-        surface,
-        None,
-        &mut tiles,
-    );
+    let (tiles, splat_pixels) = frame.rasterised(bins, spec.axes, surface);
     let ViewUniform {
         size: [width, height],
         ..

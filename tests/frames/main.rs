@@ -15,6 +15,7 @@ mod analytic_cases;
 mod blocks;
 mod bounds;
 mod column_density;
+mod column_scenes;
 mod composite;
 mod cut_faces;
 mod detail;

@@ -56,53 +56,41 @@ impl IntoSlabs<'_> {
         let mut below = self.spans.map_or([0.0; TILE_SIZE], |s| share_of(&s.near));
         let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
         for number in nearest..=last {
-            let (start, end) = (layer_start(view, number), layer_start(view, number + 1));
-            let mut ends = [f32::INFINITY; TILE_SIZE];
-            if number < last {
-                ends = [end; TILE_SIZE];
-            }
-            let Some(spans) = self.spans else {
-                let mut above = [1.0; TILE_SIZE];
-                if number < last && is_gaussian {
-                    for (lane, above) in above.iter_mut().enumerate() {
-                        *above = cdf::<FMA>(row.ahead(lane, end));
-                    }
-                } else if number < last {
-                    above = shares_up_to::<FMA>(evaluate, row, &ends);
-                }
-                let own = between(row, &below, &above);
-                self.ring
-                    .layer(number)
-                    .add(first, &own, footprint, HAS_DEPTH);
-                below = above;
-                continue;
+            let start = layer_start(view, number);
+            let end = if number < last {
+                layer_start(view, number + 1)
+            } else {
+                f32::INFINITY
             };
-            let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
-            for (end, (near, far)) in ends.iter_mut().zip(of_rays) {
-                *end = end.max(*near).min(*far);
-            }
-            let above = shares_up_to::<FMA>(evaluate, row, &ends);
-            if !self.has_surface {
-                let own = between(row, &below, &above);
-                self.ring
-                    .layer(number)
-                    .add(first, &own, footprint, HAS_DEPTH);
-                below = above;
-                continue;
-            }
-            let mut divide = divide_at;
-            for lane in 0..TILE_SIZE {
-                // A layer behind the surface is all behind it.
-                if !(start < spans.middle[first + lane] && divide[lane] < above[lane]) {
-                    divide[lane] = above[lane];
+            let mut ends = [end; TILE_SIZE];
+            let above = match self.spans {
+                Some(spans) => {
+                    let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
+                    for (end, (near, far)) in ends.iter_mut().zip(of_rays) {
+                        *end = end.max(*near).min(*far);
+                    }
+                    shares_up_to::<FMA>(evaluate, row, &ends)
                 }
+                None if number == last => [1.0; TILE_SIZE],
+                None if is_gaussian => std::array::from_fn(|lane| cdf::<FMA>(row.ahead(lane, end))),
+                None => shares_up_to::<FMA>(evaluate, row, &ends),
+            };
+            let mut own_end = above;
+            if let Some(spans) = self.spans.filter(|_| self.has_surface) {
+                own_end = divide_at;
+                for lane in 0..TILE_SIZE {
+                    // A layer behind the surface is all behind it.
+                    if !(start < spans.middle[first + lane] && own_end[lane] < above[lane]) {
+                        own_end[lane] = above[lane];
+                    }
+                }
+                let behind = between(row, &own_end, &above);
+                self.ring.divided.add(first, &behind, footprint, HAS_DEPTH);
             }
-            let own = between(row, &below, &divide);
+            let own = between(row, &below, &own_end);
             self.ring
                 .layer(number)
                 .add(first, &own, footprint, HAS_DEPTH);
-            let behind = between(row, &divide, &above);
-            self.ring.divided.add(first, &behind, footprint, HAS_DEPTH);
             below = above;
         }
     }
