@@ -148,6 +148,7 @@ fn stages(c: &mut Criterion) {
                 ..Axes::default()
             },
             level: frame.settings.simd,
+            task: None,
         };
         let mut draw = || {
             rasterise(

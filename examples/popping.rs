@@ -184,7 +184,7 @@ fn main() -> Result<()> {
         ..ReferenceSettings::default()
     };
     let truth = (0..FRAMES)
-        .map(|n| Ok(integrator.render(&camera(n), &settings, &|_| {})?.image))
+        .map(|n| Ok(integrator.render(&camera(n), &settings)?.image))
         .collect::<Result<Vec<_>>>()?;
     let show = |name: &str, images: &[Image]| {
         let [largest, rms] = jumps(images);

@@ -14,7 +14,8 @@ pub use hint::{Hint, Parameter};
 
 /// The error of every fallible function of this library.
 ///
-/// Its text has one form: `FILE: where: what was expected, what was found, what to do`.
+/// Its text has one form, but for [`Error::Cancelled`]: `FILE: where: what was expected, what was found, what to
+/// do`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -132,6 +133,9 @@ pub enum Error {
         /// The next step.
         advice: Advice,
     },
+    /// The work was cancelled by its [`Task`](crate::Task): nothing is wrong.
+    #[error("cancelled")]
+    Cancelled,
 }
 
 /// What the name of a raw volume suggests of its layout.
@@ -266,6 +270,7 @@ impl Error {
             Self::NoLayout { .. } => return Some(Hint::GiveLayout),
             Self::OutOfMemory { .. } => return Some(Hint::SmallerSceneOrCpu),
             Self::DeviceLost { .. } => return Some(Hint::StartAgainOrCpu),
+            Self::Cancelled => return None,
         };
         match advice {
             Advice::Hint(hint) => Some(*hint),

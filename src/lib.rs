@@ -55,7 +55,7 @@
 //!
 //! | module | what lives there |
 //! |---|---|
-//! | [`error`], [`constants`], [`image`] | errors, numbers with one home, pictures |
+//! | [`error`], [`Task`], [`constants`], [`image`] | errors, progress of long work, numbers with one home, pictures |
 //! | [`math`] | factors of variances, special functions |
 //! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
 //! | [`io`] | readers and writers, one file per format |
@@ -137,6 +137,7 @@ pub mod stats;
 pub mod shading {}
 #[doc = include_str!("../docs/surfels.md")]
 pub mod surfels {}
+mod task;
 pub mod view;
 
 /// The stages of a frame and the structs that they exchange, for the tests, benchmarks and examples of this
@@ -168,5 +169,6 @@ pub use wgpu;
 pub use error::{Error, Result};
 pub use image::{ColumnImage, DepthImage, Image, NormalImage};
 pub use render::{
-    Backend, ClassifyAt, ColumnSettings, Composite, Filter, Keep, Renderer, Settings, Show,
+    Backend, ClassifyAt, ColumnSettings, Composite, Filter, Renderer, SceneOptions, Settings, Show,
 };
+pub use task::{Progress, Task};

@@ -114,7 +114,7 @@ fn true_piece(
         pixel_filter: PixelFilter::Kernels,
         ..ReferenceSettings::default()
     };
-    let truth = Integrator::new(&scene)?.render(&camera, &settings, &|_| ())?;
+    let truth = Integrator::new(&scene)?.render(&camera, &settings)?;
     let drawn = Renderer::new(scene)?
         .render(&camera, &Settings::default())?
         .clone();

@@ -15,8 +15,10 @@ use super::{
     set_transfer_function, value_range,
 };
 use crate::constants::BLOCK_CAPACITY;
+use crate::error::Result;
 use crate::math::{harmonics_count, principal_sigmas};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::task::{Stage, Task};
 
 /// How a volume becomes blocks.
 #[derive(Debug, Clone, Copy, Default)]
@@ -28,8 +30,15 @@ pub(super) struct BuildOptions {
 }
 
 /// A volume in blocks and, where the options ask for it, its levels of detail, the finest first.
-pub(super) fn build(volume: PointVolume, options: BuildOptions) -> Vec<BlockedVolume> {
-    build_ordered(volume, options, None)
+///
+/// # Errors
+/// Cancelled.
+pub(super) fn build(
+    volume: PointVolume,
+    options: BuildOptions,
+    task: Option<&Task>,
+) -> Result<Vec<BlockedVolume>> {
+    build_ordered(volume, options, None, task)
 }
 
 /// A volume whose values can be exchanged: all of it but these, and its particles in the order of a tree.
@@ -41,14 +50,18 @@ pub(super) struct Exchangeable {
 }
 
 impl Exchangeable {
-    pub(super) fn new(volume: &PointVolume, options: BuildOptions) -> Self {
+    pub(super) fn new(
+        volume: &PointVolume,
+        options: BuildOptions,
+        task: Option<&Task>,
+    ) -> Result<Self> {
         let ordered = match &volume.particles {
             Particles::Lattice { .. } => None,
             Particles::Isotropic { positions, .. }
             | Particles::Anisotropic { positions, .. }
-            | Particles::Surfels { positions, .. } => Some(finite_block_order(positions)),
+            | Particles::Surfels { positions, .. } => Some(finite_block_order(positions, task)?),
         };
-        Self {
+        Ok(Self {
             volume: PointVolume {
                 values: None,
                 particles: volume.particles.clone(),
@@ -59,7 +72,7 @@ impl Exchangeable {
             },
             ordered,
             options,
-        }
+        })
     }
 
     /// How many particles, and so values, there are.
@@ -68,12 +81,16 @@ impl Exchangeable {
     }
 
     /// The volume with values, in blocks, and its levels of detail.
-    pub(super) fn with_values(&self, values: Option<Values>) -> Vec<BlockedVolume> {
+    pub(super) fn with_values(
+        &self,
+        values: Option<Values>,
+        task: Option<&Task>,
+    ) -> Result<Vec<BlockedVolume>> {
         let volume = PointVolume {
             values,
             ..self.volume.clone()
         };
-        build_ordered(volume, self.options, self.ordered.clone())
+        build_ordered(volume, self.options, self.ordered.clone(), task)
     }
 }
 
@@ -81,7 +98,8 @@ fn build_ordered(
     volume: PointVolume,
     options: BuildOptions,
     ordered: Option<Ordered>,
-) -> Vec<BlockedVolume> {
+    task: Option<&Task>,
+) -> Result<Vec<BlockedVolume>> {
     let PointVolume {
         particles,
         strength,
@@ -117,11 +135,11 @@ fn build_ordered(
                 merged: None,
             };
             let levels = if detail {
-                merge_lattice(&mut base, &lattice, kernel_width)
+                merge_lattice(&mut base, &lattice, kernel_width, task)?
             } else {
                 Vec::new()
             };
-            return family(base, levels);
+            return Ok(family(base, levels));
         }
         Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
         Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
@@ -138,7 +156,10 @@ fn build_ordered(
         mut order,
         runs,
         tree,
-    } = ordered.unwrap_or_else(|| finite_block_order(&positions));
+    } = match ordered {
+        Some(ordered) => ordered,
+        None => finite_block_order(&positions, task)?,
+    };
     let sigma_ranges = sigma_ranges(&sigmas, sides.is_some());
     let source = Source {
         positions: &positions,
@@ -155,7 +176,7 @@ fn build_ordered(
     // Surfels are not merged: a cluster of them need not lie in a plane.
     let crowds = Crowds::new(&order, &tree, &positions, &sigma_ranges, strength.stored());
     let merged = if detail && sides.is_none() {
-        merge_points(&source, &tree, &order, &crowds)
+        merge_points(&source, &tree, &order, &crowds, task)?
     } else {
         None
     };
@@ -251,7 +272,7 @@ fn build_ordered(
         indices: options.indices.then_some(order),
         merged: None,
     };
-    family(base, coarse.into_iter().collect())
+    Ok(family(base, coarse.into_iter().collect()))
 }
 
 /// A volume and its levels of detail, which share a transfer function.
@@ -403,17 +424,22 @@ struct Ordered {
 
 /// [`block_order`] of the particles whose positions are numbers; the others, which would take
 /// the bounds of their block with them, are in no block.
-fn finite_block_order(positions: &[DVec3]) -> Ordered {
-    if positions.par_iter().all(|p| p.is_finite()) {
-        return block_order(positions);
-    }
-    let (kept, finite): (Vec<u32>, Vec<DVec3>) =
-        (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
-    let mut ordered = block_order(&finite);
-    for i in &mut ordered.order {
-        *i = kept[*i as usize];
-    }
-    ordered
+fn finite_block_order(positions: &[DVec3], task: Option<&Task>) -> Result<Ordered> {
+    let stage = Stage::new(task, "sorting into blocks", 1);
+    let ordered = if positions.par_iter().all(|p| p.is_finite()) {
+        block_order(positions)
+    } else {
+        let (kept, finite): (Vec<u32>, Vec<DVec3>) =
+            (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
+        let mut ordered = block_order(&finite);
+        for i in &mut ordered.order {
+            *i = kept[*i as usize];
+        }
+        ordered
+    };
+    stage.advance(1);
+    stage.check()?;
+    Ok(ordered)
 }
 
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a

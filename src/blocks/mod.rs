@@ -50,7 +50,7 @@ pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use rule::Rule;
-pub use scene::{BlockedScene, Keep};
+pub use scene::{BlockedScene, SceneOptions};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -152,7 +152,7 @@ impl BlockedVolume {
     /// # Panics
     /// Never: the first of a family is the volume itself.
     pub fn new(volume: PointVolume) -> Self {
-        build::build(volume, BuildOptions::default()).swap_remove(0)
+        Self::built(volume, BuildOptions::default()).swap_remove(0)
     }
 
     /// The same, and its levels of detail after it, the finest first; those of a point set are one
@@ -162,7 +162,12 @@ impl BlockedVolume {
             detail: true,
             ..BuildOptions::default()
         };
-        build::build(volume, options)
+        Self::built(volume, options)
+    }
+
+    fn built(volume: PointVolume, options: BuildOptions) -> Vec<Self> {
+        // Nobody cancels it.
+        build::build(volume, options, None).unwrap_or_default()
     }
 
     /// Bytes kept per particle of a volume, its levels of detail and all blocks included.

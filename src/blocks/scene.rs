@@ -8,16 +8,19 @@ use super::density::densities;
 use super::{BlockedVolume, set_transfer_function};
 use crate::error::{Error, Result};
 use crate::scene::{Colour, PointVolume, Requirements, Strength, TransferFunction, Values};
+use crate::task::Task;
 use crate::view::Bounds;
 
-/// What a scene keeps besides what frames need.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Keep {
-    /// All that does not depend on values, so that these can be exchanged while places and shapes stay
+/// How a scene is made ready.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SceneOptions {
+    /// Whether all is kept that does not depend on values, so that these can be exchanged while places and shapes stay
     /// (the next time step): once more the memory of the data.
-    pub shapes: bool,
-    /// Which of the caller's particles each is: 4 bytes per particle.
-    pub indices: bool,
+    pub keep_shapes: bool,
+    /// Whether it is kept which of the caller's particles each is: 4 bytes per particle.
+    pub keep_indices: bool,
+    /// Is told how far the work is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 /// The volumes of a scene in blocks.
@@ -41,8 +44,8 @@ impl BlockedScene {
     ///
     /// # Errors
     /// More particles than a 32-bit index can name, or a volume that says it is classified and
-    /// has no values or no transfer function.
-    pub fn new(scene: Vec<PointVolume>, keep: Keep) -> Result<Self> {
+    /// has no values or no transfer function; work that was cancelled.
+    pub fn new(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         for volume in &scene {
             volume.validate()?;
         }
@@ -60,18 +63,19 @@ impl BlockedScene {
         let mut volumes = Vec::new();
         let mut families = Vec::new();
         let mut exchangeable = Vec::new();
-        let options = BuildOptions {
+        let build_options = BuildOptions {
             detail: true,
-            indices: keep.indices,
+            indices: options.keep_indices,
         };
+        let task = options.task.as_ref();
         for volume in scene {
             let first = volumes.len();
-            if keep.shapes {
-                let kept = Exchangeable::new(&volume, options);
-                volumes.extend(kept.with_values(volume.values));
+            if options.keep_shapes {
+                let kept = Exchangeable::new(&volume, build_options, task)?;
+                volumes.extend(kept.with_values(volume.values, task)?);
                 exchangeable.push(kept);
             } else {
-                volumes.extend(build(volume, options));
+                volumes.extend(build(volume, build_options, task)?);
             }
             families.push(first..volumes.len());
         }
@@ -195,7 +199,7 @@ impl BlockedScene {
     ///
     /// # Errors
     /// No such volume, one without values, not as many values as particles, or a scene that did not keep
-    /// its shapes ([`Keep::shapes`]).
+    /// its shapes ([`SceneOptions::keep_shapes`]).
     pub fn set_values(&mut self, volume: usize, values: Values) -> Result<()> {
         let refuse = |place: &str, expected: &str, found: String, advice: &str| {
             Err(Error::invalid("scene", place, expected, found, advice))
@@ -204,7 +208,7 @@ impl BlockedScene {
         let Some(kept) = self.exchangeable.get(volume) else {
             if volume < self.families.len() {
                 let expected = "a scene that keeps its shapes";
-                let advice = "make the scene with Keep { shapes: true, .. }";
+                let advice = "make the scene with SceneOptions { keep_shapes: true, .. }";
                 return refuse(&place, expected, "one that does not".into(), advice);
             }
             let expected = format!("one of {} volumes", self.families.len());
@@ -225,7 +229,7 @@ impl BlockedScene {
             let found = values.len().to_string();
             return refuse(&place, &expected, found, "give as many");
         }
-        let mut built = kept.with_values(Some(values));
+        let mut built = kept.with_values(Some(values), None)?;
         if let Some(transfer) = self.volumes[family.start].transfer_function.clone() {
             set_transfer_function(&mut built, &transfer);
         }

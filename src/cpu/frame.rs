@@ -20,6 +20,7 @@ use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 use crate::stats::{FrameCounts, Stopwatch};
+use crate::task::check;
 
 /// What the frames of a scene keep from one to the next: after the first frame of a size, a frame
 /// allocates nothing of note.
@@ -70,7 +71,7 @@ impl DrawFrames for CpuFrames {
         report.counts.blocks = scene.block_count();
         let mut seen = 0;
         for pass in &plan.passes {
-            self.draw_pass(scene, plan, pass, &mut report);
+            self.draw_pass(scene, plan, pass, &mut report)?;
             seen += self.views.iter().map(Vec::len).sum::<usize>();
         }
         report.counts.blocks_culled = report.counts.blocks - seen;
@@ -84,24 +85,32 @@ impl DrawFrames for CpuFrames {
 
 impl CpuFrames {
     /// All stages of one pass but the last.
+    ///
+    /// # Errors
+    /// Cancelled.
     pub(super) fn draw_pass(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,
         pass: &PassPlan,
         report: &mut FrameReport,
-    ) {
+    ) -> Result<()> {
         let FrameReport { counts, times } = report;
+        let task = plan.task.as_ref();
+        check(task)?;
         let mut clock = Stopwatch::start();
         let view = self.cull(scene, plan, pass, counts);
         times.cull += clock.lap();
+        check(task)?;
 
         self.classify(scene.volumes(), plan, pass);
         counts.classified += self.classified.len();
         times.classify += clock.lap();
+        check(task)?;
 
         self.project(scene.volumes(), plan, pass, &view);
         times.project += clock.lap();
+        check(task)?;
 
         let is_column = pass.axes.accumulate == Accumulate::Column;
         if is_column {
@@ -131,6 +140,7 @@ impl CpuFrames {
         }
         counts.tile_entries += self.bins.len();
         times.bin += clock.lap();
+        check(task)?;
 
         counts.footprints_near += self.project_output.near().len();
         counts.splat_pixels += match pass.axes.accumulate {
@@ -145,6 +155,7 @@ impl CpuFrames {
         if pass.draws == Draws::Volumes {
             counts.footprints_exact = self.count_exact();
         }
+        check(task)
     }
 
     /// Which blocks the pass draws, by what, and their depth keys. Returns the view with the scale of
@@ -314,8 +325,11 @@ impl CpuFrames {
             .resize_with(wanted, NormalTile::default);
         rasterise_surface(
             view,
-            plan.simd,
-            pass.axes.count,
+            RasteriseSettings {
+                axes: pass.axes,
+                level: plan.simd,
+                task: plan.task.as_ref(),
+            },
             &self.footprints,
             &self.surfels,
             self.project_output.near(),
@@ -341,6 +355,7 @@ impl CpuFrames {
                 ..pass.axes
             },
             level: plan.simd,
+            task: plan.task.as_ref(),
         };
         let post = scene.carried().map(|transfer| PostClassification {
             transfer,
@@ -369,6 +384,7 @@ impl CpuFrames {
             near: self.project_output.near(),
             bins: &self.bins,
             level: plan.simd,
+            task: plan.task.as_ref(),
         })
     }
 

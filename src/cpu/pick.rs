@@ -7,6 +7,7 @@
 use super::frame::CpuFrames;
 use super::sort::footprint_index;
 use crate::blocks::BlockedScene;
+use crate::error::Result;
 use crate::record::Carried;
 use crate::render::backend::{DrawFrames, FrameReport};
 use crate::render::plan::{Draws, FramePlan};
@@ -28,8 +29,11 @@ const BLACK: Carried = Carried::of_colour([0.0; 3]);
 
 /// The shares that particles have of the one pixel of a plan, above 0; surfaces first, then the others,
 /// each front to back.
-pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Vec<Share> {
-    let mut pixel = Pixel::new(scene, plan);
+///
+/// # Errors
+/// Cancelled.
+pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Result<Vec<Share>> {
+    let mut pixel = Pixel::new(scene, plan)?;
     let mut shares = Vec::new();
     for number in 0..plan.passes.len() {
         let frames = &pixel.passes[number];
@@ -47,7 +51,7 @@ pub(crate) fn shares(scene: &BlockedScene, plan: &FramePlan) -> Vec<Share> {
             }
         }
     }
-    shares
+    Ok(shares)
 }
 
 /// A pixel that can be drawn again with other colours.
@@ -59,22 +63,21 @@ struct Pixel<'a> {
 }
 
 impl<'a> Pixel<'a> {
-    fn new(scene: &'a BlockedScene, plan: &'a FramePlan) -> Self {
-        let draw = |pass| {
+    fn new(scene: &'a BlockedScene, plan: &'a FramePlan) -> Result<Self> {
+        let draw = |pass| -> Result<CpuFrames> {
             let mut frames = CpuFrames::default();
-            // Nothing of the scene is kept: no error.
-            let _ = frames.upload(scene);
-            frames.draw_pass(scene, plan, pass, &mut FrameReport::default());
+            frames.upload(scene)?;
+            frames.draw_pass(scene, plan, pass, &mut FrameReport::default())?;
             for footprint in &mut frames.footprints {
                 footprint.carried = BLACK;
             }
-            frames
+            Ok(frames)
         };
-        Self {
+        Ok(Self {
             scene,
             plan,
-            passes: plan.passes.iter().map(draw).collect(),
-        }
+            passes: plan.passes.iter().map(draw).collect::<Result<_>>()?,
+        })
     }
 
     /// Draws the surface, if there is one, and puts it where volumes find it.

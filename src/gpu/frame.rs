@@ -22,6 +22,7 @@ use crate::error::Result;
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Draws, FramePlan};
 use crate::stats::{FrameCounts, StageTimes, Stopwatch};
+use crate::task;
 
 /// Bytes of the picture that one thread copies at a time.
 const COPY_BYTES: usize = 1 << 20;
@@ -293,7 +294,10 @@ impl Frame {
         })
         .await?;
         let mut tiles = vec![TileCounts::default(); self.passes.len()];
-        for band in 0..self.bands.count() {
+        let bands = self.bands.count();
+        let progress = task::Stage::new(plan.task.as_ref(), "drawing", bands as usize);
+        for band in 0..bands {
+            progress.check()?;
             gpu.watched(|| self.submit_band(gpu, timer, plan, band, present))
                 .await?;
             match plan.column() {
@@ -303,7 +307,9 @@ impl Frame {
             for (pass, counts) in self.passes.iter().zip(&mut tiles) {
                 pass.read_tiles(gpu, band, counts).await?;
             }
+            progress.advance(1);
         }
+        progress.check()?;
         let mut seen = Vec::with_capacity(tiles.len());
         for (pass, tiles) in self.passes.iter().zip(tiles) {
             seen.push(pass.read_report(gpu, tiles).await?);

@@ -39,7 +39,7 @@
 //! let camera =
 //!     Camera::perspective(DVec3::new(0.0, -10.0, 0.0), DVec3::ZERO, DVec3::Z, 40.0, [16, 16]);
 //! let integrator = Integrator::new(&[sphere])?;
-//! let frame = integrator.render(&camera, &ReferenceSettings::default(), &|_| ())?;
+//! let frame = integrator.render(&camera, &ReferenceSettings::default())?;
 //! assert!(frame.error <= 1e-4);
 //! // Along the axis the optical depth is g/(2 pi sigma^2); no filter stands in the way.
 //! let ray = integrator.ray(&camera, camera.centre_px, 1e-12);
@@ -66,6 +66,7 @@ use glam::{DVec2, DVec3};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::scene::{Colour, PointVolume, Strength};
+use crate::task::Task;
 use crate::view::{Camera, ClipPlane, Projection};
 use kernel::{Kernel, Particle, Segment};
 use ray::Scratch;
@@ -97,6 +98,8 @@ pub struct ReferenceSettings {
     pub max_rays_per_pixel: u32,
     /// Linear RGB behind everything; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
+    /// Is told how far the image is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 impl Default for ReferenceSettings {
@@ -107,6 +110,7 @@ impl Default for ReferenceSettings {
             pixel_filter: PixelFilter::Image,
             max_rays_per_pixel: 256,
             background: None,
+            task: None,
         }
     }
 }
@@ -182,23 +186,18 @@ impl Integrator {
         view.integrate(pixel_px, error, &mut Scratch::default())
     }
 
-    /// The true image; `progress` is called now and then, from any thread, with the fraction done.
+    /// The true image.
     ///
     /// # Errors
-    /// An image of no pixels, or settings out of range.
-    pub fn render(
-        &self,
-        camera: &Camera,
-        settings: &ReferenceSettings,
-        progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<ReferenceFrame> {
+    /// An image of no pixels, or settings out of range; work that was cancelled.
+    pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
         check(camera, settings)?;
         let h2 = settings.low_pass_variance_px2;
         let mut view = View::list(self, camera, settings.pixel_filter, h2);
         view.traversal = Traversal::new(&view.kernels);
         let mut frame = match settings.pixel_filter {
-            PixelFilter::Image if h2 > 0.0 => pixel::supersampled(&view, settings, progress),
-            _ => pixel::sampled(&view, settings, progress),
+            PixelFilter::Image if h2 > 0.0 => pixel::supersampled(&view, settings)?,
+            _ => pixel::sampled(&view, settings)?,
         };
         if let Some(background) = settings.background {
             for pixel in &mut frame.pixels {

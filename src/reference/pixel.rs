@@ -6,7 +6,7 @@
 //! So the lattice is doubled (squares, then squares with their centres, and so on) until the pixel
 //! stays where it is; samples serve all the pixels around them and every finer lattice.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, Ordering};
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -14,8 +14,13 @@ use rayon::prelude::*;
 use super::kernel::{Kernel, REACH};
 use super::ray::Scratch;
 use super::{ReferenceFrame, ReferenceSettings, View};
+use crate::error::Result;
 use crate::image::Image;
+use crate::task::Stage;
 use crate::view::Projection;
+
+/// What the stage is called.
+const STAGE: &str = "integrating";
 
 // How the error aimed at is shared out. The last lattice's change is the error of the lattices
 // before; with it, the error is far smaller.
@@ -29,26 +34,24 @@ const TAIL_SHARE: f64 = 0.1;
 const REGION: usize = 128;
 
 /// One ray through the centre of each pixel.
-pub(super) fn sampled(
-    view: &View<'_>,
-    settings: &ReferenceSettings,
-    progress: &(dyn Fn(f64) + Sync),
-) -> ReferenceFrame {
+pub(super) fn sampled(view: &View<'_>, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
     let (width, height) = (view.camera.width, view.camera.height);
-    let done = AtomicU64::new(0);
+    let stage = Stage::new(settings.task.as_ref(), STAGE, height);
     let rows: Vec<Vec<_>> = (0..height)
         .into_par_iter()
         .map_init(Scratch::default, |scratch, y| {
             let row = (0..width)
+                .take_while(|_| stage.goes_on())
                 .map(|x| {
                     let centre = DVec2::new(x as f64, y as f64) + 0.5;
                     view.integrate(centre, settings.error, scratch)
                 })
                 .collect();
-            progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / height as f64);
+            stage.advance(1);
             row
         })
         .collect();
+    stage.check()?;
     let mut frame = blank(width, height);
     for (pixel, ray) in frame.pixels.iter_mut().zip(rows.iter().flatten()) {
         *pixel = ray.rgba;
@@ -56,7 +59,7 @@ pub(super) fn sampled(
         frame.unconverged += usize::from(ray.error > settings.error);
     }
     frame.rays = (width * height) as u64;
-    frame
+    Ok(frame)
 }
 
 fn blank(width: usize, height: usize) -> ReferenceFrame {
@@ -73,9 +76,9 @@ fn blank(width: usize, height: usize) -> ReferenceFrame {
 pub(super) fn supersampled(
     view: &View<'_>,
     settings: &ReferenceSettings,
-    progress: &(dyn Fn(f64) + Sync),
-) -> ReferenceFrame {
+) -> Result<ReferenceFrame> {
     let (width, height) = (view.camera.width, view.camera.height);
+    let stage = Stage::new(settings.task.as_ref(), STAGE, 1000);
     let mut frame = blank(width, height);
     let columns = width.div_ceil(REGION);
     let regions = columns * height.div_ceil(REGION);
@@ -92,11 +95,16 @@ pub(super) fn supersampled(
         ];
         let mut region = Region::new(first, size, settings);
         region.plan(&details);
-        let part = |fraction: f64| progress((r as f64 + fraction) / regions as f64);
+        let part = |share: f64| {
+            stage.reach((r as f64 + share) / regions as f64);
+            stage.goes_on()
+        };
         frame.rays += region.sample(view, &part);
+        stage.check()?;
         region.copy_to(&mut frame);
     }
-    frame
+    stage.reach(1.0);
+    Ok(frame)
 }
 
 /// A kernel smaller than the spacing of the first lattices.
@@ -353,22 +361,27 @@ impl Region {
     }
 
     /// Adds lattices until all pixels stay where they are; returns the number of rays.
-    fn sample(&mut self, view: &View<'_>, progress: &(dyn Fn(f64) + Sync)) -> u64 {
+    ///
+    /// - `goes_on`: is told how much is done, 0 to 1, and whether the rest is still wanted.
+    fn sample(&mut self, view: &View<'_>, goes_on: &(dyn Fn(f64) -> bool + Sync)) -> u64 {
         let mut rays = 0;
         for level in 0..=self.last_level {
             let needed = self.needed_cells();
             let rows = self.rows(level);
-            let (count, done) = ((rows.end - rows.start) as f64, AtomicU64::new(0));
+            let (count, done) = (rows.end - rows.start, AtomicI64::new(0));
             let lines: Vec<Line> = rows
                 .into_par_iter()
                 .map_init(Scratch::default, |scratch, n| {
-                    let line = self.line(view, level, n, &needed, scratch);
-                    let part = (done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count;
+                    let part = done.fetch_add(1, Ordering::Relaxed) as f64 / count as f64;
                     // Nobody knows how many lattices follow: each gets half of what is left.
-                    progress(1.0 - 0.5_f64.powf(f64::from(level) + part));
-                    line
+                    goes_on(1.0 - 0.5_f64.powf(f64::from(level) + part))
+                        .then(|| self.line(view, level, n, &needed, scratch))
                 })
+                .while_some()
                 .collect();
+            if lines.len() as i64 != count {
+                break;
+            }
             rays += lines.iter().map(|l| l.rays).sum::<u64>();
             self.add(level, &lines);
             if self.pixels.iter().all(|p| p.done) {

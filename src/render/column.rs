@@ -11,6 +11,7 @@ use crate::error::{Error, Hint, Result};
 use crate::image::ColumnImage;
 use crate::simd::SimdLevel;
 use crate::splat::Filter;
+use crate::task::Task;
 use crate::view::{Camera, ClipPlane};
 
 /// How a column density is drawn.
@@ -31,6 +32,8 @@ pub struct ColumnSettings {
     pub clip: Vec<ClipPlane>,
     /// The instruction set of the inner loop.
     pub simd: SimdLevel,
+    /// Is told how far the frame is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 impl Default for ColumnSettings {
@@ -42,6 +45,7 @@ impl Default for ColumnSettings {
             cutoff: COLUMN_CUTOFF,
             clip: Vec::new(),
             simd: SimdLevel::best(),
+            task: None,
         }
     }
 }
@@ -56,6 +60,7 @@ impl ColumnSettings {
             cutoff: Some(self.cutoff),
             clip: self.clip.clone(),
             simd: self.simd,
+            task: self.task.clone(),
             ..Settings::default()
         }
     }

@@ -23,7 +23,7 @@ mod renderer;
 mod settings;
 mod uniforms;
 
-pub use crate::blocks::{Keep, LayerKind, Layers};
+pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 #[cfg(feature = "gpu")]
 pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
 pub use crate::simd::SimdLevel;

@@ -40,13 +40,13 @@ impl Renderer {
     /// - `pixel`: column and row, from the top left.
     ///
     /// ```
-    /// use ewa_splat::{Keep, Renderer, Settings, scene::PointVolume, view::Camera};
+    /// use ewa_splat::{SceneOptions, Renderer, Settings, scene::PointVolume, view::Camera};
     /// use glam::DVec3;
     ///
     /// # fn main() -> ewa_splat::Result<()> {
     /// let two = PointVolume::spheres([DVec3::ZERO, DVec3::Y], [0.2, 0.2]).with_masses([1.0, 1.0]);
-    /// let keep = Keep { indices: true, ..Keep::default() };
-    /// let mut renderer = Renderer::keeping(vec![two], keep)?;
+    /// let options = SceneOptions { keep_indices: true, ..SceneOptions::default() };
+    /// let mut renderer = Renderer::with_options(vec![two], &options)?;
     /// let eye = DVec3::new(0.0, -5.0, 0.0);
     /// let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 40.0, [64, 64]);
     /// let picked = renderer.pick(&camera, &Settings::default(), [32, 32])?;
@@ -58,7 +58,7 @@ impl Renderer {
     ///
     /// # Errors
     /// Those of [`Renderer::render`]; a pixel beside the image; slabs that are classified as a whole,
-    /// where no particle has a share of its own; volumes of points without [`Keep::indices`](super::Keep).
+    /// where no particle has a share of its own; volumes of points without [`SceneOptions::keep_indices`](super::SceneOptions).
     pub fn pick(
         &mut self,
         camera: &Camera,
@@ -86,7 +86,7 @@ impl Renderer {
         }
         if !self.scene.data().all(BlockedVolume::is_numbered) {
             let expected = "a scene that keeps its particles' numbers";
-            let advice = "make the scene with Keep { indices: true, .. }";
+            let advice = "make the scene with SceneOptions { keep_indices: true, .. }";
             return refuse("pick", expected, "one that does not".into(), advice);
         }
         self.carry(settings)?;
@@ -111,7 +111,7 @@ impl Renderer {
             ..camera.clone()
         };
         let plan = FramePlan::new(&self.scene, &camera, &settings)?;
-        let mut picked: Vec<Picked> = shares(&self.scene, &plan)
+        let mut picked: Vec<Picked> = shares(&self.scene, &plan)?
             .into_iter()
             .filter_map(|found| {
                 let mut families = self.scene.families().iter();

@@ -10,6 +10,7 @@ use crate::record::{ChoiceUniform, LightingUniform, ViewUniform};
 use crate::scene::TransferFunction;
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};
+use crate::task::Task;
 use crate::view::{Camera, Projection};
 
 /// Which volumes of a scene are drawn together.
@@ -85,6 +86,8 @@ pub(crate) struct FramePlan {
     pub(crate) passes: Vec<PassPlan>,
     /// The instruction set of the CPU's inner loops.
     pub(crate) simd: SimdLevel,
+    /// Is told how far the frame is, and may cancel it.
+    pub(crate) task: Option<Task>,
 }
 
 impl FramePlan {
@@ -182,6 +185,7 @@ impl FramePlan {
             normals: settings.normals,
             passes,
             simd: settings.simd,
+            task: settings.task.clone(),
             camera: camera.clone(),
         })
     }
@@ -231,6 +235,7 @@ impl FramePlan {
             normals: false,
             passes: vec![pass],
             simd: settings.simd,
+            task: settings.task.clone(),
             camera: camera.clone(),
         }
     }

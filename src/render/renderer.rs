@@ -6,7 +6,7 @@ use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images};
 use super::check::{check, check_scene};
 use super::plan::FramePlan;
 use super::settings::Settings;
-use crate::blocks::{AmplitudeSummary, BlockedScene, BlockedVolume, Keep, Layers};
+use crate::blocks::{AmplitudeSummary, BlockedScene, BlockedVolume, Layers, SceneOptions};
 use crate::cpu::CpuFrames;
 use crate::error::Result;
 #[cfg(feature = "gpu")]
@@ -41,15 +41,16 @@ impl Renderer {
     /// More particles than a 32-bit index can name, or a volume that says it is classified and
     /// has no values or no transfer function.
     pub fn new(scene: Vec<PointVolume>) -> Result<Self> {
-        Self::keeping(scene, Keep::default())
+        Self::with_options(scene, &SceneOptions::default())
     }
 
-    /// As [`Renderer::new`], and keeps what later exchanges and questions ask for.
+    /// As [`Renderer::new`], and keeps what later exchanges and questions ask for; may be watched and
+    /// cancelled.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`].
-    pub fn keeping(scene: Vec<PointVolume>, keep: Keep) -> Result<Self> {
-        let scene = BlockedScene::new(scene, keep)?;
+    /// Those of [`Renderer::new`]; work that was cancelled.
+    pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
+        let scene = BlockedScene::new(scene, options)?;
         let mut cpu = CpuFrames::default();
         cpu.upload(&scene)?;
         Ok(Self {
@@ -68,8 +69,16 @@ impl Renderer {
     /// As [`Renderer::new`], and keeps the scene on a GPU where `backend` asks for one.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`]; no adapter where one is asked for, or too little memory on it.
+    /// Those of [`Renderer::new`] and of [`Renderer::on_backend`].
     pub fn with_backend(scene: Vec<PointVolume>, backend: Backend) -> Result<Self> {
+        Self::new(scene)?.on_backend(backend)
+    }
+
+    /// Keeps the scene on a GPU from now on where `backend` asks for one.
+    ///
+    /// # Errors
+    /// No adapter where one is asked for, or too little memory on it.
+    pub fn on_backend(self, backend: Backend) -> Result<Self> {
         #[cfg(feature = "gpu")]
         {
             let is_asked_for = backend == Backend::Gpu || Gpu::is_adapter_named();
@@ -78,11 +87,10 @@ impl Renderer {
                 _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
                 _ => Gpu::open(AdapterChoice::Hardware).ok(),
             };
-            let renderer = Self::new(scene)?;
             match gpu {
-                None => Ok(renderer),
-                Some(gpu) if is_asked_for => renderer.on(gpu),
-                Some(gpu) => Ok(renderer.on_if_it_can(gpu)),
+                None => Ok(self),
+                Some(gpu) if is_asked_for => self.on(gpu),
+                Some(gpu) => Ok(self.on_if_it_can(gpu)),
             }
         }
         #[cfg(not(feature = "gpu"))]
@@ -90,7 +98,7 @@ impl Renderer {
             if backend == Backend::Gpu {
                 return Err(crate::error::Error::without_gpu());
             }
-            Self::new(scene)
+            Ok(self)
         }
     }
 
@@ -149,11 +157,11 @@ impl Renderer {
     }
 
     /// Exchanges the values of a volume, for the next time step: places, shapes and the transfer function
-    /// stay. The scene must have been made to keep its shapes ([`Renderer::keeping`]).
+    /// stay. The scene must have been made to keep its shapes ([`Renderer::with_options`]).
     ///
     /// ```
     /// use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
-    /// use ewa_splat::{Keep, Renderer};
+    /// use ewa_splat::{SceneOptions, Renderer};
     ///
     /// # fn main() -> ewa_splat::Result<()> {
     /// # let positions: Vec<glam::DVec3> = (0..9).map(|i| glam::DVec3::splat(f64::from(i))).collect();
@@ -166,8 +174,8 @@ impl Renderer {
     ///     transfer_function: Some(grey),
     ///     normals: None,
     /// };
-    /// let keep = Keep { shapes: true, ..Keep::default() };
-    /// let mut renderer = Renderer::keeping(vec![volume], keep)?;
+    /// let options = SceneOptions { keep_shapes: true, ..SceneOptions::default() };
+    /// let mut renderer = Renderer::with_options(vec![volume], &options)?;
     /// renderer.set_values(0, Values::F32(vec![0.7; 9]))?;
     /// # Ok(())
     /// # }
@@ -203,7 +211,7 @@ impl Renderer {
     /// # Errors
     /// An image of no pixels or of more than 65,535 along a side; settings out of range, or that
     /// do not go together with each other or with the scene; a device that is lost or has too little
-    /// memory.
+    /// memory; a frame that was cancelled, which leaves the images with parts of it.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
         let plan = self.plan(camera, settings)?;
         let report = self.draw(&plan)?;

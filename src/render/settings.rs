@@ -4,6 +4,7 @@ use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::scene::Lighting;
 use crate::simd::SimdLevel;
 use crate::splat::Filter;
+use crate::task::Task;
 use crate::view::ClipPlane;
 
 /// How a frame is drawn.
@@ -58,6 +59,8 @@ pub struct Settings {
     /// depths are right to 1e-5 (`tests/frames/sub_pixel.rs`). Merged particles know of their members'
     /// opacity and stay as they are; so do kernels that reach the eye.
     pub sub_pixel_opacity: bool,
+    /// Is told how far the frame is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 impl Default for Settings {
@@ -79,6 +82,7 @@ impl Default for Settings {
             simd: SimdLevel::best(),
             lighting: None,
             sub_pixel_opacity: false,
+            task: None,
         }
     }
 }

@@ -30,6 +30,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry};
 use crate::math::factor_of_variance;
+use crate::task::{Stage, Task};
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
 /// millionth as thick as wide, and as narrow, passes.
@@ -345,7 +346,12 @@ fn sound_volume(
 }
 
 impl Duals {
-    fn new(mesh: &CellMesh, blanking: &Blanking, report: &mut SampleReport) -> Self {
+    fn new(
+        mesh: &CellMesh,
+        blanking: &Blanking,
+        report: &mut SampleReport,
+        task: Option<&Task>,
+    ) -> Result<Self> {
         let mut duals = Self {
             moments: vec![Moments::default(); mesh.nodes.len()],
             first: Vec::new(),
@@ -355,7 +361,9 @@ impl Duals {
         let handedness = duals.handedness;
         let mut faults = Vec::new();
         let count = mesh.cell_count();
+        let stage = Stage::new(task, "cutting cells", count);
         for first in (0..count).step_by(CHUNK * CHUNKS_AT_ONCE) {
+            stage.check()?;
             let chunks: Vec<_> = (first..count.min(first + CHUNK * CHUNKS_AT_ONCE))
                 .into_par_iter()
                 .with_min_len(CHUNK)
@@ -389,6 +397,7 @@ impl Duals {
                 }
                 faults.append(&mut found);
             }
+            stage.advance(CHUNK * CHUNKS_AT_ONCE);
         }
         duals.weld(mesh);
         let of = |fault: LeftOut| faults.iter().filter(|f| **f == fault).count();
@@ -402,7 +411,7 @@ impl Duals {
             "cells",
             "with a corner that is not finite: left out of their nodes' volumes",
         );
-        duals
+        Ok(duals)
     }
 
     fn handedness(mesh: &CellMesh) -> [Handedness; 256] {
@@ -536,7 +545,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         "cells",
         "hidden, or copies of another piece's: left out of their nodes' volumes",
     );
-    let duals = Duals::new(mesh, &blanking, &mut report);
+    let task = options.task.as_ref();
+    let duals = Duals::new(mesh, &blanking, &mut report, task)?;
 
     let width_squared = options.kernel_width * options.kernel_width;
     let factor = |shape: [f64; 6]| {
@@ -551,7 +561,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
                 LeftOut::Position
             }
         };
-        Kernels::collect(sample_count, &mut report, noun, |i| {
+        Kernels::collect(sample_count, &mut report, noun, task, |i| {
             if blanking.node(i) {
                 return Err(LeftOut::Blanked);
             }
@@ -562,9 +572,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             let dual = duals.moments(i);
             let centroid = mesh.nodes[i] + dual.first / dual.volume;
             Kernel::new(centroid, factor(shape)?, duals.share(i))
-        })
+        })?
     } else {
-        Kernels::collect(sample_count, &mut report, noun, |i| {
+        Kernels::collect(sample_count, &mut report, noun, task, |i| {
             let kind = mesh.kinds[i];
             if !is_solid(kind) {
                 return Err(LeftOut::LowerDimension);
@@ -585,7 +595,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
                 }
             }
             Kernel::new(centroid, factor(mean)?, volume)
-        })
+        })?
     };
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));

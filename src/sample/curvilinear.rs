@@ -118,19 +118,25 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         Association::Nodes => "nodes",
         Association::Cells => "cells",
     };
-    let kernels = Kernels::collect(sample_count, &mut report, noun, |i| {
-        let block = samples.partition_point(|(first, _)| *first <= i) - 1;
-        let (first, grid) = &samples[block];
-        let part = match taken.association {
-            Association::Nodes => grid.node_part(i - first),
-            Association::Cells => grid.cell_part(i - first),
-        }?;
-        if !taken.values.get(i).is_finite() {
-            return Err(LeftOut::Value);
-        }
-        let factor = lower_factor(part.jacobian * options.kernel_width);
-        Kernel::new(part.centroid, factor, part.volume)
-    });
+    let kernels = Kernels::collect(
+        sample_count,
+        &mut report,
+        noun,
+        options.task.as_ref(),
+        |i| {
+            let block = samples.partition_point(|(first, _)| *first <= i) - 1;
+            let (first, grid) = &samples[block];
+            let part = match taken.association {
+                Association::Nodes => grid.node_part(i - first),
+                Association::Cells => grid.cell_part(i - first),
+            }?;
+            if !taken.values.get(i).is_finite() {
+                return Err(LeftOut::Value);
+            }
+            let factor = lower_factor(part.jacobian * options.kernel_width);
+            Kernel::new(part.centroid, factor, part.volume)
+        },
+    )?;
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }

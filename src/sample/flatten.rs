@@ -7,6 +7,7 @@ use super::narrowed;
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::tangents_of;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
+use crate::task::{Stage, Task};
 
 /// A gradient counts as strong from this share of the values' range per cell on: below it the
 /// direction is noise.
@@ -23,7 +24,11 @@ const STRONG: f64 = 0.02;
 ///
 /// # Errors
 /// A volume that is no classified lattice.
-pub(super) fn take_surface(volume: &mut PointVolume, value: f64) -> Result<Option<PointVolume>> {
+pub(super) fn take_surface(
+    volume: &mut PointVolume,
+    value: f64,
+    task: Option<&Task>,
+) -> Result<Option<PointVolume>> {
     let refuse = |found: &str| {
         Err(Error::invalid(
             Parameter::Flatten,
@@ -70,10 +75,13 @@ pub(super) fn take_surface(volume: &mut PointVolume, value: f64) -> Result<Optio
         let extent = narrowed(step.determinant().abs());
         is_finite.then_some((i, position, tangents, extent))
     };
+    let stage = Stage::new(task, "finding the surface", lattice.len());
     let found: Vec<_> = (0..lattice.len())
         .into_par_iter()
+        .filter(|i| stage.counts(*i))
         .filter_map(on_surface)
         .collect();
+    stage.check()?;
     if found.is_empty() {
         return Ok(None);
     }
@@ -174,7 +182,7 @@ mod tests {
         );
         let (mut volume, centre) = ball(sheared);
         let radius = 0.7;
-        let surface = take_surface(&mut volume, radius).unwrap().unwrap();
+        let surface = take_surface(&mut volume, radius, None).unwrap().unwrap();
         surface.validate().unwrap();
         volume.validate().unwrap();
         let Particles::Surfels {
@@ -211,8 +219,8 @@ mod tests {
     #[test]
     fn volumes_add_up_and_other_data_are_refused() {
         let (mut volume, _) = ball(DMat3::from_diagonal(DVec3::splat(0.1)));
-        assert!(take_surface(&mut volume, 99.0).unwrap().is_none());
-        let surface = take_surface(&mut volume, 0.5).unwrap().unwrap();
+        assert!(take_surface(&mut volume, 99.0, None).unwrap().is_none());
+        let surface = take_surface(&mut volume, 0.5, None).unwrap().unwrap();
         let Strength::Classified { volumes } = &surface.strength else {
             panic!("classified surfels expected");
         };
@@ -221,6 +229,6 @@ mod tests {
         let layer = 4.0 * std::f64::consts::PI * 0.25 / 0.01;
         let count = volumes.len() as f64;
         assert!(count > layer && count < 1.8 * layer, "{count} for {layer}");
-        assert!(take_surface(&mut surface.clone(), 0.5).is_err());
+        assert!(take_surface(&mut surface.clone(), 0.5, None).is_err());
     }
 }

@@ -16,9 +16,11 @@ use rayon::prelude::*;
 use super::cells::polyhedron_faces;
 use super::index_u32;
 use super::neighbours::PointIndex;
+use crate::error::Result;
 use crate::io::{CellKind, CellMesh};
 use crate::math::normal_code;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
+use crate::task::{Task, collect};
 
 /// Columns of F span space if its determinant is above this share of the product of their lengths:
 /// that of cells sheared to nothing, not of thin ones.
@@ -34,21 +36,25 @@ const DAMPING: f64 = 1e-9;
 const EVEN: f64 = 0.05;
 
 /// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
-pub(super) fn complete(volume: &mut PointVolume) {
+pub(super) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<()> {
     let is_of_splats = matches!(volume.strength, Strength::PeakOpacity { .. });
     let (Some(values), None, false) = (&volume.values, &volume.normals, is_of_splats) else {
-        return;
+        return Ok(());
     };
     volume.normals = match &volume.particles {
-        Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values)),
+        Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values, task)?),
         Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
-            PointIndex::new(positions).map(|index| index.normals(|i| values.get(i)))
+            match PointIndex::new(positions) {
+                Some(index) => Some(index.normals(task, |i| values.get(i))?),
+                None => None,
+            }
         }
         Particles::Surfels { .. } => None,
     };
+    Ok(())
 }
 
-fn of_lattice(lattice: &Lattice, values: &Values) -> Vec<u32> {
+fn of_lattice(lattice: &Lattice, values: &Values, task: Option<&Task>) -> Result<Vec<u32>> {
     let [nx, ny, _] = lattice.dims;
     let samples = Samples {
         dims: lattice.dims,
@@ -60,10 +66,8 @@ fn of_lattice(lattice: &Lattice, values: &Values) -> Vec<u32> {
                 .then(|| (lattice.position(cell), f64::from(value)))
         },
     };
-    (0..lattice.len())
-        .into_par_iter()
-        .map(|i| normal_code(samples.gradient([i % nx, i / nx % ny, i / (nx * ny)])))
-        .collect()
+    let normal = |i| normal_code(samples.gradient([i % nx, i / nx % ny, i / (nx * ny)]));
+    collect(task, "fitting gradients", lattice.len(), normal)
 }
 
 /// Samples with a place in a three-dimensional array.

@@ -5,6 +5,8 @@ use rayon::prelude::*;
 
 use super::left_out::LeftOut;
 use super::{SampleReport, index_u32, narrowed};
+use crate::error::Result;
+use crate::task::{Stage, Task};
 
 /// One kernel, as the scene stores it.
 #[derive(Debug, Clone, Copy)]
@@ -54,8 +56,10 @@ impl Kernels {
         count: usize,
         report: &mut SampleReport,
         noun: &'static str,
+        task: Option<&Task>,
         kernel_of: impl Fn(usize) -> Result<Kernel, LeftOut> + Sync,
-    ) -> Self {
+    ) -> Result<Self> {
+        let stage = Stage::new(task, "shaping kernels", count);
         let mut all = Self {
             positions: vec![DVec3::ZERO; count],
             factors: vec![[0.0; 6]; count],
@@ -71,15 +75,19 @@ impl Kernels {
         )
             .into_par_iter()
             .enumerate()
-            .for_each(
-                |(i, (position, factor, volume, fault))| match kernel_of(i) {
+            .for_each(|(i, (position, factor, volume, fault))| {
+                if !stage.counts(i) {
+                    return;
+                }
+                match kernel_of(i) {
                     Ok(kernel) => {
                         (*position, *factor, *volume) =
                             (kernel.position, kernel.factor, kernel.volume);
                     }
                     Err(reason) => *fault = Some(reason),
-                },
-            );
+                }
+            });
+        stage.check()?;
         LeftOut::report(report, noun, faults.iter().copied().flatten());
         let is_kept = |i: &usize| faults[*i].is_none();
         all.kept = (0..count).filter(is_kept).map(index_u32).collect();
@@ -88,7 +96,7 @@ impl Kernels {
             close_up(&mut all.factors, &all.kept);
             close_up(&mut all.volumes, &all.kept);
         }
-        all
+        Ok(all)
     }
 
     /// The cube root of their mean volume.

@@ -34,6 +34,7 @@ use crate::io::{
 use crate::scene::{
     Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
 };
+use crate::task::Task;
 
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
@@ -86,6 +87,8 @@ pub struct SampleOptions {
     pub spread: Spread,
     /// Meshes: another number gives another spread of surfels, as even.
     pub seed: u64,
+    /// Is told how far the work is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 /// The shape of kernels whose particles state a length at most.
@@ -119,6 +122,7 @@ impl Default for SampleOptions {
             normals: false,
             spread: Spread::Automatic,
             seed: 0,
+            task: None,
         }
     }
 }
@@ -162,7 +166,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         let Sampled { mut volume, report } = volume(dataset, options)?;
         let surface = match options.flatten {
-            Some(value) => flatten::take_surface(&mut volume, value)?,
+            Some(value) => flatten::take_surface(&mut volume, value, options.task.as_ref())?,
             None => None,
         };
         let volumes = std::iter::once(volume).chain(surface).collect();
@@ -172,6 +176,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         spread: options.spread,
         kernel_width: options.kernel_width,
         seed: options.seed,
+        task: options.task.clone(),
     };
     let SampledMesh { volumes, report } =
         mesh::surfels(mesh, &mesh_options).map_err(|error| named(error, &dataset.path))?;
@@ -229,7 +234,7 @@ fn named(error: Error, file: &Path) -> Error {
 /// # Errors
 /// Those of [`Dataset::validate`]; a field that is not there or has the wrong length, no samples or none that can be drawn,
 /// columns that contradict each other, a kernel width that is not positive, a transfer
-/// function that cannot be read.
+/// function that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
         return Err(Error::invalid(
@@ -265,10 +270,11 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         )),
     }?;
     if options.shepard_passes > 0 {
-        shepard::even_out(&mut sampled.volume, options.shepard_passes);
+        let task = options.task.as_ref();
+        shepard::even_out(&mut sampled.volume, options.shepard_passes, task)?;
     }
     if options.normals {
-        gradient::complete(&mut sampled.volume);
+        gradient::complete(&mut sampled.volume, options.task.as_ref())?;
     }
     Ok(sampled)
 }

@@ -9,7 +9,9 @@ use rayon::prelude::*;
 use super::gradient::Fit;
 use super::index_u32;
 use super::positions::{is_same, sort_by_position};
+use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
+use crate::task::{Stage, Task, collect};
 
 /// Neighbours that shapes are taken from: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
@@ -31,6 +33,9 @@ const SUM_BATCH: usize = 1 << 10;
 
 /// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
 const MOST_NEIGHBOURS: usize = 8192;
+
+/// What the search for neighbours is called.
+const FINDING: &str = "finding neighbours";
 
 /// A k-d tree of the finite points of a set.
 ///
@@ -151,28 +156,26 @@ impl<'a> PointIndex<'a> {
     /// [`SPACING_NEIGHBOURS`].
     ///
     /// Points at one position share what one would have had. Points that are not finite get NaN.
-    pub(super) fn volumes(&self) -> Vec<f64> {
+    pub(super) fn volumes(&self, task: Option<&Task>) -> Result<Vec<f64>> {
         let [first, last] = SPACING_NEIGHBOURS;
-        let volumes: Vec<f64> = (0..self.group_count())
-            .into_par_iter()
-            .map(|g| {
-                let mut within = 0;
-                let mut outermost = 0.0;
-                let (mut sum, mut count) = (0.0, 0.0);
-                for (other, squared_radius) in self.nearest(g, last) {
-                    within += self.group(other).len();
-                    let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
-                    let share = ball / (within - 1).max(1) as f64;
-                    outermost = share;
-                    if within > first && share > 0.0 {
-                        sum += share;
-                        count += 1.0;
-                    }
+        let volume = |g| {
+            let mut within = 0;
+            let mut outermost = 0.0;
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (other, squared_radius) in self.nearest(g, last) {
+                within += self.group(other).len();
+                let ball = 4.0 / 3.0 * std::f64::consts::PI * f64::powf(squared_radius, 1.5);
+                let share = ball / (within - 1).max(1) as f64;
+                outermost = share;
+                if within > first && share > 0.0 {
+                    sum += share;
+                    count += 1.0;
                 }
-                if count > 0.0 { sum / count } else { outermost }
-            })
-            .collect();
-        self.spread(&volumes, f64::NAN)
+            }
+            if count > 0.0 { sum / count } else { outermost }
+        };
+        let volumes = collect(task, FINDING, self.group_count(), volume)?;
+        Ok(self.spread(&volumes, f64::NAN))
     }
 
     /// Covariance of the positions of groups about their mean: xx, xy, xz, yy, yz, zz.
@@ -196,18 +199,16 @@ impl<'a> PointIndex<'a> {
 
     /// Covariances of the nearest neighbours of each point, smoothed over these neighbours: less
     /// noisy by far.
-    pub(super) fn covariances(&self) -> Vec<[f64; 6]> {
+    pub(super) fn covariances(&self, task: Option<&Task>) -> Result<Vec<[f64; 6]>> {
         // Fewer where the set is smaller: the rest names the group itself.
-        let nearest: Vec<[u32; NEIGHBOUR_COUNT + 1]> = (0..self.group_count())
-            .into_par_iter()
-            .map(|g| {
-                let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
-                for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
-                    *slot = index_u32(other);
-                }
-                groups
-            })
-            .collect();
+        let around = |g| {
+            let mut groups = [index_u32(g); NEIGHBOUR_COUNT + 1];
+            for (slot, (other, _)) in groups.iter_mut().zip(self.nearest(g, NEIGHBOUR_COUNT)) {
+                *slot = index_u32(other);
+            }
+            groups
+        };
+        let nearest = collect(task, FINDING, self.group_count(), around)?;
         let own: Vec<[f64; 6]> = nearest
             .par_iter()
             .map(|groups| self.covariance(groups.iter().map(|&g| g as usize)))
@@ -222,7 +223,7 @@ impl<'a> PointIndex<'a> {
             sum
         };
         let smoothed: Vec<[f64; 6]> = nearest.par_iter().map(smooth).collect();
-        self.spread(&smoothed, [f64::NAN; 6])
+        Ok(self.spread(&smoothed, [f64::NAN; 6]))
     }
 
     /// Covariances of `neighbour_count` neighbours for at most `count` points spread over the set.
@@ -241,7 +242,11 @@ impl<'a> PointIndex<'a> {
     /// Codes of the directions in which a field grows fastest: the plane of least squares through a
     /// point's value and its nearest neighbours', those at one position with their mean value; more
     /// neighbours where the nearest lie in a plane. Values that are not finite count as none.
-    pub(super) fn normals(&self, value: impl Fn(usize) -> f32 + Sync) -> Vec<u32> {
+    pub(super) fn normals(
+        &self,
+        task: Option<&Task>,
+        value: impl Fn(usize) -> f32 + Sync,
+    ) -> Result<Vec<u32>> {
         let mean = |g: usize| {
             let values = self.group(g).iter().map(|&i| f64::from(value(i as usize)));
             let finite = values.filter(|v| v.is_finite());
@@ -265,11 +270,8 @@ impl<'a> PointIndex<'a> {
             }
             normal_code(best.gradient())
         };
-        let normals: Vec<u32> = (0..self.group_count())
-            .into_par_iter()
-            .map(normal)
-            .collect();
-        self.spread(&normals, NO_NORMAL)
+        let normals = collect(task, "fitting gradients", self.group_count(), normal)?;
+        Ok(self.spread(&normals, NO_NORMAL))
     }
 
     /// Calls `visit` with each point within `radius` of `centre` and its offset from there.
@@ -327,12 +329,15 @@ impl<'a> PointIndex<'a> {
     /// The terms are summed in the order of the points, whatever the number of threads.
     pub(super) fn kernel_sums(
         &self,
+        task: Option<&Task>,
         kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
-    ) -> Vec<f64> {
+    ) -> Result<Vec<f64>> {
+        let stage = Stage::new(task, "summing kernels", self.order.len());
         let mut sums = vec![0.0; self.positions.len()];
         let mut rest = self.order.as_slice();
         let mut batch_size = SUM_BATCH;
         while !rest.is_empty() {
+            stage.check()?;
             let (batch, others) = rest.split_at(batch_size.min(rest.len()));
             rest = others;
             let terms: Vec<Vec<(u32, f64)>> = batch
@@ -362,8 +367,9 @@ impl<'a> PointIndex<'a> {
             // Grows slowly, shrinks at once.
             let fitting = batch.len() * SUM_TERMS / count.max(1);
             batch_size = fitting.clamp(64, 2 * batch_size);
+            stage.advance(batch.len());
         }
-        sums
+        Ok(sums)
     }
 }
 
@@ -444,7 +450,7 @@ mod tests {
     }
 
     fn neighbour_volumes(points: &[DVec3]) -> Option<Vec<f64>> {
-        PointIndex::new(points).map(|index| index.volumes())
+        PointIndex::new(points).map(|index| index.volumes(None).unwrap())
     }
 
     #[test]
@@ -483,7 +489,8 @@ mod tests {
         let points = lattice(9, 100.0);
         let index = PointIndex::new(&points).unwrap();
         let sigma = 0.7;
-        let sums = index.kernel_sums(|_| Some(([sigma, 0.0, sigma, 0.0, 0.0, sigma], sigma, 1.0)));
+        let kernel = |_| Some(([sigma, 0.0, sigma, 0.0, 0.0, sigma], sigma, 1.0));
+        let sums = index.kernel_sums(None, kernel).unwrap();
         // Within the cut-off's .1 % and the ripple of sigma .7, .04 %.
         let centre = sums[4 + 9 * (4 + 9 * 4)];
         assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
@@ -499,7 +506,7 @@ mod tests {
             .map(|p| p * DVec3::new(2.0, 1.0, 1.0))
             .collect();
         let index = PointIndex::new(&points).unwrap();
-        let centre = index.covariances()[5 + 11 * (5 + 11 * 5)];
+        let centre = index.covariances(None).unwrap()[5 + 11 * (5 + 11 * 5)];
         assert!(
             (centre[3] - centre[5]).abs() < 0.3 * centre[3],
             "{centre:?}"

@@ -6,8 +6,10 @@ use rayon::prelude::*;
 use super::factor::sphere;
 use super::narrowed;
 use super::neighbours::PointIndex;
+use crate::error::Result;
 use crate::math::principal_sigmas;
 use crate::scene::{Particles, PointVolume, Strength};
+use crate::task::Task;
 
 /// At a boundary half of a kernel's neighbours are missing; what would more than double a volume
 /// several times over is no ripple.
@@ -17,13 +19,13 @@ const LEAST_SUM: f64 = 0.2;
 /// and then scales all so that their total is what it was.
 ///
 /// Lattices need none, and masses that the data state are theirs: both stay.
-pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
+pub(super) fn even_out(volume: &mut PointVolume, passes: u32, task: Option<&Task>) -> Result<()> {
     let Strength::Classified { volumes } = &mut volume.strength else {
-        return;
+        return Ok(());
     };
     let (positions, factor): (&[DVec3], &(dyn Fn(usize) -> [f64; 6] + Sync)) =
         match &volume.particles {
-            Particles::Lattice { .. } | Particles::Surfels { .. } => return,
+            Particles::Lattice { .. } | Particles::Surfels { .. } => return Ok(()),
             Particles::Isotropic { positions, sigmas } => {
                 (positions, &|i| sphere(f64::from(sigmas[i])))
             }
@@ -32,15 +34,15 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
             }
         };
     let Some(index) = PointIndex::new(positions) else {
-        return;
+        return Ok(());
     };
     let total = |volumes: &[f32]| volumes.iter().copied().map(f64::from).sum::<f64>();
     let before = total(volumes);
     for _ in 0..passes {
-        let sums = index.kernel_sums(|j| {
+        let sums = index.kernel_sums(task, |j| {
             let factor = factor(j);
             Some((factor, principal_sigmas(factor)[0], f64::from(volumes[j])))
-        });
+        })?;
         volumes
             .par_iter_mut()
             .zip(&sums)
@@ -52,4 +54,5 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32) {
             *volume = narrowed(f64::from(*volume) * scale);
         }
     }
+    Ok(())
 }

@@ -1,7 +1,5 @@
 //! Splats: shapes and opacities as the file states them.
 
-use rayon::prelude::*;
-
 use super::factor::factor_of_scales;
 use super::left_out::LeftOut;
 use super::{
@@ -13,6 +11,7 @@ use crate::image::linear_from_srgb;
 use crate::io::{Dataset, Geometry, SplatCloud};
 use crate::math::{HARMONIC_0, harmonics_count};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::task::collect;
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let Geometry::Splats(cloud) = &mut dataset.geometry else {
@@ -32,7 +31,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     let values = field.as_ref().map(|f| &f.values);
     let row = |i: usize| factor(&cloud, values, i);
-    let rows: Vec<Result<[f32; 6], LeftOut>> = (0..count).into_par_iter().map(row).collect();
+    let rows: Vec<Result<[f32; 6], LeftOut>> =
+        collect(options.task.as_ref(), "shaping kernels", count, row)?;
 
     let mut report = SampleReport {
         field: field.as_ref().map(|f| f.name.clone()),

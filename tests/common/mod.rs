@@ -625,6 +625,7 @@ pub mod frame {
             let settings = RasteriseSettings {
                 axes,
                 level: SimdLevel::Baseline,
+                task: None,
             };
             let splat_pixels = cpu::rasterise(
                 &self.uniform,

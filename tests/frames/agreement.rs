@@ -192,7 +192,7 @@ fn samplings_of_one_field_agree_with_each_other_and_with_the_reference() {
             ..ReferenceSettings::default()
         };
         let integrator = Integrator::new(std::slice::from_ref(scene)).unwrap();
-        let frame = integrator.render(&camera, &kernels, &|_| ()).unwrap();
+        let frame = integrator.render(&camera, &kernels).unwrap();
         let from_reference = worst(image, |x, y| alpha(&frame.image, x, y));
         let from_blurred = worst(image, |x, y| analytic(&camera, x, y, blur));
         let from_field = worst(image, |x, y| analytic(&camera, x, y, 0.0));

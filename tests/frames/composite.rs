@@ -113,7 +113,7 @@ fn truth(scene: &[PointVolume], camera: &Camera, clip: &[ClipPlane]) -> Image {
         pixel_filter: PixelFilter::Image,
         ..ReferenceSettings::default()
     };
-    integrator.render(camera, &settings, &|_| {}).unwrap().image
+    integrator.render(camera, &settings).unwrap().image
 }
 
 #[test]

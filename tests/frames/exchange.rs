@@ -9,15 +9,16 @@ use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
 };
 use ewa_splat::view::{Camera, Projection};
-use ewa_splat::{ColumnSettings, Keep, Renderer, Settings};
+use ewa_splat::{ColumnSettings, Renderer, SceneOptions, Settings};
 use glam::{DMat3, DVec3};
 
 use crate::common::Random;
 use crate::common::scene::camera;
 
-const KEEP: Keep = Keep {
-    shapes: true,
-    indices: false,
+const KEEP: SceneOptions = SceneOptions {
+    keep_shapes: true,
+    keep_indices: false,
+    task: None,
 };
 /// Spheres of the scene.
 const COUNT: usize = 6_000;
@@ -93,7 +94,7 @@ fn exchange(renderer: &mut Renderer, next: &[PointVolume]) {
 
 #[test]
 fn exchanged_values_draw_what_a_scene_of_them_draws() {
-    let mut renderer = Renderer::keeping(scene(1), KEEP).unwrap();
+    let mut renderer = Renderer::with_options(scene(1), &KEEP).unwrap();
     let settings = Settings::default();
     let first = renderer.render(&eye(1.0), &settings).unwrap().clone();
     let before = renderer.amplitudes().sum;
@@ -122,7 +123,7 @@ fn the_device_takes_them_too() {
     let Some(gpu) = crate::common::gpu::gpu() else {
         return;
     };
-    let renderer = Renderer::keeping(scene(1), KEEP).unwrap();
+    let renderer = Renderer::with_options(scene(1), &KEEP).unwrap();
     let mut renderer = renderer.on(gpu.clone()).unwrap();
     let settings = Settings::default();
     renderer.render(&eye(1.0), &settings).unwrap();
@@ -140,7 +141,7 @@ fn what_cannot_be_exchanged_is_refused() {
         let error = error.to_string();
         assert!(error.contains(about), "{error}");
     };
-    let mut renderer = Renderer::keeping(scene(1), KEEP).unwrap();
+    let mut renderer = Renderer::with_options(scene(1), &KEEP).unwrap();
     refused(&mut renderer, 0, 5, "6000 values");
     refused(&mut renderer, 2, COUNT, "one of 2 volumes");
     let mut renderer = Renderer::new(scene(1)).unwrap();
@@ -152,6 +153,6 @@ fn what_cannot_be_exchanged_is_refused() {
         transfer_function: None,
         ..scene(1).swap_remove(0)
     };
-    let mut renderer = Renderer::keeping(vec![masses], KEEP).unwrap();
+    let mut renderer = Renderer::with_options(vec![masses], &KEEP).unwrap();
     refused(&mut renderer, 0, COUNT, "a volume with values");
 }

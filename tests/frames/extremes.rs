@@ -80,10 +80,7 @@ fn judge_against(
         pixel_filter: PixelFilter::Kernels,
         ..ReferenceSettings::default()
     };
-    let truth = integrator
-        .render(camera, &settings, &|_| ())
-        .unwrap()
-        .pixels;
+    let truth = integrator.render(camera, &settings).unwrap().pixels;
     let peak = truth.iter().flatten().copied().fold(0.0, f64::max);
     let error = |settings: Settings| {
         let settings = Settings {

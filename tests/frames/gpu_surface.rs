@@ -16,7 +16,9 @@ use ewa_splat::constants::{COVERAGE_FULL, NEAR_MARGIN, TERMINATION_INTERVAL, TIL
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::math::unpack_normal;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::stages::cpu::{self, Bins, NormalTile, ProjectOutput, SimdLevel, Tile};
+use ewa_splat::stages::cpu::{
+    self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile,
+};
 use ewa_splat::stages::gpu::{
     Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
 };
@@ -544,8 +546,14 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: SurfaceSpec) -> (Vec<Tile>, SurfaceP
     let mut normal_tiles = vec![NormalTile::new(); if spec.normals { count } else { 0 }];
     let splat_pixels = cpu::rasterise_surface(
         &frame.uniform,
-        SimdLevel::Baseline,
-        spec.count,
+        RasteriseSettings {
+            axes: Axes {
+                count: spec.count,
+                ..Axes::default()
+            },
+            level: SimdLevel::Baseline,
+            task: None,
+        },
         &frame.footprints,
         &frame.surfels,
         &frame.near,

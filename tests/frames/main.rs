@@ -14,6 +14,7 @@ mod agreement;
 mod analytic_cases;
 mod blocks;
 mod bounds;
+mod cancel;
 mod column_density;
 mod column_scenes;
 mod composite;

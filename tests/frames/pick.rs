@@ -9,15 +9,16 @@ use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
-use ewa_splat::{Composite, Keep, Renderer, Settings};
+use ewa_splat::{Composite, Renderer, SceneOptions, Settings};
 use glam::{DMat3, DVec3};
 
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, volume};
 
-const KEEP: Keep = Keep {
-    shapes: false,
-    indices: true,
+const KEEP: SceneOptions = SceneOptions {
+    keep_shapes: false,
+    keep_indices: true,
+    task: None,
 };
 
 fn transfer() -> TransferFunction {
@@ -130,7 +131,7 @@ fn shares_of_a_pixel_make_it_again() {
         distance: -4.6,
     }];
     for (number, scene) in scenes.iter().enumerate() {
-        let mut renderer = Renderer::keeping(scene.clone(), KEEP).unwrap();
+        let mut renderer = Renderer::with_options(scene.clone(), &KEEP).unwrap();
         for projection in [Projection::Perspective, Projection::Orthographic] {
             let focal = match projection {
                 Projection::Perspective => 80.0,
@@ -193,7 +194,7 @@ fn two_spheres_have_the_shares_of_the_formula() {
         tolerance: 1e-6,
         ..Settings::default()
     };
-    let mut renderer = Renderer::keeping(vec![volume(&spheres)], KEEP).unwrap();
+    let mut renderer = Renderer::with_options(vec![volume(&spheres)], &KEEP).unwrap();
     let picked = renderer.pick(&camera, &settings, [100, 100]).unwrap();
     let named: Vec<_> = picked.iter().map(|p| (p.particle, p.depth)).collect();
     assert_eq!(named, [(1, 4.0), (0, 7.0)]);
@@ -226,7 +227,7 @@ fn what_has_no_shares_is_refused_in_words() {
     let points = vec![cloud(&mut random)];
     let mut unnumbered = Renderer::new(points.clone()).unwrap();
     assert!(error(&mut unnumbered, &settings, [3, 3]).contains("indices: true"));
-    let mut numbered = Renderer::keeping(points, KEEP).unwrap();
+    let mut numbered = Renderer::with_options(points, &KEEP).unwrap();
     assert!(error(&mut numbered, &settings, [20, 3]).contains("one of 20 x 10"));
     assert!(error(&mut numbered, &settings, [3, 10]).contains("one of 20 x 10"));
     // Lattices have their numbers anyway; after slabs of values, particles have colours again.

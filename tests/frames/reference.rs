@@ -113,9 +113,7 @@ fn an_orthographic_sphere_with_the_filter_on_kernels() {
         pixel_filter: PixelFilter::Kernels,
         ..ReferenceSettings::default()
     };
-    let frame = integrator(&sphere)
-        .render(&camera, &settings, &|_| ())
-        .unwrap();
+    let frame = integrator(&sphere).render(&camera, &settings).unwrap();
     for (x, tau) in numbers(&case, "/input/offset_px")
         .iter()
         .zip(numbers(&case, "/expected/tau"))
@@ -290,7 +288,7 @@ fn filtered_opacities_of_small_kernels() {
         };
         let integrator = integrator(&sphere);
         let frame = integrator
-            .render(&camera, &settings(PixelFilter::Image), &|_| ())
+            .render(&camera, &settings(PixelFilter::Image))
             .unwrap();
         let name = case["name"].as_str().unwrap();
         println!("{name}: {} rays", frame.rays);
@@ -302,7 +300,7 @@ fn filtered_opacities_of_small_kernels() {
             DIGITS,
         );
         let frame = integrator
-            .render(&camera, &settings(PixelFilter::Kernels), &|_| ())
+            .render(&camera, &settings(PixelFilter::Kernels))
             .unwrap();
         close(
             "as EWA",
@@ -468,7 +466,7 @@ fn filtered(integrator: &Integrator, camera: &Camera, h2: f64, error: f64) -> Re
         max_rays_per_pixel: 1 << 14,
         ..ReferenceSettings::default()
     };
-    integrator.render(camera, &settings, &|_| ()).unwrap()
+    integrator.render(camera, &settings).unwrap()
 }
 
 /// The filter as a plain sum over a fine square lattice, out to six standard deviations.
@@ -611,9 +609,7 @@ fn rays_too_few_are_reported() {
         max_rays_per_pixel: 16,
         ..ReferenceSettings::default()
     };
-    let frame = integrator(&[needle])
-        .render(&camera, &settings, &|_| ())
-        .unwrap();
+    let frame = integrator(&[needle]).render(&camera, &settings).unwrap();
     assert!(frame.unconverged > 0 && frame.error > settings.error);
 }
 
@@ -643,9 +639,7 @@ fn a_tree_and_a_list_find_the_same_kernels() {
                 low_pass_variance_px2: 0.0,
                 ..ReferenceSettings::default()
             };
-            let frame = integrator(&particles)
-                .render(&camera, &settings, &|_| ())
-                .unwrap();
+            let frame = integrator(&particles).render(&camera, &settings).unwrap();
             for (i, pixel) in frame.pixels.iter().enumerate() {
                 let px = DVec2::new((i % 13) as f64, (i / 13) as f64) + 0.5;
                 let of = |p: &Particle| {
@@ -670,14 +664,13 @@ fn what_is_wrong_is_refused() {
         ..camera.clone()
     };
     let refused = [
-        integrator.render(&empty, &good, &|_| ()),
+        integrator.render(&empty, &good),
         integrator.render(
             &camera,
             &ReferenceSettings {
                 error: 0.0,
                 ..good.clone()
             },
-            &|_| (),
         ),
         integrator.render(
             &camera,
@@ -685,7 +678,6 @@ fn what_is_wrong_is_refused() {
                 low_pass_variance_px2: f64::NAN,
                 ..good
             },
-            &|_| (),
         ),
     ];
     for (result, word) in refused
@@ -841,7 +833,7 @@ fn a_surfel_before_a_camera_of_parallel_rays_is_filtered_in_closed_form() {
             pixel_filter,
             ..ReferenceSettings::default()
         };
-        let frame = integrator.render(&camera, &settings, &|_| ()).unwrap();
+        let frame = integrator.render(&camera, &settings).unwrap();
         let mut worst = 0.0_f64;
         for (i, pixel) in frame.pixels.iter().enumerate() {
             let (x, y) = ((i % 17) as f64 - 8.0, (i / 17) as f64 - 8.0);

@@ -459,6 +459,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
             ..Axes::default()
         },
         level,
+        task: None,
     };
     let count = cpu::rasterise(
         &frame.uniform,

@@ -392,6 +392,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
             ..Axes::default()
         },
         level: settings.simd,
+        task: None,
     };
     rasterise(
         &frame.uniform,

@@ -301,7 +301,7 @@ fn truth(scene: &[PointVolume], view: &Camera, error: f64) -> ReferenceFrame {
         ..ReferenceSettings::default()
     };
     let integrator = Integrator::new(scene).unwrap();
-    integrator.render(view, &settings, &|_| ()).unwrap()
+    integrator.render(view, &settings).unwrap()
 }
 
 /// How far a picture is from the true one: the worst channel of a pixel, and the root of the mean square.

@@ -304,6 +304,7 @@ impl DataOptions {
                 (None, _) => Spread::Automatic,
             },
             seed: 0,
+            task: None,
         }
     }
 }

@@ -10,6 +10,7 @@ use ewa_splat::measure::{
     SweepOptions, sweep,
 };
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceFrame, ReferenceSettings};
+use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::PointVolume;
 use ewa_splat::view::Camera;
 use ewa_splat::{Error, Image, Renderer, Result};
@@ -18,7 +19,7 @@ use indicatif::ProgressBar;
 use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
-use crate::progress::{bar, with_bar};
+use crate::progress::{bar, task_of, with_bar};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS};
 
 /// Width and height of a measurement in pixels.
@@ -69,7 +70,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
 
-    let options = arguments.data.sample_options();
+    let options = SampleOptions {
+        task: task_of(&progress),
+        ..arguments.data.sample_options()
+    };
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, &progress)?;
@@ -182,13 +186,14 @@ fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> R
     let defaults = ReferenceSettings::default();
     let error = arguments.reference_error.unwrap_or(DEFAULT_REFERENCE_ERROR);
     let render = |message, pixel_filter| -> Result<ReferenceFrame> {
-        let settings = ReferenceSettings {
-            error,
-            pixel_filter,
-            ..defaults.clone()
-        };
-        with_bar(message, |report| {
-            integrator.render(camera, &settings, report)
+        with_bar(message, |task| {
+            let settings = ReferenceSettings {
+                error,
+                pixel_filter,
+                task: Some(task),
+                ..defaults.clone()
+            };
+            integrator.render(camera, &settings)
         })
     };
     let start = Instant::now();

@@ -17,7 +17,7 @@ use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
-use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, Settings, Show};
+use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -28,7 +28,7 @@ use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Clip};
-use crate::progress::with_bar;
+use crate::progress::{task_of, with_bar};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
 
 #[derive(Args)]
@@ -241,6 +241,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         for_columns: arguments.method.column_density,
         // Slabs that are classified have slopes of their own.
         normals: arguments.light.lighting().is_some() && !arguments.method.post_classification,
+        task: task_of(&progress),
         ..arguments.data.sample_options()
     };
     let scene = arguments
@@ -262,7 +263,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
     let integrator = integrator.transpose()?;
     let integrator = integrator.map(|i| i.clipped(&arguments.clip_planes()));
-    let mut renderer = Renderer::with_backend(scene, backend)?;
+    let scene_options = SceneOptions {
+        task: task_of(&progress),
+        ..SceneOptions::default()
+    };
+    let renderer = Renderer::with_options(scene, &scene_options)?;
+    let mut renderer = renderer.on_backend(backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
     let prepared = Prepared {
@@ -290,7 +296,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let settings = arguments.settings();
     progress.set_message("rendering");
-    renderer.render(&camera, &settings)?;
+    let shown = Settings {
+        task: task_of(&progress),
+        ..settings.clone()
+    };
+    renderer.render(&camera, &shown)?;
     let mut times = vec![renderer.times()];
     if let Some(frames) = arguments.output.frames {
         times.clear();
@@ -348,7 +358,7 @@ impl Arguments {
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
-        let settings = ReferenceSettings {
+        let mut settings = ReferenceSettings {
             error: self.method.tolerance.map_or(defaults.error, f64::from),
             low_pass_variance_px2: self
                 .method
@@ -358,8 +368,9 @@ impl Arguments {
             ..defaults
         };
         let start = Instant::now();
-        let frame = with_bar("integrating", |report| {
-            integrator.render(camera, &settings, report)
+        let frame = with_bar("integrating", |task| {
+            settings.task = Some(task);
+            integrator.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
         write_with_legend(&self.out, &frame.image, legend)?;
@@ -438,6 +449,7 @@ impl Arguments {
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             clip: shared.clip,
             simd: shared.simd,
+            task: None,
         }
     }
 
@@ -484,6 +496,7 @@ impl Arguments {
             simd: defaults.simd,
             lighting: self.light.lighting(),
             sub_pixel_opacity: self.method.sub_pixel_opacity,
+            task: None,
         }
     }
 }

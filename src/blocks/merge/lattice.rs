@@ -5,7 +5,9 @@ use rayon::prelude::*;
 use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
+use crate::error::Result;
 use crate::scene::{Colour, Lattice, Strength, Values};
+use crate::task::{Stage, Task};
 
 /// Cells along the edge of a cube of the first level: 64 cells share what it stores.
 const FIRST_CUBE: usize = 4;
@@ -20,15 +22,16 @@ pub(in crate::blocks) fn merge_lattice(
     base: &mut BlockedVolume,
     lattice: &Lattice,
     kernel_width: f64,
-) -> Vec<BlockedVolume> {
+    task: Option<&Task>,
+) -> Result<Vec<BlockedVolume>> {
     let mut levels = Vec::new();
     let is_mergeable = matches!(&base.strength, Strength::Classified { volumes } if volumes.is_empty())
         && matches!(base.colour, Colour::Classified | Colour::Uniform(_));
     let Some(values) = &base.values else {
-        return levels;
+        return Ok(levels);
     };
     if !is_mergeable || lattice.len() <= BLOCK_CAPACITY || values.non_finite_count() > 0 {
-        return levels;
+        return Ok(levels);
     }
     let mut cube = FIRST_CUBE;
     loop {
@@ -40,7 +43,8 @@ pub(in crate::blocks) fn merge_lattice(
             lattice,
             cube,
             levels.len() as u32 + 1,
-        ));
+            task,
+        )?);
         let BlockedParticles::Lattice(grid) = &levels[levels.len() - 1].particles else {
             break;
         };
@@ -59,7 +63,7 @@ pub(in crate::blocks) fn merge_lattice(
         ratio = NEXT_CUBE;
         finer = coarser;
     }
-    levels
+    Ok(levels)
 }
 
 /// Sets the parents of a grid's bricks: a brick of the coarser grid spans `ratio` of them along
@@ -87,16 +91,19 @@ fn level(
     lattice: &Lattice,
     cube: usize,
     level: u32,
-) -> BlockedVolume {
+    task: Option<&Task>,
+) -> Result<BlockedVolume> {
     let [columns, rows, _] = grid.dims();
     let mut means = vec![0.0_f32; grid.len()];
     let mut spreads = vec![0.0_f32; grid.len()];
     let mut uneven = vec![0.0_f32; grid.len()];
+    let stage = Stage::new(task, "levels of detail", grid.len() / columns.max(1));
     means
         .par_chunks_mut(columns.max(1))
         .zip(spreads.par_chunks_mut(columns.max(1)))
         .zip(uneven.par_chunks_mut(columns.max(1)))
         .enumerate()
+        .filter(|(line, _)| stage.counts(*line))
         .for_each(|(line, ((means, spreads), uneven))| {
             let (j, k) = (line % rows, line / rows);
             let cells = means.iter_mut().zip(spreads).zip(uneven);
@@ -104,6 +111,7 @@ fn level(
                 [*mean, *spread, *uneven] = cube_values(base, values, lattice, [i, j, k], cube);
             }
         });
+    stage.check()?;
     let blocks = grid.blocks(None, level);
     let moments = grid.axis_moments();
     let bounds: Vec<MergeBounds> = blocks
@@ -128,7 +136,7 @@ fn level(
             bounds
         })
         .collect();
-    BlockedVolume {
+    Ok(BlockedVolume {
         blocks,
         particles: BlockedParticles::Lattice(Box::new(grid)),
         strength: base.strength.clone(),
@@ -143,7 +151,7 @@ fn level(
             transfer: None,
             member_depths: Vec::new(),
         }),
-    }
+    })
 }
 
 /// Mean of the values of a cube's cells, weighted by their volumes, the half width of the interval

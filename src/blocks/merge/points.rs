@@ -12,8 +12,10 @@ use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
 use crate::blocks::overlap::Crowds;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
+use crate::error::Result;
 use crate::math::{eigen, lower_factor};
 use crate::scene::{Colour, Strength, Values};
+use crate::task::{Stage, Task};
 
 /// By how much less than its box the particles of a subtree may span, in units of the box: each is
 /// moved by a millionth along each axis, either way, and rounded.
@@ -217,20 +219,23 @@ pub(in crate::blocks) fn merge_points(
     tree: &Tree,
     order: &[u32],
     crowds: &Crowds,
-) -> Option<MergedPoints> {
+    task: Option<&Task>,
+) -> Result<Option<MergedPoints>> {
     let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
         && !matches!(source.colour, Colour::Harmonics { .. })
         && source.values.is_none_or(|v| !v.has_infinite());
     if !is_mergeable || order.len() <= BLOCK_CAPACITY {
-        return None;
+        return Ok(None);
     }
     let mut levels: Vec<Vec<MergedBlock>> = Vec::new();
     let mut members = 1;
     loop {
         members *= MERGE_RATIO;
         let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
+        let stage = Stage::new(task, "levels of detail", subtrees.len());
         let level: Vec<MergedBlock> = subtrees
             .par_iter()
+            .filter(|_| stage.goes_on())
             .map(|&subtree| {
                 let run = tree.run(subtree);
                 let count = run.len().div_ceil(members);
@@ -240,16 +245,18 @@ pub(in crate::blocks) fn merge_points(
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
                 let block = MergedBlock::new(source, &order[run.clone()], run.start, clusters);
+                stage.advance(1);
                 MergedBlock { crowding, ..block }
             })
             .collect();
+        stage.check()?;
         let is_last = level.len() == 1 && level[0].particles.len() <= LAST_LEVEL;
         levels.push(level);
         if is_last {
             break;
         }
     }
-    Some(MergedPoints { levels })
+    Ok(Some(MergedPoints { levels }))
 }
 
 /// The levels of a point set, the finest first.

@@ -37,10 +37,12 @@ mod evaluate;
 mod interval;
 mod pixels;
 mod rasterise;
+mod settings;
 
 pub use accumulate::column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use accumulate::opaque::{NormalTile, rasterise_surface};
 pub use classify::slab::PostClassification;
 pub use pixels::Tile;
 pub(super) use pixels::prefetch;
-pub use rasterise::{RasteriseSettings, rasterise};
+pub use rasterise::rasterise;
+pub use settings::RasteriseSettings;

@@ -9,20 +9,12 @@ use super::accumulate::over::OverTile;
 use super::classify::slab::PostClassification;
 use super::interval::cut::{CutTile, Spans};
 use super::pixels::{PREFETCH, Plane, Tile, TilePlace, prefetch, ray};
+use super::settings::RasteriseSettings;
 use crate::constants::{TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_PIXELS, TILE_SIZE};
 use crate::cpu::bin::Bins;
 use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
-use crate::simd::SimdLevel;
-use crate::splat::{Accumulate, Axes};
-
-/// What specialises the rasteriser.
-#[derive(Debug, Clone, Copy)]
-pub struct RasteriseSettings {
-    /// What happens to a kernel on a pixel, and what is asked for.
-    pub axes: Axes,
-    /// The instruction set of the inner loop.
-    pub level: SimdLevel,
-}
+use crate::splat::Accumulate;
+use crate::task::Stage;
 
 /// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
@@ -37,7 +29,7 @@ pub struct RasteriseSettings {
 )]
 pub fn rasterise(
     view: &ViewUniform,
-    settings: RasteriseSettings,
+    settings: RasteriseSettings<'_>,
     footprints: &[Footprint],
     exact: &[ExactTerms],
     near: &[NearTerms],
@@ -47,11 +39,15 @@ pub fn rasterise(
     post: Option<PostClassification<'_>>,
     tiles: &mut [Tile],
 ) -> u64 {
-    let RasteriseSettings { axes, level } = settings;
+    let RasteriseSettings { axes, level, task } = settings;
+    let stage = Stage::new(task, "drawing", tiles.len());
     tiles
         .par_iter_mut()
         .enumerate()
         .map_init(TileMemory::default, |memory, (t, tile)| {
+            if !stage.goes_on() {
+                return 0;
+            }
             let TileMemory {
                 list,
                 rays,
@@ -113,6 +109,7 @@ pub fn rasterise(
                 Drawing::Over(over) => over.finish(tile),
                 Drawing::Layers(layers) => layers.finish(tile),
             }
+            stage.advance(1);
             splat_pixels
         })
         .sum()

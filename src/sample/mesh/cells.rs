@@ -11,6 +11,8 @@ use super::super::neighbours::PointIndex;
 use super::grid::Cubes;
 use super::pieces::{Piece, cut};
 use super::surface::{Surface, Triangle, area};
+use crate::error::Result;
+use crate::task::{Stage, Task};
 
 /// The longest side of a piece, in spacings: some seven pieces make a cell.
 const LONGEST_SIDE: f64 = 0.9;
@@ -65,24 +67,33 @@ struct Site {
 
 impl Cells {
     /// Cells of `triangles`, about `count` of them; each triangle has a part in at least one.
-    pub(super) fn new(surface: &Surface, triangles: &[Triangle], count: usize, seed: u64) -> Self {
+    pub(super) fn new(
+        surface: &Surface,
+        triangles: &[Triangle],
+        count: usize,
+        seed: u64,
+        task: Option<&Task>,
+    ) -> Result<Self> {
         let pieces = cut(surface, triangles, LONGEST_SIDE, count);
         let centres: Vec<DVec3> = pieces.par_iter().map(|p| p.centre).collect();
         let (cubes, order) = Cubes::new(&centres, CUBE_SIDE);
         drop(centres);
         let pieces: Vec<Piece> = order.par_iter().map(|&i| pieces[i as usize]).collect();
         let mut sites = first_sites(&pieces, triangles, &cubes, count, seed);
+        let stage = Stage::new(task, "spreading surfels", RELAXATIONS);
         for _ in 0..RELAXATIONS {
+            stage.check()?;
             let owners = owners(&pieces, triangles, &cubes, &sites);
             relax(&mut sites, &pieces, triangles, &cubes, &owners);
+            stage.advance(1);
         }
         let owners = owners(&pieces, triangles, &cubes, &sites);
         let (order, starts) = by_owner(&owners, sites.len());
-        Self {
+        Ok(Self {
             pieces,
             order,
             starts,
-        }
+        })
     }
 
     pub(super) fn len(&self) -> usize {

@@ -27,6 +27,7 @@ use super::{Finding, narrowed};
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::io::Mesh;
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
+use crate::task::Task;
 
 use cells::Cells;
 use coverage::Ripple;
@@ -47,7 +48,7 @@ pub(super) const THE_MESH: &str = "mesh";
 const RIPPLE_POINTS: usize = 1 << 14;
 
 /// How to spread surfels.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MeshOptions {
     /// How many.
     pub spread: Spread,
@@ -55,6 +56,8 @@ pub struct MeshOptions {
     pub kernel_width: f64,
     /// Another number gives another spread, as even; the same gives the same.
     pub seed: u64,
+    /// Is told how far the work is, and may cancel it.
+    pub task: Option<Task>,
 }
 
 impl Default for MeshOptions {
@@ -63,6 +66,7 @@ impl Default for MeshOptions {
             spread: Spread::Automatic,
             kernel_width: SURFEL_WIDTH,
             seed: 0,
+            task: None,
         }
     }
 }
@@ -155,7 +159,8 @@ impl MeshReport {
 /// The same for a seed, however many threads there are.
 ///
 /// # Errors
-/// Those of [`Mesh::validate`]; no triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`].
+/// Those of [`Mesh::validate`]; no triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`];
+/// work that was cancelled.
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
         return Err(Error::invalid(
@@ -209,6 +214,7 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     let mut volumes = Vec::new();
     let mut ripple = Ripple::default();
     let mut losses = Losses::default();
+    let task = options.task.as_ref();
     for (kind, triangles) in Kind::ALL.into_iter().zip(&surface.kinds) {
         if triangles.is_empty() {
             continue;
@@ -220,9 +226,9 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
             reason = "a share of a count"
         )]
         let wanted = ((count as f64 * share).round() as usize).max(1);
-        let cells = Cells::new(&surface, triangles, wanted, options.seed);
+        let cells = Cells::new(&surface, triangles, wanted, options.seed, task)?;
         let width = options.kernel_width;
-        let surfels = surfels::surfels(&surface, triangles, &cells, &paints, width);
+        let surfels = surfels::surfels(&surface, triangles, &cells, &paints, width, task)?;
         let points = coverage::points(&cells.pieces, triangles, RIPPLE_POINTS);
         drop(cells);
         let of_kind = Ripple::of(&surfels, &points);

@@ -7,6 +7,8 @@ use super::cells::Cells;
 use super::paint::Paints;
 use super::pieces::variance;
 use super::surface::{Surface, Triangle};
+use crate::error::Result;
+use crate::task::{Stage, Task};
 
 /// Surfels of which less than this is there are left out: less than one of 255 levels.
 pub(super) const FAINTEST: f64 = 1.0 / 255.0;
@@ -66,14 +68,19 @@ pub(super) fn surfels(
     cells: &Cells,
     paints: &Paints,
     kernel_width: f64,
-) -> Vec<Surfel> {
-    (0..cells.len())
+    task: Option<&Task>,
+) -> Result<Vec<Surfel>> {
+    let stage = Stage::new(task, "shaping surfels", cells.len());
+    let found = (0..cells.len())
         .into_par_iter()
+        .filter(|cell| stage.counts(*cell))
         .filter_map(|cell| {
             let pieces = cells.pieces_of(cell);
             surfel(surface, triangles, cells, pieces, paints, kernel_width)
         })
-        .collect()
+        .collect();
+    stage.check()?;
+    Ok(found)
 }
 
 fn surfel(

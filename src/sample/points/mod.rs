@@ -6,8 +6,6 @@ mod shape;
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use self::columns::{Columns, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;
 use self::shape::Shape;
@@ -19,6 +17,7 @@ use super::{
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::task::collect;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
@@ -125,7 +124,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             Err(LeftOut::BeyondSinglePrecision)
         }
     };
-    let rows: Vec<Result<Particle, LeftOut>> = (0..count).into_par_iter().map(row).collect();
+    let rows: Vec<Result<Particle, LeftOut>> =
+        collect(options.task.as_ref(), "shaping kernels", count, row)?;
 
     let mut report = SampleReport {
         field: match (computed, masses) {

@@ -141,7 +141,12 @@ impl<'a> Columns<'a> {
             Some(index) if with_yu_turk => {
                 let support = lengths.support_over_length;
                 let sizes = |i: usize| (sigma(i), support * (lengths.of)(i));
-                Shape::Computed(yu_turk::variances(index, positions, sizes))
+                Shape::Computed(yu_turk::variances(
+                    index,
+                    positions,
+                    sizes,
+                    options.task.as_ref(),
+                )?)
             }
             _ => Shape::Spheres((0..self.count).into_par_iter().map(sigma).collect()),
         };
@@ -158,10 +163,13 @@ impl<'a> Columns<'a> {
                 Hint::GiveMeaningOrRadius,
             ));
         }
-        let volumes = index.filter(|_| crowded && !known).map(|index| {
-            let sums = index.kernel_sums(kernel);
-            sums.into_iter().map(|sum| 1.0 / sum).collect()
-        });
+        let volumes = match index.filter(|_| crowded && !known) {
+            Some(index) => {
+                let sums = index.kernel_sums(options.task.as_ref(), kernel)?;
+                Some(sums.into_iter().map(|sum| 1.0 / sum).collect())
+            }
+            None => None,
+        };
         Ok(Shapes {
             shape,
             volumes,
@@ -181,13 +189,14 @@ impl<'a> Columns<'a> {
                 Hint::AddSigmaOrGiveRadius,
             )
         })?;
+        let task = options.task.as_ref();
         let (_, mass, density) = self.names();
         let volumes = match (self.get(mass)?, self.get(density)?) {
             (Some(mass), Some(density)) => {
                 let volume = |i| f64::from(mass.get(i)) / f64::from(density.get(i));
                 (0..self.count).into_par_iter().map(volume).collect()
             }
-            _ => index.volumes(),
+            _ => index.volumes(task)?,
         };
         let with_covariances = match options.shape {
             ParticleShape::Covariance => true,
@@ -199,7 +208,7 @@ impl<'a> Columns<'a> {
             let variance = |(c, volume): (&[f64; 6], &f64)| {
                 neighbourhood_variance(*c, *volume).map(|v| v * width * width)
             };
-            let covariances = index.covariances();
+            let covariances = index.covariances(task)?;
             Shape::Computed(covariances.par_iter().zip(&volumes).map(variance).collect())
         } else {
             Shape::Spheres(volumes.par_iter().map(|v| width * v.cbrt()).collect())

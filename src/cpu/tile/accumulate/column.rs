@@ -29,6 +29,7 @@ use crate::record::{
     ViewUniform,
 };
 use crate::simd::SimdLevel;
+use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
 const PIXELS: usize = SIZE * SIZE;
@@ -48,7 +49,7 @@ const TASKS: usize = 256;
 #[derive(Debug, Default)]
 pub struct ColumnSums {
     /// In order of tiles, then of footprints.
-    tasks: Vec<Task>,
+    tasks: Vec<ListPart>,
     /// One per task.
     sums: Vec<TileSums>,
     /// The first task of each tile, and one past the last.
@@ -57,7 +58,7 @@ pub struct ColumnSums {
 
 /// A part of a tile's list.
 #[derive(Debug, Clone, Copy)]
-struct Task {
+struct ListPart {
     tile: usize,
     first: usize,
     count: usize,
@@ -85,6 +86,8 @@ pub struct ColumnInput<'a> {
     pub bins: &'a Bins,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
+    /// Is told how much is summed, and may leave out the rest.
+    pub task: Option<&'a Task>,
 }
 
 /// The footprints that reach the image, in the order of the particles: words as
@@ -125,7 +128,7 @@ impl ColumnSums {
             self.starts.push(self.tasks.len() as u32);
             let len = input.bins.tile_len(tile);
             self.tasks
-                .extend((0..len).step_by(longest).map(|first| Task {
+                .extend((0..len).step_by(longest).map(|first| ListPart {
                     tile,
                     first,
                     count: longest.min(len - first),
@@ -136,18 +139,24 @@ impl ColumnSums {
             self.sums
                 .resize_with(self.tasks.len(), || TileSums([0.0; PIXELS]));
         }
+        let stage = Stage::new(input.task, "summing", self.tasks.len());
         self.tasks
             .par_iter()
             .zip(&mut self.sums)
             .with_max_len(1)
             .map(|(task, sums)| {
+                if !stage.goes_on() {
+                    return 0;
+                }
                 let work = SumTask {
                     input,
                     task: *task,
                     place: TilePlace::new(input.view, task.tile, columns),
                     sums,
                 };
-                run_at(input.level, work)
+                let splat_pixels = run_at(input.level, work);
+                stage.advance(1);
+                splat_pixels
             })
             .sum()
     }
@@ -186,7 +195,7 @@ impl ColumnSums {
 
 struct SumTask<'a> {
     input: &'a ColumnInput<'a>,
-    task: Task,
+    task: ListPart,
     place: TilePlace<'a, SIZE>,
     sums: &'a mut TileSums,
 }

@@ -23,8 +23,9 @@ use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::surfel::{NearSurfel, SurfelRow, SurfelWalk};
 use crate::cpu::tile::interval::edges::ClipEdges;
 use crate::cpu::tile::pixels::{PREFETCH, Plane, Tile, TilePlace, prefetch};
+use crate::cpu::tile::settings::RasteriseSettings;
 use crate::record::{Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
-use crate::simd::SimdLevel;
+use crate::task::Stage;
 
 /// Sums over the surfels of one layer of each pixel.
 #[derive(Debug, Clone)]
@@ -135,7 +136,6 @@ pub type NormalTile = Vec<[f32; 3]>;
 /// none. Returns the number of splat-pixels.
 ///
 /// - `terms`: of each footprint.
-/// - `is_count`: whether colours count the surfels that a pixel evaluated within their cut-off.
 /// - `normals`: one per tile where they are wanted, empty otherwise.
 #[allow(
     clippy::too_many_arguments,
@@ -143,8 +143,7 @@ pub type NormalTile = Vec<[f32; 3]>;
 )]
 pub fn rasterise_surface(
     view: &ViewUniform,
-    level: SimdLevel,
-    is_count: bool,
+    settings: RasteriseSettings<'_>,
     footprints: &[Footprint],
     terms: &[SurfelTerms],
     near: &[NearTerms],
@@ -153,6 +152,8 @@ pub fn rasterise_surface(
     tiles: &mut [Tile],
     normals: &mut [NormalTile],
 ) -> u64 {
+    let RasteriseSettings { axes, level, task } = settings;
+    let stage = Stage::new(task, "drawing surfaces", tiles.len());
     let has_normals = !normals.is_empty();
     let mut none = vec![NormalTile::new(); if has_normals { 0 } else { tiles.len() }];
     let normals = if has_normals { normals } else { &mut none };
@@ -165,6 +166,9 @@ pub fn rasterise_surface(
         .zip(normals)
         .enumerate()
         .map_init(memory, |(list, layers, counts), (t, (tile, normals))| {
+            if !stage.goes_on() {
+                return 0;
+            }
             list.clear();
             list.extend(bins.tile(t));
             let raster = SurfaceRaster {
@@ -179,11 +183,12 @@ pub fn rasterise_surface(
             };
             let splat_pixels = run_at(level, raster);
             resolve_layers(view, layers, tile, has_normals.then_some(normals));
-            if is_count {
+            if axes.count {
                 for plane in [&mut tile.red, &mut tile.green, &mut tile.blue] {
                     plane.copy_from_slice(&**counts);
                 }
             }
+            stage.advance(1);
             splat_pixels
         })
         .sum()
