@@ -15,7 +15,25 @@ pub use hint::{Hint, Parameter};
 /// The error of every fallible function of this library.
 ///
 /// Its text has one form, but for [`Error::Cancelled`]: `FILE: where: what was expected, what was found, what to
-/// do`.
+/// do`. What failed can be asked as well:
+///
+/// ```
+/// use ewa_splat::Error;
+/// use ewa_splat::io::{OpenOptions, RawLayout, RawType, read};
+/// use glam::DVec3;
+///
+/// # fn main() -> ewa_splat::Result<()> {
+/// let bytes = [0; 4 * 3 * 2];
+/// let mut options = OpenOptions::default();
+/// if let Err(Error::NoLayout { suggested: Some(layout), .. }) = read("fuel_4x3x2_uint8.raw", &bytes, &options) {
+///     let (dims, scalar) = (layout.dims, RawType::U8);
+///     let (spacing, origin) = (DVec3::ONE, DVec3::ZERO);
+///     options.raw = Some(RawLayout { dims, spacing, origin, scalar, big_endian: false });
+/// }
+/// assert_eq!(read("fuel_4x3x2_uint8.raw", &bytes, &options)?.field_names().len(), 1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

@@ -75,13 +75,20 @@ const NEEDED: [(&str, Limit); 7] = [
 /// buffers as large as the adapter has them, and timestamps where there are any. Callers raise what
 /// they need themselves; less than the adapter's buffers is enough too, and cuts frames smaller.
 ///
-/// ```no_run
-/// # async fn open(adapter: wgpu::Adapter) -> Result<(), Box<dyn std::error::Error>> {
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use ewa_splat::wgpu;
+/// # let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+/// # let wanted = wgpu::RequestAdapterOptions::default();
+/// # let Ok(adapter) = pollster::block_on(instance.request_adapter(&wanted)) else {
+/// #     return Ok(());
+/// # };
 /// use ewa_splat::render::{Gpu, device_descriptor};
-/// use ewa_splat::wgpu;
 ///
-/// let (device, queue) = adapter.request_device(&device_descriptor(&adapter)).await?;
+/// let asked = device_descriptor(&adapter);
+/// let (device, queue) = pollster::block_on(adapter.request_device(&asked))?;
 /// let gpu = Gpu::from_device(device, queue)?;
+/// println!("{}", gpu.adapter());
 /// # Ok(())
 /// # }
 /// ```

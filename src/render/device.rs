@@ -36,15 +36,33 @@ impl Renderer {
     /// were too small, which mostly the first frames find, it is drawn again. A future that is
     /// dropped costs the next frame its buffers, and nothing else.
     ///
-    /// ```no_run
-    /// # async fn draw(scene: ewa_splat::scene::PointVolume, camera: ewa_splat::view::Camera) -> ewa_splat::Result<()> {
-    /// use ewa_splat::render::{AdapterChoice, Gpu};
-    /// use ewa_splat::{Renderer, Settings};
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use ewa_splat::{Renderer, Settings, scene::PointVolume, view::Camera, wgpu};
+    /// # use glam::DVec3;
+    /// # let scene = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
+    /// # let camera = Camera::perspective(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
+    /// # let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    /// # let wanted = wgpu::RequestAdapterOptions::default();
+    /// # let Ok(adapter) = pollster::block_on(instance.request_adapter(&wanted)) else {
+    /// #     return Ok(());
+    /// # };
+    /// # let asked = ewa_splat::render::device_descriptor(&adapter);
+    /// # let (device, queue) = pollster::block_on(adapter.request_device(&asked))?;
+    /// use std::task::{Context, Poll, Waker};
     ///
-    /// let gpu = Gpu::open_async(AdapterChoice::Any).await?;
-    /// let mut renderer = Renderer::new(vec![scene])?.on(gpu)?;
-    /// let image = renderer.render_async(&camera, &Settings::default()).await?;
-    /// println!("{:?}", image.pixel(0, 0));
+    /// let mut renderer = Renderer::with_device(vec![scene], device.clone(), queue)?;
+    /// let settings = Settings::default();
+    /// let mut frame = std::pin::pin!(renderer.render_async(&camera, &settings));
+    /// let mut context = Context::from_waker(Waker::noop());
+    /// let image = loop {
+    ///     if let Poll::Ready(image) = frame.as_mut().poll(&mut context) {
+    ///         break image?;
+    ///     }
+    ///     // One turn of a loop that has other things to do.
+    ///     device.poll(wgpu::PollType::Poll)?;
+    /// };
+    /// assert!(image.pixel(32, 24)[3] > 0.3);
     /// # Ok(())
     /// # }
     /// ```
@@ -100,14 +118,22 @@ impl Renderer {
     /// buffers were too small and the frame is to be drawn again. This call waits for them;
     /// [`Renderer::render_to_texture_async`] does not. The texture is whole when either is done.
     ///
-    /// ```no_run
-    /// # fn draw(mut renderer: ewa_splat::Renderer, camera: ewa_splat::view::Camera, device: ewa_splat::wgpu::Device)
-    /// # -> ewa_splat::Result<()> {
-    /// use ewa_splat::wgpu;
-    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use ewa_splat::{Renderer, Settings, scene::PointVolume, view::Camera, wgpu};
+    /// # use glam::DVec3;
+    /// # let scene = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
+    /// # let camera = Camera::perspective(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
+    /// # let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    /// # let wanted = wgpu::RequestAdapterOptions::default();
+    /// # let Ok(adapter) = pollster::block_on(instance.request_adapter(&wanted)) else {
+    /// #     return Ok(());
+    /// # };
+    /// # let asked = ewa_splat::render::device_descriptor(&adapter);
+    /// # let (device, queue) = pollster::block_on(adapter.request_device(&asked))?;
     /// let texture = device.create_texture(&wgpu::TextureDescriptor {
     ///     label: None,
-    ///     size: wgpu::Extent3d { width: 640, height: 480, depth_or_array_layers: 1 },
+    ///     size: wgpu::Extent3d { width: 64, height: 48, depth_or_array_layers: 1 },
     ///     mip_level_count: 1,
     ///     sample_count: 1,
     ///     dimension: wgpu::TextureDimension::D2,
@@ -115,7 +141,8 @@ impl Renderer {
     ///     usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
     ///     view_formats: &[],
     /// });
-    /// renderer.render_to_texture(&camera, &ewa_splat::Settings::default(), &texture)?;
+    /// let mut renderer = Renderer::with_device(vec![scene], device, queue)?;
+    /// renderer.render_to_texture(&camera, &Settings::default(), &texture)?;
     /// # Ok(())
     /// # }
     /// ```

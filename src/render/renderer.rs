@@ -18,6 +18,30 @@ use crate::view::{Bounds, Camera};
 
 /// A scene made ready, and the memory of its frames: after the first frame of a size, a frame
 /// allocates nothing of note.
+///
+/// It may move to a thread of its own, so that a window goes on while it draws:
+///
+/// ```
+/// use std::sync::mpsc::channel;
+///
+/// use ewa_splat::{Renderer, Settings, scene::PointVolume, view::Camera};
+/// use glam::DVec3;
+///
+/// # fn main() -> ewa_splat::Result<()> {
+/// let ball = PointVolume::spheres([DVec3::ZERO], [0.5]).with_masses([1.0]);
+/// let mut renderer = Renderer::new(vec![ball])?;
+/// let (cameras, wanted) = channel::<Camera>();
+/// let drawing = std::thread::spawn(move || {
+///     let draw = |camera| Ok(renderer.render(&camera, &Settings::default())?.clone());
+///     wanted.iter().map(draw).collect::<ewa_splat::Result<Vec<_>>>()
+/// });
+/// let camera = Camera::perspective(DVec3::Y * -5.0, DVec3::ZERO, DVec3::Z, 40.0, [64, 48]);
+/// cameras.send(camera).unwrap();
+/// drop(cameras);
+/// assert_eq!(drawing.join().unwrap()?.len(), 1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Renderer {
     pub(super) scene: BlockedScene,

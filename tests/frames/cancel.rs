@@ -163,6 +163,7 @@ fn sampling_of_files() {
     ] {
         check(name, expected, |task| {
             let options = SampleOptions {
+                spread: Spread::Count(2000),
                 task,
                 ..SampleOptions::default()
             };
