@@ -3,7 +3,7 @@
 use crate::blocks::{BlockedParticles, BlockedVolume, Rule};
 use crate::math::harmonics_count;
 use crate::record::{BlockView, ClassifiedParticle, DeviceBlock, Footprint};
-use crate::scene::{Colour, Strength, Values};
+use crate::scene::{Colour, Strength, Values, is_classified};
 
 /// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -97,8 +97,7 @@ pub(super) struct Kinds {
 
 impl Kinds {
     pub(super) fn of(volume: &BlockedVolume) -> Self {
-        let is_classified = matches!(volume.strength, Strength::Classified { .. })
-            || volume.colour == Colour::Classified;
+        let is_classified = is_classified(&volume.strength, &volume.colour);
         Self {
             particles: ParticleKind::of(&volume.particles),
             rule: Rule::of(volume),
@@ -127,10 +126,10 @@ impl Kinds {
                 Colour::Uniform(_) => ColourKind::Uniform,
                 Colour::Harmonics { .. } => ColourKind::Harmonics,
             },
-            harmonics_count: match volume.colour {
-                Colour::Harmonics { degree, .. } => harmonics_count(degree) as u32,
-                _ => 0,
-            },
+            harmonics_count: volume
+                .colour
+                .harmonics_degree()
+                .map_or(0, |degree| harmonics_count(degree) as u32),
             is_merged: volume.merged.is_some(),
             has_member_depths: volume
                 .merged

@@ -11,6 +11,7 @@ mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+mod encoded_splats;
 mod file;
 mod gltf;
 mod gltf_splats;
@@ -24,6 +25,7 @@ mod obj;
 mod plot3d;
 mod ply;
 mod ply_splats;
+mod ply_table;
 mod raw;
 mod samples;
 mod scalars;
@@ -59,6 +61,7 @@ pub(crate) use column_file::viridis;
 pub use column_file::{column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+pub use encoded_splats::PlyForm;
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;
 pub use image_file::{
@@ -71,7 +74,7 @@ pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
 pub(crate) use vtk_grid::check as check_cells;
-pub use write_splats::{FLAT_SHARE, PlyForm, WrittenSplats, check_splats_path, write_splats};
+pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
 use file::Input;
 

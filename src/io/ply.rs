@@ -25,15 +25,13 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
-use super::dataset::{Dataset, Field, Geometry};
+use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::ply_splats::splats;
-use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
-use super::table::{dataset, position_columns, scalar_field};
+use super::ply_table::{Member, Rows, Table};
+use super::scalars::ScalarType;
+use super::table::dataset;
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 const FORMAT: &str = "PLY particle table";
 
@@ -319,12 +317,6 @@ struct Columns {
     is_copied: bool,
 }
 
-struct Member {
-    name: String,
-    scalar: ScalarType,
-    offset: usize,
-}
-
 impl Columns {
     fn of(element: &Element, format: Format) -> Self {
         let is_list = |p: &Property| matches!(p.kind, Kind::List { .. });
@@ -382,15 +374,6 @@ fn append(out: &mut Vec<u8>, number: f64, scalar: ScalarType) -> Option<()> {
     let whole = is_there.then_some(number as i32)?;
     out.extend_from_slice(&whole.to_le_bytes()[..scalar.size()]);
     Some(())
-}
-
-/// An element's scalars, row by row.
-struct Rows<'a> {
-    count: usize,
-    step: usize,
-    big_endian: bool,
-    members: Vec<Member>,
-    data: std::borrow::Cow<'a, [u8]>,
 }
 
 /// The elements of a file, walked over front to back.
@@ -591,96 +574,4 @@ fn integer(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Option<usize> 
 
 fn shortened(word: &str) -> String {
     word.chars().take(40).collect()
-}
-
-/// The rows with the file's name, for messages.
-pub(super) struct Table<'a> {
-    pub(super) path: &'a Path,
-    rows: &'a Rows<'a>,
-}
-
-impl Table<'_> {
-    pub(super) fn index(&self, name: &str) -> Option<usize> {
-        self.rows.members.iter().position(|m| m.name == name)
-    }
-
-    fn place(&self, member: usize) -> (Encoding, Stride) {
-        let member = &self.rows.members[member];
-        let encoding = Encoding {
-            scalar: member.scalar,
-            big_endian: self.rows.big_endian,
-        };
-        let stride = Stride {
-            first: member.offset,
-            step: self.rows.step,
-            count: self.rows.count,
-        };
-        (encoding, stride)
-    }
-
-    /// Rows were walked over before: they are there.
-    fn damaged(&self) -> Error {
-        Error::format(
-            self.path,
-            "element `vertex`",
-            "whole rows",
-            "the end of the file",
-            "the file is cut off: get it again",
-        )
-    }
-
-    fn doubles(&self, member: usize) -> Result<Vec<f64>> {
-        let (encoding, stride) = self.place(member);
-        doubles(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())
-    }
-
-    pub(super) fn floats(&self, member: usize) -> Result<Vec<f32>> {
-        let (encoding, stride) = self.place(member);
-        let column = values(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())?;
-        Ok(match column {
-            Values::F32(column) => column,
-            column => (0..column.len()).map(|i| column.get(i)).collect(),
-        })
-    }
-
-    pub(super) fn positions(&self) -> Result<(Vec<DVec3>, Vec<usize>)> {
-        let names = self.rows.members.iter().map(|m| m.name.as_str());
-        let columns = position_columns(self.path, names)?;
-        let [x, y, z] = columns;
-        let (x, y, z) = (self.doubles(x)?, self.doubles(y)?, self.doubles(z)?);
-        let positions = x.into_iter().zip(y).zip(z);
-        let positions = positions.map(|((x, y), z)| DVec3::new(x, y, z)).collect();
-        Ok((positions, columns.to_vec()))
-    }
-
-    /// All columns but the used ones.
-    pub(super) fn fields(&self, used: &[usize]) -> Result<Vec<Field>> {
-        let mut fields = Vec::new();
-        for (i, member) in self.rows.members.iter().enumerate() {
-            if !used.contains(&i) {
-                let (encoding, stride) = self.place(i);
-                let column = values(&self.rows.data, encoding, stride);
-                let column = column.ok_or_else(|| self.damaged())?;
-                fields.push(scalar_field(member.name.clone(), column));
-            }
-        }
-        Ok(fields)
-    }
-
-    /// The columns of a splat layout, in this order.
-    pub(super) fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N]> {
-        let mut columns = [0; N];
-        for (column, name) in columns.iter_mut().zip(names) {
-            *column = self.index(name).ok_or_else(|| {
-                Error::format(
-                    self.path,
-                    "header",
-                    "f_dc_0..2, opacity, scale_0, scale_1 and rot_0..3, as splats have them",
-                    format!("no property `{name}`"),
-                    "write all of them, or a particle table without f_dc_0",
-                )
-            })?;
-        }
-        Ok(columns)
-    }
 }

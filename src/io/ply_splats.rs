@@ -1,12 +1,12 @@
 //! The splat layout of PLY files (INRIA's): what its properties mean, and how it is written.
-//! `ply.rs` has the table.
+//! `ply_table.rs` has the rows.
 
 use std::path::Path;
 
 use super::dataset::Dataset;
-use super::ply::Table;
+use super::encoded_splats::{Encoded, PlyForm, single_precision_quantum};
+use super::ply_table::Table;
 use super::splats::{SplatCloud, sigmoid};
-use super::write_splats::{Encoded, PlyForm, single_precision_quantum};
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 

@@ -15,9 +15,9 @@ use std::array;
 use glam::DVec3;
 
 use super::dataset::Dataset;
+use super::encoded_splats::{Encoded, byte, note_cut, single_precision_quantum};
 use super::file::Input;
 use super::splats::{SplatCloud, constant_of_colour};
-use super::write_splats::{Encoded, byte, note_cut, single_precision_quantum};
 use crate::error::{Error, Result};
 use crate::math::HARMONIC_0;
 

@@ -6,9 +6,9 @@ use std::path::Path;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use super::encoded_splats::{Encoded, byte, note_cut};
 use super::splats::SplatCloud;
 use super::spz::{MAGIC, TURNED};
-use super::write_splats::{Encoded, byte, note_cut};
 use crate::error::{Error, Result};
 
 /// Positions are counted in steps up to this many, with a sign.

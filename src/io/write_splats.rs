@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::atomic::write_bytes_atomically;
+use super::encoded_splats::PlyForm;
 use super::image_file::check_folder;
 use super::splats::SplatCloud;
 use super::{extension, gltf_splats, ply_splats, splat, spz};
@@ -18,17 +17,6 @@ use crate::error::{Error, Result};
 /// low-pass filter, .5 px, unless its face is 50 px across.
 pub const FLAT_SHARE: f32 = 0.01;
 
-/// Which of PLY's two forms is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PlyForm {
-    /// With `scale_2`, as viewers read it.
-    #[default]
-    Volumetric,
-    /// Without `scale_2`, marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting
-    /// stores them.
-    Surfels,
-}
-
 /// What was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenSplats {
@@ -39,13 +27,6 @@ pub struct WrittenSplats {
     pub position_quantum: f64,
     /// What was lost, one sentence each, for people.
     pub notes: Vec<String>,
-}
-
-/// A file's bytes before they are written.
-pub(super) struct Encoded {
-    pub(super) bytes: Vec<u8>,
-    pub(super) position_quantum: f64,
-    pub(super) notes: Vec<String>,
 }
 
 /// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
@@ -138,33 +119,6 @@ fn median_size(cloud: &SplatCloud) -> f64 {
     let mut sizes: Vec<f32> = cloud.scales.iter().map(middle).collect();
     let half = sizes.len() / 2;
     f64::from(*sizes.select_nth_unstable_by(half, f32::total_cmp).1)
-}
-
-/// The step between neighbouring f32 numbers at the greatest coordinate.
-pub(super) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -> f64 {
-    let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
-    let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
-    (exponent - 23.0).exp2()
-}
-
-/// Counts numbers that a format's range cuts.
-pub(super) fn note_cut(notes: &mut Vec<String>, count: usize, what: &str) {
-    if count > 0 {
-        notes.push(format!("{count} {what}"));
-    }
-}
-
-/// `round(x)` as a byte, and whether the range cut it by more than rounding does.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "clamped to a byte first"
-)]
-pub(super) fn byte(x: f64, cut: &mut usize) -> u8 {
-    if !(-0.5..255.5).contains(&x) {
-        *cut += 1;
-    }
-    x.round().clamp(0.0, 255.0) as u8
 }
 
 impl SplatCloud {

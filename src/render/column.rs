@@ -4,67 +4,11 @@ use super::backend::FrameReport;
 use super::check::check;
 use super::plan::FramePlan;
 use super::renderer::Renderer;
-use super::settings::Settings;
+use super::settings::ColumnSettings;
 use crate::blocks::{AmplitudeSummary, BlockedVolume};
-use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::error::{Error, Hint, Result};
 use crate::image::ColumnImage;
-use crate::simd::SimdLevel;
-use crate::splat::Filter;
-use crate::task::Task;
-use crate::view::{Camera, ClipPlane};
-
-/// How a column density is drawn.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ColumnSettings {
-    /// The largest error of one kernel's footprint as a share of its peak, for
-    /// [`Filter::Adaptive`] under perspective. Orthographic footprints have no such error.
-    pub tolerance: f32,
-    /// Which footprint draws a kernel.
-    pub filter: Filter,
-    /// Variance of the low-pass filter, px². Below about .5 pixels are too coarse to sample it, and
-    /// with none at all a kernel that falls between pixel centres is missed: mass is then
-    /// not conserved.
-    pub low_pass_variance_px2: f32,
-    /// Cut-off radius in standard deviations.
-    pub cutoff: f32,
-    /// What lies outside any of these planes counts nothing: kernels that they cut do so in part.
-    pub clip: Vec<ClipPlane>,
-    /// The instruction set of the inner loop.
-    pub simd: SimdLevel,
-    /// Is told how far the frame is, and may cancel it.
-    pub task: Option<Task>,
-}
-
-impl Default for ColumnSettings {
-    fn default() -> Self {
-        Self {
-            tolerance: DEFAULT_TOLERANCE,
-            filter: Filter::Adaptive,
-            low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
-            cutoff: COLUMN_CUTOFF,
-            clip: Vec::new(),
-            simd: SimdLevel::best(),
-            task: None,
-        }
-    }
-}
-
-impl ColumnSettings {
-    /// What the stages that are shared with a picture read.
-    pub(super) fn shared(&self) -> Settings {
-        Settings {
-            tolerance: self.tolerance,
-            filter: self.filter,
-            low_pass_variance_px2: self.low_pass_variance_px2,
-            cutoff: Some(self.cutoff),
-            clip: self.clip.clone(),
-            simd: self.simd,
-            task: self.task.clone(),
-            ..Settings::default()
-        }
-    }
-}
+use crate::view::Camera;
 
 impl Renderer {
     /// Draws the column density: the sum over the particles of amplitude x (line integral of the

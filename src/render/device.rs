@@ -1,10 +1,9 @@
 //! Frames on a device of the caller's, into its textures, and without waiting.
 
 use super::backend::FrameReport;
-use super::column::ColumnSettings;
 use super::plan::FramePlan;
 use super::renderer::Renderer;
-use super::settings::Settings;
+use super::settings::{ColumnSettings, Settings};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::image::{ColumnImage, Image};

@@ -30,7 +30,6 @@ pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::stats::{FrameCounts, StageTimes};
 pub use backend::Backend;
-pub use column::ColumnSettings;
 pub use pick::Picked;
 pub use renderer::Renderer;
-pub use settings::{ClassifyAt, Composite, Settings, Show};
+pub use settings::{ClassifyAt, ColumnSettings, Composite, Settings, Show};

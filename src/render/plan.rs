@@ -1,8 +1,7 @@
 //! The plan of a frame: what is drawn, in which passes, and how. Made once, from scene, camera and
 //! settings; both back ends read it, and none decides again what it says.
 
-use super::column::ColumnSettings;
-use super::settings::{Composite, Settings, Show};
+use super::settings::{ColumnSettings, Composite, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval};
 use crate::error::Result;

@@ -22,6 +22,7 @@ use super::blanking::Blanking;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::neighbours::square;
+use super::polyhedron::polyhedron_faces;
 use super::positions::{is_same, sort_by_position};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
@@ -230,18 +231,6 @@ fn faces_are_of_one_sense(entries: &[u32]) -> bool {
     once && edges
         .iter()
         .all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
-}
-
-/// The faces of a polyhedron that have three nodes or more.
-pub(super) fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
-    let mut rest = entries.get(1..).unwrap_or(&[]);
-    std::iter::from_fn(move || {
-        let (&count, tail) = rest.split_first()?;
-        let (face, tail) = tail.split_at_checked(count as usize)?;
-        rest = tail;
-        Some(face)
-    })
-    .filter(|face| face.len() >= 3)
 }
 
 /// The dual cells of all nodes.

@@ -13,9 +13,10 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::cells::polyhedron_faces;
+use super::fit::least_squares;
 use super::index_u32;
 use super::neighbours::PointIndex;
+use super::polyhedron::polyhedron_faces;
 use crate::error::Result;
 use crate::io::{CellKind, CellMesh};
 use crate::math::normal_code;
@@ -25,15 +26,6 @@ use crate::task::{Task, collect};
 /// Columns of F span space if its determinant is above this share of the product of their lengths:
 /// that of cells sheared to nothing, not of thin ones.
 const SPANNING: f64 = 1e-9;
-
-/// Added to the diagonal of the normal equations, as a share of their trace: where neighbours lie
-/// in a plane the gradient then lies in it too, and elsewhere it changes by less than what is
-/// stored of it.
-const DAMPING: f64 = 1e-9;
-
-/// Neighbours lie in all directions if the determinant of the sum of their unit dyads is above this
-/// share of an even spread's: one in a hundred out of the plane of the others, at least.
-const EVEN: f64 = 0.05;
 
 /// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
 pub(super) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<()> {
@@ -123,61 +115,6 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
             };
         }
         (self.at)(other)
-    }
-}
-
-/// The gradient that fits offsets and changes of value best, weighted by 1/distance²; zero
-/// without any.
-pub(super) fn least_squares(neighbours: impl Iterator<Item = (DVec3, f64)>) -> DVec3 {
-    Fit::of(neighbours).gradient()
-}
-
-/// Sums of the normal equations.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Fit {
-    matrix: DMat3,
-    right: DVec3,
-}
-
-impl Fit {
-    /// Of neighbours' offsets and changes of value; those without either do not count.
-    pub(super) fn of(neighbours: impl Iterator<Item = (DVec3, f64)>) -> Self {
-        let mut fit = Self {
-            matrix: DMat3::ZERO,
-            right: DVec3::ZERO,
-        };
-        for (offset, change) in neighbours {
-            let squared = offset.length_squared();
-            if squared > 0.0 && change.is_finite() {
-                let weighted = offset / squared;
-                fit.matrix += DMat3::from_cols(
-                    weighted * offset.x,
-                    weighted * offset.y,
-                    weighted * offset.z,
-                );
-                fit.right += weighted * change;
-            }
-        }
-        fit
-    }
-
-    /// Whether the neighbours lie in all directions: those of a plane alone do not.
-    pub(super) fn spans(&self) -> bool {
-        self.matrix.determinant() > EVEN * (self.trace() / 3.0).powi(3)
-    }
-
-    /// The gradient; zero without neighbours.
-    pub(super) fn gradient(&self) -> DVec3 {
-        let trace = self.trace();
-        if !(trace > 0.0) {
-            return DVec3::ZERO;
-        }
-        let damping = DMat3::from_diagonal(DVec3::splat(DAMPING * trace));
-        (self.matrix + damping).inverse() * self.right
-    }
-
-    fn trace(&self) -> f64 {
-        self.matrix.x_axis.x + self.matrix.y_axis.y + self.matrix.z_axis.z
     }
 }
 
@@ -286,6 +223,7 @@ impl CellsAround {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::fit::Fit;
 
     /// Samples at `place` of each index, values by `field`; NaN is no value.
     fn samples(

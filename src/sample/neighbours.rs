@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::gradient::Fit;
+use super::fit::Fit;
 use super::index_u32;
 use super::positions::{is_same, sort_by_position};
 use crate::error::Result;

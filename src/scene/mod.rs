@@ -11,6 +11,8 @@ mod values;
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
 pub use lighting::{Light, LightFrame, Lighting};
+#[cfg(feature = "gpu")]
+pub(crate) use point_volume::is_classified;
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
 pub use transfer_function::{

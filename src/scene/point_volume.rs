@@ -185,10 +185,25 @@ impl Particles {
     }
 }
 
+impl Colour {
+    /// The degree of its spherical harmonics, if it has any.
+    pub fn harmonics_degree(&self) -> Option<u8> {
+        match self {
+            Self::Harmonics { degree, .. } => Some(*degree),
+            _ => None,
+        }
+    }
+}
+
+/// Whether a transfer function gives masses or colours.
+pub(crate) fn is_classified(strength: &Strength, colour: &Colour) -> bool {
+    matches!(strength, Strength::Classified { .. }) || *colour == Colour::Classified
+}
+
 impl PointVolume {
     /// Whether a transfer function gives masses or colours.
     pub fn is_classified(&self) -> bool {
-        matches!(self.strength, Strength::Classified { .. }) || self.colour == Colour::Classified
+        is_classified(&self.strength, &self.colour)
     }
 
     /// Checks that every array has one entry per particle, that a lattice has a position and a width

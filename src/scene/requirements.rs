@@ -38,6 +38,7 @@ impl Requirements {
             Particles::Isotropic { .. } => (true, 1),
             Particles::Anisotropic { .. } | Particles::Surfels { .. } => (true, 6),
         };
+        let harmonics_degree = volume.colour.harmonics_degree();
         Self {
             positions,
             shape_floats,
@@ -49,15 +50,11 @@ impl Requirements {
             },
             colour_floats: match volume.colour {
                 Colour::PerParticle(_) => 3,
-                Colour::Harmonics { degree, .. } => 3 * harmonics_count(degree),
-                _ => 0,
+                _ => harmonics_degree.map_or(0, |degree| 3 * harmonics_count(degree)),
             },
             surface: matches!(volume.strength, Strength::Surface(_)),
             peak_opacity: matches!(volume.strength, Strength::PeakOpacity { .. }),
-            harmonics_degree: match volume.colour {
-                Colour::Harmonics { degree, .. } => degree,
-                _ => 0,
-            },
+            harmonics_degree: harmonics_degree.unwrap_or(0),
             normals: volume.normals.is_some(),
         }
     }

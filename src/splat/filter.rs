@@ -1,12 +1,4 @@
-//! Which approximation draws a kernel.
-//!
-//! Twin: `shaders/shared/filter.wgsl`.
-
-use super::bounds::{affine_error, opacity_amplification};
-use super::budget::AFFINE_SHARE;
-use super::exact::exact_terms;
-use super::footprint::{ImageKernel, ScreenFactor};
-use crate::record::{ExactTerms, ViewUniform};
+//! The ways to draw a kernel.
 
 /// The ways to draw a kernel. Kernels that cross the camera plane are integrated along the half
 /// line in front of it whatever the filter: an affine footprint means nothing there.
@@ -65,35 +57,4 @@ impl Filter {
             Self::UniformScaling => "uniform-scaling",
         }
     }
-}
-
-/// The one place that chooses between affine and exact: the exact footprint's terms, or `None`
-/// where the affine one will do.
-///
-/// An orthographic projection is affine, so nothing is ever gained there.
-///
-/// - `crowding`: of the kernel's block, [`Block::crowding`](crate::blocks::Block::crowding).
-#[inline]
-pub fn choose_exact(
-    view: &ViewUniform,
-    filter: Filter,
-    screen: &ScreenFactor,
-    kernel: &ImageKernel,
-    crowding: f32,
-) -> Option<ExactTerms> {
-    let is_exact = filter == Filter::Exact;
-    if view.orthographic != 0 || !(is_exact || filter == Filter::Adaptive) {
-        return None;
-    }
-    let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
-    if is_exact {
-        return Some(terms);
-    }
-    // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
-    // faint neighbours are alike, and many of them add up along a ray. Kernels in the same place act
-    // as one of their total depth.
-    let amplification = opacity_amplification(kernel.tau * crowding).max(1.0);
-    let error = affine_error(view, screen, kernel, &terms) * amplification;
-    // Phrased so that NaN takes the safe side.
-    (!(error <= view.tolerance * AFFINE_SHARE)).then_some(terms)
 }

@@ -2,7 +2,8 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `filter.rs` | the filter paths a user can name, and the choice among them |
+//! | `filter.rs` | the filter paths a user can name |
+//! | `choose.rs` | the choice among them |
 //! | `footprint.rs` | eq. 20 and 25 of Zwicker et al. 2001 in factored form |
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
@@ -10,7 +11,7 @@
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `outline.rs` | where a cut-off ends on the image, for the tiles' lists |
 //! | `surfel.rs` | surfels of opaque surfaces: weights and planes |
-//! | `composite.rs` | how footprints become a picture |
+//! | `axes.rs` | what a pass's rasteriser is specialised for |
 //! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
 //! | `budget.rs` | how the one tolerance is shared out |
@@ -19,6 +20,7 @@
 mod axes;
 mod bounds;
 pub mod budget;
+mod choose;
 mod cutoff;
 mod exact;
 mod filter;
@@ -32,9 +34,10 @@ mod surfel;
 
 pub use axes::{Accumulate, Axes, Classify, Interval};
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
+pub use choose::choose_exact;
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use exact::{depth_terms, exact_extent, exact_terms};
-pub use filter::{Filter, choose_exact};
+pub use filter::Filter;
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
 pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};

@@ -5,7 +5,7 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
-use super::column_scenes::{classified, masses, orthographic, spheres};
+use super::column_scenes::{classified, masses, mixed, orthographic, spheres};
 use crate::common::judge::Body;
 use crate::common::scene::{self, camera};
 use crate::common::{Random, lower_factor};
@@ -245,40 +245,6 @@ fn amplitudes_add_and_negative_ones_subtract() {
     );
 }
 
-/// Spheres, ellipsoids and kernels near the camera, in one perspective scene.
-fn mixed() -> (Vec<PointVolume>, Camera) {
-    let mut random = Random::new(5);
-    let (mut positions, mut factors, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-    for _ in 0..3_000 {
-        positions.push(random.point(1.0) + DVec3::Z * 2.5);
-        let size = random.log_range(1e-4, 0.1);
-        factors.push(lower_factor(&random.factor(size, 8.0)));
-        weights.push(random.range(0.5, 1.5) as f32);
-    }
-    // Around the eye.
-    for _ in 0..20 {
-        positions.push(random.point(0.3));
-        factors.push(lower_factor(&random.factor(0.2, 2.0)));
-        weights.push(1.0);
-    }
-    let balls = positions.iter().map(|p| *p * 1.1).collect();
-    let sigmas = positions
-        .iter()
-        .map(|_| random.log_range(1e-4, 0.1) as f32)
-        .collect();
-    let volumes = vec![
-        masses(
-            Particles::Anisotropic { positions, factors },
-            weights.clone(),
-        ),
-        masses(spheres(balls, sigmas), weights),
-    ];
-    (
-        volumes,
-        camera(Projection::Perspective, [300.0, 310.0], [300, 200]),
-    )
-}
-
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let draw = |threads: usize| {
@@ -287,7 +253,7 @@ fn the_number_of_threads_changes_nothing() {
             .build()
             .unwrap();
         pool.install(|| {
-            let (volumes, camera) = mixed();
+            let (volumes, camera) = mixed(3_000, 200);
             let mut renderer = Renderer::new(volumes).unwrap();
             let settings = ColumnSettings::default();
             let perspective = renderer.column_density(&camera, &settings).unwrap().clone();
@@ -311,7 +277,7 @@ fn the_number_of_threads_changes_nothing() {
 
 #[test]
 fn instruction_sets_agree() {
-    let (volumes, camera) = mixed();
+    let (volumes, camera) = mixed(3_000, 200);
     let mut renderer = Renderer::new(volumes).unwrap();
     let mut images = Vec::new();
     for simd in SimdLevel::available() {
@@ -608,7 +574,7 @@ fn a_plane_through_the_middle_leaves_half_the_mass() {
 
 #[test]
 fn planes_beyond_everything_change_nothing() {
-    let (scene, camera) = mixed();
+    let (scene, camera) = mixed(3_000, 200);
     let mut renderer = Renderer::new(scene).unwrap();
     let whole = renderer
         .column_density(&camera, &ColumnSettings::default())

@@ -1,6 +1,7 @@
 //! Scenes of which columns are drawn, in pixels.
 
 use crate::common::scene::camera;
+use crate::common::{Random, lower_factor};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::view::{Camera, Projection};
 use glam::DVec3;
@@ -39,4 +40,42 @@ pub(crate) fn classified(particles: Particles, volumes: Vec<f32>, values: Values
 
 pub(crate) fn spheres(positions: Vec<DVec3>, sigmas: Vec<f32>) -> Particles {
     Particles::Isotropic { positions, sigmas }
+}
+
+/// Spheres, ellipsoids and kernels near the camera, in one perspective scene; so many spheres and ellipsoids each.
+pub(crate) fn mixed(count: usize, height: usize) -> (Vec<PointVolume>, Camera) {
+    let mut random = Random::new(5);
+    let (mut positions, mut factors, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..count {
+        positions.push(random.point(1.0) + DVec3::Z * 2.5);
+        let size = random.log_range(1e-4, 0.1);
+        factors.push(lower_factor(&random.factor(size, 8.0)));
+        weights.push(random.range(0.5, 1.5) as f32);
+    }
+    // Around the eye.
+    for _ in 0..20 {
+        positions.push(random.point(0.3));
+        factors.push(lower_factor(&random.factor(0.2, 2.0)));
+        weights.push(1.0);
+    }
+    let balls = positions.iter().map(|p| *p * 1.1).collect();
+    let sigmas = positions
+        .iter()
+        .map(|_| random.log_range(1e-4, 0.1) as f32)
+        .collect();
+    let volumes = vec![
+        masses(
+            Particles::Anisotropic { positions, factors },
+            weights.clone(),
+        ),
+        masses(spheres(balls, sigmas), weights),
+    ];
+    (
+        volumes,
+        camera(
+            Projection::Perspective,
+            [1.5, 1.55].map(|f| f * height as f64),
+            [3 * height / 2, height],
+        ),
+    )
 }

@@ -5,18 +5,18 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
-use super::column_scenes::{classified, masses, orthographic, spheres};
+use super::column_scenes::{classified, masses, mixed, orthographic, spheres};
 use crate::common::frame::Frame;
 use crate::common::gpu::gpu;
 use crate::common::scene::{Particle, camera, volume};
-use crate::common::{Random, lower_factor};
+use crate::common::Random;
 use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Values};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
 use ewa_splat::stages::record::ExactTerms;
 use ewa_splat::stages::splat::{Accumulate, Axes, Filter, Interval};
 use ewa_splat::stats::FrameCounts;
-use ewa_splat::view::{Camera, Projection};
+use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer, Settings};
 use glam::{DMat3, DVec3};
 
@@ -215,44 +215,10 @@ fn values_of_every_type_and_either_sign_add() {
     assert!([54, 74, 94].iter().all(|x| at(*x).to_bits() == 0));
 }
 
-/// Spheres, ellipsoids and kernels near the camera.
-fn mixed() -> (Vec<PointVolume>, Camera) {
-    let mut random = Random::new(5);
-    let (mut positions, mut factors, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-    for _ in 0..1_000 {
-        positions.push(random.point(1.0) + DVec3::Z * 2.5);
-        let size = random.log_range(1e-4, 0.1);
-        factors.push(lower_factor(&random.factor(size, 8.0)));
-        weights.push(random.range(0.5, 1.5) as f32);
-    }
-    // Around the eye.
-    for _ in 0..20 {
-        positions.push(random.point(0.3));
-        factors.push(lower_factor(&random.factor(0.2, 2.0)));
-        weights.push(1.0);
-    }
-    let balls = positions.iter().map(|p| *p * 1.1).collect();
-    let sigmas = positions
-        .iter()
-        .map(|_| random.log_range(1e-4, 0.1) as f32)
-        .collect();
-    let volumes = vec![
-        masses(
-            Particles::Anisotropic { positions, factors },
-            weights.clone(),
-        ),
-        masses(spheres(balls, sigmas), weights),
-    ];
-    (
-        volumes,
-        camera(Projection::Perspective, [150.0, 155.0], [150, 100]),
-    )
-}
-
 #[test]
 fn perspective_kernels_near_the_eye_and_every_filter_agree() {
     let Some(gpu) = gpu() else { return };
-    let (scene, perspective) = mixed();
+    let (scene, perspective) = mixed(1_000, 100);
     for filter in [
         Filter::Adaptive,
         Filter::Exact,
@@ -295,7 +261,7 @@ fn amplitudes_beyond_single_precision_give_columns_within_it() {
 #[test]
 fn cut_in_parts_chunks_and_bands_it_is_the_same_to_the_bit() {
     let Some(gpu) = gpu() else { return };
-    let (scene, camera) = mixed();
+    let (scene, camera) = mixed(1_000, 100);
     let (whole, counts, _) = on_gpu(gpu, &scene, &camera, &settings());
     for bytes in [181_000, 60_000] {
         let limited = gpu.clone().with_binding_limit(bytes);
@@ -308,7 +274,7 @@ fn cut_in_parts_chunks_and_bands_it_is_the_same_to_the_bit() {
 #[test]
 fn pictures_and_columns_take_turns() {
     let Some(gpu) = gpu() else { return };
-    let (scene, camera) = mixed();
+    let (scene, camera) = mixed(1_000, 100);
     let mut renderer = Renderer::new(scene.clone())
         .unwrap()
         .on(gpu.clone())
@@ -345,6 +311,46 @@ fn colours_that_depend_on_the_view_do_not_matter() {
     let camera = orthographic(64);
     let (expected, _, _) = on_gpu(gpu, &[plain], &camera, &settings());
     assert_eq!(on_gpu(gpu, &[coloured], &camera, &settings()).0, expected);
+}
+
+#[test]
+fn clipped_frames_are_alike_and_their_parts_make_the_whole() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, perspective) = mixed(1_000, 100);
+    let ahead = DVec3::new(0.3, -0.2, 2.5);
+    let plane = ClipPlane {
+        normal: DVec3::new(0.6, 0.0, 0.8),
+        distance: -ahead.dot(DVec3::new(0.6, 0.0, 0.8)),
+    };
+    let back = ClipPlane {
+        normal: -plane.normal,
+        distance: -plane.distance,
+    };
+    let beside = orthographic(64);
+    let mut random = Random::new(9);
+    let positions: Vec<DVec3> = (0..400).map(|_| random.point(20.0)).collect();
+    let balls = [masses(spheres(positions, vec![2.0; 400]), vec![1.0; 400])];
+    for (name, scene, camera) in [
+        ("perspective", &scene[..], &perspective),
+        ("orthographic", &balls, &beside),
+    ] {
+        let with = |clip: Vec<ClipPlane>| ColumnSettings { clip, ..settings() };
+        let (whole, _) = assert_alike(name, gpu, scene, camera, &with(Vec::new()));
+        let (front, _) = assert_alike(name, gpu, scene, camera, &with(vec![plane]));
+        let (behind, _) = assert_alike(name, gpu, scene, camera, &with(vec![back]));
+        let largest = whole.values.iter().copied().fold(0.0, f32::max);
+        for ((front, behind), whole) in front.values.iter().zip(&behind.values).zip(&whole.values) {
+            let miss = (front + behind - whole).abs();
+            assert!(
+                miss <= 1e-5 * largest,
+                "{name}: {front} + {behind}, {whole}"
+            );
+        }
+        // Neither is all of it.
+        let sum = |values: &[f32]| values.iter().copied().map(f64::from).sum::<f64>();
+        let share = sum(&front.values) / sum(&whole.values);
+        assert!((0.1..0.9).contains(&share), "{name}: {share}");
+    }
 }
 
 #[test]

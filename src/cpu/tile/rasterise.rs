@@ -4,8 +4,9 @@
 
 use rayon::prelude::*;
 
-use super::accumulate::layers::{LayeredTile, Ring};
+use super::accumulate::layers::LayeredTile;
 use super::accumulate::over::OverTile;
+use super::accumulate::ring::Ring;
 use super::classify::slab::PostClassification;
 use super::interval::cut::{CutTile, Spans};
 use super::pixels::{PREFETCH, Plane, Tile, TilePlace, prefetch, ray};

@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::DVec3;
 use serde_json::{Value, json};
 
+use super::super::encoded_splats::{Encoded, single_precision_quantum};
 use super::super::splats::SplatCloud;
-use super::super::write_splats::{Encoded, single_precision_quantum};
 use super::{EXTENSION, harmonic_name, narrowed};
 use crate::error::{Error, Result};
 

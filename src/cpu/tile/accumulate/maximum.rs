@@ -6,7 +6,7 @@
 //!
 //! Twin: `shaders/tile/accumulate/maximum.wgsl`.
 
-use super::layers::layer_start;
+use super::ring::layer_start;
 use crate::cpu::tile::classify::slab::PostClassification;
 use crate::cpu::tile::pixels::{Plane, Tile};
 use crate::record::ViewUniform;

@@ -5,6 +5,7 @@ pub(super) mod layers;
 pub(super) mod maximum;
 pub(super) mod opaque;
 pub(super) mod over;
+pub(super) mod ring;
 pub(super) mod sheets;
 pub(super) mod slabs;
 

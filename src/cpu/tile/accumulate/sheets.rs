@@ -2,7 +2,7 @@
 //!
 //! Twin: `shaders/tile/accumulate/sheets.wgsl`.
 
-use super::layers::Ring;
+use super::ring::Ring;
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::Spans;
 use crate::cpu::tile::interval::{between, shares_up_to};

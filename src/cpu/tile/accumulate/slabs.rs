@@ -2,7 +2,7 @@
 //!
 //! Twin: `shaders/tile/accumulate/slabs.wgsl`.
 
-use super::layers::{Ring, layer_start};
+use super::ring::{Ring, layer_start};
 use crate::constants::TILE_SIZE;
 use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::classify::slab::RowEdge;

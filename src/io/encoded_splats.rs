@@ -1,0 +1,48 @@
+//! Splats as a file's bytes, and what formats lose of them.
+
+use glam::DVec3;
+
+/// Which of PLY's two forms is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PlyForm {
+    /// With `scale_2`, as viewers read it.
+    #[default]
+    Volumetric,
+    /// Without `scale_2`, marked `SplatRenderMode: 2dgs`: flat splats as 2-D Gaussian splatting
+    /// stores them.
+    Surfels,
+}
+
+/// A file's bytes before they are written.
+pub(super) struct Encoded {
+    pub(super) bytes: Vec<u8>,
+    pub(super) position_quantum: f64,
+    pub(super) notes: Vec<String>,
+}
+
+/// The step between neighbouring f32 numbers at the greatest coordinate.
+pub(super) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -> f64 {
+    let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
+    let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
+    (exponent - 23.0).exp2()
+}
+
+/// Counts numbers that a format's range cuts.
+pub(super) fn note_cut(notes: &mut Vec<String>, count: usize, what: &str) {
+    if count > 0 {
+        notes.push(format!("{count} {what}"));
+    }
+}
+
+/// `round(x)` as a byte, and whether the range cut it by more than rounding does.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to a byte first"
+)]
+pub(super) fn byte(x: f64, cut: &mut usize) -> u8 {
+    if !(-0.5..255.5).contains(&x) {
+        *cut += 1;
+    }
+    x.round().clamp(0.0, 255.0) as u8
+}

@@ -1,0 +1,67 @@
+//! Gradients by least squares.
+
+use glam::{DMat3, DVec3};
+
+/// Added to the diagonal of the normal equations, as a share of their trace: where neighbours lie
+/// in a plane the gradient then lies in it too, and elsewhere it changes by less than what is
+/// stored of it.
+const DAMPING: f64 = 1e-9;
+
+/// Neighbours lie in all directions if the determinant of the sum of their unit dyads is above this
+/// share of an even spread's: one in a hundred out of the plane of the others, at least.
+const EVEN: f64 = 0.05;
+
+/// The gradient that fits offsets and changes of value best, weighted by 1/distance²; zero
+/// without any.
+pub(super) fn least_squares(neighbours: impl Iterator<Item = (DVec3, f64)>) -> DVec3 {
+    Fit::of(neighbours).gradient()
+}
+
+/// Sums of the normal equations.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    matrix: DMat3,
+    right: DVec3,
+}
+
+impl Fit {
+    /// Of neighbours' offsets and changes of value; those without either do not count.
+    pub(super) fn of(neighbours: impl Iterator<Item = (DVec3, f64)>) -> Self {
+        let mut fit = Self {
+            matrix: DMat3::ZERO,
+            right: DVec3::ZERO,
+        };
+        for (offset, change) in neighbours {
+            let squared = offset.length_squared();
+            if squared > 0.0 && change.is_finite() {
+                let weighted = offset / squared;
+                fit.matrix += DMat3::from_cols(
+                    weighted * offset.x,
+                    weighted * offset.y,
+                    weighted * offset.z,
+                );
+                fit.right += weighted * change;
+            }
+        }
+        fit
+    }
+
+    /// Whether the neighbours lie in all directions: those of a plane alone do not.
+    pub(super) fn spans(&self) -> bool {
+        self.matrix.determinant() > EVEN * (self.trace() / 3.0).powi(3)
+    }
+
+    /// The gradient; zero without neighbours.
+    pub(super) fn gradient(&self) -> DVec3 {
+        let trace = self.trace();
+        if !(trace > 0.0) {
+            return DVec3::ZERO;
+        }
+        let damping = DMat3::from_diagonal(DVec3::splat(DAMPING * trace));
+        (self.matrix + damping).inverse() * self.right
+    }
+
+    fn trace(&self) -> f64 {
+        self.matrix.x_axis.x + self.matrix.y_axis.y + self.matrix.z_axis.z
+    }
+}
