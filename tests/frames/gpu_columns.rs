@@ -6,10 +6,10 @@
 )]
 
 use super::column_scenes::{classified, masses, mixed, orthographic, spheres};
+use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::gpu::gpu;
 use crate::common::scene::{Particle, camera, volume};
-use crate::common::Random;
 use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Values};
 use ewa_splat::stages::gpu::{Gpu, RasterSpec, rasterise};
