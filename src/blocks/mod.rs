@@ -140,7 +140,7 @@ pub struct Block {
 pub const NO_PARENT: u32 = u32::MAX;
 
 /// The share of a transfer function's greatest extinction, and the opacity of a splat, below which a
-/// fitted camera takes a particle for haze.
+/// fitted camera does not look for a particle.
 const FAINT_SHARE: f32 = 0.01;
 
 /// No value: contains nothing.

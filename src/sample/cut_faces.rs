@@ -17,7 +17,7 @@ const REACH: f64 = 4.0;
 const INSIDE: f64 = 0.05;
 
 /// What has less than this share of the transfer function's greatest extinction has no face.
-const HAZE: f32 = 0.01;
+const FAINT_SHARE: f32 = 0.01;
 
 /// The faces of clip planes through a volume: opaque surfels on each plane that show the field there.
 /// `None` where no plane meets a kernel.
@@ -32,7 +32,7 @@ const HAZE: f32 = 0.01;
 /// Weights and slices sum to what cell volumes times kernels do: to 1 within the volume, with the
 /// same ripple. The surfels are a [`Strength::Surface`] that averages its colours by these areas and
 /// covers what lies behind it; they have the kernels' values, colours and transfer function, which
-/// is asked for its colour alone. What it leaves transparent, or takes for haze (below a hundredth of
+/// is asked for its colour alone. What it leaves transparent, or nearly so (below a hundredth of
 /// its greatest extinction), has no face: the air around a body is no wall. Their fronts face the
 /// side that is cut away, they are drawn from both sides, and they lie a little inside the plane (a
 /// twentieth of the kernel's standard deviation).
@@ -75,7 +75,7 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
         .map_or(0.0, |t| t.max_extinction(f32::NEG_INFINITY, f32::INFINITY));
     let is_shown = |i: usize| {
         let own = extinction(i);
-        values.get(i).is_finite() && own > 0.0 && own >= HAZE * greatest
+        values.get(i).is_finite() && own > 0.0 && own >= FAINT_SHARE * greatest
     };
 
     let mut indices = Vec::new();

@@ -22,6 +22,18 @@ use ewa_splat::stages::splat::{Filter, Kernel};
 use glam::{DMat3, DVec3, Vec3};
 use serde_json::Value;
 
+/// All of a list where every view and tolerance is to be tried (`EWA_ALL=1`); otherwise every `step`-th from
+/// the `first` on. What is left out is breadth: another test, or the rest of the list, holds the same law.
+pub fn some<T>(all: impl IntoIterator<Item = T>, first: usize, step: usize) -> Vec<T> {
+    let is_all = std::env::var_os("EWA_ALL").is_some_and(|v| v == "1");
+    let all = all.into_iter();
+    if is_all {
+        all.collect()
+    } else {
+        all.skip(first % step).step_by(step).collect()
+    }
+}
+
 /// A JSON file of `fixtures/`.
 pub fn fixture(name: &str) -> Value {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))

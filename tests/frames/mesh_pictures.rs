@@ -9,7 +9,7 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use crate::common::real_data;
+use crate::common::{real_data, some};
 use crate::support::Folder;
 use crate::support::raytrace::Tracer;
 use ewa_splat::image::srgb_from_linear;
@@ -125,10 +125,8 @@ fn surfels_show_what_rays_show() {
         };
         let Some(mesh) = read else { return };
         let tracer = Tracer::new(&mesh);
-        for (number, side) in [DVec3::new(0.7, 0.4, 1.0), DVec3::new(-0.8, 0.1, -0.9)]
-            .into_iter()
-            .enumerate()
-        {
+        let sides = [DVec3::new(0.7, 0.4, 1.0), DVec3::new(-0.8, 0.1, -0.9)];
+        for (number, side) in some(sides.into_iter().enumerate(), name.len(), 2) {
             let (camera, per_length) = camera(&mesh, side, size);
             let truth = tracer.render(&camera, SIDE);
             keep(&format!("{name}-{number}-rays"), &truth);

@@ -49,7 +49,7 @@ impl TransferFunction {
     ///
     /// `volumes` are those that the values stand for \[length³\], one each; if empty, each value
     /// stands for a cube of the unit distance, as on a lattice. `defaults.range` is used where
-    /// no value is finite. Constant data get a uniform haze.
+    /// no value is finite. Constant data are evenly translucent.
     ///
     /// # Errors
     /// A unit distance that is not positive.

@@ -29,7 +29,7 @@ const UNITS: f64 = 2e9;
 ///
 /// Integrals from the first entry to every other are kept as whole numbers, so that differences of
 /// them are exact: a run of n entries errs by 2e-6 / n of the table's average. In f32 it would be a
-/// hundred times that, and haze beside what is opaque would be lost. Twin:
+/// hundred times that, and what is faint beside what is opaque would be lost. Twin:
 /// `shaders/shared/averages.wgsl`.
 #[derive(Debug, Clone)]
 pub struct Averages {
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Steps, ramps, gaps, haze beside what is opaque, and colours that change with them.
+    /// Steps, ramps, gaps, a faint range beside what is opaque, and colours that change with them.
     fn transfer() -> TransferFunction {
         let opacity = |v: f32| match v {
             v if v < -50.0 => 0.0,
@@ -426,9 +426,9 @@ mod tests {
     fn slopes_are_tight() {
         let t = transfer();
         let slopes = t.slopes(Weighting::Extinction);
-        // Haze, constant; but for what the colours change: .1 and .03 per unit.
-        let haze = slopes.max_slope(5.0, 25.0);
-        assert!(haze > 0.0 && haze < 0.11 * 1e-4, "{haze}");
+        // Faint and constant; but for what the colours change: .1 and .03 per unit.
+        let faint = slopes.max_slope(5.0, 25.0);
+        assert!(faint > 0.0 && faint < 0.11 * 1e-4, "{faint}");
         assert_eq!(slopes.max_slope(80.0, 130.0), 0.0);
         // The step at 60: ln(10) / 2 over an entry.
         let step = 10_f32.ln() / 2.0 * t.scale;
