@@ -48,6 +48,13 @@
 //! each pixel's ray, as smoothed-particle hydrodynamics knows it, in f32 numbers of which the mass
 //! is conserved.
 //!
+//! # Long work
+//!
+//! Sampling, sorting into blocks, levels of detail, frames and the true image take a [`Task`] in their
+//! options: it is told how far they are, and ends them before their time. Frames of a device can be awaited
+//! instead ([`Renderer::render_async`]). A [`Renderer`] may move between threads; scenes, settings and
+//! images may be shared among them.
+//!
 //! # Rooms
 //!
 //! Imports run down this list, never up. Rooms without a link hold the stages of frames: they are no

@@ -14,8 +14,8 @@ use crate::view::Bounds;
 /// How a scene is made ready.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SceneOptions {
-    /// Whether all is kept that does not depend on values, so that these can be exchanged while places and shapes stay
-    /// (the next time step): once more the memory of the data.
+    /// Whether all is kept that does not depend on values, so that these can be exchanged while places and
+    /// shapes stay (the next time step): once more the memory of the data.
     pub keep_shapes: bool,
     /// Whether it is kept which of the caller's particles each is: 4 bytes per particle.
     pub keep_indices: bool,
