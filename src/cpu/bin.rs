@@ -175,9 +175,14 @@ fn for_each_tile_of<const SIZE: usize>(
         return walk.each::<SIZE>(|_, _| true, emit);
     }
     // One loop for each: which outline it is, is not asked at every tile.
-    match outline(footprint, terms, index) {
-        Outline::Kernel(outline) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
-        Outline::Plane(outline) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
+    match bent_outline(footprint, terms, index) {
+        None => {
+            let (p, r) = (footprint.form_p.into(), footprint.form_r.into());
+            let ellipse = KernelOutline::affine(p, r, footprint.cutoff_squared);
+            walk.each::<SIZE>(|a, b| ellipse.touches(a, b), emit);
+        }
+        Some(Outline::Kernel(outline)) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
+        Some(Outline::Plane(outline)) => walk.each::<SIZE>(|a, b| outline.touches(a, b), emit),
     }
 }
 
@@ -218,27 +223,23 @@ impl TileWalk<'_> {
     }
 }
 
-/// The outline of a footprint's cut-off.
-fn outline(footprint: &Footprint, terms: FootprintTerms<'_>, index: usize) -> Outline {
+/// The outline of a footprint's cut-off, where it is no ellipse.
+fn bent_outline(footprint: &Footprint, terms: FootprintTerms<'_>, index: usize) -> Option<Outline> {
     let (p, r) = (footprint.form_p.into(), footprint.form_r.into());
     let cutoff_squared = footprint.cutoff_squared;
     match (footprint.path, terms) {
         (PATH_SURFEL, FootprintTerms::Surfel(terms)) => {
-            if let Some(terms) = terms.get(index)
-                && terms.homography > 0.0
-            {
-                let gradient = Vec2::from(terms.gradient) / terms.inverse_depth;
-                return Outline::Plane(PlaneOutline::new(p, r, cutoff_squared, gradient));
-            }
+            let terms = terms.get(index).filter(|terms| terms.homography > 0.0)?;
+            let gradient = Vec2::from(terms.gradient) / terms.inverse_depth;
+            let outline = PlaneOutline::new(p, r, cutoff_squared, gradient);
+            Some(Outline::Plane(outline))
         }
         (path, FootprintTerms::Exact(terms)) if path & 3 == PATH_EXACT => {
-            if let Some(terms) = terms.get(index) {
-                let gradient = terms.gradient.into();
-                let exact = KernelOutline::exact(p, r, cutoff_squared, gradient, terms.hessian);
-                return Outline::Kernel(exact);
-            }
+            let terms = terms.get(index)?;
+            let gradient = terms.gradient.into();
+            let outline = KernelOutline::exact(p, r, cutoff_squared, gradient, terms.hessian);
+            Some(Outline::Kernel(outline))
         }
-        _ => {}
+        _ => None,
     }
-    Outline::Kernel(KernelOutline::affine(p, r, cutoff_squared))
 }
