@@ -236,12 +236,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
 
+    let task = task_of(&progress);
+
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
         // Slabs that are classified have slopes of their own.
         normals: arguments.light.lighting().is_some() && !arguments.method.post_classification,
-        task: task_of(&progress),
+        task: task.clone(),
         ..arguments.data.sample_options()
     };
     let scene = arguments
@@ -264,7 +266,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let integrator = integrator.transpose()?;
     let integrator = integrator.map(|i| i.clipped(&arguments.clip_planes()));
     let scene_options = SceneOptions {
-        task: task_of(&progress),
+        task: task.clone(),
         ..SceneOptions::default()
     };
     let renderer = Renderer::with_options(scene, &scene_options)?;
@@ -297,7 +299,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let settings = arguments.settings();
     progress.set_message("rendering");
     let shown = Settings {
-        task: task_of(&progress),
+        task,
         ..settings.clone()
     };
     renderer.render(&camera, &shown)?;

@@ -115,6 +115,15 @@ pub(super) fn layer_start(view: &ViewUniform, layer: u32) -> f32 {
     view.layer_first.saturating_add_unsigned(layer) as f32 * view.layer_thickness
 }
 
+/// Where it ends for a kernel whose `last` layer takes all that lies behind.
+pub(super) fn layer_end(view: &ViewUniform, layer: u32, last: u32) -> f32 {
+    if layer < last {
+        layer_start(view, layer + 1)
+    } else {
+        f32::INFINITY
+    }
+}
+
 /// The layer that holds a depth, `first` where that lies in front of it.
 pub(super) fn layer_at(view: &ViewUniform, depth: f32, first: u32) -> u32 {
     // A cast saturates, and NaN gives 0.

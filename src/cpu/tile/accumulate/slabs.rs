@@ -2,7 +2,7 @@
 //!
 //! Twin: `shaders/tile/accumulate/slabs.wgsl`.
 
-use super::ring::{Ring, layer_start};
+use super::ring::{Ring, layer_end, layer_start};
 use crate::constants::TILE_SIZE;
 use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::classify::slab::RowEdge;
@@ -57,11 +57,7 @@ impl IntoSlabs<'_> {
         let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
         for number in nearest..=last {
             let start = layer_start(view, number);
-            let end = if number < last {
-                layer_start(view, number + 1)
-            } else {
-                f32::INFINITY
-            };
+            let end = layer_end(view, number, last);
             let mut ends = [end; TILE_SIZE];
             let above = match self.spans {
                 Some(spans) => {
@@ -115,11 +111,7 @@ impl IntoSlabs<'_> {
         let mut below = RowEdge::new::<FMA>(evaluate, row, &begins);
         for number in nearest..=last {
             let start = layer_start(view, number);
-            let end = if number < last {
-                layer_start(view, number + 1)
-            } else {
-                f32::INFINITY
-            };
+            let end = layer_end(view, number, last);
             let mut ends = [end; TILE_SIZE];
             for lane in 0..TILE_SIZE {
                 ends[lane] = end.max(nears[lane]).min(fars[lane]);
