@@ -22,6 +22,7 @@ use ewa_splat::stages::blocks::{BlockedVolume, cull};
 use ewa_splat::stages::cpu::{
     Bins, RasteriseSettings, Tile, bin, classify, count_classified, rasterise, resolve, sort,
 };
+use ewa_splat::stages::record::ChoiceUniform;
 use ewa_splat::stages::splat::Axes;
 use ewa_splat::view::{Camera, Projection};
 use ewa_splat::{ColumnSettings, Image, Renderer, Settings};
@@ -83,12 +84,14 @@ fn stages(c: &mut Criterion) {
     let mut frame = Frame::new(scene.clone(), &camera, &settings(Filter::Ewa));
     group.throughput(Throughput::Elements(frame.volume.blocks.len() as u64));
     let mut views = Vec::new();
+    let choice: ChoiceUniform = bytemuck::Zeroable::zeroed();
     group.bench_function("cull", |b| {
         b.iter(|| {
             cull(
                 &frame.volume,
                 &camera,
                 Some(&frame.frustum),
+                &choice,
                 black_box(&mut views),
             )
         });
@@ -204,7 +207,9 @@ fn column_density(c: &mut Criterion) {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let settings = ColumnSettings::default();
     for (name, scene) in [

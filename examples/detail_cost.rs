@@ -135,7 +135,9 @@ fn spheres(count: usize) -> PointVolume {
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -122,6 +122,8 @@ fn smoke(middle: DVec3, half: DVec3) -> PointVolume {
         colour: Colour::Uniform([0.75, 0.8, 0.9]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }

@@ -80,7 +80,9 @@ fn volume(kernels: &[Kernel]) -> PointVolume {
         colour: Colour::PerParticle(kernels.iter().map(|k| k.colour).collect()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -191,7 +191,9 @@ fn hollow_ball(dims: [usize; 3], transfer: &TransferFunction) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer.clone()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -14,7 +14,7 @@ use ewa_splat::sample::{SampleOptions, volume};
 use ewa_splat::scene::Lighting;
 use ewa_splat::stages::blocks::{BlockedVolume, cull};
 use ewa_splat::stages::cpu;
-use ewa_splat::stages::record::{ClassifiedParticle, LightingUniform};
+use ewa_splat::stages::record::{ChoiceUniform, ClassifiedParticle, LightingUniform};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Renderer, Settings};
 use glam::DVec3;
@@ -75,7 +75,8 @@ fn main() -> ewa_splat::Result<()> {
     let (lit_ms, counts) = frame_ms(Some(&lighting))?;
 
     let mut views = Vec::new();
-    cull(&blocked, &camera, None, &mut views);
+    let choice: ChoiceUniform = bytemuck::Zeroable::zeroed();
+    cull(&blocked, &camera, None, &choice, &mut views);
     let count = cpu::count_classified(&blocked, &mut views);
     let mut particles = vec![bytemuck::Zeroable::zeroed(); count];
     cpu::classify(&blocked, &views, &mut particles);

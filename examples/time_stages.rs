@@ -199,7 +199,9 @@ fn spheres(count: usize, [smallest, largest]: [f64; 2], half_side: f64) -> Point
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -1,7 +1,6 @@
 // Stage: from values to masses and colours, or to signed amplitudes, per particle, once. A workgroup is a view, a thread a
-// particle of its block. Counting and emitting share `visit`; should a compiler round the two
-// differently all the same, a view keeps to its places. Colours that depend on the view are left to
-// shade.wgsl.
+// particle of its block; what becomes of it is in classify/one.wgsl or in classify/pieces.wgsl. Colours
+// that depend on the view are left to shade.wgsl.
 // Twins: src/cpu/classify.rs, src/cpu/amplitude.rs.
 //
 // Passes: classify_count, a prefix sum of `counts`, classify_place, classify_emit.
@@ -71,6 +70,8 @@ fn visit(block: u32, local: u32) -> Visit {
         if any(cell >= bricks.dims) {
             return particle;
         }
+        // Values of the bricks around come first, where they are kept.
+        particle.index = b.first + (bricks.first - bricks.values_first) * THREADS + local;
     } else if local >= b.count {
         return particle;
     }
@@ -86,14 +87,17 @@ fn classify_count(
 ) {
     let v = group_index(group);
     let is_view = v < state.view_count;
-    var count = 0u;
     if is_view {
-        count = u32(is_positive(visit(views[v].block, thread).mass));
+        prepare(views[v], thread);
     }
     if thread == 0u {
         atomicStore(&visible_count, 0u);
     }
     workgroupBarrier();
+    var count = 0u;
+    if is_view {
+        count = kernel_count(views[v], thread);
+    }
     atomicAdd(&visible_count, count);
     workgroupBarrier();
     if is_view && thread == 0u {
@@ -126,32 +130,5 @@ fn classify_place(
         arguments[PARTICLE_ARGUMENTS] = folds.x;
         arguments[PARTICLE_ARGUMENTS + 1u] = folds.y;
         arguments[PARTICLE_ARGUMENTS + 2u] = folds.z;
-    }
-}
-
-@compute @workgroup_size(THREADS)
-fn classify_emit(
-    @builtin(local_invocation_index) thread: u32,
-    @builtin(workgroup_id) group: vec3<u32>,
-) {
-    let v = group_index(group);
-    // None where there is no room for all.
-    let is_view = v < state.view_count && state.classified_count > 0u;
-    var particle = Visit(0u, 0.0, vec4<f32>(0.0));
-    if is_view {
-        particle = visit(views[v].block, thread);
-    }
-    let is_visible = is_positive(particle.mass);
-    let place = scan_threads(thread, u32(is_visible));
-    if !is_view {
-        return;
-    }
-    let view = views[v];
-    if is_visible && place < view.count {
-        let carried = carried_by(particle);
-        classified[view.first + place] = ClassifiedParticle(v, thread, particle.mass, carried);
-    }
-    if thread >= scan_total && thread < view.count {
-        classified[view.first + thread] = ClassifiedParticle(v, 0u, 0.0, array<f32, 3>());
     }
 }

@@ -70,8 +70,14 @@ fn widened(v: array<f32, 3>) -> array<vec2<u32>, 3> {
 }
 
 // Whether a kernel of the block may reach inside. Conservative.
-fn frustum_sees(centre: array<vec2<u32>, 3>, half_extent: array<f32, 3>, max_sigma: f32) -> bool {
-    let reach = f64_mul(f64_from_f32(max_sigma), f64_from_f32(MAX_CUTOFF));
+fn frustum_sees(
+    centre: array<vec2<u32>, 3>,
+    half_extent: array<f32, 3>,
+    max_sigma: f32,
+    is_spread: bool,
+) -> bool {
+    let deviations = select(MAX_CUTOFF, PIECE_REACH, is_spread);
+    let reach = f64_mul(f64_from_f32(max_sigma), f64_from_f32(deviations));
     let half = widened(half_extent);
     var sees = true;
     for (var i = 0u; i < camera.plane_count; i = i + 1u) {
@@ -82,6 +88,22 @@ fn frustum_sees(centre: array<vec2<u32>, 3>, half_extent: array<f32, 3>, max_sig
         sees = sees && f64_is_at_least_zero(distance);
     }
     return sees;
+}
+
+// Whether kernels of a block are classified over their extents.
+fn is_spread_block(block: DeviceBlock) -> bool {
+    if !IS_CLASSIFIED || camera.choice.by_extent == 0u {
+        return false;
+    }
+    return block.greatest_spread > lobe_threshold(block.values_around[0], block.values_around[1]);
+}
+
+// The values that classification may ask for.
+fn values_of(block: DeviceBlock, is_spread: bool) -> array<f32, 2> {
+    if is_spread {
+        return block.values_around;
+    }
+    return block.value_range;
 }
 
 // Whether the transfer function leaves nothing of a block's value range.
@@ -121,16 +143,19 @@ fn cull_close(
         return;
     }
     let block = blocks[i];
+    let is_spread = is_spread_block(block);
     var state = MERGED_OPEN;
     if IS_CLASSIFIED {
-        state = select(MERGED_OPEN, MERGED_UNSEEN, is_transparent(block.value_range));
+        let values = values_of(block, is_spread);
+        state = select(MERGED_OPEN, MERGED_UNSEEN, is_transparent(values));
     }
     if state == MERGED_OPEN {
         let centre = camera_point(block.origin);
-        let sees = frustum_sees(centre, block.half_extent, block.max_sigma);
+        let sees = frustum_sees(centre, block.half_extent, block.max_sigma, is_spread);
+        // Merged particles are classified by their means.
         if camera.has_frustum != 0u && !sees {
             state = MERGED_UNSEEN;
-        } else if merge_fits(camera.choice, block, merged_part.bounds[i], narrowed(centre)) {
+        } else if !is_spread && merge_fits(camera.choice, block, merged_part.bounds[i], narrowed(centre)) {
             state = MERGED_FITS;
         }
     }
@@ -199,17 +224,20 @@ fn cull_count(
     var farthest = vec2<u32>(0u);
     if i < arrayLength(&blocks) {
         let block = blocks[i];
+        let is_spread = is_spread_block(block) && !IS_MERGED;
         var is_visible = is_drawn(i, block.parent);
         if IS_CLASSIFIED && is_visible {
-            is_visible = !is_transparent(block.value_range);
+            is_visible = !is_transparent(values_of(block, is_spread));
         }
         if is_visible {
             let centre = camera_point(block.origin);
-            let sees = frustum_sees(centre, block.half_extent, block.max_sigma);
+            let sees = frustum_sees(centre, block.half_extent, block.max_sigma, is_spread);
             is_kept = camera.has_frustum == 0u || sees;
             if sees {
                 let half = widened(block.half_extent);
-                let radius = f64_sqrt(f64_dot(half, half));
+                // Pieces may be shifted.
+                let shift = select(0.0, LOBE_REACH * block.max_sigma, is_spread);
+                let radius = f64_add(f64_sqrt(f64_dot(half, half)), f64_from_f32(shift));
                 let distance = camera_distance(centre);
                 nearest = nearest_word(f64_sub(distance, radius));
                 farthest = farthest_word(f64_add(distance, radius));
@@ -311,9 +339,10 @@ fn cull_emit(
         let block = blocks[i];
         let centre = camera_point(block.origin);
         let origin = narrowed(centre);
+        let is_spread = is_spread_block(block) && !IS_MERGED;
         var filter_kind = camera.choice.filter_kind;
         if HAS_CHOICE {
-            filter_kind = filter_of(camera.choice, block, origin);
+            filter_kind = filter_of(camera.choice, block, is_spread, origin);
         }
         views[groups_seen[index].count + place] = BlockView(
             triple(origin),
@@ -323,6 +352,7 @@ fn cull_emit(
             depth_key(camera_distance(centre)),
             filter_kind,
             block.level,
+            u32(is_spread),
         );
         if HAS_CHOICE {
             atomicAdd(&filters_seen[filter_kind], 1u);

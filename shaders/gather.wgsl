@@ -24,7 +24,7 @@ fn gather_prepare() {
 const QUARTERS: u32 = 4u;
 // Footprints per workgroup.
 const FOOTPRINTS: u32 = THREADS / QUARTERS;
-const EXACT_WORDS: u32 = 6u;
+const EXACT_WORDS: u32 = 7u;
 
 @group(0) @binding(0) var<uniform> part: PartIndex;
 @group(0) @binding(1) var<uniform> this_chunk: ChunkUniform;

@@ -21,6 +21,8 @@ struct NearList {
     // How many there are: more than `terms` holds where that is too short, and then those that
     // found no place draw nothing.
     count: atomic<u32>,
+    // How many of them cross the camera plane; the others are edges alone.
+    crossing: atomic<u32>,
     terms: array<NearTerms>,
 }
 
@@ -38,6 +40,20 @@ override IS_ANTI_ALIASED: bool = false;
 override IS_ONE_SIDED: bool = false;
 // Whether kernels may be cut, by surfaces, clip planes or slabs, so that all have terms of their depth.
 override IS_CUT: bool = false;
+// Whether the domain of its data may cut any kernel of the pass: then all have terms.
+override HAS_EDGES: bool = false;
+
+// Whether particles are pieces of kernels, whose terms follow them all.
+override HAS_PIECES: bool = false;
+// Which word of `counts` says where.
+override CAPACITY_INDEX: u32 = 0u;
+
+// The terms of a classified particle.
+fn piece_terms(i: u32) -> PieceTerms {
+    let words = classified[counts[CAPACITY_INDEX] + i];
+    let axis = array<f32, 3>(bitcast<f32>(words.view), bitcast<f32>(words.local), words.mass);
+    return PieceTerms(axis, words.carried[0], words.carried[1], 0u);
+}
 
 @compute @workgroup_size(THREADS)
 fn project(
@@ -53,16 +69,40 @@ fn project(
 
     let particle = classified[i];
     let block = views[particle.view];
-    let offset = times(rotation, world_offset(block.block, particle.local));
-    let factor = camera_factor(rotation, block.block, particle.local);
+    var offset = times(rotation, world_offset(block.block, particle.local));
+    var factor = camera_factor(rotation, block.block, particle.local);
+    var is_piece = false;
+    var shift = vec3<f32>(0.0);
+    if HAS_PIECES {
+        let terms = piece_terms(i);
+        is_piece = terms.width != 1.0 || terms.shift != 0.0;
+        if is_piece {
+            let axis = piece_axis(rotation, vector(terms.axis));
+            let along = vec3<f32>(dot3(factor.x, axis), dot3(factor.y, axis), dot3(factor.z, axis));
+            let change = terms.width - 1.0;
+            factor.x = factor.x + axis * (change * along.x);
+            factor.y = factor.y + axis * (change * along.y);
+            factor.z = factor.z + axis * (change * along.z);
+            shift = along * terms.shift;
+            offset = offset + shift;
+        }
+    }
     let crowding = crowding_of(block.block);
     let origin = vector(block.origin_camera);
     var kernel = Kernel(origin + offset, factor, particle.mass);
     let key = depth_key(view, block.key, origin, offset);
     let filter_kind = select(FILTER, block.filter_kind, FILTER == FILTER_ADAPTIVE);
-    // Merged particles know of their members' opacity.
-    let is_lone = view.sub_pixel_opacity != 0u && block.level == 0u;
+    // Merged particles know of their members' opacity; pieces make up sheets.
+    let is_lone = view.sub_pixel_opacity != 0u && block.level == 0u && !is_piece;
     var out: Footprint;
+    var edges: Edges;
+    if HAS_EDGES {
+        for (var k = 0u; k < MOST_EDGES; k = k + 1u) {
+            let plane = edge_of(block.block, particle.local, k);
+            edges = with_edge(edges, kernel, rotation, shift, plane);
+        }
+    }
+    let is_cut = IS_CUT || edges.count > 0u;
     if RULE == RULE_PEAK {
         if IS_CUT {
             // Without a depth of its own: where its centre lies.
@@ -75,7 +115,24 @@ fn project(
         if RULE == RULE_TRANSLUCENT {
             kernel.mass = kernel.mass * facing(view, kernel);
         }
-        out = footprint(view, filter_kind, is_lone, kernel, crowding, particle.carried, key, i);
+        out = footprint(
+            view,
+            filter_kind,
+            is_lone,
+            kernel,
+            crowding,
+            particle.carried,
+            key,
+            is_cut,
+            i,
+        );
+    }
+    if HAS_EDGES && RULE != RULE_SURFACE {
+        if edges.is_outside {
+            out.columns = 0u;
+            out.rows = 0u;
+        }
+        exact[i].edges = cut_by_edges(view, kernel, edges, out);
     }
     if RULE != RULE_SURFACE && view.keys_begin != 0u {
         out.key = slab_key(view, block.key, origin, kernel, out);
@@ -262,6 +319,7 @@ fn surfel(
         plane.gradient,
         array<f32, 3>(plane.inverse_depth, plane.slack, plane.homography),
         plane.normal,
+        0u,
     );
     return out;
 }
@@ -291,6 +349,7 @@ fn footprint(
     crowding: f32,
     carried: array<f32, 3>,
     key: u32,
+    is_cut: bool,
     index: u32,
 ) -> Footprint {
     var out = invisible(kernel, carried, key);
@@ -344,7 +403,7 @@ fn footprint(
             return out;
         }
         var terms = choice.terms;
-        if IS_CUT {
+        if is_cut {
             let depths = depth_terms(view, screen, h2, image.determinant, kernel.centre.z);
             terms.depth_sigma = depths.sigma;
         }
@@ -355,7 +414,7 @@ fn footprint(
         out.tau = out.tau / screen.ray_length;
         set_bounds(view, &out, screen.centre_px + extent.middle, extent.half_size);
     } else {
-        if IS_CUT {
+        if is_cut {
             let determinant = filtered(screen, FILTER_EWA, h2).determinant;
             let depths = depth_terms(view, screen, h2, determinant, kernel.centre.z);
             var terms: ExactTerms;
@@ -422,12 +481,41 @@ fn push(terms: NearTerms, path: u32) -> u32 {
 
 // The place of terms among those of near kernels.
 fn push_at(terms: NearTerms) -> u32 {
+    atomicAdd(&near.crossing, 1u);
+    return listed(terms);
+}
+
+fn listed(terms: NearTerms) -> u32 {
     let place = atomicAdd(&near.count, 1u);
     if place >= arrayLength(&near.terms) {
         return NO_PLACE;
     }
     near.terms[place] = terms;
     return place;
+}
+
+// Gives a footprint the planes at which the domain of its data cuts it; returns one more than their place,
+// 0 where its path says it or nothing cuts it.
+fn cut_by_edges(view: ViewUniform, kernel: Kernel, edges: Edges, out: Footprint) -> u32 {
+    if edges.count == 0u || out.rows == 0u {
+        return 0u;
+    }
+    var own: array<array<f32, 4>, MOST_EDGES>;
+    for (var k = 0u; k < edges.count; k = k + 1u) {
+        let edge = written_edge(view, kernel, out.path, edges.planes[k]);
+        own[k] = array<f32, 4>(edge.x, edge.y, edge.z, edge.w);
+    }
+    if (out.path & 2u) != 0u {
+        let place = out.path >> 2u;
+        near.terms[place].edges = own;
+        near.terms[place].edge_count = edges.count;
+        return 0u;
+    }
+    var terms: NearTerms;
+    terms.edges = own;
+    terms.edge_count = edges.count;
+    let place = listed(terms);
+    return select(place + 1u, 0u, place == NO_PLACE);
 }
 
 // An orthographic kernel that reaches behind the eye's plane.

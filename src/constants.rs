@@ -50,6 +50,15 @@ pub const DEFAULT_TOLERANCE: f32 = 1.0 / 255.0;
 /// then ripples by 4 exp(-2 pi² h²) = 1e-8 between pixel centres.
 pub const DEFAULT_LOW_PASS_VARIANCE_PX2: f32 = 1.0;
 
+/// The low-pass variance \[px²\] that brings volumes with a field nearest to their data: depths are filtered,
+/// not opacities, which widens what is opaque, so that less than the filters' own variances is best
+/// (docs/truth.md). A lone kernel far below a pixel ripples by 10 % with it; kernels that fill pixels
+/// together bring a width of their own.
+pub const FIELD_LOW_PASS_VARIANCE_PX2: f32 = 0.15;
+
+/// The same of bare particles, which may be lone ones: the sum of a moving point ripples by .5 %.
+pub const PARTICLE_LOW_PASS_VARIANCE_PX2: f32 = 0.3;
+
 /// A tile stops when what still shines through is below this share of the tolerance: small
 /// against the cut-off's share, and deep enough that stopping is rarely late.
 pub const TERMINATION_SHARE: f32 = 1.0 / 16.0;
@@ -99,3 +108,14 @@ pub const FRAC_1_SQRT_2PI: f32 = 0.398_942_3;
 
 /// Directional lights of a scene at most: a key, fills and rims, with room to spare.
 pub const MAX_LIGHTS: usize = 8;
+
+/// Planes of the boundary of its data that cut one kernel, at most: of a thin lattice all six faces.
+pub const MOST_EDGES: usize = 6;
+
+/// A plane of the boundary cuts a kernel within so many standard deviations: beyond, it would take less
+/// than a hundred-thousandth of it.
+pub const EDGE_REACH: f32 = 4.5;
+
+/// The standard deviation of a kernel along a ray, as a share of that across a plane, below which the
+/// plane's edge is not resolved: f32 keeps a step finite.
+pub const LEAST_SPREAD: f32 = 1e-6;

@@ -19,6 +19,9 @@ pub struct FrameCounts {
     pub blocks_merged: usize,
     /// Particles that the transfer function leaves visible, in the blocks that are left.
     pub classified: usize,
+    /// Of these, those of volumes whose kernels were classified over their extents: a kernel is as many as
+    /// lobes of the transfer function leave something of it.
+    pub pieces: usize,
     /// Footprints that reach the image.
     pub footprints: usize,
     /// Of these, surfels of opaque surfaces.

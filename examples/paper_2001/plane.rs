@@ -169,7 +169,9 @@ fn board(kernels: Kernels) -> PointVolume {
         ),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -163,7 +163,9 @@ fn slice(rows: usize, kernel_width: f64) -> Result<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(values.collect())),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     })
 }
 

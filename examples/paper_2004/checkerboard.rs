@@ -216,6 +216,8 @@ pub(crate) fn checkerboard(voxels: usize) -> Result<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     })
 }

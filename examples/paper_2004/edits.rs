@@ -194,7 +194,9 @@ fn visible(volume: &PointVolume, transfer: &TransferFunction) -> PointVolume {
         colour: Colour::PerParticle(classes.iter().map(|(_, c)| [c[0], c[1], c[2]]).collect()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -233,7 +235,9 @@ fn lattice(dims: [usize; 3], values: Values) -> PointVolume {
         colour: Colour::Classified,
         values: Some(values),
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -51,7 +51,9 @@ pub(crate) fn particles(count: usize, height: usize, sigma_px: f32) -> PointVolu
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -57,6 +57,8 @@ fn appearance_of(choice: ChoiceUniform, centre: vec3<f32>, half_extent: vec3<f32
 struct Kernels {
     // Least and greatest standard deviation.
     sigmas: vec2<f32>,
+    // Whether all are spheres.
+    are_round: bool,
     // The greatest mass.
     mass: f32,
     // The most that lie in one place, as a multiple of OVERLAP.
@@ -66,9 +68,10 @@ struct Kernels {
     slope: f32,
 }
 
-fn kernels_of(block: DeviceBlock) -> Kernels {
-    let low = block.value_range[0];
-    let high = block.value_range[1];
+// `is_spread`: whether the kernels are classified over their extents, and may be flattened.
+fn kernels_of(block: DeviceBlock, is_spread: bool) -> Kernels {
+    let low = select(block.value_range[0], block.values_around[0], is_spread);
+    let high = select(block.value_range[1], block.values_around[1], is_spread);
     var change = 0.0;
     if IS_MERGED && (IS_CLASSIFIED || IS_COLOUR_CLASSIFIED) {
         change = max_slope(low, high);
@@ -79,8 +82,11 @@ fn kernels_of(block: DeviceBlock) -> Kernels {
         extinction = max_extinction(low, high);
         slope = change / extinction;
     }
+    let whole = vec2<f32>(block.min_sigma, block.max_sigma);
+    let pieces = vec2<f32>(0.0, block.max_sigma * MAX_PIECE_WIDTH);
     return Kernels(
-        vec2<f32>(block.min_sigma, block.max_sigma),
+        select(whole, pieces, is_spread),
+        ARE_ROUND && !is_spread,
         block.max_strength * extinction,
         block.crowding,
         slope,
@@ -95,7 +101,12 @@ fn peak_of(kernels: Kernels, appearance: Appearance, h2: f32) -> f32 {
         / (TAU * (h2 + narrowest * narrowest));
 }
 
-fn filter_of(choice: ChoiceUniform, block: DeviceBlock, centre: vec3<f32>) -> u32 {
+fn filter_of(
+    choice: ChoiceUniform,
+    block: DeviceBlock,
+    is_spread: bool,
+    centre: vec3<f32>,
+) -> u32 {
     if choice.filter_kind != FILTER_ADAPTIVE {
         return choice.filter_kind;
     }
@@ -104,7 +115,7 @@ fn filter_of(choice: ChoiceUniform, block: DeviceBlock, centre: vec3<f32>) -> u3
     if !appearance.exists {
         return select(FILTER_ADAPTIVE, FILTER_EWA, is_by_hand);
     }
-    let kernels = kernels_of(block);
+    let kernels = kernels_of(block, is_spread);
     if is_by_hand {
         return by_hand(choice, appearance, kernels);
     }
@@ -156,7 +167,7 @@ fn by_tolerance(choice: ChoiceUniform, appearance: Appearance, kernels: Kernels)
     let unequal = choice.focal_px.x / choice.focal_px.y;
     let beside = appearance.slope * appearance.slope + (1.0 - unequal * unequal);
     var own = 0.0;
-    if !ARE_ROUND {
+    if !kernels.are_round {
         own = (greatest * greatest - least * least) * greatest_px * greatest_px * appearance.stretch
             / (h2 + narrowest_px2);
     }
@@ -188,7 +199,7 @@ fn merge_fits(
     bounds: MergeBounds,
     centre: vec3<f32>,
 ) -> bool {
-    let kernels = kernels_of(block);
+    let kernels = kernels_of(block, false);
     let appearance = appearance_of(choice, centre, vector(block.half_extent));
     if !appearance.exists {
         return false;

@@ -68,6 +68,8 @@ struct ChoiceUniform {
     low_pass_variance_px2: f32,
     tolerance: f32,
     level_of_detail: u32,
+    by_extent: u32,
+    unused: u32,
 }
 
 struct DeviceBlock {
@@ -82,6 +84,9 @@ struct DeviceBlock {
     parent: u32,
     level: u32,
     crowding: f32,
+    greatest_spread: f32,
+    values_around: array<f32, 2>,
+    edges: u32,
     unused: u32,
 }
 
@@ -107,11 +112,19 @@ struct LatticeUniform {
     has_axes: u32,
     basis: array<array<f32, 3>, 3>,
     factor: array<array<f32, 3>, 3>,
+    face_normals: array<array<f32, 3>, 3>,
+    first_face: u32,
 }
 
 struct BrickUniform {
     dims: vec3<u32>,
     first: u32,
+    values_first: u32,
+    kernel_width: f32,
+    models_first: u32,
+    unused: u32,
+    model_scales: vec2<f32>,
+    unused_end: vec2<u32>,
 }
 
 struct FrameState {
@@ -140,6 +153,7 @@ struct BlockView {
     key: u32,
     filter_kind: u32,
     level: u32,
+    is_spread: u32,
 }
 
 struct ClassifiedParticle {
@@ -147,6 +161,13 @@ struct ClassifiedParticle {
     local: u32,
     mass: f32,
     carried: array<f32, 3>,
+}
+
+struct PieceTerms {
+    axis: array<f32, 3>,
+    shift: f32,
+    width: f32,
+    unused: u32,
 }
 
 struct Footprint {
@@ -168,6 +189,7 @@ struct ExactTerms {
     gradient: array<f32, 2>,
     hessian: array<f32, 3>,
     depth_sigma: f32,
+    edges: u32,
 }
 
 struct SurfelTerms {
@@ -176,6 +198,7 @@ struct SurfelTerms {
     slack: f32,
     homography: f32,
     normal: f32,
+    unused: u32,
 }
 
 struct NearTerms {
@@ -186,6 +209,8 @@ struct NearTerms {
     unit: f32,
     reach: f32,
     half_line: array<f32, 3>,
+    edges: array<array<f32, 4>, MOST_EDGES>,
+    edge_count: u32,
 }
 
 struct PartIndex {

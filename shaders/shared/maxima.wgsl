@@ -1,9 +1,20 @@
 // The greatest extinctions and slopes of a transfer function's runs. The stage declares `maxima`.
 // Twins: src/scene/transfer_function/maxima.rs, src/scene/transfer_function/averages.rs.
 
+// A lobe of the function: see lobes.wgsl.
+struct LobeRange {
+    interval: array<f32, 2>,
+    // 1 where it goes on beyond.
+    is_open: array<f32, 2>,
+    threshold: f32,
+}
+
 struct TransferMaxima {
     low: f32,
     scale: f32,
+    // How many lobes there are; 0 where kernels are classified at their values alone.
+    lobe_count: f32,
+    lobes: array<LobeRange, MAX_LOBES>,
     // Row p: the greatest extinction of entries i .. i + 2^p. After the last row the same of the
     // slopes, entry i that from entry i to the next.
     rows: array<f32>,
@@ -45,4 +56,19 @@ fn max_extinction(lo: f32, hi: f32) -> f32 {
 fn max_slope(lo: f32, hi: f32) -> f32 {
     let entries = maxima_entries(lo, hi);
     return greatest_entry(maxima_row(TABLE_LEVELS), entries.x, entries.y - 1u);
+}
+
+// The greatest spread of values at which every lobe that meets the values lo to hi takes kernels at their
+// values alone. Twin: `Lobes::threshold`.
+fn lobe_threshold(lo: f32, hi: f32) -> f32 {
+    var least = LARGEST;
+    for (var i = 0u; i < u32(maxima.lobe_count); i = i + 1u) {
+        let lobe = maxima.lobes[i];
+        let meets = (lo < lobe.interval[1] || lobe.is_open[1] > 0.0)
+            && (hi > lobe.interval[0] || lobe.is_open[0] > 0.0);
+        if meets {
+            least = min(least, lobe.threshold);
+        }
+    }
+    return least;
 }

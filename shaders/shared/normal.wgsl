@@ -29,6 +29,13 @@ fn unpack_normal(packed: f32) -> vec3<f32> {
     let row = floor(packed / (NORMAL_STEPS + 1.0));
     let x = row * (2.0 / NORMAL_STEPS) - 1.0;
     let y = (packed - row * (NORMAL_STEPS + 1.0)) * (2.0 / NORMAL_STEPS) - 1.0;
+    return from_octahedral(vec2<f32>(x, y));
+}
+
+// The unit vector at a place on the octahedron unfolded to a square, -1 to 1 each way.
+fn from_octahedral(place: vec2<f32>) -> vec3<f32> {
+    let x = place.x;
+    let y = place.y;
     let z = 1.0 - abs(x) - abs(y);
     let under = max(-z, 0.0);
     return unit_or_zero(vec3<f32>(unfold(x, under), unfold(y, under), z));

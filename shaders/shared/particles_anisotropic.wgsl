@@ -29,3 +29,33 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     }
     return rotated(rotation, lower);
 }
+
+// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
+    return axis;
+}
+
+fn shape_word(word: u32) -> f32 {
+    return shapes[word / 9u][word % 9u];
+}
+
+// Plane k that cuts a particle at the boundary of its domain; not finite where there is none. A block that
+// the boundary cuts has a word for each particle, 0 or one more than the place of its planes, and the
+// planes after these.
+fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
+    let own = blocks[block];
+    if own.edges != 0u {
+        let first = own.edges - 1u;
+        let place = u32(shape_word(first + local));
+        if place != 0u {
+            let at = first + own.count + 4u * (MOST_EDGES * (place - 1u) + k);
+            return vec4<f32>(
+                shape_word(at),
+                shape_word(at + 1u),
+                shape_word(at + 2u),
+                shape_word(at + 3u),
+            );
+        }
+    }
+    return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+}

@@ -23,3 +23,13 @@ fn world_offset(block: u32, local: u32) -> vec3<f32> {
 fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     return sphere(shapes[particle_index(block, local)].w);
 }
+
+// The axis of a piece in the frame of the factor's columns, which a sphere has along the camera's axes.
+fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
+    return times(rotation, axis);
+}
+
+// No plane cuts it.
+fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
+    return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+}

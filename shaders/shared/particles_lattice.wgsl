@@ -6,10 +6,12 @@ struct AxisSample {
     offset: f32,
     sigma: f32,
     extent: f32,
+    bend: f32,
 }
 
 @group(0) @binding(0) var<storage, read> lattice: LatticeUniform;
-// Those of x, then of y, then of z; nothing of a uniform lattice.
+// Those of x, then of y, then of z; nothing of a uniform lattice. Behind them, where the box of the samples
+// cuts kernels, how far each lies inside the lower and the upper face: `offset` and `sigma`.
 @group(0) @binding(1) var<storage, read> axes: array<AxisSample>;
 
 // First cell of a brick.
@@ -70,6 +72,26 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
     return factor_of_columns(times(rotation, f[0]), times(rotation, f[1]), times(rotation, f[2]));
 }
 
+// Face k of the box of its samples that cuts a cell's kernel, of each axis the lower one and the upper one;
+// not finite where there is none. The distances from them lie behind the samples of the axes.
+fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
+    if lattice.first_face == 0u {
+        return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+    }
+    let axis = k / 2u;
+    let at = lattice.first_face - 1u + samples_of(cell_of(corner(block), local))[axis];
+    let normal = vector(lattice.face_normals[axis]);
+    if k % 2u == 0u {
+        return vec4<f32>(normal, axes[at].offset);
+    }
+    return vec4<f32>(-normal, axes[at].sigma);
+}
+
 fn columns_of(m: array<array<f32, 3>, 3>) -> mat3x3<f32> {
     return mat3x3<f32>(vector(m[0]), vector(m[1]), vector(m[2]));
+}
+
+// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
+    return axis;
 }

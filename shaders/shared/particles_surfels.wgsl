@@ -31,3 +31,13 @@ fn camera_factor(rotation: mat3x3<f32>, block: u32, local: u32) -> Factor {
         vec3<f32>(a.z, b.z, 0.0),
     );
 }
+
+// The axis of a piece in the frame of the factor's columns: it turns with the kernel.
+fn piece_axis(rotation: mat3x3<f32>, axis: vec3<f32>) -> vec3<f32> {
+    return axis;
+}
+
+// No plane cuts it.
+fn edge_of(block: u32, local: u32, k: u32) -> vec4<f32> {
+    return vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(INFINITE_WORD));
+}

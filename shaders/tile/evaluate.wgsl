@@ -21,9 +21,9 @@ fn evaluate(n: u32, footprint: TileFootprint, ray: TileRay, has_place: bool) -> 
 // that): the share up to a depth.
 fn share_before(footprint: TileFootprint, sample: Sample, ray: TileRay, depth: f32) -> f32 {
     if HAS_NEAR && is_near_path(footprint.path) {
-        return near_share(footprint, ray.pixel, depth);
+        return within_domain(near_share(footprint, ray.pixel, depth));
     }
-    return share_up_to(footprint, sample, depth);
+    return within_domain(share_up_to(footprint, sample, depth));
 }
 
 // How far footprint i of the chunk reaches along z on either side of its centre.

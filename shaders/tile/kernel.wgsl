@@ -65,8 +65,10 @@ fn draw(n: u32, own: TilePixel, ray: TileRay, hidden: u32) -> bool {
         return false;
     }
     let footprint = footprint_of_batch(n);
-    let sample = evaluate(n, footprint, ray, needs_place(side));
+    let edges = edges_at(n, footprint);
+    let sample = evaluate(n, footprint, ray, needs_place(side) || edges != 0u);
     if sample.is_inside {
+        begin_domain(edges, footprint, sample, ray);
         add(n, footprint, sample, ray, side);
     }
     return sample.is_inside;

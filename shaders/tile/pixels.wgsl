@@ -22,6 +22,7 @@ struct TileBegun {
 
 struct NearList {
     count: u32,
+    crossing: u32,
     terms: array<NearTerms>,
 }
 

@@ -8,11 +8,13 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
+use super::extent::reached;
+use super::halo::Halo;
 use super::merge::MergeBounds;
 use super::{Block, EMPTY_RANGE, NO_PARENT, value_range};
-use crate::constants::BRICK;
+use crate::constants::{BRICK, EDGE_REACH, MOST_EDGES};
 use crate::math::{Factor, lower_factor, principal_sigmas};
-use crate::scene::{Lattice, LatticeSpacing, Values, cell_width};
+use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Values, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
 #[derive(Debug, Clone)]
@@ -27,6 +29,65 @@ pub struct BrickGrid {
     /// cell to the next along each index.
     basis: Mat3,
     cells: Cells,
+    faces: Option<Faces>,
+}
+
+/// The faces of the box of a lattice's own samples, around which the grid has a layer of ghosts.
+#[derive(Debug, Clone)]
+pub struct Faces {
+    /// Ghosts before the first sample along each axis, and as many behind the last.
+    ghosts: [usize; 3],
+    /// Unit normals of the lower faces, into the box; those of the upper ones are opposite.
+    pub normals: [Vec3; 3],
+    /// For each cell along each axis how far it lies inside the lower and the upper face, world
+    /// units; infinite where the face does not reach its kernel.
+    pub distances: [Vec<[f32; 2]>; 3],
+}
+
+impl Faces {
+    /// Of a lattice without its ghosts.
+    fn new(own: &Lattice, kernel_width: f64) -> Self {
+        let ghosts = own.ghosts();
+        let wide = own.with_ghosts();
+        let normal = |a: usize| match &own.spacing {
+            LatticeSpacing::Uniform { step, .. } => {
+                let normal = step.col((a + 1) % 3).cross(step.col((a + 2) % 3));
+                let normal = normal.normalize_or_zero();
+                normal * step.col(a).dot(normal).signum()
+            }
+            LatticeSpacing::Rectilinear { .. } => DVec3::AXES[a],
+        };
+        let normals = [0, 1, 2].map(normal);
+        let distances = [0, 1, 2].map(|a| {
+            let Axis {
+                coordinates,
+                widths,
+            } = Axis::new(&wide, a);
+            let unit = match &own.spacing {
+                LatticeSpacing::Uniform { step, .. } => step.col(a).dot(normals[a]),
+                LatticeSpacing::Rectilinear { .. } => 1.0,
+            };
+            let count = coordinates.len();
+            let inside = |i: usize, face: f64, sign: f64| {
+                let distance = sign * (coordinates[i] - face) * unit;
+                let reach = f64::from(EDGE_REACH) * kernel_width * widths[i] * unit;
+                if ghosts[a] > 0 && distance < reach {
+                    distance as f32
+                } else {
+                    f32::INFINITY
+                }
+            };
+            let faces = [ghosts[a], count - 1 - ghosts[a]].map(|i| coordinates[i]);
+            (0..count)
+                .map(|i| [inside(i, faces[0], 1.0), inside(i, faces[1], -1.0)])
+                .collect()
+        });
+        Self {
+            ghosts,
+            normals: normals.map(|n| n.as_vec3()),
+            distances,
+        }
+    }
 }
 
 /// What cells within a brick follow from.
@@ -48,6 +109,9 @@ pub struct AxisSample {
     pub sigma: f32,
     /// Its factor of the cell's volume \[world units\]: the volume is the product over the axes.
     pub extent: f32,
+    /// How the spacing changes at it: (x+ - 2 x + x-) / (x+ - x-) of its neighbours; 0 where it is even, at
+    /// the ends, and of merged cells.
+    pub bend: f32,
 }
 
 impl BrickGrid {
@@ -80,7 +144,68 @@ impl BrickGrid {
             bricks,
             basis: basis.as_mat3(),
             cells,
+            faces: None,
         }
+    }
+
+    /// The same with a layer of ghosts around the lattice's own samples, and its kernels cut at the box
+    /// of these.
+    pub(super) fn with_faces(lattice: &Lattice, kernel_width: f64) -> Self {
+        Self {
+            faces: Some(Faces::new(lattice, kernel_width)),
+            ..Self::new(lattice.with_ghosts(), kernel_width, 1)
+        }
+    }
+
+    /// Whether faces of the box of its samples cut kernels.
+    pub fn has_faces(&self) -> bool {
+        self.faces.is_some()
+    }
+
+    /// The faces that cut kernels, where any do.
+    pub fn faces(&self) -> Option<&Faces> {
+        self.faces.as_ref()
+    }
+
+    /// The faces that may cut a cell's kernel: of each axis the lower one and the upper one.
+    #[inline]
+    pub fn edges(&self, cell: [usize; 3]) -> [[f32; 4]; MOST_EDGES] {
+        let mut edges = [NO_EDGE; MOST_EDGES];
+        if let Some(faces) = &self.faces {
+            for a in 0..3 {
+                let [lower, upper] = faces.distances[a][cell[a]];
+                edges[2 * a] = faces.normals[a].extend(lower).into();
+                edges[2 * a + 1] = (-faces.normals[a]).extend(upper).into();
+            }
+        }
+        edges
+    }
+
+    /// Least and greatest corner of the box that faces cut kernels at, where they do.
+    pub(super) fn domain(&self) -> Option<[DVec3; 2]> {
+        let faces = self.faces.as_ref()?;
+        let ends = [0, 1, 2].map(|a| [faces.ghosts[a], self.dims[a] - 1 - faces.ghosts[a]]);
+        let corners = (0..8_usize).map(|c| {
+            self.lattice
+                .position([0, 1, 2].map(|a: usize| ends[a][c >> a & 1]))
+        });
+        Some(
+            corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[lo, hi], p| {
+                [lo.min(p), hi.max(p)]
+            }),
+        )
+    }
+
+    /// Which of the lattice's own samples a cell shows: of a ghost the nearest.
+    pub(super) fn own_index(&self, index: usize) -> usize {
+        let Some(faces) = &self.faces else {
+            return index;
+        };
+        let [nx, ny, _] = self.dims;
+        let cell = [index % nx, index / nx % ny, index / (nx * ny)];
+        let own = [0, 1, 2].map(|a| self.dims[a] - 2 * faces.ghosts[a]);
+        let [i, j, k] = [0, 1, 2].map(|a| cell[a].saturating_sub(faces.ghosts[a]).min(own[a] - 1));
+        i + own[0] * (j + own[1] * k)
     }
 
     /// Cells of the grid along each axis.
@@ -232,13 +357,57 @@ impl BrickGrid {
         })
     }
 
+    /// How the spacing changes at a cell along each axis, as [`AxisSample::bend`] has it.
+    #[inline]
+    pub(crate) fn bends(&self, [i, j, k]: [usize; 3]) -> Vec3 {
+        self.axes().map_or(Vec3::ZERO, |[x, y, z]| {
+            Vec3::new(x[i].bend, y[j].bend, z[k].bend)
+        })
+    }
+
+    /// Of a brick: the range of all values that classification over its kernels' extents may ask for, and
+    /// their greatest spread w.
+    fn spread(&self, values: &Values, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
+        let halo = Halo::new(self, values, cells);
+        let ranges = halo.ranges();
+        let corner = cells.map(|[first, _]| first);
+        let counts = cells.map(|[first, end]| end - first);
+        let (mut around, mut steepest) = (EMPTY_RANGE, 0.0_f32);
+        for n in 0..counts.iter().product::<usize>() {
+            let own = [
+                n % counts[0],
+                n / counts[0] % counts[1],
+                n / (counts[0] * counts[1]),
+            ];
+            let value = halo.value(own);
+            if value.is_nan() {
+                continue;
+            }
+            let cell = [0, 1, 2].map(|a| corner[a] + own[a]);
+            let model = halo.model(own, self.kernel_width as f32, self.bends(cell));
+            let local = Self::local([0; 3], own) as usize;
+            let range = [ranges.least[local], ranges.greatest[local]];
+            let [lo, hi] = reached(value, &model, range);
+            around = [around[0].min(lo), around[1].max(hi)];
+            steepest = steepest.max(model.slope.length());
+        }
+        (around, steepest)
+    }
+
     /// Standard deviations of kernels, in spacings.
-    pub(super) fn kernel_width(&self) -> f64 {
+    pub(crate) fn kernel_width(&self) -> f64 {
         self.kernel_width
     }
 
     /// One block per brick, of level of detail `level`.
-    pub(super) fn blocks(&self, values: Option<&Values>, level: u32) -> Vec<Block> {
+    ///
+    /// - `is_classified`: whether a transfer function makes masses of the values.
+    pub(super) fn blocks(
+        &self,
+        values: Option<&Values>,
+        is_classified: bool,
+        level: u32,
+    ) -> Vec<Block> {
         let count: usize = self.bricks.iter().product();
         let shared = self.shared_factor().map(|m| sigma_range(&m.as_dmat3()));
         let block = |brick: u32| {
@@ -261,6 +430,10 @@ impl BrickGrid {
                 LatticeSpacing::Rectilinear { .. } => ((upper - lower) / 2.0).as_vec3().abs(),
             };
             let [min_sigma, max_sigma] = shared.unwrap_or_else(|| self.brick_sigmas(cells));
+            let (values_around, greatest_spread) = match values {
+                Some(values) if is_classified => self.spread(values, cells),
+                _ => (EMPTY_RANGE, 0.0),
+            };
             Block {
                 origin: (lower + upper) / 2.0,
                 half_extent: half_extent * (1.0 + f32::EPSILON),
@@ -272,6 +445,8 @@ impl BrickGrid {
                 first: brick,
                 count: cells.iter().map(|[a, b]| (b - a) as u32).product(),
                 value_range: values.map_or(EMPTY_RANGE, |v| self.brick_range(v, cells)),
+                values_around,
+                greatest_spread,
                 parent: NO_PARENT,
                 level,
                 crowding: 1.0,
@@ -429,6 +604,7 @@ impl Axis {
                         offset: (axis[i] - middle) as f32,
                         sigma: width * kernel_width as f32,
                         extent: width,
+                        bend: bend(axis, i),
                     };
                 }
                 let moments = self.moments(kernel_width, i * merged, merged);
@@ -436,6 +612,7 @@ impl Axis {
                     offset: (moments.mean - middle) as f32,
                     sigma: moments.variance.sqrt() as f32,
                     extent: moments.extent as f32,
+                    bend: 0.0,
                 }
             })
             .collect()
@@ -466,6 +643,15 @@ impl Axis {
             fourth: fourth - 3.0 * variance * variance,
         }
     }
+}
+
+/// How the spacing of an axis changes at one of its samples, as [`AxisSample::bend`] has it.
+fn bend(axis: &[f64], i: usize) -> f32 {
+    if i == 0 || i + 1 == axis.len() {
+        return 0.0;
+    }
+    let (below, own, above) = (axis[i - 1], axis[i], axis[i + 1]);
+    (((above - own) - (own - below)) / (above - below)) as f32
 }
 
 /// Moments of neighbouring kernels along an axis, weighted by the widths of their cells.

@@ -8,6 +8,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
 use super::brick::outwards;
+use super::extent::spread_of;
 use super::merge::{Shapes, Source, Tree, merge_lattice, merge_points, widen_to_members};
 use super::overlap::Crowds;
 use super::{
@@ -17,7 +18,7 @@ use super::{
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{harmonics_count, principal_sigmas};
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 use crate::task::{Stage, Task};
 
 /// How a volume becomes blocks.
@@ -68,7 +69,9 @@ impl Exchangeable {
                 strength: volume.strength.clone(),
                 colour: volume.colour.clone(),
                 transfer_function: volume.transfer_function.clone(),
+                boundary: volume.boundary.clone(),
                 normals: volume.normals.clone(),
+                local_models: None,
             },
             ordered,
             options,
@@ -100,27 +103,38 @@ fn build_ordered(
     ordered: Option<Ordered>,
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
+    let own = match &volume.particles {
+        Particles::Lattice { lattice, .. } if volume.boundary.is_some() => Some(lattice.clone()),
+        _ => None,
+    };
     let PointVolume {
         particles,
         strength,
         colour,
         values,
         transfer_function,
+        boundary,
         normals,
-    } = volume;
-    // Merged particles reflect like none of their members; see `PointVolume::normals`.
-    let detail = options.detail && normals.is_none();
+        local_models,
+    } = volume.with_ghosts();
+    // Merged particles reflect like none of their members; see `PointVolume::normals`. Nor are they cut
+    // as these.
+    let detail = options.detail && normals.is_none() && boundary.is_none();
     let mut sides = None;
     let (positions, sigmas) = match particles {
         Particles::Lattice {
             lattice,
             kernel_width,
         } => {
-            let grid = BrickGrid::new(lattice.clone(), kernel_width, 1);
+            let grid = match own {
+                None => BrickGrid::new(lattice.clone(), kernel_width, 1),
+                Some(own) => BrickGrid::with_faces(&own, kernel_width),
+            };
             let blocks = if grid.is_empty() {
                 Vec::new()
             } else {
-                grid.blocks(values.as_ref(), 0)
+                let is_classified = matches!(strength, Strength::Classified { .. });
+                grid.blocks(values.as_ref(), is_classified, 0)
             };
             let mut base = BlockedVolume {
                 blocks,
@@ -130,8 +144,11 @@ fn build_ordered(
                 values,
                 transfer_function,
                 normals,
+                boundary: None,
                 // A cell's number is its place.
                 indices: None,
+                local_models: None,
+                lobes: None,
                 merged: None,
             };
             let levels = if detail {
@@ -171,6 +188,7 @@ fn build_ordered(
         strength: &strength,
         colour: &colour,
         values: values.as_ref(),
+        models: local_models.as_ref(),
     };
     // Clusters are runs of the tree's order, which the blocks' own order is not.
     // Surfels are not merged: a cluster of them need not lie in a plane.
@@ -268,7 +286,13 @@ fn build_ordered(
         values: values.map(|v| v.gather(&order)),
         transfer_function,
         normals: normals.map(|n| order.iter().map(|&i| n[i as usize]).collect()),
+        boundary: match boundary {
+            Some(Boundary::Planes(planes)) => Some(planes.gather(&order)),
+            Some(Boundary::Lattice) | None => None,
+        },
         blocks,
+        local_models: local_models.map(|m| m.gather(&order)),
+        lobes: None,
         indices: options.indices.then_some(order),
         merged: None,
     };
@@ -392,6 +416,7 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
         [least.min(a), greatest.max(b)]
     });
     let strengths = source.strength.stored();
+    let (values_around, greatest_spread) = spread_of(members, source.values, source.models);
     Block {
         origin: (lower + upper) / 2.0,
         half_extent: ((upper - lower) / 2.0).as_vec3() * (1.0 + f32::EPSILON),
@@ -406,6 +431,8 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
         value_range: source.values.map_or(EMPTY_RANGE, |v| {
             value_range(members.iter().map(|&i| v.get(i as usize)))
         }),
+        values_around,
+        greatest_spread,
         parent: NO_PARENT,
         level: 0,
         crowding: 1.0,
@@ -553,7 +580,9 @@ mod tests {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         });
         let BlockedParticles::Isotropic { offsets, .. } = &volume.particles else {
             panic!("isotropic particles stay isotropic");

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume, MergeBounds};
 use crate::record::{BlockView, ChoiceUniform};
-use crate::scene::{Colour, Strength};
+use crate::scene::{Colour, MAX_PIECE_WIDTH, Strength};
 use crate::splat::Filter;
 use crate::splat::budget::{
     AFFINE_SHARE, CONTRAST_SHARE, FILTER_SHARE, MANY_SHARE, MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD,
@@ -86,8 +86,9 @@ struct Kernels {
 }
 
 impl Kernels {
-    fn new(volume: &BlockedVolume, block: &Block) -> Self {
-        let [low, high] = block.value_range;
+    /// - `is_spread`: whether the kernels are classified over their extents, and may be flattened.
+    fn new(volume: &BlockedVolume, block: &Block, is_spread: bool) -> Self {
+        let [low, high] = block.classified_range(is_spread);
         let merged = volume.merged.as_ref().and_then(|m| m.transfer.as_ref());
         let change = merged.map_or(0.0, |m| m.slopes.max_slope(low, high));
         let (extinction, slope) = match (&volume.strength, &volume.transfer_function) {
@@ -98,9 +99,14 @@ impl Kernels {
             (_, Some(_)) if volume.colour == Colour::Classified => (1.0, change),
             _ => (1.0, 0.0),
         };
+        let are_round = matches!(volume.particles, BlockedParticles::Isotropic { .. });
         Self {
-            sigmas: [block.min_sigma, block.max_sigma],
-            are_round: matches!(volume.particles, BlockedParticles::Isotropic { .. }),
+            sigmas: if is_spread {
+                [0.0, block.max_sigma * MAX_PIECE_WIDTH]
+            } else {
+                [block.min_sigma, block.max_sigma]
+            },
+            are_round: are_round && !is_spread,
             mass: block.max_strength * extinction,
             crowding: block.crowding,
             slope,
@@ -127,7 +133,8 @@ pub fn choose(
     views.par_iter_mut().with_min_len(64).for_each(|view| {
         let block = &volume.blocks[view.block as usize];
         let centre = Vec3::from(view.origin_camera);
-        let filter = filter_of(volume, choice, &rotation, block, centre);
+        let is_spread = view.is_spread != 0;
+        let filter = filter_of(volume, choice, &rotation, block, is_spread, centre);
         view.filter_kind = filter as u32;
     });
 }
@@ -137,6 +144,7 @@ fn filter_of(
     choice: &ChoiceUniform,
     rotation: &Mat3,
     block: &Block,
+    is_spread: bool,
     centre: Vec3,
 ) -> Filter {
     let asked = Filter::ALL[choice.filter_kind as usize];
@@ -144,7 +152,7 @@ fn filter_of(
         return asked;
     }
     let appearance = Appearance::new(choice, rotation, centre, block.half_extent);
-    let kernels = Kernels::new(volume, block);
+    let kernels = Kernels::new(volume, block, is_spread);
     match appearance {
         None if choice.by_hand != 0 => Filter::Ewa,
         None => Filter::Adaptive,
@@ -234,7 +242,7 @@ pub(super) fn merge_fits(
     bounds: &MergeBounds,
     centre: Vec3,
 ) -> bool {
-    let kernels = Kernels::new(volume, block);
+    let kernels = Kernels::new(volume, block, false);
     let Some(appearance) = Appearance::new(choice, rotation, centre, block.half_extent) else {
         return false;
     };

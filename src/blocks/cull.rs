@@ -7,8 +7,12 @@ use super::choose::merge_fits;
 use super::{Block, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::record::{BlockView, ChoiceUniform};
-use crate::scene::Strength;
+use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, Strength};
 use crate::view::{Camera, Projection};
+
+/// How far from its particle's centre a piece of a kernel may reach, standard deviations: shifted, and a
+/// little wider.
+pub(crate) const PIECE_REACH: f32 = LOBE_REACH + MAX_PIECE_WIDTH * MAX_CUTOFF;
 
 /// The planes that bound what a camera sees: the sides, widened by the reach of the low-pass
 /// filter, the plane of the eye, and those that clip.
@@ -51,10 +55,13 @@ impl Frustum {
     }
 
     /// Whether a kernel of the block may reach inside. Conservative.
-    pub fn sees(&self, camera: &Camera, block: &Block) -> bool {
+    ///
+    /// - `is_spread`: whether its kernels are classified over their extents, and may be shifted.
+    pub fn sees(&self, camera: &Camera, block: &Block, is_spread: bool) -> bool {
         let centre = camera.camera_point(block.origin);
         let half_extent = block.half_extent.as_dvec3();
-        let reach = f64::from(block.max_sigma) * f64::from(MAX_CUTOFF);
+        let deviations = if is_spread { PIECE_REACH } else { MAX_CUTOFF };
+        let reach = f64::from(block.max_sigma) * f64::from(deviations);
         self.planes.iter().all(|(n, d)| {
             let world_normal = camera.camera_from_world.transpose() * *n;
             n.dot(centre) + d + world_normal.abs().dot(half_extent) + reach >= 0.0
@@ -69,10 +76,11 @@ pub fn cull(
     volume: &BlockedVolume,
     camera: &Camera,
     frustum: Option<&Frustum>,
+    choice: &ChoiceUniform,
     views: &mut Vec<BlockView>,
 ) {
-    let is_visible = |block: &Block| !is_transparent(volume, block);
-    cull_where(volume, camera, frustum, is_visible, views);
+    let spread = |block: &Block| visible_spread(volume, choice, block);
+    cull_where(volume, camera, frustum, spread, views);
 }
 
 /// Which blocks of a volume and its levels of detail stand for their particles in a frame: the
@@ -103,28 +111,35 @@ pub fn cull_detail(
         let bounds = level.merged.iter().flat_map(|merged| &merged.bounds);
         // Parents come before their children.
         for ((i, block), bounds) in level.blocks.iter().enumerate().zip(bounds) {
-            if closed.get(block.parent as usize) == Some(&true)
-                || is_transparent(level, block)
-                || frustum.is_some_and(|f| !f.sees(camera, block))
-            {
+            let is_covered = closed.get(block.parent as usize) == Some(&true);
+            let seen = visible_spread(level, choice, block).filter(|&spread| {
+                !is_covered && frustum.is_none_or(|f| f.sees(camera, block, spread))
+            });
+            let Some(is_spread) = seen else {
                 closed[first + i] = true;
                 continue;
-            }
-            let view = view_of(camera, i, block);
+            };
+            let view = view_of(camera, i, block, false);
             let centre = view.origin_camera.into();
-            if merge_fits(level, choice, &rotation, block, bounds, centre) {
+            // Merged particles are classified by their means.
+            if !is_spread && merge_fits(level, choice, &rotation, block, bounds, centre) {
                 closed[first + i] = true;
                 views.push(view);
             }
         }
     }
     let is_open = |block: &Block| closed.get(block.parent as usize) != Some(&true);
-    let is_visible = |block: &Block| is_open(block) && !is_transparent(base, block);
-    cull_where(base, camera, frustum, is_visible, base_views);
+    let spread = |block: &Block| {
+        let is_open = is_open(block);
+        is_open
+            .then(|| visible_spread(base, choice, block))
+            .flatten()
+    };
+    cull_where(base, camera, frustum, spread, base_views);
 }
 
 /// A block as a frame sees it; keys, counts and filters are left to others.
-fn view_of(camera: &Camera, index: usize, block: &Block) -> BlockView {
+fn view_of(camera: &Camera, index: usize, block: &Block, is_spread: bool) -> BlockView {
     BlockView {
         origin_camera: camera.camera_point(block.origin).as_vec3().into(),
         block: u32::try_from(index).unwrap_or(u32::MAX),
@@ -133,6 +148,7 @@ fn view_of(camera: &Camera, index: usize, block: &Block) -> BlockView {
         key: 0,
         filter_kind: 0,
         level: block.level,
+        is_spread: is_spread.into(),
     }
 }
 
@@ -143,14 +159,16 @@ pub fn cull_outside(
     frustum: Option<&Frustum>,
     views: &mut Vec<BlockView>,
 ) {
-    cull_where(volume, camera, frustum, |_| true, views);
+    cull_where(volume, camera, frustum, |_| Some(false), views);
 }
 
+/// - `spread`: of a block that holds something visible whether its kernels are classified over their
+///   extents; `None` of others.
 fn cull_where(
     volume: &BlockedVolume,
     camera: &Camera,
     frustum: Option<&Frustum>,
-    is_visible: impl Fn(&Block) -> bool + Sync,
+    spread: impl Fn(&Block) -> Option<bool> + Sync,
     views: &mut Vec<BlockView>,
 ) {
     views.clear();
@@ -160,24 +178,28 @@ fn cull_where(
             .par_iter()
             .enumerate()
             .filter_map(|(i, block)| {
-                if !is_visible(block) || frustum.is_some_and(|f| !f.sees(camera, block)) {
+                let is_spread = spread(block)?;
+                if frustum.is_some_and(|f| !f.sees(camera, block, is_spread)) {
                     return None;
                 }
-                Some(view_of(camera, i, block))
+                Some(view_of(camera, i, block, is_spread))
             }),
     );
 }
 
-/// Whether the transfer function leaves nothing of a block's value range.
-fn is_transparent(volume: &BlockedVolume, block: &Block) -> bool {
-    match (&volume.strength, &volume.transfer_function) {
-        (Strength::Classified { .. }, Some(transfer)) => {
-            let [lo, hi] = block.value_range;
-            // No value at all (lo > hi): nothing is classified, nothing is visible.
-            lo > hi || transfer.max_extinction(lo, hi) <= 0.0
-        }
-        _ => false,
-    }
+/// Whether kernels of a block are classified over their extents; `None` where the transfer function leaves
+/// nothing of its value range, or of what the extents reach.
+fn visible_spread(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Option<bool> {
+    let is_spread = choice.by_extent != 0 && volume.is_spread(block);
+    let (Strength::Classified { .. }, Some(transfer)) =
+        (&volume.strength, &volume.transfer_function)
+    else {
+        return Some(is_spread);
+    };
+    let [lo, hi] = block.classified_range(is_spread);
+    // No value at all (lo > hi): nothing is classified, nothing is visible.
+    let is_transparent = lo > hi || transfer.max_extinction(lo, hi) <= 0.0;
+    (!is_transparent).then_some(is_spread)
 }
 
 /// Keys from the nearest to the farthest distance: four keys of slack for roundings at either
@@ -228,14 +250,22 @@ impl DepthRange {
     }
 }
 
-/// Distance of a block's origin and the radius of its centres, as depth keys measure them.
-pub fn distance_interval(camera: &Camera, block: &Block) -> (f64, f64) {
+/// Distance of a block's origin and the radius of its kernels' centres, as depth keys measure them.
+///
+/// - `is_spread`: whether its kernels are classified over their extents, and may be shifted.
+pub fn distance_interval(camera: &Camera, block: &Block, is_spread: bool) -> (f64, f64) {
     let centre = camera.camera_point(block.origin);
     let distance = match camera.projection {
         Projection::Perspective => centre.length(),
         Projection::Orthographic => centre.z,
     };
-    (distance, block.half_extent.as_dvec3().length())
+    let shift = if is_spread {
+        LOBE_REACH * block.max_sigma
+    } else {
+        0.0
+    };
+    let radius = block.half_extent.as_dvec3().length() + f64::from(shift);
+    (distance, radius)
 }
 
 #[cfg(test)]

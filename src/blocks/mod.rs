@@ -10,6 +10,8 @@
 //! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
 //! | `density.rs` | how dense their kernels are |
+//! | `extent.rs` | whose kernels are classified over their extents |
+//! | `halo.rs` | the field around a lattice's cells |
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
@@ -25,6 +27,8 @@ mod build;
 mod choose;
 mod cull;
 mod density;
+mod extent;
+mod halo;
 mod layers;
 mod merge;
 mod overlap;
@@ -35,7 +39,9 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::scene::{Colour, PointVolume, Strength, TransferFunction, Values};
+use crate::scene::{
+    BoundaryPlanes, Colour, Lobes, LocalModels, PointVolume, Strength, TransferFunction, Values,
+};
 use build::BuildOptions;
 
 pub use amplitude::AmplitudeSummary;
@@ -43,8 +49,10 @@ pub(crate) use amplitude::visit_amplitudes;
 pub use brick::{AxisSample, BrickGrid};
 pub use choose::choose;
 #[cfg(feature = "gpu")]
-pub(crate) use cull::DEPTH_KEY_SPAN;
+pub(crate) use cull::{DEPTH_KEY_SPAN, PIECE_REACH};
 pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_interval};
+pub(crate) use extent::reached;
+pub(crate) use halo::Halo;
 pub(crate) use layers::MOST_SLABS;
 pub use layers::{LayerKind, Layers};
 use merge::weighting;
@@ -71,6 +79,14 @@ pub struct BlockedVolume {
     pub transfer_function: Option<TransferFunction>,
     /// Codes of normals in the order of the values, where light may fall on particles.
     pub normals: Option<Vec<u32>>,
+    /// How the field runs over each kernel, where that is stored; a lattice's follows from its values.
+    pub local_models: Option<LocalModels>,
+    /// What the transfer function leaves of kernels over their extents, where any block's kernels are too
+    /// wide for it to be asked for their values alone.
+    pub lobes: Option<Arc<Lobes>>,
+    /// Of points in block order: where the domain of the data cuts them. A lattice's grid knows its own
+    /// faces.
+    pub boundary: Option<BoundaryPlanes>,
     /// Which of the caller's particles each is, where that is kept; a lattice's stay in their order.
     pub indices: Option<Vec<u32>>,
     /// Of a level of detail: what its particles stand for.
@@ -126,6 +142,11 @@ pub struct Block {
     pub count: u32,
     /// Least and greatest finite value; reversed where there is none.
     pub value_range: [f32; 2],
+    /// The same of all values that classification over its kernels' extents may ask for: those of the
+    /// samples around.
+    pub values_around: [f32; 2],
+    /// The greatest standard deviation w of the field's values over a kernel; 0 where that is not known.
+    pub greatest_spread: f32,
     /// The block of merged particles that stands for this one among others, counted over the merged
     /// blocks of its volume or, in a renderer, of all volumes; [`NO_PARENT`] for none.
     pub parent: u32,
@@ -199,6 +220,10 @@ impl BlockedVolume {
         });
         let normals = self.normals.as_ref().map_or(0, |n| 4 * n.len());
         let indices = self.indices.as_ref().map_or(0, |n| 4 * n.len());
+        let models = self.local_models.as_ref().map_or(0, |m| 6 * m.len());
+        let boundary = self.boundary.as_ref().map_or(0, |boundary| {
+            size_of_val(&*boundary.of_particle) + size_of_val(&*boundary.edges)
+        });
         strengths
             + colours
             + values
@@ -206,6 +231,8 @@ impl BlockedVolume {
             + merged
             + normals
             + indices
+            + models
+            + boundary
             + self.particle_count() * per_particle
     }
 
@@ -281,19 +308,46 @@ impl BlockedVolume {
                 return None;
             }
             let Some(offsets) = offsets else {
-                return Some(self.whole_box(block));
+                return self.within_domain(self.whole_box(block));
             };
             let members = block.first as usize..(block.first + block.count) as usize;
             let bounds = members
+                .filter(|&i| !self.is_beyond_domain(i))
                 .filter(|&i| transfer.classify(values.get(i))[3] >= least)
                 .map(|i| (Vec3::from(offsets[i]), Vec3::from(offsets[i])))
                 .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
             bounds.map(|(lower, upper)| {
                 let middle = block.origin + ((lower + upper) / 2.0).as_dvec3();
-                (middle, ((upper - lower) / 2.0 + block.max_sigma).as_dvec3())
+                // The domain ends what would reach beyond.
+                let reach = if self.boundary.is_some() {
+                    0.0
+                } else {
+                    block.max_sigma
+                };
+                (middle, ((upper - lower) / 2.0 + reach).as_dvec3())
             })
         };
         self.blocks.iter().filter_map(seen).collect()
+    }
+
+    /// Of a box (middle and half extent) what lies in the box that faces cut a lattice's kernels at.
+    fn within_domain(&self, (middle, half): (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
+        let BlockedParticles::Lattice(grid) = &self.particles else {
+            return Some((middle, half));
+        };
+        let Some([lower, upper]) = grid.domain() else {
+            return Some((middle, half));
+        };
+        let (lower, upper) = (lower.max(middle - half), upper.min(middle + half));
+        // A brick of ghosts has nothing inside.
+        let is_any = lower.cmple(upper).all();
+        is_any.then(|| ((lower + upper) / 2.0, (upper - lower) / 2.0))
+    }
+
+    /// Whether a point particle is a ghost beyond the domain.
+    fn is_beyond_domain(&self, i: usize) -> bool {
+        let edges = self.boundary.as_ref().and_then(|b| b.of(i));
+        edges.is_some_and(|edges| edges.iter().any(|edge| edge[3] < 0.0))
     }
 
     /// Whether light falls on its particles, where there is any: surfels and what has normals. Splats
@@ -330,8 +384,19 @@ impl BlockedVolume {
 
     /// Which of the caller's particles stands at [`Self::place`] `index`, of a numbered volume.
     pub(crate) fn number(&self, index: usize) -> usize {
+        if let BlockedParticles::Lattice(grid) = &self.particles {
+            return grid.own_index(index);
+        }
         let order = self.indices.as_ref();
         order.map_or(index, |order| order[index] as usize)
+    }
+
+    /// Whether the domain of its data cuts kernels.
+    pub fn has_boundary(&self) -> bool {
+        match &self.particles {
+            BlockedParticles::Lattice(grid) => grid.has_faces(),
+            _ => self.boundary.is_some(),
+        }
     }
 
     /// Whether its particles are surfels of an opaque surface.
@@ -388,12 +453,14 @@ impl BlockedVolume {
 
 /// Gives a volume and its levels of detail another transfer function; no particle is touched.
 pub(crate) fn set_transfer_function(family: &mut [BlockedVolume], transfer: &TransferFunction) {
+    let lobes = extent::required_lobes(&family[0], transfer).map(Arc::new);
     let merged = family.get(1).map(|level| {
         let merged = MergedTransfer::new(transfer, weighting(&level.strength));
         Arc::new(merged)
     });
     for volume in family {
         volume.transfer_function = Some(transfer.clone());
+        volume.lobes.clone_from(&lobes);
         if let Some(own) = &mut volume.merged {
             own.transfer.clone_from(&merged);
         }

@@ -147,7 +147,9 @@ mod tests {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         });
         let blocks = family.iter().flat_map(|volume| &volume.blocks);
         blocks.map(|block| block.crowding).collect()

@@ -35,13 +35,13 @@ pub(super) trait Visit: Sync {
 }
 
 /// Particles as the transfer function leaves them.
-struct Classes<'a> {
+pub(super) struct Classes<'a> {
     volume: &'a BlockedVolume,
     table: Vec<[f32; 4]>,
 }
 
 impl<'a> Classes<'a> {
-    fn new(volume: &'a BlockedVolume) -> Self {
+    pub(super) fn new(volume: &'a BlockedVolume) -> Self {
         Self {
             volume,
             table: byte_table(volume),
@@ -147,13 +147,6 @@ fn visit_with(
     class_of: impl Fn(usize) -> [f32; 4],
     mut emit: impl FnMut(u32, f32, Carried),
 ) {
-    let colour_of = |i: usize, class: [f32; 4]| match &volume.colour {
-        Colour::Classified => [class[0], class[1], class[2]],
-        Colour::PerParticle(colours) => colours[i],
-        Colour::Uniform(colour) => *colour,
-        // `shade` fills these in.
-        Colour::Harmonics { .. } => [0.0; 3],
-    };
     let uniform = match &volume.particles {
         BlockedParticles::Lattice(grid) => grid.uniform_volume(),
         _ => None,
@@ -183,12 +176,29 @@ fn visit_with(
         };
         if mass > 0.0 {
             // Where slabs are classified, the function gives the value for a colour.
-            emit(local, mass, Carried::of_colour(colour_of(i, class)));
+            let [r, g, b, _] = class;
+            emit(
+                local,
+                mass,
+                Carried::of_colour(colour_of(volume, i, [r, g, b])),
+            );
         }
     };
     match seen_run(volume, block) {
         Some((first, run)) => run.for_each(|local| each(local, (first + local) as usize, None)),
         None => volume.for_each_particle(block, each),
+    }
+}
+
+/// The colour of particle `i`, that of its class where it is classified.
+#[inline]
+pub(super) fn colour_of(volume: &BlockedVolume, i: usize, class: [f32; 3]) -> [f32; 3] {
+    match &volume.colour {
+        Colour::Classified => class,
+        Colour::PerParticle(colours) => colours[i],
+        Colour::Uniform(colour) => *colour,
+        // `shade` fills these in.
+        Colour::Harmonics { .. } => [0.0; 3],
     }
 }
 

@@ -1,7 +1,7 @@
 //! The CPU back end: frames of a scene, stage after stage, and the memory that they share.
 
 use super::{
-    Bins, ColumnInput, ColumnSums, NormalTile, PostClassification, ProjectOutput,
+    Bins, ColumnInput, ColumnSums, NormalTile, Pieces, PostClassification, ProjectOutput,
     RasteriseSettings, Tile, bin, bin_columns, classify, count_amplitudes, count_classified,
     fill_amplitudes, footprint_index, light, list_visible, project, rasterise, rasterise_surface,
     resolve, resolve_depth, resolve_normals, shade, sort,
@@ -13,8 +13,8 @@ use crate::blocks::{
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::record::{
-    BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT, SurfelTerms,
-    ViewUniform,
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT, PieceTerms,
+    SurfelTerms, ViewUniform,
 };
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
@@ -31,6 +31,10 @@ pub(crate) struct CpuFrames {
     pub(super) classified: Vec<ClassifiedParticle>,
     /// How many of those each volume has.
     pub(super) totals: Vec<usize>,
+    /// Of each volume, what is classified over kernels' extents; and its terms, of those volumes that
+    /// have any, one after the other.
+    pieces: Vec<Pieces>,
+    terms: Vec<PieceTerms>,
     pub(super) footprints: Vec<Footprint>,
     exact: Vec<ExactTerms>,
     surfels: Vec<SurfelTerms>,
@@ -105,6 +109,7 @@ impl CpuFrames {
 
         self.classify(scene.volumes(), plan, pass);
         counts.classified += self.classified.len();
+        counts.pieces += self.terms.len();
         times.classify += clock.lap();
         check(task)?;
 
@@ -142,7 +147,7 @@ impl CpuFrames {
         times.bin += clock.lap();
         check(task)?;
 
-        counts.footprints_near += self.project_output.near().len();
+        counts.footprints_near += self.project_output.near_count();
         counts.splat_pixels += match pass.axes.accumulate {
             Accumulate::Opaque => {
                 counts.surfels += self.order.len();
@@ -195,7 +200,7 @@ impl CpuFrames {
                     views,
                 );
             } else {
-                cull(&volumes[0], camera, cull_by, &mut views[0]);
+                cull(&volumes[0], camera, cull_by, &plan.choice, &mut views[0]);
             }
             for (volume, views) in volumes.iter().zip(views) {
                 choose(volume, camera, &plan.choice, views);
@@ -214,17 +219,22 @@ impl CpuFrames {
         let in_view = volumes
             .iter()
             .zip(&self.views)
-            .flat_map(|(volume, views)| views.iter().map(|v| &volume.blocks[v.block as usize]))
-            .filter(|block| plan.frustum.sees(camera, block));
+            .flat_map(|(volume, views)| {
+                let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread != 0);
+                views.iter().map(block)
+            })
+            .filter(|(block, is_spread)| plan.frustum.sees(camera, block, *is_spread));
         let range = match &pass.layers {
-            None => DepthRange::of(in_view.map(|block| distance_interval(camera, block))),
+            None => DepthRange::of(
+                in_view.map(|(block, is_spread)| distance_interval(camera, block, is_spread)),
+            ),
             Some(layers) => layers.depth_range(),
         };
         for (volume, views) in volumes.iter().zip(&mut self.views) {
             for view in views {
                 let block = &volume.blocks[view.block as usize];
                 let distance = match &pass.layers {
-                    None => distance_interval(camera, block).0,
+                    None => distance_interval(camera, block, false).0,
                     Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
                 };
                 view.key = range.key(distance);
@@ -238,40 +248,69 @@ impl CpuFrames {
 
     /// Visible particles, with masses and what they carry.
     fn classify(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
+        self.terms.clear();
         if let Carries::Amplitude { scale, .. } = pass.carries {
-            self.fill_classified(
-                volumes,
-                |volume, views| count_amplitudes(volume, views, scale),
-                |volume, views, out| fill_amplitudes(volume, views, scale, out),
-            );
+            self.count_classified(volumes, |_, volume, views| {
+                count_amplitudes(volume, views, scale)
+            });
+            self.fill_classified(volumes, |_, volume, views, out| {
+                fill_amplitudes(volume, views, scale, out);
+            });
             return;
         }
         let rotation = plan.camera.camera_from_world.as_mat3();
-        self.fill_classified(volumes, count_classified, |volume, views, out| {
-            classify(volume, views, out);
+        let mut pieces = std::mem::take(&mut self.pieces);
+        pieces.resize_with(volumes.len(), Pieces::default);
+        self.count_classified(volumes, |i, volume, views| {
+            if has_pieces(plan, volume) {
+                pieces[i].find(volume, views)
+            } else {
+                count_classified(volume, views)
+            }
+        });
+        let mut terms = std::mem::take(&mut self.terms);
+        self.fill_classified(volumes, |i, volume, views, out| {
+            if has_pieces(plan, volume) {
+                let first = terms.len();
+                terms.resize(first + out.len(), PieceTerms::WHOLE);
+                pieces[i].place(out, &mut terms[first..]);
+            } else {
+                classify(volume, views, out);
+            }
             shade(volume, views, &plan.camera, out);
             if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
                 light(volume, views, rotation, lighting, out);
             }
         });
+        self.terms = terms;
+        self.pieces = pieces;
     }
 
-    /// Counts the particles of all views and fills their places.
+    /// Counts the particles of all views, the first argument the number of the volume, and makes room for
+    /// them.
+    fn count_classified(
+        &mut self,
+        volumes: &[BlockedVolume],
+        mut count: impl FnMut(usize, &BlockedVolume, &mut [BlockView]) -> usize,
+    ) {
+        self.totals.clear();
+        for (i, (volume, views)) in volumes.iter().zip(&mut self.views).enumerate() {
+            self.totals.push(count(i, volume, views));
+        }
+        overwrite(&mut self.classified, self.totals.iter().sum());
+    }
+
+    /// Fills the places of what was counted.
     fn fill_classified(
         &mut self,
         volumes: &[BlockedVolume],
-        count: impl Fn(&BlockedVolume, &mut [BlockView]) -> usize,
-        fill: impl Fn(&BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
+        mut fill: impl FnMut(usize, &BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
     ) {
-        self.totals.clear();
-        for (volume, views) in volumes.iter().zip(&mut self.views) {
-            self.totals.push(count(volume, views));
-        }
-        overwrite(&mut self.classified, self.totals.iter().sum());
         let mut rest = self.classified.as_mut_slice();
-        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&self.totals) {
+        let counted = volumes.iter().zip(&self.views).zip(&self.totals);
+        for (i, ((volume, views), &total)) in counted.enumerate() {
             let (out, others) = rest.split_at_mut(total);
-            fill(volume, views, out);
+            fill(i, volume, views, out);
             rest = others;
         }
     }
@@ -288,21 +327,28 @@ impl CpuFrames {
         overwrite(&mut self.footprints, count);
         let all_have_depths = pass.axes.needs_depth_terms();
         let is_opaque = pass.axes.accumulate == Accumulate::Opaque;
-        let is_exact = !is_opaque && (pass.axes.may_be_exact || all_have_depths);
+        let has_edges = pass.axes.edges;
+        let is_exact = !is_opaque && (pass.axes.may_be_exact || all_have_depths || has_edges);
         overwrite(&mut self.exact, if is_exact { count } else { 0 });
         overwrite(&mut self.surfels, if is_opaque { count } else { 0 });
         self.project_output.clear();
         let rotation = plan.camera.camera_from_world.as_mat3();
+        let mut rest_of_terms = self.terms.as_slice();
         let mut first = 0;
         for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&self.totals) {
             let range = first..first + total;
+            let own = if has_pieces(plan, volume) { total } else { 0 };
+            let (terms, others) = rest_of_terms.split_at(own);
+            rest_of_terms = others;
             project(
                 volume,
                 views,
                 &self.classified[range.clone()],
+                terms,
                 view,
                 rotation,
                 all_have_depths,
+                has_edges,
                 &mut self.footprints[range.clone()],
                 self.exact.get_mut(range.clone()).unwrap_or_default(),
                 self.surfels.get_mut(range).unwrap_or_default(),
@@ -422,6 +468,12 @@ impl CpuFrames {
         let exact = |i: &&u64| self.footprints[footprint_index(**i)].path == PATH_EXACT;
         self.order.iter().filter(exact).count()
     }
+}
+
+/// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
+/// for their values alone somewhere.
+fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
+    plan.choice.by_extent != 0 && volume.lobes.is_some() && volume.merged.is_none()
 }
 
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.

@@ -3,6 +3,7 @@
 //! | stage | reads | writes |
 //! |---|---|---|
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
+//! | `extent.rs` | the same, and how the field runs over kernels | pieces of visible particles |
 //! | `shade.rs` | visible particles, where colours depend on the view | their colours |
 //! | `project.rs` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
@@ -31,6 +32,7 @@
 mod amplitude;
 mod bin;
 mod classify;
+mod extent;
 mod frame;
 mod light;
 mod pick;
@@ -44,6 +46,7 @@ pub use crate::simd::SimdLevel;
 pub use amplitude::{count_amplitudes, fill_amplitudes};
 pub use bin::{Bins, bin, for_each_tile};
 pub use classify::{classify, count_classified};
+pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
 pub use light::{Sides, light, lit};
 pub(crate) use pick::shares;

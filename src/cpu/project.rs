@@ -1,21 +1,22 @@
 //! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, Rule};
-use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
+use crate::constants::{MAX_CUTOFF, MOST_EDGES, NEAR_MARGIN, TILE_SIZE};
 use crate::math::Factor;
 use crate::record::{
     BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE,
-    PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms,
-    ViewUniform, pack_range,
+    PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, PieceTerms,
+    SurfelTerms, ViewUniform, pack_range,
 };
+use crate::scene::NO_EDGE;
 use crate::splat::{
-    CHOICE_COLOURS, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
+    CHOICE_COLOURS, Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
     budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
     edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
     project_kernel, surfel_footprint,
@@ -25,6 +26,8 @@ use crate::splat::{
 #[derive(Debug, Default)]
 pub struct ProjectOutput {
     near: Mutex<Vec<NearTerms>>,
+    /// How many of them are edges alone.
+    cut_count: AtomicUsize,
     any_exact: AtomicBool,
 }
 
@@ -35,12 +38,20 @@ impl ProjectOutput {
             .get_mut()
             .unwrap_or_else(PoisonError::into_inner)
             .clear();
+        *self.cut_count.get_mut() = 0;
         *self.any_exact.get_mut() = false;
     }
 
-    /// Terms of the kernels that cross the camera plane; few, in no particular order.
+    /// Terms of the kernels that cross the camera plane, few, and of those that the domain of their data
+    /// cuts, in no particular order.
     pub fn near(&mut self) -> &[NearTerms] {
         self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many kernels cross the camera plane.
+    pub fn near_count(&mut self) -> usize {
+        let cut = *self.cut_count.get_mut();
+        self.near().len() - cut
     }
 
     /// Whether any footprint is on the exact path.
@@ -53,8 +64,12 @@ impl ProjectOutput {
 /// of opaque surfaces, `exact` of all else (empty where no filter of the frame asks for it and nothing
 /// is cut).
 ///
+/// - `pieces`: where kernels are classified over their extents, what each particle's has become; empty
+///   elsewhere.
 /// - `is_cut`: whether kernels may be cut, by surfaces, clip surfels or slabs, so that all have terms of
 ///   their depth.
+/// - `has_edges`: whether the domain of its data may cut any kernel of the pass: then all have terms,
+///   which say whether it does.
 #[allow(
     clippy::too_many_arguments,
     reason = "a stage takes the slices it reads and writes"
@@ -63,9 +78,11 @@ pub fn project(
     volume: &BlockedVolume,
     views: &[BlockView],
     classified: &[ClassifiedParticle],
+    pieces: &[PieceTerms],
     view: &ViewUniform,
     rotation: Mat3,
     is_cut: bool,
+    has_edges: bool,
     footprints: &mut [Footprint],
     exact: &mut [ExactTerms],
     surfels: &mut [SurfelTerms],
@@ -78,7 +95,9 @@ pub fn project(
     // A cut shows the inside of what was closed.
     let is_opened = view.clip_count > 0;
     let is_opaque = matches!(rule, Rule::Surface { .. });
-    let task = |particles: &[ClassifiedParticle],
+    let cuts_kernels = has_edges && volume.has_boundary();
+    let task = |first: usize,
+                particles: &[ClassifiedParticle],
                 out: &mut [Footprint],
                 exact: &mut [ExactTerms],
                 surfels: &mut [SurfelTerms]| {
@@ -91,7 +110,15 @@ pub fn project(
                 Some((view, shapes)) if *view == particle.view => shapes,
                 _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
             };
-            let (offset, factor) = shapes.get(particle.local);
+            let (mut offset, mut factor) = shapes.get(particle.local);
+            let piece = pieces
+                .get(first + i)
+                .filter(|piece| piece.width != 1.0 || piece.shift != 0.0);
+            let mut shift = Vec3::ZERO;
+            if let Some(piece) = piece {
+                (shift, factor) = piece.applied(shapes.axis(piece), factor);
+                offset += shift;
+            }
             let crowding = shapes.block.crowding;
             let origin = Vec3::from(block.origin_camera);
             let mut kernel = Kernel {
@@ -101,11 +128,17 @@ pub fn project(
             };
             let key = depth_key(view, block, origin, offset);
             let filter = Filter::ALL[block.filter_kind as usize];
-            // Merged particles know of their members' opacity.
-            let is_lone = view.sub_pixel_opacity != 0 && block.level == 0;
+            // Merged particles know of their members' opacity; pieces make up sheets.
+            let is_lone = view.sub_pixel_opacity != 0 && block.level == 0 && piece.is_none();
             let carried = particle.carried;
             let (mut terms, mut plane) = (None, None);
             let near = &output.near;
+            let edges = if cuts_kernels {
+                Edges::of(&kernel, &rotation, shift, &shapes.edges(particle.local))
+            } else {
+                Edges::default()
+            };
+            let is_cut = is_cut || !edges.is_empty();
             out[i] = match rule {
                 Rule::Peak { is_anti_aliased } => {
                     // Without a depth of its own: where its centre lies.
@@ -128,6 +161,14 @@ pub fn project(
                     near,
                 ),
             };
+            if edges.is_outside() {
+                (out[i].columns, out[i].rows) = (0, 0);
+            } else if !edges.is_empty() && out[i].is_visible() {
+                cut_by_edges(view, &kernel, &edges, &out[i], &mut terms, output);
+            }
+            if has_edges {
+                terms.get_or_insert_default();
+            }
             if view.keys_begin != 0 && !is_opaque {
                 out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
             }
@@ -135,7 +176,7 @@ pub fn project(
                 let shown = choice_index(block.level, out[i].path, filter);
                 out[i].carried = Carried::of_colour(CHOICE_COLOURS[shown]);
             }
-            if let Some(terms) = terms {
+            if let Some(terms) = terms.filter(|_| !is_opaque) {
                 exact[i] = terms;
                 any_exact |= out[i].path == PATH_EXACT;
             }
@@ -149,17 +190,23 @@ pub fn project(
     };
     let tasks = footprints
         .par_chunks_mut(GRAIN)
-        .zip(classified.par_chunks(GRAIN));
+        .zip(classified.par_chunks(GRAIN))
+        .enumerate()
+        .map(|(n, (out, particles))| (n * GRAIN, particles, out));
     if is_opaque {
         tasks
             .zip(surfels.par_chunks_mut(GRAIN))
-            .for_each(|((out, particles), surfels)| task(particles, out, &mut [], surfels));
+            .for_each(|((first, particles, out), surfels)| {
+                task(first, particles, out, &mut [], surfels);
+            });
     } else if exact.is_empty() {
-        tasks.for_each(|(out, particles)| task(particles, out, &mut [], &mut []));
+        tasks.for_each(|(first, particles, out)| task(first, particles, out, &mut [], &mut []));
     } else {
         tasks
             .zip(exact.par_chunks_mut(GRAIN))
-            .for_each(|((out, particles), exact)| task(particles, out, exact, &mut []));
+            .for_each(|((first, particles, out), exact)| {
+                task(first, particles, out, exact, &mut []);
+            });
     }
 }
 
@@ -212,6 +259,32 @@ struct BlockShapes<'a> {
 }
 
 impl BlockShapes<'_> {
+    /// The axis of a piece in the frame of the factor's columns in camera space. That of a sphere has the
+    /// camera's axes, all others' turn with the kernel.
+    #[inline]
+    fn axis(&self, piece: &PieceTerms) -> Vec3 {
+        let axis = Vec3::from(piece.axis);
+        match &self.shapes.volume.particles {
+            BlockedParticles::Isotropic { .. } => self.shapes.rotation * axis,
+            _ => axis,
+        }
+    }
+
+    /// The planes that may cut a particle's kernel, world: an infinite distance where there is none.
+    fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
+        let volume = self.shapes.volume;
+        match &volume.particles {
+            BlockedParticles::Lattice(grid) => {
+                grid.edges(BrickGrid::cell(self.cells.map(|[first, _]| first), local))
+            }
+            _ => {
+                let planes = volume.boundary.as_ref();
+                let own = planes.and_then(|p| p.of((self.block.first + local) as usize));
+                own.copied().unwrap_or([NO_EDGE; MOST_EDGES])
+            }
+        }
+    }
+
     /// Offset from the block's origin and factor, camera space.
     #[inline]
     fn get(&self, local: u32) -> (Vec3, Factor) {
@@ -540,6 +613,29 @@ fn push_at(near: &Mutex<Vec<NearTerms>>, terms: NearTerms) -> u32 {
     let mut near = near.lock().unwrap_or_else(PoisonError::into_inner);
     near.push(terms);
     (near.len() - 1) as u32
+}
+
+/// Gives a footprint the planes at which the domain of its data cuts it.
+fn cut_by_edges(
+    view: &ViewUniform,
+    kernel: &Kernel,
+    edges: &Edges,
+    out: &Footprint,
+    terms: &mut Option<ExactTerms>,
+    output: &ProjectOutput,
+) {
+    let near = &output.near;
+    if matches!(out.path & 3, PATH_NEAR | PATH_HALF_LINE) {
+        let mut near = near.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(own) = near.get_mut((out.path >> 2) as usize) {
+            edges.write(view, kernel, out.path, own);
+        }
+        return;
+    }
+    let mut own = NearTerms::default();
+    edges.write(view, kernel, out.path, &mut own);
+    output.cut_count.fetch_add(1, Ordering::Relaxed);
+    terms.get_or_insert_default().edges = push_at(near, own) + 1;
 }
 
 /// An orthographic kernel that reaches behind the eye's plane.

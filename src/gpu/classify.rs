@@ -13,11 +13,12 @@ use super::packed::words;
 use super::scan::{BoundScan, Scan};
 use super::scene::{FrameBuffers, Part, PartBuffers, Scene};
 use super::shader::{
-    AVERAGES, DISPATCH, EIN, EXPONENTIAL, F64_ARITHMETIC, SCAN_THREADS, STRUCTS, Shader, TRANSFER,
+    AVERAGES, DISPATCH, EIN, EXPONENTIAL, F64_ARITHMETIC, LOBES, NORMAL, SCAN_THREADS, STRUCTS,
+    Shader, TRANSFER,
 };
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
-use crate::record::{BlockView, ClassifiedParticle, PartState};
+use crate::record::{BlockView, ClassifiedParticle, PartState, PieceTerms};
 
 /// From values to masses and colours.
 pub(super) const SHADER: Shader = Shader::new(
@@ -32,6 +33,26 @@ pub(super) const SHADER: Shader = Shader::new(
         EIN,
         include_str!("../../shaders/classify/class.wgsl"),
         include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/one.wgsl"),
+    ],
+);
+
+/// From values to masses, colours and pieces, over kernels' extents.
+pub(super) const PIECES: Shader = Shader::new(
+    "classify extents",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        EXPONENTIAL,
+        TRANSFER,
+        AVERAGES,
+        LOBES,
+        NORMAL,
+        EIN,
+        include_str!("../../shaders/classify/class.wgsl"),
+        include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/pieces.wgsl"),
     ],
 );
 
@@ -45,6 +66,7 @@ pub(super) const AMPLITUDES: Shader = Shader::new(
         F64_ARITHMETIC,
         include_str!("../../shaders/classify/amplitude.wgsl"),
         include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/one.wgsl"),
     ],
 );
 
@@ -88,7 +110,9 @@ pub(super) struct BoundClassify {
 }
 
 impl Classify {
-    fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool) -> Self {
+    /// - `lobes_first`: where the lobes begin in the table, where kernels are classified over their
+    ///   extents.
+    fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool, lobes_first: Option<u32>) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
         let mut constants = vec![
@@ -101,7 +125,12 @@ impl Classify {
         } else {
             constants.push(("COLOUR", f64::from(kinds.colour as u32)));
             constants.push(("HAS_MEMBER_DEPTHS", flag(kinds.has_member_depths)));
-            (&SHADER, Read)
+            if let Some(first) = lobes_first {
+                constants.push(("LOBES_FIRST", f64::from(first)));
+                (&PIECES, Read)
+            } else {
+                (&SHADER, Read)
+            }
         };
         let kernel = |entry, bindings: &[Access]| gpu.kernel(shader, entry, bindings, &constants);
         let count = [Uniform, Write, Write, Write, Read, Read, Read, of_mass];
@@ -121,6 +150,7 @@ impl Classify {
 ///
 /// - `amplitudes`: an [`AmplitudeUniform`] of each part, where amplitudes are wanted; masses and colours
 ///   otherwise.
+/// - `by_extent`: whether kernels are classified over their extents, where a part may be.
 ///
 /// # Errors
 /// No memory for the counts.
@@ -130,13 +160,15 @@ pub(super) fn bind_classify(
     parts: &[&Part],
     buffers: &[PartBuffers],
     amplitudes: Option<&[wgpu::Buffer]>,
+    by_extent: bool,
 ) -> Result<Vec<BoundClassify>> {
-    let mut kernels: HashMap<Kinds, Classify> = HashMap::new();
+    let mut kernels: HashMap<(Kinds, Option<u32>), Classify> = HashMap::new();
     let scan = Scan::new(gpu, (offset_of!(PartState, count_length) / 4) as u32);
     let bind_part = |(i, (part, buffers)): (usize, (&&Part, &PartBuffers))| {
+        let lobes_first = part.lobes_first.filter(|_| by_extent);
         let kernels = kernels
-            .entry(part.kinds)
-            .or_insert_with(|| Classify::new(gpu, &part.kinds, amplitudes.is_some()));
+            .entry((part.kinds, lobes_first))
+            .or_insert_with(|| Classify::new(gpu, &part.kinds, amplitudes.is_some(), lobes_first));
         let Part {
             blocks,
             bricks,
@@ -206,6 +238,7 @@ pub(super) fn upload_views(
     views: &[BlockView],
     capacity: u32,
     part_bytes: u64,
+    by_extent: bool,
 ) -> Result<Uploaded> {
     let scene = Scene::new(gpu, std::slice::from_ref(volume), |_| true, part_bytes)?;
     let mut uploaded = Uploaded {
@@ -223,7 +256,7 @@ pub(super) fn upload_views(
                 ..*v
             })
             .collect();
-        let buffers = PartBuffers::new(gpu, part, capacity)?;
+        let buffers = PartBuffers::new(gpu, part, capacity, by_extent)?;
         let count = of_part.len() as u32;
         gpu.write(&buffers.views, bytemuck::cast_slice(&of_part));
         let state = PartState {
@@ -254,6 +287,8 @@ pub(super) fn arguments(views: u32, particles: u32) -> [[u32; 3]; 2] {
 pub struct Classified {
     /// The visible particles of all views.
     pub particles: Vec<ClassifiedParticle>,
+    /// Their terms, where kernels are classified over their extents.
+    pub terms: Vec<PieceTerms>,
     /// What the device knows of each part of the volume.
     pub states: Vec<PartState>,
     /// The workgroups of a dispatch over each part's particles, 256 in one.
@@ -265,8 +300,9 @@ pub struct Classified {
 /// - `views`: in the order of their blocks.
 /// - `capacity`: room for particles in each part; a part that needs more has none.
 /// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
+/// - `by_extent`: whether kernels are classified over their extents where their views say so.
 ///
-/// Twin: [`crate::cpu::count_classified`] and [`crate::cpu::classify()`].
+/// Twin: [`crate::cpu::count_classified`] and [`crate::cpu::classify()`]; [`crate::cpu::Pieces`].
 ///
 /// # Errors
 /// No memory, a lost device, or volumes that only the CPU draws.
@@ -276,18 +312,21 @@ pub fn classify(
     views: &mut [BlockView],
     capacity: u32,
     part_bytes: u64,
+    by_extent: bool,
 ) -> Result<Classified> {
-    let uploaded = upload_views(gpu, volume, views, capacity, part_bytes)?;
+    let uploaded = upload_views(gpu, volume, views, capacity, part_bytes, by_extent)?;
     let frame = FrameBuffers::new(gpu)?;
     let parts: Vec<_> = uploaded.scene.parts.iter().collect();
-    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers, None)?;
+    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers, None, by_extent)?;
     gpu.run(|pass| bound.iter().for_each(|part| part.encode(pass)));
     let mut out = Classified {
         particles: Vec::new(),
+        terms: Vec::new(),
         states: Vec::new(),
         groups: Vec::new(),
     };
-    for (buffers, range) in uploaded.buffers.iter().zip(uploaded.views) {
+    let drawn = uploaded.scene.parts.iter().zip(&uploaded.buffers);
+    for ((part, buffers), range) in drawn.zip(uploaded.views) {
         let state: PartState = gpu.read(&buffers.state, 1)?[0];
         let placed: Vec<BlockView> = gpu.read(&buffers.views, range.len())?;
         for (view, placed) in views[range.clone()].iter_mut().zip(placed) {
@@ -296,6 +335,11 @@ pub fn classify(
         }
         let count = state.classified_count as usize;
         let of_part: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count)?;
+        if part.has_pieces(by_extent) {
+            let room = state.capacity as usize;
+            let all: Vec<PieceTerms> = gpu.read(&buffers.classified, room + count)?;
+            out.terms.extend_from_slice(&all[room..]);
+        }
         out.particles
             .extend(of_part.iter().map(|p| ClassifiedParticle {
                 view: p.view + range.start as u32,

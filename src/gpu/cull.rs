@@ -288,7 +288,7 @@ pub fn cull(
     let buffers = scene
         .parts
         .iter()
-        .map(|part| PartBuffers::new(gpu, part, 1))
+        .map(|part| PartBuffers::new(gpu, part, 1, false))
         .collect::<Result<Vec<_>>>()?;
     let parts: Vec<_> = scene.parts.iter().collect();
     let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers, SeenFor::Picture)?;

@@ -151,9 +151,12 @@ impl Kinds {
 
     /// Bytes per particle of the largest buffer that has an entry for each: colours, or what a
     /// frame in which all are visible makes of them.
-    pub(super) fn bytes_per_particle(&self) -> u64 {
+    ///
+    /// - `may_have_pieces`: whether terms of as many pieces may follow classified particles.
+    pub(super) fn bytes_per_particle(&self, may_have_pieces: bool) -> u64 {
         const { assert!(size_of::<Footprint>() >= 9 * 4) };
-        let frame = size_of::<Footprint>().max(size_of::<ClassifiedParticle>());
+        let words = if may_have_pieces { 2 } else { 1 };
+        let frame = size_of::<Footprint>().max(words * size_of::<ClassifiedParticle>());
         // A block has one particle at least.
         let blocks = size_of::<DeviceBlock>().max(size_of::<BlockView>());
         let colours = 12 * self.harmonics_count.max(1) as usize;

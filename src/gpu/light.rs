@@ -111,7 +111,14 @@ pub fn light(
     classified: &mut [ClassifiedParticle],
     part_bytes: u64,
 ) -> Result<()> {
-    let uploaded = upload_views(gpu, volume, views, classified.len() as u32, part_bytes)?;
+    let uploaded = upload_views(
+        gpu,
+        volume,
+        views,
+        classified.len() as u32,
+        part_bytes,
+        false,
+    )?;
     let frame = FrameBuffers::new(gpu)?;
     gpu.write(&frame.lighting, bytemuck::bytes_of(lighting));
     let rotation = rotation_uniform(rotation.to_cols_array_2d());

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 
 /// Bytes of a storage buffer for nothing: a binding must hold one element of what the shader
 /// declares, and the largest are near terms.
-const EMPTY_BUFFER: u64 = 256;
+const EMPTY_BUFFER: u64 = 512;
 
 /// A staging buffer on its way to the processor; dropped, it is the device's again.
 #[derive(Debug)]

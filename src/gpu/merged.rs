@@ -53,7 +53,7 @@ pub fn merged_numbers(
 ) -> Result<Vec<MergedNumbers>> {
     let merged = MergedTransfer::new(transfer, weighting);
     let table = gpu.upload("transfer function", &packed_table(transfer, Some(&merged)))?;
-    let maxima = gpu.upload("maxima", &packed_maxima(transfer, Some(&merged)))?;
+    let maxima = gpu.upload("maxima", &packed_maxima(transfer, Some(&merged), None))?;
     let input = gpu.upload("pairs", pairs)?;
     let bytes = size_of::<MergedNumbers>() as u64 * pairs.len() as u64;
     let output = gpu.buffer("results", bytes)?;

@@ -7,9 +7,10 @@ use glam::Mat3;
 
 use super::kinds::ParticleKind;
 use super::packed::words;
-use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
-use crate::constants::BLOCK_CAPACITY;
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
+use crate::constants::{BLOCK_CAPACITY, MOST_EDGES};
 use crate::record::{DeviceBlock, LatticeUniform};
+use crate::scene::BoundaryPlanes;
 
 /// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
 /// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
@@ -22,6 +23,7 @@ pub(super) fn pack_blocks(
     blocks: Range<usize>,
     parents: Option<u32>,
 ) -> Vec<DeviceBlock> {
+    let mut edges = edge_places(volume, blocks.clone()).into_iter();
     let is_lattice = matches!(volume.particles, BlockedParticles::Lattice(_));
     let mut first = 0;
     volume.blocks[blocks]
@@ -42,6 +44,9 @@ pub(super) fn pack_blocks(
                 },
                 level: block.level,
                 crowding: block.crowding,
+                greatest_spread: block.greatest_spread,
+                values_around: block.values_around,
+                edges: edges.next().unwrap_or(0),
                 unused: 0,
             };
             first += if is_lattice {
@@ -69,6 +74,11 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
             for axis in grid.axes().into_iter().flatten() {
                 words.extend_from_slice(bytemuck::cast_slice(axis));
             }
+            let faces = grid.faces().into_iter();
+            for [lower, upper] in faces.flat_map(|f| f.distances.iter().flatten()) {
+                // As samples of axes lie.
+                words.extend_from_slice(&[*lower, *upper, 0.0, 0.0]);
+            }
         }
         BlockedParticles::Isotropic { offsets, sigmas } => {
             for i in particles {
@@ -88,7 +98,52 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
             }
         }
     }
+    if let Some(boundary) = &volume.boundary {
+        for block in blocks.iter().filter(|b| has_edges(boundary, b)) {
+            let members = || block.first as usize..(block.first + block.count) as usize;
+            let mut place = 0.0;
+            words.extend(members().map(|i| {
+                let is_cut = boundary.of(i).is_some();
+                place += f32::from(u8::from(is_cut));
+                if is_cut { place } else { 0.0 }
+            }));
+            for edges in members().filter_map(|i| boundary.of(i)) {
+                words.extend(edges.as_flattened());
+            }
+        }
+        // Whole rows.
+        let row = kind.words_per_particle().max(1);
+        words.resize(words.len().next_multiple_of(row), 0.0);
+    }
     words
+}
+
+/// Whether planes cut any of a block's particles.
+fn has_edges(boundary: &BoundaryPlanes, block: &Block) -> bool {
+    (block.first..block.first + block.count).any(|i| boundary.of(i as usize).is_some())
+}
+
+/// Where [`pack_shapes`] writes the planes of each block, one more than that; 0 of a block without.
+fn edge_places(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<u32> {
+    let Some(boundary) = &volume.boundary else {
+        return Vec::new();
+    };
+    let kind = ParticleKind::of(&volume.particles);
+    let blocks = &volume.blocks[blocks];
+    let count: usize = blocks.iter().map(|b| b.count as usize).sum();
+    let mut next = count * kind.words_per_particle();
+    let place = |block: &Block| {
+        if !has_edges(boundary, block) {
+            return 0;
+        }
+        let place = next as u32 + 1;
+        let cut = (block.first..block.first + block.count)
+            .filter(|&i| boundary.of(i as usize).is_some())
+            .count();
+        next += block.count as usize + 4 * MOST_EDGES * cut;
+        place
+    };
+    blocks.iter().map(place).collect()
 }
 
 /// A lattice whose part begins at brick `first_brick`.
@@ -103,5 +158,13 @@ pub(super) fn lattice_uniform(grid: &BrickGrid, first_brick: usize) -> LatticeUn
             .shared_factor()
             .unwrap_or(Mat3::ZERO)
             .to_cols_array_2d(),
+        face_normals: grid
+            .faces()
+            .map_or([[0.0; 3]; 3], |faces| faces.normals.map(Into::into)),
+        first_face: match (grid.has_faces(), grid.axes()) {
+            (false, _) => 0,
+            (true, None) => 1,
+            (true, Some(_)) => grid.dims().iter().sum::<usize>() as u32 + 1,
+        },
     }
 }

@@ -13,7 +13,8 @@ use crate::blocks::Rule;
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
 use crate::record::{
-    BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, SurfelTerms, ViewUniform,
+    BlockView, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PieceTerms, SurfelTerms,
+    ViewUniform,
 };
 use crate::splat::Filter;
 
@@ -31,6 +32,7 @@ pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     NORMAL,
     TANGENTS,
     include_str!("../../shaders/shared/surfel.wgsl"),
+    include_str!("../../shaders/shared/edges.wgsl"),
     include_str!("../../shaders/project.wgsl"),
 );
 
@@ -43,8 +45,12 @@ pub(super) struct ProjectSpec {
     pub(super) rule: Rule,
     /// Whether opaque surfaces may cut kernels.
     pub(super) is_cut: bool,
+    /// Whether the domain of its data may cut any kernel of the pass.
+    pub(super) has_edges: bool,
     /// Which word of the counts says how many particles are classified.
     pub(super) count_index: u32,
+    /// Whether they are pieces, whose terms follow them; the first word of the counts says where.
+    pub(super) has_pieces: bool,
 }
 
 impl ProjectSpec {
@@ -52,14 +58,22 @@ impl ProjectSpec {
     ///
     /// - `is_cut`: whether opaque surfaces may cut its kernels.
     /// - `count_index`: which word of the counts is the part's.
-    pub(super) fn new(kinds: &Kinds, view: &ViewUniform, is_cut: bool, count_index: u32) -> Self {
+    /// - `has_edges`: whether the domain of its data may cut any kernel of the pass.
+    pub(super) fn new(
+        kinds: &Kinds,
+        view: &ViewUniform,
+        [is_cut, has_edges]: [bool; 2],
+        count_index: u32,
+    ) -> Self {
         Self {
             particles: kinds.particles,
             filter: Filter::ALL[view.filter_kind as usize],
             is_orthographic: view.orthographic != 0,
             rule: kinds.rule,
             is_cut,
+            has_edges,
             count_index,
+            has_pieces: false,
         }
     }
 
@@ -69,8 +83,10 @@ impl ProjectSpec {
             matches!(self.filter, Filter::Adaptive | Filter::Exact) && !self.is_orthographic;
         match self.rule {
             Rule::Surface { .. } => true,
-            Rule::Peak { .. } => self.is_cut,
-            Rule::Kernel | Rule::Translucent { .. } => self.is_cut || may_be_exact,
+            Rule::Peak { .. } => self.is_cut || self.has_edges,
+            Rule::Kernel | Rule::Translucent { .. } => {
+                self.is_cut || self.has_edges || may_be_exact
+            }
         }
     }
 }
@@ -100,7 +116,7 @@ pub(super) struct ProjectBuffers<'a> {
     pub(super) footprints: &'a wgpu::Buffer,
     /// As many as footprints; one is enough where none has terms.
     pub(super) exact: &'a wgpu::Buffer,
-    /// A counter, zero at the beginning of a frame, and room for [`NearTerms`]: at least one.
+    /// Two counters, zero at the beginning of a frame, and room for [`NearTerms`]: at least one.
     pub(super) near: &'a wgpu::Buffer,
 }
 
@@ -137,6 +153,8 @@ impl Project {
                 ("IS_ANTI_ALIASED", flag(is_anti_aliased)),
                 ("IS_ONE_SIDED", flag(is_one_sided)),
                 ("IS_CUT", flag(spec.is_cut)),
+                ("HAS_PIECES", flag(spec.has_pieces)),
+                ("HAS_EDGES", flag(spec.has_edges)),
             ],
         );
         Self { kernel }
@@ -162,9 +180,9 @@ impl Project {
     }
 }
 
-/// Bytes of the list of near kernels with room for `capacity`: a counter and the terms.
+/// Bytes of the list of near kernels with room for `capacity`: two counters and the terms.
 pub(super) fn near_bytes(capacity: usize) -> u64 {
-    (4 + capacity * size_of::<NearTerms>()) as u64
+    (8 + capacity * size_of::<NearTerms>()) as u64
 }
 
 /// What the projection of one frame writes.
@@ -186,6 +204,7 @@ pub struct Projected {
 /// Projects every particle of `classified`, as [`cpu::project`](crate::cpu::project) does, with room
 /// for `near_capacity` kernels (at least one) that cross the camera plane: those that find none draw nothing.
 ///
+/// - `pieces`: the terms of all particles, or nothing.
 /// - `is_cut`: whether opaque surfaces may cut kernels.
 ///
 /// # Errors
@@ -199,6 +218,7 @@ pub fn project(
     volume: &BlockedVolume,
     views: &[BlockView],
     classified: &[ClassifiedParticle],
+    pieces: &[PieceTerms],
     view: &ViewUniform,
     rotation: Mat3,
     is_cut: bool,
@@ -214,10 +234,16 @@ pub fn project(
         _ => gpu.upload("blocks", &pack_blocks(volume, all.clone(), None))?,
     };
     let mut shapes = pack_shapes(volume, all);
-    let spec = ProjectSpec::new(&Kinds::of(volume), view, is_cut, 0);
+    let has_edges = volume.has_boundary();
+    let mut spec = ProjectSpec::new(&Kinds::of(volume), view, [is_cut, has_edges], 0);
+    spec.has_pieces = !pieces.is_empty();
+    let with_terms = [
+        bytemuck::cast_slice::<_, u32>(classified),
+        bytemuck::cast_slice(pieces),
+    ];
     // A binding holds one element at least.
     shapes.resize(
-        shapes.len().max(spec.particles.words_per_particle().max(3)),
+        shapes.len().max(spec.particles.words_per_particle().max(4)),
         0.0,
     );
     let shapes = gpu.upload("shapes", &shapes)?;
@@ -237,7 +263,7 @@ pub fn project(
             rotation: &gpu.uniform("rotation", &rotation_uniform(rotation.to_cols_array_2d()))?,
             counts: &gpu.upload("counts", &[count as u32])?,
             views: &gpu.upload("block views", views)?,
-            classified: &gpu.upload("classified particles", classified)?,
+            classified: &gpu.upload("classified particles", &with_terms.concat())?,
             footprints: &footprints,
             exact: &exact,
             near: &near,
@@ -251,7 +277,7 @@ pub fn project(
         footprints: gpu.read(&footprints, count)?,
         exact: gpu.read(&exact, if is_opaque { 0 } else { exact_count })?,
         surfels: gpu.read(&exact, if is_opaque { exact_count } else { 0 })?,
-        near: bytemuck::pod_collect_to_vec(&words[1..][..kept * size_of::<NearTerms>() / 4]),
+        near: bytemuck::pod_collect_to_vec(&words[2..][..kept * size_of::<NearTerms>() / 4]),
         near_count,
     })
 }

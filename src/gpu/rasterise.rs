@@ -12,7 +12,7 @@ use super::tile::{
     self, BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice,
     upload_lists, word_of_depth,
 };
-use crate::constants::{MAX_LIGHTS, TILE_SIZE};
+use crate::constants::{MAX_LIGHTS, MOST_EDGES, TILE_SIZE};
 use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
@@ -47,6 +47,8 @@ const SHARED: [&str; 9] = [
     include_str!("../../shaders/tile/evaluate/affine.wgsl"),
     include_str!("../../shaders/tile/evaluate/exact.wgsl"),
 ];
+/// Where its data end.
+const DOMAIN: &str = include_str!("../../shaders/tile/interval/domain.wgsl");
 const NEAR: &str = include_str!("../../shaders/tile/evaluate/near.wgsl");
 
 /// What part of a ray counts.
@@ -83,7 +85,7 @@ fn shader(axes: &Axes, slots: u32) -> Shader {
     let mut name = "rasterise".to_string();
     let mut constants = Vec::new();
     let mut parts = SHARED.to_vec();
-    parts.push(NEAR);
+    parts.extend([NEAR, DOMAIN]);
     if axes.interval.is_cut() {
         name += " cut";
         parts.extend(CUT);
@@ -226,7 +228,13 @@ pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
     } else {
         0
     };
-    slice(gpu, near + layers + lights)
+    // Planes, each met by a near kernel's pairs of columns once more.
+    let edges = match (spec.axes.edges, spec.near) {
+        (false, _) => 0,
+        (true, false) => MOST_EDGES as u32,
+        (true, true) => 12 * MOST_EDGES as u32,
+    };
+    slice(gpu, near + layers + lights + edges)
 }
 
 impl Rasterise {
@@ -241,10 +249,11 @@ impl Rasterise {
         let mut constants = vec![
             (
                 "HAS_TERMS",
-                flag(axes.may_be_exact || axes.needs_depth_terms()),
+                flag(axes.may_be_exact || axes.needs_depth_terms() || axes.edges),
             ),
             ("HAS_EXACT", flag(axes.may_be_exact)),
             ("HAS_NEAR", flag(spec.near)),
+            ("HAS_EDGES", flag(axes.edges)),
             ("IS_COUNT", flag(axes.count)),
             ("SLICE", f64::from(slice)),
         ];

@@ -14,7 +14,7 @@ use crate::record::{
     BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
     ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
     LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
-    SortState, SurfelTerms, ViewUniform,
+    PieceTerms, SortState, SurfelTerms, ViewUniform,
 };
 use naga::TypeInner;
 use naga::back::pipeline_constants::process_overrides;
@@ -225,6 +225,8 @@ fn structs_are_laid_out_alike() {
         low_pass_variance_px2,
         tolerance,
         level_of_detail,
+        by_extent,
+        unused,
     });
     check_layout!(LightUniform { direction, colour });
     check_layout!(LightingUniform {
@@ -237,7 +239,16 @@ fn structs_are_laid_out_alike() {
         shininess,
         unused,
     });
-    check_layout!(BrickUniform { dims, first });
+    check_layout!(BrickUniform {
+        dims,
+        first,
+        values_first,
+        kernel_width,
+        models_first,
+        unused,
+        model_scales,
+        unused_end,
+    });
     check_layout!(FrameState {
         nearest,
         farthest,
@@ -266,6 +277,9 @@ fn structs_are_laid_out_alike() {
         parent,
         level,
         crowding,
+        greatest_spread,
+        values_around,
+        edges,
         unused,
     });
     check_layout!(MergeBounds {
@@ -285,6 +299,8 @@ fn structs_are_laid_out_alike() {
         has_axes,
         basis,
         factor,
+        face_normals,
+        first_face,
     });
     check_layout!(BlockView {
         origin_camera,
@@ -294,6 +310,7 @@ fn structs_are_laid_out_alike() {
         key,
         filter_kind,
         level,
+        is_spread,
     });
     check_layout!(ClassifiedParticle {
         view,
@@ -314,10 +331,17 @@ fn structs_are_laid_out_alike() {
         rows,
         key,
     });
+    check_layout!(PieceTerms {
+        axis,
+        shift,
+        width,
+        unused,
+    });
     check_layout!(ExactTerms {
         gradient,
         hessian,
-        depth_sigma
+        depth_sigma,
+        edges,
     });
     check_layout!(SurfelTerms {
         gradient,
@@ -325,6 +349,7 @@ fn structs_are_laid_out_alike() {
         slack,
         homography,
         normal,
+        unused,
     });
     check_layout!(NearTerms {
         misses,
@@ -334,6 +359,8 @@ fn structs_are_laid_out_alike() {
         unit,
         reach,
         half_line,
+        edges,
+        edge_count,
     });
     check_layout!(PartIndex { index });
     check_layout!(PartRange { first, count });

@@ -15,9 +15,12 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Hint, Result};
 use crate::record::{
     BlockView, BrickUniform, CameraUniform, ClassifiedParticle, FrameState, LightingUniform,
-    PartState, ViewUniform,
+    PartState, PieceTerms, ViewUniform,
 };
-use crate::scene::{Colour, Strength, TransferFunction, Values};
+use crate::scene::{
+    CLASSIFICATION_TABLE_LEN, Colour, LobeRow, Lobes, LocalModels, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
+    MAX_LOBES, Strength, TransferFunction, Values,
+};
 
 /// A run of a volume's blocks on the device.
 #[derive(Debug)]
@@ -47,10 +50,29 @@ pub(super) struct Part {
     pub(super) colours: wgpu::Buffer,
     /// Codes of normals, where they are stored.
     pub(super) normals: wgpu::Buffer,
-    /// The transfer function's table and its averages, all parts of a family the same.
+    /// The transfer function's table, its averages and its lobes, all parts of a family the same.
     pub(super) table: wgpu::Buffer,
+    /// Where the lobes begin in the table, where kernels may be classified over their extents.
+    pub(super) lobes_first: Option<u32>,
     /// Its greatest extinctions and slopes, likewise.
     pub(super) maxima: wgpu::Buffer,
+}
+
+impl Part {
+    /// Whether its particles are pieces of kernels in frames that classify them over their extents, or not.
+    pub(super) fn has_pieces(&self, by_extent: bool) -> bool {
+        by_extent && self.lobes_first.is_some()
+    }
+
+    /// Classified particles at most.
+    pub(super) fn most_classified(&self) -> u64 {
+        let pieces = if self.lobes_first.is_some() {
+            MAX_LOBES
+        } else {
+            1
+        };
+        (self.slots * pieces) as u64
+    }
 }
 
 /// All volumes on the device.
@@ -136,14 +158,23 @@ struct Place {
 #[derive(Debug)]
 struct Tables {
     table: wgpu::Buffer,
+    lobes_first: u32,
     maxima: wgpu::Buffer,
 }
 
 impl Tables {
     /// Of a volume and its levels of detail, which are classified as it is.
     fn new(gpu: &Gpu, family: &[BlockedVolume]) -> Result<Self> {
-        let (table, maxima) = packed(family).unwrap_or_default();
+        let (mut table, mut maxima) = packed(family).unwrap_or_default();
+        // What shaders declare, where there is nothing.
+        maxima.resize(maxima.len().max(MAXIMA_HEADER + 1), 0.0);
+        if family[0].may_have_pieces() {
+            // Room for any function's.
+            let lobes = 1 + 3 * MAX_LOBES + MAX_LOBE_ROWS + MAX_LOBE_CELLS;
+            table.resize(lobes_first(family) as usize + lobes, [0; 4]);
+        }
         Ok(Self {
+            lobes_first: lobes_first(family),
             table: gpu.upload("transfer function", &table)?,
             maxima: gpu.upload("transfer function's maxima", &maxima)?,
         })
@@ -172,13 +203,24 @@ fn upload(
     let merged = volume.merged.as_ref();
     let spreads = merged.map_or(&[][..], |m| &m.spreads);
     let member_depths = merged.map_or(&[][..], |m| &m.member_depths);
-    let capacity = part_bytes / kinds.bytes_per_particle();
+    let may_have_pieces = volume.may_have_pieces();
+    let capacity = part_bytes / kinds.bytes_per_particle(may_have_pieces);
     for run in runs(volume, kinds.is_lattice(), capacity) {
         let particles = particles(volume, &run);
         let slots = if kinds.is_lattice() {
             BLOCK_CAPACITY * run.len()
         } else {
             particles.len()
+        };
+        // With those of the bricks around, so that differences of neighbours have both.
+        let with_values = match &volume.particles {
+            BlockedParticles::Lattice(grid) if may_have_pieces => {
+                let [x, y, _] = grid.bricks();
+                let around = x * y + x + 1;
+                let end = (run.end + around).min(volume.blocks.len());
+                run.start.saturating_sub(around)..end
+            }
+            _ => run.clone(),
         };
         let per_particle = |label, source: &[f32], stride| {
             gpu.upload(label, &in_block_order(volume, &run, source, stride))
@@ -192,10 +234,10 @@ fn upload(
                 pairs("values and spreads", v, spreads)?
             }
             Some(values) if kinds.values != ValueKind::None => match values {
-                Values::U8(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
-                Values::I16(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
-                Values::U16(v) => gpu.upload("values", &in_block_order(volume, &run, v, 1))?,
-                Values::F32(v) => per_particle("values", v, 1)?,
+                Values::U8(v) => upload_values(gpu, volume, &with_values, v)?,
+                Values::I16(v) => upload_values(gpu, volume, &with_values, v)?,
+                Values::U16(v) => upload_values(gpu, volume, &with_values, v)?,
+                Values::F32(v) => upload_values(gpu, volume, &with_values, v)?,
             },
             _ => nothing.clone(),
         };
@@ -205,6 +247,15 @@ fn upload(
                 let given = strength.stored();
                 if kinds.has_member_depths {
                     pairs("strengths and member depths", given, member_depths)?
+                } else if let (true, Some(models)) = (may_have_pieces, &volume.local_models) {
+                    let mut words: Vec<u32> =
+                        bytemuck::cast_slice(&given[particles.clone()]).to_vec();
+                    let codes = bytemuck::cast_slice::<_, u16>(&models.codes()[particles.clone()]);
+                    words.extend(codes.chunks(2).map(|pair| {
+                        let high = pair.get(1).copied().unwrap_or(0);
+                        u32::from(pair[0]) | u32::from(high) << 16
+                    }));
+                    gpu.upload("strengths and local models", &words)?
                 } else {
                     per_particle("strengths", given, 1)?
                 }
@@ -233,6 +284,17 @@ fn upload(
                 _ => [0; 3],
             },
             first: run.start as u32,
+            values_first: with_values.start as u32,
+            kernel_width: match &volume.particles {
+                BlockedParticles::Lattice(grid) => grid.kernel_width() as f32,
+                _ => 0.0,
+            },
+            models_first: particles.len() as u32,
+            model_scales: volume
+                .local_models
+                .as_ref()
+                .map_or([0.0; 2], LocalModels::scales),
+            ..BrickUniform::default()
         };
         parts.push(Part {
             volume: place.volume,
@@ -267,11 +329,22 @@ fn upload(
             colours,
             normals,
             table: tables.table.clone(),
+            lobes_first: may_have_pieces.then_some(tables.lobes_first),
             maxima: tables.maxima.clone(),
             run,
         });
     }
     Ok(())
+}
+
+/// Values of a run of blocks.
+fn upload_values<T: Pod + Send + Sync>(
+    gpu: &Gpu,
+    volume: &BlockedVolume,
+    run: &Range<usize>,
+    values: &[T],
+) -> Result<wgpu::Buffer> {
+    gpu.upload("values", &in_block_order(volume, run, values, 1))
 }
 
 /// Runs of whole blocks of at most `capacity` particles, of one block at least.
@@ -326,14 +399,19 @@ fn in_block_order<'a, T: Pod + Send + Sync>(
     Cow::Owned(out)
 }
 
-/// The one volume of a lattice's cells, or their widths along x, y and z, one after the other.
+/// The one volume of a lattice's cells, or their widths along x, y and z, one after the other, and then how
+/// the spacing changes at each.
 fn cells(volume: &BlockedVolume) -> Option<Vec<f32>> {
     let BlockedParticles::Lattice(grid) = &volume.particles else {
         return None;
     };
     Some(match grid.axes() {
         None => grid.uniform_volume().into_iter().collect(),
-        Some(axes) => axes.iter().flatten().map(|sample| sample.extent).collect(),
+        Some(axes) => {
+            let samples = || axes.iter().flatten();
+            let extents = samples().map(|sample| sample.extent);
+            extents.chain(samples().map(|sample| sample.bend)).collect()
+        }
     })
 }
 
@@ -346,10 +424,12 @@ fn packed(family: &[BlockedVolume]) -> Option<(Vec<[u32; 4]>, Vec<f32>)> {
     let merged = level.and_then(|level| level.transfer.as_deref());
     let is_classified = Kinds::of(base).values != ValueKind::None;
     is_classified.then(|| {
-        (
-            packed_table(transfer, merged),
-            packed_maxima(transfer, merged),
-        )
+        let lobes = base.lobes.as_deref();
+        let mut table = packed_table(transfer, merged);
+        if base.may_have_pieces() {
+            pack_lobes(lobes, &mut table);
+        }
+        (table, packed_maxima(transfer, merged, lobes))
     })
 }
 
@@ -373,13 +453,61 @@ pub(super) fn packed_table(
     packed
 }
 
-/// Where the table begins, entries per unit, the rows of the maxima and, where there are merged
+/// Where the lobes begin in the table of a family, words of four after its first.
+fn lobes_first(family: &[BlockedVolume]) -> u32 {
+    let has_averages = family.iter().any(|volume| {
+        let merged = volume.merged.as_ref();
+        merged.is_some_and(|merged| merged.transfer.is_some())
+    });
+    CLASSIFICATION_TABLE_LEN as u32 * if has_averages { 2 } else { 1 }
+}
+
+/// Appends lobes to a table, as `shaders/shared/lobes.wgsl` has them; the rows and cells that there are.
+fn pack_lobes(lobes: Option<&Lobes>, table: &mut Vec<[u32; 4]>) {
+    let Some(lobes) = lobes else {
+        table.push([0; 4]);
+        return;
+    };
+    table.push([lobes.lobes.len() as u32, 0, 0, 0]);
+    let rows = table.len() + 3 * MAX_LOBES;
+    for lobe in &lobes.lobes {
+        let ([lo, hi], [below, above]) = (lobe.interval, lobe.beyond);
+        table.push([lo, hi, below, above].map(f32::to_bits));
+        let sizes = [finite(lobe.threshold), lobe.first_spread, lobe.peak, 0.0];
+        table.push(sizes.map(f32::to_bits));
+        table.push([lobe.first_row, lobe.row_count, 0, 0]);
+    }
+    table.resize(rows, [0; 4]);
+    let row = |row: &LobeRow| [row.first, row.count, row.per_value.to_bits(), 0];
+    table.extend(lobes.rows.iter().map(row));
+    table.resize(rows + MAX_LOBE_ROWS, [0; 4]);
+    let cell = |[a, b, c]: &[f32; 3]| [*a, *b, *c, 0.0].map(f32::to_bits);
+    table.extend(lobes.cells.iter().map(cell));
+}
+
+/// A threshold as shaders have it: WGSL knows no infinity.
+fn finite(threshold: f32) -> f32 {
+    threshold.min(f32::MAX)
+}
+
+/// Words before the rows of the maxima.
+const MAXIMA_HEADER: usize = 3 + 5 * MAX_LOBES;
+
+/// Where the table begins, entries per unit, the lobes, the rows of the maxima and, where there are merged
 /// particles, those of the slopes.
 pub(super) fn packed_maxima(
     transfer: &TransferFunction,
     merged: Option<&MergedTransfer>,
+    lobes: Option<&Lobes>,
 ) -> Vec<f32> {
-    let mut packed = vec![transfer.range()[0], transfer.scale()];
+    let lobes = lobes.map_or(&[][..], |lobes| lobes.lobes());
+    let mut packed = vec![transfer.range()[0], transfer.scale(), lobes.len() as f32];
+    for lobe in lobes {
+        packed.extend(lobe.interval);
+        packed.extend(lobe.beyond.map(|beyond| f32::from(u8::from(beyond > 0.0))));
+        packed.push(finite(lobe.threshold));
+    }
+    packed.resize(MAXIMA_HEADER, 0.0);
     packed.extend(transfer.maxima().iter().flatten());
     let slopes = merged.map_or(&[][..], |m| m.slopes.maxima());
     packed.extend(slopes.iter().flatten());
@@ -447,11 +575,17 @@ pub(super) struct PartBuffers {
 }
 
 impl PartBuffers {
-    /// - `capacity`: room for classified particles; more than the part's slots is never needed.
+    /// - `capacity`: room for classified particles; more than [`Part::most_classified`] is never needed.
+    /// - `by_extent`: whether kernels are classified over their extents, where the part's may be: then
+    ///   there is room for as many [`PieceTerms`] after the particles.
     ///
     /// # Errors
     /// No memory.
-    pub(super) fn new(gpu: &Gpu, part: &Part, capacity: u32) -> Result<Self> {
+    pub(super) fn new(gpu: &Gpu, part: &Part, capacity: u32, by_extent: bool) -> Result<Self> {
+        const {
+            assert!(size_of::<PieceTerms>() == size_of::<ClassifiedParticle>());
+        }
+        let words = if part.has_pieces(by_extent) { 2 } else { 1 };
         let state = PartState {
             capacity,
             ..PartState::zeroed()
@@ -464,7 +598,10 @@ impl PartBuffers {
             classified: gpu.buffer(
                 "classified particles",
                 // A binding holds one at least.
-                bytes(size_of::<ClassifiedParticle>(), capacity.max(1) as usize),
+                bytes(
+                    words * size_of::<ClassifiedParticle>(),
+                    capacity.max(1) as usize,
+                ),
             )?,
         })
     }

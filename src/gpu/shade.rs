@@ -114,7 +114,14 @@ pub fn shade(
     classified: &mut [ClassifiedParticle],
     part_bytes: u64,
 ) -> Result<()> {
-    let uploaded = upload_views(gpu, volume, views, classified.len() as u32, part_bytes)?;
+    let uploaded = upload_views(
+        gpu,
+        volume,
+        views,
+        classified.len() as u32,
+        part_bytes,
+        false,
+    )?;
     let frame = FrameBuffers::new(gpu)?;
     let uniform = camera_uniform(
         camera,

@@ -10,12 +10,12 @@ use super::constants::{
 };
 use super::kinds::{ColourKind, StrengthKind, ValueKind};
 use super::packed::words;
-use crate::blocks::DEPTH_KEY_SPAN;
+use crate::blocks::{DEPTH_KEY_SPAN, PIECE_REACH};
 use crate::constants::{
-    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EXP2_SERIES, FAINT, FRAC_1_SQRT_2PI,
-    LEAST_SLOPE, MAX_CLIP_PLANES, MAX_CUTOFF, MAX_LIGHTS, MAX_PLANES, NEAR_MARGIN, SRGB_GAMMA,
-    SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE, SURFACE_LAYERS, TERMINATION_INTERVAL,
-    TERMINATION_SHARE, TILE_SIZE,
+    BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EDGE_REACH, EXP2_SERIES, FAINT,
+    FRAC_1_SQRT_2PI, LEAST_SLOPE, LEAST_SPREAD, MAX_CLIP_PLANES, MAX_CUTOFF, MAX_LIGHTS,
+    MAX_PLANES, MOST_EDGES, NEAR_MARGIN, SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE,
+    SRGB_SLOPE, SURFACE_LAYERS, TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
 };
 use crate::math::{
     E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
@@ -25,7 +25,12 @@ use crate::record::{
     MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL,
 };
-use crate::scene::{CLASSIFICATION_TABLE_LEN, FAR_ENTRIES, MAXIMUM_ROUNDING};
+use crate::scene::{
+    CLASSIFICATION_TABLE_LEN, DEPARTURE_BITS, DEPARTURE_STEPS_PER_OCTAVE, DIRECTION_BITS,
+    DIRECTION_STEPS, FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_REACH, LOBE_ROWS_PER_OCTAVE,
+    MAX_LOBE_ROWS, MAX_LOBES, MAX_PIECE_WIDTH, MAXIMUM_ROUNDING, RANGE_BITS, RANGE_STEPS,
+    SLOPE_BITS, SLOPE_STEPS_PER_OCTAVE,
+};
 use crate::splat::budget::{
     AFFINE_SHARE, CONTRAST_SHARE, CUTOFF_SHARE, FILTER_SHARE, GREATEST_ENLARGEMENT, MANY_SHARE,
     MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD, MISREAD_SHARE, MIXED_SHARE, OVERLAP, TREND,
@@ -100,6 +105,8 @@ pub(super) const F64_ARITHMETIC: &str = include_str!("../../shaders/shared/f64.w
 pub(super) const TRANSFER: &str = include_str!("../../shaders/shared/transfer.wgsl");
 /// Averages over intervals of values.
 pub(super) const AVERAGES: &str = include_str!("../../shaders/shared/averages.wgsl");
+/// What a transfer function leaves of kernels over their extents.
+pub(super) const LOBES: &str = include_str!("../../shaders/shared/lobes.wgsl");
 /// Maxima over intervals of values.
 pub(super) const MAXIMA: &str = include_str!("../../shaders/shared/maxima.wgsl");
 /// The exponential integral.
@@ -192,12 +199,23 @@ pub fn prelude() -> String {
         ("RULE_TRANSLUCENT", RULE_TRANSLUCENT),
         ("SURFACE_LAYERS", SURFACE_LAYERS as u32),
         ("MAX_CLIP_PLANES", MAX_CLIP_PLANES as u32),
+        ("MOST_EDGES", MOST_EDGES as u32),
+        ("INFINITE_WORD", f32::INFINITY.to_bits()),
         ("MAX_PLANES", MAX_PLANES as u32),
         ("NO_LAYER", NO_LAYER),
         ("MERGED_OPEN", MERGED_OPEN),
         ("MERGED_UNSEEN", MERGED_UNSEEN),
         ("MERGED_FITS", MERGED_FITS),
         ("FILTER_COUNT", Filter::ALL.len() as u32),
+        ("MAX_LOBES", MAX_LOBES as u32),
+        ("MAX_LOBE_ROWS", MAX_LOBE_ROWS as u32),
+        ("DIRECTION_BITS", DIRECTION_BITS),
+        ("DIRECTION_STEPS", DIRECTION_STEPS),
+        ("SLOPE_BITS", SLOPE_BITS),
+        ("SLOPE_STEPS_PER_OCTAVE", SLOPE_STEPS_PER_OCTAVE),
+        ("DEPARTURE_BITS", DEPARTURE_BITS),
+        ("DEPARTURE_STEPS_PER_OCTAVE", DEPARTURE_STEPS_PER_OCTAVE),
+        ("RANGE_BITS", RANGE_BITS),
     ];
     for (name, value) in integers {
         let _ = writeln!(text, "const {name}: u32 = {value}u;");
@@ -209,10 +227,18 @@ pub fn prelude() -> String {
     let floats = [
         ("MAX_CUTOFF", MAX_CUTOFF),
         ("NEAR_MARGIN", NEAR_MARGIN),
+        ("PIECE_REACH", PIECE_REACH),
+        ("LOBE_REACH", LOBE_REACH),
+        ("MAX_PIECE_WIDTH", MAX_PIECE_WIDTH),
+        ("LOBE_ROWS_PER_OCTAVE", LOBE_ROWS_PER_OCTAVE),
+        ("LOBE_CELLS_PER_DEVIATION", LOBE_CELLS_PER_DEVIATION),
+        ("RANGE_STEPS", RANGE_STEPS),
         ("TERMINATION_SHARE", TERMINATION_SHARE),
         ("FAINT", FAINT),
         ("COVERAGE_FULL", COVERAGE_FULL),
         ("CLIP_SOFTNESS", CLIP_SOFTNESS),
+        ("EDGE_REACH", EDGE_REACH),
+        ("LEAST_SPREAD", LEAST_SPREAD),
         ("SLACK_SIGMAS", SLACK_SIGMAS),
         ("SLACK_PIXELS", SLACK_PIXELS),
         ("SLACK_SLOPE", SLACK_SLOPE),

@@ -19,6 +19,7 @@ impl Shader {
             scan::SHADER,
             cull::SHADER,
             classify::SHADER,
+            classify::PIECES,
             classify::AMPLITUDES,
             shade::SHADER,
             radix::SHADER,

@@ -123,11 +123,11 @@ impl<'a> TileBuffers<'a> {
     }
 }
 
-/// The near terms as the device keeps them: their number, then the terms, room for one at least.
+/// The near terms as the device keeps them: their number, twice, then the terms, room for one at least.
 pub(super) fn near_words(near: &[NearTerms]) -> Vec<u32> {
-    let mut words = vec![near.len() as u32];
+    let mut words = vec![near.len() as u32; 2];
     words.extend_from_slice(bytemuck::cast_slice(near));
-    words.resize(words.len().max(1 + size_of::<NearTerms>() / 4), 0);
+    words.resize(words.len().max(2 + size_of::<NearTerms>() / 4), 0);
     words
 }
 

@@ -119,6 +119,11 @@ impl CellKind {
         }
     }
 
+    /// Whether it is a solid whose faces are known: a polyhedron states them.
+    pub(crate) fn is_solid(self) -> bool {
+        self.faces().is_some() || self == Self::POLYHEDRON
+    }
+
     /// The corners of a solid cell of fixed shape, by their places among the cell's nodes, face by
     /// face, seen from outside anticlockwise. Cells of higher order are taken by their corners,
     /// which VTK numbers first. `None` for all others, polyhedra among them.

@@ -6,6 +6,7 @@
 //! temporary file that is renamed when complete.
 
 mod atomic;
+mod blanking;
 mod cells;
 mod column_file;
 mod count_file;
@@ -15,6 +16,7 @@ mod encoded_splats;
 mod file;
 mod gltf;
 mod gltf_splats;
+mod handedness;
 mod hdf5;
 mod image_file;
 mod mesh;
@@ -26,6 +28,7 @@ mod plot3d;
 mod ply;
 mod ply_splats;
 mod ply_table;
+mod polyhedron;
 mod raw;
 mod samples;
 mod scalars;
@@ -55,6 +58,7 @@ mod zip;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
+pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
 #[cfg(feature = "legend")]
 pub(crate) use column_file::viridis;
@@ -62,6 +66,7 @@ pub use column_file::{column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 pub use encoded_splats::PlyForm;
+pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;
 pub use image_file::{
@@ -69,6 +74,7 @@ pub use image_file::{
     write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
+pub(crate) use polyhedron::polyhedron_faces;
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;

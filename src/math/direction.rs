@@ -1,23 +1,38 @@
 //! Unit vectors as whole numbers: octahedral coordinates (Meyer et al. 2010, *On Floating-Point
 //! Normal Vectors*) in steps. Twin: `shaders/shared/normal.wgsl`.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Steps along each axis of the octahedron that normals are rounded to: a whole number of 22 bits,
 /// which f32 holds, and a direction within .12 degrees.
 pub(crate) const NORMAL_STEPS: f32 = 2047.0;
 
+/// A unit vector's place on the octahedron unfolded to a square, -1 to 1 each way.
+#[inline]
+pub(crate) fn to_octahedral(normal: Vec3) -> Vec2 {
+    let sum = normal.x.abs() + normal.y.abs() + normal.z.abs();
+    let (x, y) = (normal.x / sum, normal.y / sum);
+    if normal.z < 0.0 {
+        let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
+        Vec2::new(fold(x, y), fold(y, x))
+    } else {
+        Vec2::new(x, y)
+    }
+}
+
+/// The unit vector of [`to_octahedral`].
+#[inline]
+pub(crate) fn from_octahedral(Vec2 { x, y }: Vec2) -> Vec3 {
+    let z = 1.0 - x.abs() - y.abs();
+    let under = (-z).max(0.0);
+    let unfold = |a: f32| if a < 0.0 { a + under } else { a - under };
+    Vec3::new(unfold(x), unfold(y), z).normalize_or_zero()
+}
+
 /// A unit vector as a whole number below 2²²: its octahedral coordinates in steps.
 #[inline]
 pub fn pack_normal(normal: Vec3) -> f32 {
-    let sum = normal.x.abs() + normal.y.abs() + normal.z.abs();
-    let (x, y) = (normal.x / sum, normal.y / sum);
-    let (x, y) = if normal.z < 0.0 {
-        let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
-        (fold(x, y), fold(y, x))
-    } else {
-        (x, y)
-    };
+    let Vec2 { x, y } = to_octahedral(normal);
     let step = |x: f32| ((0.5 * x + 0.5) * NORMAL_STEPS + 0.5).floor();
     step(x) * (NORMAL_STEPS + 1.0) + step(y)
 }
@@ -29,10 +44,7 @@ pub fn unpack_normal(packed: f32) -> Vec3 {
     let coordinate = |step: f32| step * (2.0 / NORMAL_STEPS) - 1.0;
     let x = coordinate(row);
     let y = coordinate(packed - row * (NORMAL_STEPS + 1.0));
-    let z = 1.0 - x.abs() - y.abs();
-    let under = (-z).max(0.0);
-    let unfold = |a: f32| if a < 0.0 { a + under } else { a - under };
-    Vec3::new(unfold(x), unfold(y), z).normalize_or_zero()
+    from_octahedral(Vec2::new(x, y))
 }
 
 /// No normal among [`normal_code`]s.

@@ -12,6 +12,7 @@ mod variance;
 #[cfg(feature = "gpu")]
 pub(crate) use direction::NORMAL_STEPS;
 pub use direction::{NO_NORMAL, normal_code, normal_of_code, pack_normal, unpack_normal};
+pub(crate) use direction::{from_octahedral, to_octahedral};
 pub(crate) use ein::EULER;
 #[cfg(feature = "gpu")]
 pub(crate) use ein::{E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT};
@@ -23,6 +24,7 @@ pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count
 #[cfg(feature = "gpu")]
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 pub(crate) use normal::ERFC_SERIES;
+pub(crate) use normal::FRAC_1_SQRT_TAU;
 pub use normal::{normal_cdf, normal_density_and_cdf};
 pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{

@@ -74,7 +74,8 @@ pub fn normal_density_and_cdf<const N: usize>(z: [f64; N]) -> ([f64; N], [f64; N
     (exponential.map(|e| e * FRAC_1_SQRT_TAU), cdf)
 }
 
-const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
+/// 1 / sqrt(2 pi).
+pub(crate) const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 
 /// exp(x) for -700 <= x <= 0, to two units in the last place: 2^k exp(r), |r| <= ln(2)/2, by
 /// Taylor's series to r^13, whose remainder is 4e-18.

@@ -31,6 +31,13 @@ pub struct DeviceBlock {
     pub level: u32,
     /// The most kernels that lie in one place, as [`Block::crowding`](crate::blocks::Block::crowding).
     pub crowding: f32,
+    /// The greatest standard deviation of values over a kernel, as [`Block::greatest_spread`](crate::blocks::Block::greatest_spread).
+    pub greatest_spread: f32,
+    /// What classification over extents may ask for, as [`Block::values_around`](crate::blocks::Block::values_around).
+    pub values_around: [f32; 2],
+    /// Of points that the boundary of their domain cuts: where the planes begin among the words of the
+    /// part's shapes, one more than that; 0 where there are none.
+    pub edges: u32,
     /// Pads the struct to a multiple of its alignment.
     pub unused: u32,
 }
@@ -70,9 +77,14 @@ pub struct LatticeUniform {
     pub basis: [[f32; 3]; 3],
     /// Columns of the factor that all kernels share, world units.
     pub factor: [[f32; 3]; 3],
+    /// Unit normals of the lower faces of the box of the samples, into it, world.
+    pub face_normals: [[f32; 3]; 3],
+    /// Where the distances from these faces begin among the axes' samples, one more than that; 0 where
+    /// the box cuts nothing.
+    pub first_face: u32,
 }
 
-/// Which bricks of a lattice a part holds.
+/// Which bricks of a lattice a part holds, and where it keeps how its field runs over kernels.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct BrickUniform {
@@ -80,6 +92,19 @@ pub struct BrickUniform {
     pub dims: [u32; 3],
     /// The brick that is the part's first block.
     pub first: u32,
+    /// The brick whose values come first: those around the part's own are kept, too, where kernels are
+    /// classified over their extents.
+    pub values_first: u32,
+    /// Standard deviation of a lattice's kernels, in spacings.
+    pub kernel_width: f32,
+    /// Where local models begin among the strengths of points.
+    pub models_first: u32,
+    /// Padding to four words.
+    pub unused: u32,
+    /// What lengths in the codes of local models count from: slopes, departures.
+    pub model_scales: [f32; 2],
+    /// Padding to four words.
+    pub unused_end: [u32; 2],
 }
 
 /// A visible block of particles as one frame sees it.
@@ -101,6 +126,8 @@ pub struct BlockView {
     pub filter_kind: u32,
     /// Its level of detail: 0 for the data's own particles.
     pub level: u32,
+    /// 1 where its kernels are classified over their extents.
+    pub is_spread: u32,
 }
 
 /// A particle that the transfer function leaves visible.

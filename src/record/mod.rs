@@ -15,6 +15,7 @@
 //! | [`MergedBlock`] | cull (GPU) | cull |
 //! | [`BlockView`] | cull (places, filters), classify (counts) | classify, project |
 //! | [`ClassifiedParticle`] | classify | project |
+//! | [`PieceTerms`] | classify, over extents | project |
 //! | [`Footprint`] | project | sort, bin, rasterise |
 //! | [`ExactTerms`] | project, for exact footprints | bin, rasterise |
 //! | [`SurfelTerms`] | project, for surfels of opaque surfaces | rasterise |
@@ -40,5 +41,5 @@ pub use footprint::{
     PATH_PEAK, PATH_SURFEL, pack_range,
 };
 pub use state::{ChunkState, ChunkUniform, FrameState, PartIndex, PartRange, PartState, SortState};
-pub use terms::{ExactTerms, FootprintTerms, NearTerms, SurfelTerms};
+pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, SurfelTerms};
 pub use view::{CameraUniform, ChoiceUniform, LightUniform, LightingUniform, ViewUniform};

@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::constants::MOST_EDGES;
+
 /// The terms that the footprints of a pass have besides, each at its footprint's own index.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FootprintTerms<'a> {
@@ -44,6 +46,9 @@ pub struct ExactTerms {
     /// The standard deviation of z along the ray through the centre, world units: what a surface
     /// that cuts the kernel needs; 0 where no surface may.
     pub depth_sigma: f32,
+    /// Where the domain of its data cuts a kernel: one more than the place of its [`NearTerms`],
+    /// of which only the edges count; 0 where nothing does. Read where a pass has boundaries.
+    pub edges: u32,
 }
 
 /// The plane of a surfel on the image. A device keeps it where it keeps [`ExactTerms`] of kernels: as
@@ -66,6 +71,8 @@ pub struct SurfelTerms {
     /// The unit normal, camera space, towards the eye: a whole number, as
     /// [`pack_normal`](crate::math::pack_normal) makes it.
     pub normal: f32,
+    /// Fills up to the words of [`ExactTerms`].
+    pub unused: u32,
 }
 
 /// A kernel seen from within or beside it, by the direct line integral along D = (X, Y, 1), in
@@ -89,4 +96,38 @@ pub struct NearTerms {
     pub reach: f32,
     /// Half-line path: dz/dx, dz/dy \[1/px\] and z at the centre.
     pub half_line: [f32; 3],
+    /// The planes at which the domain of its data cuts the kernel, as its path reads them
+    /// (`splat/edges.rs`).
+    pub edges: [[f32; 4]; MOST_EDGES],
+    /// How many of them there are.
+    pub edge_count: u32,
+}
+
+/// What a classified particle has besides where the transfer function was asked over its kernel's extent:
+/// how the kernel of a lobe lies in the particle's own.
+///
+/// With F the particle's factor in camera space, of V = F Fᵀ, and a the axis: centre + shift F a, and the factor
+/// F (I + (width - 1) a aᵀ) (section 9.1 of the mathematics: no difference of variances is formed).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct PieceTerms {
+    /// Direction of Lᵀ g, of unit length, in the frame of the factor L that the particle is stored with; 0 of a
+    /// kernel that stays as it is.
+    pub axis: [f32; 3],
+    /// Standard deviations along F a.
+    pub shift: f32,
+    /// Standard deviation along it, of the particle's.
+    pub width: f32,
+    /// Padding to the words of a classified particle, which it follows on a device.
+    pub unused: u32,
+}
+
+impl PieceTerms {
+    /// Of a kernel that stays as it is.
+    pub const WHOLE: Self = Self {
+        axis: [0.0; 3],
+        shift: 0.0,
+        width: 1.0,
+        unused: 0,
+    };
 }

@@ -178,4 +178,8 @@ pub struct ChoiceUniform {
     pub tolerance: f32,
     /// 1 where merged particles may stand for their members.
     pub level_of_detail: u32,
+    /// 1 where kernels are classified over their extents.
+    pub by_extent: u32,
+    /// Padding to a pair of words.
+    pub unused: u32,
 }

@@ -3,7 +3,10 @@
 use glam::{DMat3, DVec3};
 
 use super::PixelFilter;
-use crate::scene::{Colour, Particles, PointVolume, Strength};
+use super::piece::FieldOf;
+use super::sight::between;
+use crate::constants::MOST_EDGES;
+use crate::scene::{Boundary, Classification, Colour, Particles, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 
 /// How many standard deviations a kernel reaches: beyond, e^(-49/2) = 2e-11 of its peak.
@@ -19,6 +22,8 @@ pub(super) struct Particle {
     mass: f64,
     colour: [f64; 3],
     plane: Option<Plane>,
+    /// Planes n . x + d >= 0 of the domain that it is cut at; none where the normal is zero.
+    edges: [(DVec3, f64); MOST_EDGES],
 }
 
 /// A surfel that stands for a piece of a surface.
@@ -62,6 +67,8 @@ pub(super) struct Kernel {
     pub(super) colour: [f64; 3],
     /// Where it is a surfel of a surface: whose depth, or weight, is the same from every side.
     pub(super) plane: Option<Plane>,
+    /// Planes of the domain that it is cut at.
+    edges: [(DVec3, f64); MOST_EDGES],
 }
 
 /// A kernel along one ray: optical depth tau, spread as a Gaussian of mean and standard
@@ -72,12 +79,23 @@ pub(super) struct Segment {
     pub(super) mean: f64,
     pub(super) sigma: f64,
     pub(super) colour: [f64; 3],
+    /// Where the ray enters the kernel's domain and leaves it; infinite where nothing cuts it.
+    pub(super) domain: [f64; 2],
 }
 
-/// The particles of a scene that have a mass or an area and finite numbers.
-pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
+/// The particles of a scene that have a mass or an area and finite numbers; their pieces where kernels are
+/// classified over their extents.
+pub(super) fn particles(scene: &[PointVolume], classification: Classification) -> Vec<Particle> {
     let mut out = Vec::new();
     for volume in scene {
+        let faces = faces(volume);
+        let bounded = volume.boundary.is_some();
+        let with_ghosts = bounded.then(|| volume.clone().with_ghosts());
+        let volume = with_ghosts.as_ref().unwrap_or(volume);
+        let field = match classification {
+            Classification::Extent => FieldOf::new(volume),
+            Classification::Particle => None,
+        };
         let classes = volume
             .values
             .as_ref()
@@ -95,12 +113,40 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
             }
         );
         let class = |i: usize| classes.map_or([0.0; 4], |(v, t)| t.classify(v.get(i)));
+        let colour_of = |i: usize, class: [f32; 3]| match &volume.colour {
+            Colour::Classified => class,
+            Colour::PerParticle(colours) => colours[i],
+            Colour::Uniform(colour) => *colour,
+            Colour::Harmonics { .. } => [0.0; 3],
+        };
         for i in 0..volume.particles.len() {
-            let class = class(i);
             let (position, factor, cell_volume) = volume.particles.shape(i);
+            if let (Some(field), Strength::Classified { volumes }) = (&field, &volume.strength) {
+                let cell = volumes.get(i).map_or(cell_volume, |&v| f64::from(v));
+                // The particle's own planes cut all its pieces.
+                let edges = edges(volume, &faces, i, position);
+                field.pieces(i, |piece| {
+                    let colour = colour_of(i, piece.colour);
+                    let (position, factor) = piece.of(position, factor);
+                    let mass = piece.extinction * cell;
+                    if mass > 0.0 && mass.is_finite() && position.is_finite() && factor.is_finite()
+                    {
+                        out.push(Particle {
+                            position,
+                            factor,
+                            mass,
+                            colour: colour.map(f64::from),
+                            plane: None,
+                            edges,
+                        });
+                    }
+                });
+                continue;
+            }
+            let [r, g, b, extinction] = class(i);
             let mass = match &volume.strength {
                 Strength::Classified { volumes } => {
-                    f64::from(class[3]) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
+                    f64::from(extinction) * volumes.get(i).map_or(cell_volume, |&v| f64::from(v))
                 }
                 Strength::Mass(masses)
                 | Strength::Surface(masses)
@@ -108,12 +154,7 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                 // `Integrator::new` refuses these.
                 Strength::PeakOpacity { .. } => 0.0,
             };
-            let colour = match &volume.colour {
-                Colour::Classified => [class[0], class[1], class[2]],
-                Colour::PerParticle(colours) => colours[i],
-                Colour::Uniform(colour) => *colour,
-                Colour::Harmonics { .. } => [0.0; 3],
-            };
+            let colour = colour_of(i, [r, g, b]);
             let is_finite = position.is_finite()
                 && factor.is_finite()
                 && mass.is_finite()
@@ -127,9 +168,55 @@ pub(super) fn particles(scene: &[PointVolume]) -> Vec<Particle> {
                     mass,
                     colour,
                     plane,
+                    edges: edges(volume, &faces, i, position),
                 });
             }
         }
+    }
+    out
+}
+
+/// No plane.
+const NO_EDGE: (DVec3, f64) = (DVec3::ZERO, 0.0);
+
+/// The faces of the box of a lattice's samples: unit normals into it, and a point of each.
+fn faces(volume: &PointVolume) -> Vec<(DVec3, DVec3)> {
+    let (Some(Boundary::Lattice), Particles::Lattice { lattice, .. }) =
+        (&volume.boundary, &volume.particles)
+    else {
+        return Vec::new();
+    };
+    let step = lattice.step([0; 3]);
+    let last = lattice.dims.map(|n| n.saturating_sub(1));
+    let ends = [lattice.position([0; 3]), lattice.position(last)];
+    (0..3)
+        .filter(|&a| lattice.dims[a] > 1)
+        .flat_map(|a| {
+            let across = step.col((a + 1) % 3).cross(step.col((a + 2) % 3));
+            let normal = across.normalize_or_zero() * step.col(a).dot(across).signum();
+            [(normal, ends[0]), (-normal, ends[1])]
+        })
+        .collect()
+}
+
+/// The planes that cut a particle, and how far it lies inside.
+fn edges(
+    volume: &PointVolume,
+    faces: &[(DVec3, DVec3)],
+    i: usize,
+    position: DVec3,
+) -> [(DVec3, f64); MOST_EDGES] {
+    let mut out = [NO_EDGE; MOST_EDGES];
+    if let Some(Boundary::Planes(planes)) = &volume.boundary {
+        let own = planes.of(i).into_iter().flatten();
+        let own = own.filter(|edge| edge[3] < f32::INFINITY);
+        for (out, &[x, y, z, inside]) in out.iter_mut().zip(own) {
+            let normal = DVec3::new(x.into(), y.into(), z.into());
+            *out = (normal, inside.into());
+        }
+    }
+    for (out, (normal, point)) in out.iter_mut().zip(faces) {
+        *out = (*normal, normal.dot(position - *point));
     }
     out
 }
@@ -172,6 +259,11 @@ impl Kernel {
             plane: particle.plane.map(|plane| Plane {
                 normal: camera.camera_from_world * plane.normal,
                 ..plane
+            }),
+            edges: particle.edges.map(|(normal, inside)| {
+                // Relative to the eye.
+                let normal = camera.camera_from_world * normal;
+                (normal, inside - normal.dot(centre))
             }),
         }
     }
@@ -232,7 +324,14 @@ impl Kernel {
             mean,
             sigma,
             colour: self.colour,
+            domain: self.domain(origin, direction),
         })
+    }
+
+    /// Between which distances a ray lies inside the planes that cut the kernel.
+    fn domain(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+        let [from, to] = between(&self.edges, origin, direction, f64::NEG_INFINITY);
+        [from, to.max(from)]
     }
 }
 

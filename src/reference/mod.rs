@@ -16,6 +16,10 @@
 //! weight times their optical depth. Planes that clip cut the ray; where there are any, surfels of one
 //! side are seen from both.
 //!
+//! What kernels stand for has a truth of its own: [`DataIntegrator`] integrates the field of a grid
+//! itself, interpolated between its samples. Rays, the pixel's filter and the planes that clip are the
+//! same.
+//!
 //! What it leaves out: a rod or a point (a variance of rank one or none) has no line integral, and
 //! its true image is empty, because almost no ray meets it; [`PixelFilter::Kernels`] gives it the
 //! width of the pixel's filter and shows it. Splats of radiance fields are refused: their opacity
@@ -34,7 +38,9 @@
 //!     colour: Colour::Uniform([1.0; 3]),
 //!     values: None,
 //!     transfer_function: None,
+//!     boundary: None,
 //!     normals: None,
+//!     local_models: None,
 //! };
 //! let camera =
 //!     Camera::perspective(DVec3::new(0.0, -10.0, 0.0), DVec3::ZERO, DVec3::Z, 40.0, [16, 16]);
@@ -54,25 +60,33 @@
     reason = "pixels and levels are small; colours are narrowed on purpose"
 )]
 
+mod data;
 mod gauss_kronrod;
 mod kernel;
+pub mod lobe;
+mod piece;
 mod pixel;
 mod ray;
+mod sight;
 mod surface;
 mod traversal;
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::scene::{Colour, PointVolume, Strength};
+use crate::scene::{Classification, Colour, PointVolume, Strength};
 use crate::task::Task;
-use crate::view::{Camera, ClipPlane, Projection};
+use crate::view::{Camera, ClipPlane};
 use kernel::{Kernel, Particle, Segment};
+use pixel::{Detail, Rays};
 use ray::Scratch;
+use sight::Sight;
 use surface::Fragment;
 use traversal::Traversal;
 
+pub use data::DataIntegrator;
 pub use ray::RayIntegral;
 
 /// What the pixel's low-pass filter is applied to.
@@ -146,6 +160,14 @@ impl Integrator {
     /// As [`PointVolume::validate`]; splats, which state an opacity and no extinction, and
     /// colours that depend on the view.
     pub fn new(scene: &[PointVolume]) -> Result<Self> {
+        Self::classified(scene, Classification::default())
+    }
+
+    /// As [`Integrator::new`], kernels classified over this part of them.
+    ///
+    /// # Errors
+    /// Those of [`Integrator::new`].
+    pub fn classified(scene: &[PointVolume], classification: Classification) -> Result<Self> {
         for volume in scene {
             volume.validate()?;
             let is_splats = matches!(volume.strength, Strength::PeakOpacity { .. })
@@ -161,7 +183,7 @@ impl Integrator {
             }
         }
         Ok(Self {
-            particles: kernel::particles(scene),
+            particles: kernel::particles(scene, classification),
             clip: Vec::new(),
         })
     }
@@ -194,83 +216,54 @@ impl Integrator {
         check(camera, settings)?;
         let h2 = settings.low_pass_variance_px2;
         let mut view = View::list(self, camera, settings.pixel_filter, h2);
-        view.traversal = Traversal::new(&view.kernels);
-        let mut frame = match settings.pixel_filter {
-            PixelFilter::Image if h2 > 0.0 => pixel::supersampled(&view, settings)?,
-            _ => pixel::sampled(&view, settings)?,
+        view.traversal = {
+            let bounds = |i: usize| (view.kernels[i].centre, view.kernels[i].half_extent());
+            Traversal::new(view.kernels.len(), bounds)
         };
-        if let Some(background) = settings.background {
-            for pixel in &mut frame.pixels {
-                let through = 1.0 - pixel[3];
-                for (channel, b) in pixel.iter_mut().zip(background) {
-                    *channel += through * f64::from(b);
-                }
-                pixel[3] = 1.0;
-            }
-        }
-        for (narrow, wide) in frame.image.pixels.iter_mut().zip(&frame.pixels) {
-            *narrow = wide.map(|c| c as f32);
-        }
-        Ok(frame)
+        pixel::image(&view, settings)
     }
 }
 
 /// The kernels as one camera sees them.
 struct View<'a> {
-    camera: &'a Camera,
-    /// Normals and distances of the planes that clip, camera space.
-    clip: Vec<(DVec3, f64)>,
+    sight: Sight<'a>,
     kernels: Vec<Kernel>,
     traversal: Traversal,
 }
 
 impl<'a> View<'a> {
     fn list(integrator: &Integrator, camera: &'a Camera, filter: PixelFilter, h2: f64) -> Self {
-        let kernels = integrator
+        let kernels: Vec<Kernel> = integrator
             .particles
             .iter()
             .map(|p| Kernel::new(p, camera, filter, h2))
             // A cut shows the inside of what was closed.
             .filter(|k| !integrator.clip.is_empty() || !k.is_turned_away(camera))
             .collect();
-        let planes = integrator.clip.iter();
-        let clip = planes.map(|p| (camera.camera_from_world * p.normal, p.inside(camera.eye)));
         Self {
-            camera,
-            clip: clip.collect(),
+            sight: Sight::new(camera, &integrator.clip),
+            traversal: Traversal::of_all(kernels.len()),
             kernels,
-            traversal: Traversal::new(&[]),
         }
     }
+}
 
-    /// Origin and unit direction of the ray through a place of the image, camera space.
-    fn ray(&self, pixel_px: DVec2) -> (DVec3, DVec3) {
-        let slope = (pixel_px - self.camera.centre_px) / self.camera.focal_px;
-        match self.camera.projection {
-            Projection::Perspective => (DVec3::ZERO, slope.extend(1.0).normalize()),
-            Projection::Orthographic => (slope.extend(0.0), DVec3::Z),
-        }
+impl Rays for View<'_> {
+    type Scratch = Scratch;
+
+    fn camera(&self) -> &Camera {
+        self.sight.camera
     }
 
     fn integrate(&self, pixel_px: DVec2, error: f64, scratch: &mut Scratch) -> RayIntegral {
-        let (origin, direction) = self.ray(pixel_px);
+        let (origin, direction) = self.sight.ray(pixel_px);
         scratch.segments.clear();
-        let (mut near, mut far) = (0.0_f64, f64::INFINITY);
-        for &(normal, distance) in &self.clip {
-            let (rate, start) = (normal.dot(direction), normal.dot(origin) + distance);
-            if rate > 0.0 {
-                near = near.max(-start / rate);
-            } else if rate < 0.0 {
-                far = far.min(-start / rate);
-            } else if start < 0.0 {
-                far = 0.0;
-            }
-        }
-        if !(near < far) {
+        let Some([near, far]) = self.sight.span(origin, direction) else {
             return RayIntegral::default();
-        }
+        };
         scratch.fragments.clear();
-        self.traversal.each(&self.kernels, origin, direction, |k| {
+        self.traversal.each(origin, direction, |i| {
+            let k = &self.kernels[i];
             let Some(segment) = k.along(origin, direction) else {
                 return;
             };
@@ -286,10 +279,24 @@ impl<'a> View<'a> {
                     });
                 }
             } else {
-                scratch.segments.push(Segment { mean, ..segment });
+                let domain = segment.domain.map(|t| t - near);
+                if domain[0] < domain[1] {
+                    scratch.segments.push(Segment {
+                        mean,
+                        domain,
+                        ..segment
+                    });
+                }
             }
         });
         ray::integrate(scratch, far - near, error)
+    }
+
+    fn details(&self, settings: &ReferenceSettings) -> Vec<Detail> {
+        let kernels = self.kernels.par_iter();
+        kernels
+            .filter_map(|k| Detail::of(k, self.sight.camera, settings))
+            .collect()
     }
 }
 

@@ -12,12 +12,12 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::kernel::{Kernel, REACH};
-use super::ray::Scratch;
-use super::{ReferenceFrame, ReferenceSettings, View};
+use super::ray::RayIntegral;
+use super::{PixelFilter, ReferenceFrame, ReferenceSettings};
 use crate::error::Result;
 use crate::image::Image;
 use crate::task::Stage;
-use crate::view::Projection;
+use crate::view::{Camera, Projection};
 
 /// What the stage is called.
 const STAGE: &str = "integrating";
@@ -33,13 +33,48 @@ const TAIL_SHARE: f64 = 0.1;
 /// at 4096 rays per pixel) and the margin around it, which is sampled for its sake alone.
 const REGION: usize = 128;
 
+/// What brings light along rays to a camera.
+pub(super) trait Rays: Sync {
+    /// Memory that rays share.
+    type Scratch: Default;
+
+    fn camera(&self) -> &Camera;
+
+    /// What the ray through a place of the image brings to the eye, to about `error`.
+    fn integrate(&self, pixel_px: DVec2, error: f64, scratch: &mut Self::Scratch) -> RayIntegral;
+
+    /// What the first lattices of samples may miss.
+    fn details(&self, settings: &ReferenceSettings) -> Vec<Detail>;
+}
+
+/// The image that `settings` ask for, over their background.
+pub(super) fn image<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
+    let mut frame = match settings.pixel_filter {
+        PixelFilter::Image if settings.low_pass_variance_px2 > 0.0 => supersampled(view, settings)?,
+        _ => sampled(view, settings)?,
+    };
+    if let Some(background) = settings.background {
+        for pixel in &mut frame.pixels {
+            let through = 1.0 - pixel[3];
+            for (channel, b) in pixel.iter_mut().zip(background) {
+                *channel += through * f64::from(b);
+            }
+            pixel[3] = 1.0;
+        }
+    }
+    for (narrow, wide) in frame.image.pixels.iter_mut().zip(&frame.pixels) {
+        *narrow = wide.map(|c| c as f32);
+    }
+    Ok(frame)
+}
+
 /// One ray through the centre of each pixel.
-pub(super) fn sampled(view: &View<'_>, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
-    let (width, height) = (view.camera.width, view.camera.height);
+fn sampled<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
+    let (width, height) = (view.camera().width, view.camera().height);
     let stage = Stage::new(settings.task.as_ref(), STAGE, height);
     let rows: Vec<Vec<_>> = (0..height)
         .into_par_iter()
-        .map_init(Scratch::default, |scratch, y| {
+        .map_init(R::Scratch::default, |scratch, y| {
             let row = (0..width)
                 .take_while(|_| stage.goes_on())
                 .map(|x| {
@@ -73,20 +108,13 @@ fn blank(width: usize, height: usize) -> ReferenceFrame {
 }
 
 /// The filtered image, region by region.
-pub(super) fn supersampled(
-    view: &View<'_>,
-    settings: &ReferenceSettings,
-) -> Result<ReferenceFrame> {
-    let (width, height) = (view.camera.width, view.camera.height);
+fn supersampled<R: Rays>(view: &R, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
+    let (width, height) = (view.camera().width, view.camera().height);
     let stage = Stage::new(settings.task.as_ref(), STAGE, 1000);
     let mut frame = blank(width, height);
     let columns = width.div_ceil(REGION);
     let regions = columns * height.div_ceil(REGION);
-    let details: Vec<Detail> = view
-        .kernels
-        .par_iter()
-        .filter_map(|k| Detail::of(k, view, settings))
-        .collect();
+    let details = view.details(settings);
     for r in 0..regions {
         let first = [r % columns * REGION, r / columns * REGION];
         let size = [
@@ -107,8 +135,8 @@ pub(super) fn supersampled(
     Ok(frame)
 }
 
-/// A kernel smaller than the spacing of the first lattices.
-struct Detail {
+/// A kernel, or anything else, smaller than the spacing of the first lattices.
+pub(super) struct Detail {
     centre_px: DVec2,
     /// Half the size of the box of pixels that it changes.
     half_px: DVec2,
@@ -120,8 +148,11 @@ struct Detail {
 
 impl Detail {
     /// `None` where even the coarsest lattice resolves the kernel, or it is not seen.
-    fn of(kernel: &Kernel, view: &View<'_>, settings: &ReferenceSettings) -> Option<Self> {
-        let camera = view.camera;
+    pub(super) fn of(
+        kernel: &Kernel,
+        camera: &Camera,
+        settings: &ReferenceSettings,
+    ) -> Option<Self> {
         let (centre_px, across) = match camera.projection {
             Projection::Orthographic => {
                 let centre = camera.focal_px * kernel.centre.truncate() + camera.centre_px;
@@ -175,6 +206,30 @@ impl Detail {
             half_px,
             level,
             weight,
+        })
+    }
+
+    /// Everything there is to see, where it lies within a ball, camera space; `None` where the
+    /// coarsest lattice does not miss it.
+    pub(super) fn of_ball(
+        centre: DVec3,
+        radius: f64,
+        camera: &Camera,
+        settings: &ReferenceSettings,
+    ) -> Option<Self> {
+        let depth = match camera.projection {
+            Projection::Orthographic => 1.0,
+            // Nearer than its own size it fills the image.
+            Projection::Perspective if centre.z <= 2.0 * radius => return None,
+            Projection::Perspective => centre.z,
+        };
+        let half_px = radius / depth * camera.focal_px;
+        let level = level_for(half_px.min_element());
+        (level > 0).then(|| Self {
+            centre_px: camera.focal_px * centre.truncate() / depth + camera.centre_px,
+            half_px: half_px + filter_reach(settings),
+            level,
+            weight: 1.0,
         })
     }
 }
@@ -363,7 +418,7 @@ impl Region {
     /// Adds lattices until all pixels stay where they are; returns the number of rays.
     ///
     /// - `goes_on`: is told how much is done, 0 to 1, and whether the rest is still wanted.
-    fn sample(&mut self, view: &View<'_>, goes_on: &(dyn Fn(f64) -> bool + Sync)) -> u64 {
+    fn sample<R: Rays>(&mut self, view: &R, goes_on: &(dyn Fn(f64) -> bool + Sync)) -> u64 {
         let mut rays = 0;
         for level in 0..=self.last_level {
             let needed = self.needed_cells();
@@ -371,7 +426,7 @@ impl Region {
             let (count, done) = (rows.end - rows.start, AtomicI64::new(0));
             let lines: Vec<Line> = rows
                 .into_par_iter()
-                .map_init(Scratch::default, |scratch, n| {
+                .map_init(R::Scratch::default, |scratch, n| {
                     let part = done.fetch_add(1, Ordering::Relaxed) as f64 / count as f64;
                     // Nobody knows how many lattices follow: each gets half of what is left.
                     goes_on(1.0 - 0.5_f64.powf(f64::from(level) + part))
@@ -427,13 +482,13 @@ impl Region {
     }
 
     /// Integrates the rays of one row where they are needed.
-    fn line(
+    fn line<R: Rays>(
         &self,
-        view: &View<'_>,
+        view: &R,
         level: u32,
         n: i64,
         needed: &[bool],
-        scratch: &mut Scratch,
+        scratch: &mut R::Scratch,
     ) -> Line {
         let (y, offset, spacing) = lattice_row(level, n);
         let m = self.margin + 1;

@@ -10,7 +10,8 @@ use crate::math::normal_density_and_cdf;
 pub struct RayIntegral {
     /// Red, green, blue, premultiplied, and opacity.
     pub rgba: [f64; 4],
-    /// Estimated error of red, green and blue; the opacity is exact to rounding.
+    /// Estimated error of red, green and blue. The opacity of kernels is exact to rounding; that of a
+    /// field is as right as the colours.
     pub error: f64,
 }
 
@@ -26,6 +27,10 @@ struct Active {
 #[derive(Debug, Clone, Copy, Default)]
 struct Lanes {
     mean: [f64; LANES],
+    /// Where the kernels' domains begin and end.
+    domain: [[f64; LANES]; 2],
+    /// The shares that lie before their beginnings.
+    before: [f64; LANES],
     inverse_sigma: [f64; LANES],
     tau: [f64; LANES],
     colour: [[f64; LANES]; 3],
@@ -135,7 +140,8 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
     let mut far_end = 0.0_f64;
     for (i, s) in segments.iter().enumerate() {
         if s.sigma <= SHEET * s.mean.abs() {
-            if s.mean > 0.0 && s.mean < end {
+            let [from, to] = s.domain;
+            if s.mean > 0.0 && s.mean < end && from <= s.mean && s.mean < to {
                 sheets.push(*s);
                 events.push((s.mean, 0.0));
                 total_depth += s.tau;
@@ -143,14 +149,14 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
             }
             continue;
         }
-        let (_, [share_behind, up_to_end]) =
-            normal_density_and_cdf([-s.mean / s.sigma, (end - s.mean) / s.sigma]);
+        let share_at = |t: f64| (t.clamp(s.domain[0], s.domain[1]) - s.mean) / s.sigma;
+        let (_, [share_behind, up_to_end]) = normal_density_and_cdf([share_at(0.0), share_at(end)]);
         total_depth += s.tau * (up_to_end - share_behind);
         if s.tau <= least_depth {
             continue;
         }
         let reach = (2.0 * (s.tau / least_depth).ln()).sqrt().min(LONGEST_REACH) * s.sigma;
-        behind += s.tau * share_behind;
+        behind += s.tau * (share_behind - s.share_before());
         starts.push((s.mean - reach, i));
         far_end = far_end.max(s.mean + reach);
         for e in EVENTS {
@@ -160,6 +166,9 @@ fn integrate_inlined(scratch: &mut Scratch, end: f64, error: f64) -> RayIntegral
             }
         }
         events.push((s.mean + reach, s.sigma));
+        // Where the extinction jumps.
+        let jumps = s.domain.into_iter().filter(|t| t.is_finite() && *t > 0.0);
+        events.extend(jumps.map(|t| (t, 0.0)));
     }
     let opacity = -(-total_depth).exp_m1();
     let mut out = RayIntegral {
@@ -238,13 +247,29 @@ const SHEET: f64 = 1e-12;
 /// Standard deviations beyond which the normal distribution is constant in f64.
 const LONGEST_REACH: f64 = 8.5;
 
+impl Segment {
+    /// The share of the whole kernel that lies up to a place of the ray.
+    fn share_up_to(&self, t: f64) -> f64 {
+        if t.is_infinite() {
+            return if t > 0.0 { 1.0 } else { 0.0 };
+        }
+        normal_density_and_cdf([(t - self.mean) / self.sigma]).1[0]
+    }
+
+    /// That which lies before its domain.
+    fn share_before(&self) -> f64 {
+        self.share_up_to(self.domain[0])
+    }
+}
+
 impl Lanes {
     /// How many standard deviations `t` lies beyond each mean.
     #[inline(always)]
     fn normalised(&self, t: f64) -> [f64; LANES] {
         let mut z = self.mean;
-        for (z, inverse) in z.iter_mut().zip(self.inverse_sigma) {
-            *z = (t - *z) * inverse;
+        let [from, to] = &self.domain;
+        for (l, z) in z.iter_mut().enumerate() {
+            *z = (t.max(from[l]).min(to[l]) - *z) * self.inverse_sigma[l];
         }
         z
     }
@@ -265,7 +290,7 @@ impl Active {
         self.segments.retain(|s| {
             let ends = s.mean + LONGEST_REACH * s.sigma <= t;
             if ends {
-                depth += s.tau;
+                depth += s.tau * (s.share_up_to(s.domain[1]) - s.share_before());
             }
             !ends
         });
@@ -274,6 +299,8 @@ impl Active {
             let mut lanes = Lanes::default();
             for (l, s) in chunk.iter().enumerate() {
                 lanes.mean[l] = s.mean;
+                lanes.before[l] = s.share_before();
+                (lanes.domain[0][l], lanes.domain[1][l]) = (s.domain[0], s.domain[1]);
                 lanes.inverse_sigma[l] = 1.0 / s.sigma;
                 lanes.tau[l] = s.tau;
                 for (channel, c) in lanes.colour.iter_mut().zip(s.colour) {
@@ -292,7 +319,7 @@ impl Active {
         for lanes in &self.lanes {
             let (_, cdf) = normal_density_and_cdf(lanes.normalised(t));
             for l in 0..LANES {
-                depth[l] += lanes.tau[l] * cdf[l];
+                depth[l] += lanes.tau[l] * (cdf[l] - lanes.before[l]);
             }
         }
         depth.iter().sum()
@@ -307,8 +334,10 @@ impl Active {
             let mut extinction = [0.0; LANES];
             let (density, cdf) = normal_density_and_cdf(lanes.normalised(t));
             for l in 0..LANES {
-                depth[l] += lanes.tau[l] * cdf[l];
-                extinction[l] = lanes.tau[l] * lanes.inverse_sigma[l] * density[l];
+                depth[l] += lanes.tau[l] * (cdf[l] - lanes.before[l]);
+                let is_inside = lanes.domain[0][l] <= t && t < lanes.domain[1][l];
+                let tau = if is_inside { lanes.tau[l] } else { 0.0 };
+                extinction[l] = tau * lanes.inverse_sigma[l] * density[l];
                 sums[3][l] += extinction[l];
             }
             for (sum, colour) in sums.iter_mut().zip(&lanes.colour) {

@@ -1,4 +1,4 @@
-//! Which kernels a ray meets.
+//! Which boxes a ray meets.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -6,38 +6,45 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::ray::Ray;
 
-use super::kernel::Kernel;
-
-/// Below this many kernels a list is as fast as a tree.
+/// Below this many boxes a list is as fast as a tree.
 const LIST_LENGTH: usize = 64;
 
-/// A BVH over the boxes of the kernels' reach, camera space.
+/// A BVH over boxes around the reach of kernels or around cells.
+#[derive(Clone)]
 pub(super) struct Traversal {
     /// `None`: few enough to try all.
     bvh: Option<Bvh2>,
+    count: usize,
     /// obvhs works in f32: a unit scene, so that nothing overflows or vanishes.
     scale: f64,
 }
 
 impl Traversal {
-    pub(super) fn new(kernels: &[Kernel]) -> Self {
-        let mut all = Self {
+    /// Of `count` boxes that are all tried.
+    pub(super) fn of_all(count: usize) -> Self {
+        Self {
             bvh: None,
+            count,
             scale: 1.0,
-        };
-        if kernels.len() <= LIST_LENGTH {
+        }
+    }
+
+    /// Of `count` boxes, each by its centre and half its size.
+    pub(super) fn new(count: usize, bounds: impl Fn(usize) -> (DVec3, DVec3)) -> Self {
+        let mut all = Self::of_all(count);
+        if count <= LIST_LENGTH {
             return all;
         }
-        let corner = |k: &Kernel| (k.centre.abs() + k.half_extent()).max_element();
-        let widest = kernels.iter().map(corner).fold(0.0, f64::max);
+        let corner = |(centre, half): (DVec3, DVec3)| (centre.abs() + half).max_element();
+        let widest = (0..count).map(|i| corner(bounds(i))).fold(0.0, f64::max);
         if !(widest > 0.0 && widest.is_finite()) {
             return all;
         }
         all.scale = 1.0 / widest;
-        let boxes: Vec<Aabb> = kernels
-            .iter()
-            .map(|k| {
-                let (centre, half) = (k.centre * all.scale, k.half_extent() * all.scale);
+        let boxes: Vec<Aabb> = (0..count)
+            .map(|i| {
+                let (centre, half) = bounds(i);
+                let (centre, half) = (centre * all.scale, half * all.scale);
                 // f32 rounds corners and directions by 1e-7 of the distance.
                 let half = half + (centre.abs() + half).max_element() * ROUNDING;
                 let corner = |v: DVec3| Vec3A::from(v.as_vec3());
@@ -55,22 +62,16 @@ impl Traversal {
         all
     }
 
-    /// Calls `meet` with every kernel whose box the ray meets, and with some whose it does not.
-    pub(super) fn each<'k>(
-        &self,
-        kernels: &'k [Kernel],
-        origin: DVec3,
-        direction: DVec3,
-        mut meet: impl FnMut(&'k Kernel),
-    ) {
+    /// Calls `meet` with every box that the ray meets, and with some that it does not.
+    pub(super) fn each(&self, origin: DVec3, direction: DVec3, mut meet: impl FnMut(usize)) {
         let Some(bvh) = &self.bvh else {
-            kernels.iter().for_each(meet);
+            (0..self.count).for_each(meet);
             return;
         };
         let narrow = |v: DVec3| Vec3A::from(v.as_vec3());
         let ray = Ray::new_inf(narrow(origin * self.scale), narrow(direction));
         bvh.ray_traverse_anyhit(ray, |_, i| {
-            meet(&kernels[bvh.primitive_indices[i] as usize]);
+            meet(bvh.primitive_indices[i] as usize);
         });
     }
 }

@@ -26,6 +26,7 @@ mod uniforms;
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 #[cfg(feature = "gpu")]
 pub use crate::gpu::{AdapterChoice, Gpu, device_descriptor};
+pub use crate::scene::Classification;
 pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::stats::{FrameCounts, StageTimes};

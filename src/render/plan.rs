@@ -6,7 +6,7 @@ use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, vi
 use crate::blocks::{BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval};
 use crate::error::Result;
 use crate::record::{ChoiceUniform, LightingUniform, ViewUniform};
-use crate::scene::TransferFunction;
+use crate::scene::{Classification, TransferFunction};
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};
 use crate::task::Task;
@@ -102,6 +102,9 @@ impl FramePlan {
         let layers = layers.transpose()?;
         let surfaces = scene.data().filter(|v| v.is_surface()).count();
         let lighting = lighting_uniform(camera, settings);
+        // Where no kernel is too wide for its value alone, nothing is asked for.
+        let by_extent = settings.classify == Classification::Extent
+            && scene.data().any(|volume| volume.lobes.is_some());
         let shared = Axes {
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
@@ -149,6 +152,7 @@ impl FramePlan {
                         (false, true) => Interval::Planes,
                         (false, false) => Interval::All,
                     },
+                    edges: scene.data().any(BlockedVolume::has_boundary),
                     accumulate: settings.composite.accumulate(),
                     classify,
                     ..shared
@@ -177,7 +181,10 @@ impl FramePlan {
         Ok(Self {
             frustum: frustum(camera, low_pass).clipped(planes),
             culls: settings.filter != Filter::UniformScaling,
-            choice: choice_uniform(camera, settings),
+            choice: ChoiceUniform {
+                by_extent: u32::from(by_extent),
+                ..choice_uniform(camera, settings)
+            },
             lighting,
             background: settings.shown_background(),
             depth: settings.depth,
@@ -212,6 +219,7 @@ impl FramePlan {
                 } else {
                     Interval::Planes
                 },
+                edges: scene.data().any(BlockedVolume::has_boundary),
                 accumulate: Accumulate::Column,
                 ..Axes::default()
             },
@@ -280,9 +288,9 @@ fn amplitudes(
         Projection::Perspective => {
             let blocks = scene.data().flat_map(|volume| &volume.blocks);
             let farthest = blocks
-                .filter(|block| cull_by.is_none_or(|frustum| frustum.sees(camera, block)))
+                .filter(|block| cull_by.is_none_or(|frustum| frustum.sees(camera, block, false)))
                 .map(|block| {
-                    let (distance, radius) = distance_interval(camera, block);
+                    let (distance, radius) = distance_interval(camera, block, false);
                     distance + radius
                 })
                 .fold(0.0, f64::max);

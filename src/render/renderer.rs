@@ -6,7 +6,12 @@ use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images};
 use super::check::{check, check_scene};
 use super::plan::FramePlan;
 use super::settings::Settings;
-use crate::blocks::{AmplitudeSummary, BlockedScene, BlockedVolume, Layers, SceneOptions};
+use crate::blocks::{
+    AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers, SceneOptions,
+};
+use crate::constants::{
+    DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
+};
 use crate::cpu::CpuFrames;
 use crate::error::Result;
 #[cfg(feature = "gpu")]
@@ -196,7 +201,9 @@ impl Renderer {
     ///     colour: Colour::Classified,
     ///     values: Some(Values::F32(vec![0.1; 9])),
     ///     transfer_function: Some(grey),
+    ///     boundary: None,
     ///     normals: None,
+    ///     local_models: None,
     /// };
     /// let options = SceneOptions { keep_shapes: true, ..SceneOptions::default() };
     /// let mut renderer = Renderer::with_options(vec![volume], &options)?;
@@ -325,6 +332,24 @@ impl Renderer {
     /// What each volume of the scene requires.
     pub fn requirements(&self) -> &[Requirements] {
         self.scene.requirements()
+    }
+
+    /// The variance of the low-pass filter \[px²\] that suits what the scene shows: what is nearest to the
+    /// data of volumes with a field, a little more for bare particles, and the papers' 1, with which nothing
+    /// ripples, where there are surfels, whose edges it softens.
+    ///
+    /// [`Settings::default`] has 1, whatever the scene.
+    pub fn suitable_low_pass_px2(&self) -> f32 {
+        let is_flat = |volume: &BlockedVolume| {
+            volume.is_of_splats() || matches!(volume.particles, BlockedParticles::Surfels { .. })
+        };
+        if self.scene.data().any(is_flat) {
+            DEFAULT_LOW_PASS_VARIANCE_PX2
+        } else if self.scene.data().all(BlockedVolume::may_have_pieces) {
+            FIELD_LOW_PASS_VARIANCE_PX2
+        } else {
+            PARTICLE_LOW_PASS_VARIANCE_PX2
+        }
     }
 
     /// Middles and half extents of the boxes that hold what is visible, for fitting a camera;

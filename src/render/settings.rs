@@ -1,7 +1,7 @@
 //! How a frame is drawn, as the caller says it.
 
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
-use crate::scene::Lighting;
+use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
 use crate::splat::Filter;
 use crate::task::Task;
@@ -31,6 +31,8 @@ pub struct Settings {
     pub linear_opacity: bool,
     /// How kernels that lie behind one another become a picture.
     pub composite: Composite,
+    /// Over what part of a kernel the transfer function is asked.
+    pub classify: Classification,
     /// Planes that keep one side of everything that is drawn; eight at most.
     pub clip: Vec<ClipPlane>,
     /// Variance of the low-pass filter, px²; splats that state their opacity have their own.
@@ -73,6 +75,7 @@ impl Default for Settings {
             show: Show::Scene,
             linear_opacity: false,
             composite: Composite::Over,
+            classify: Classification::Extent,
             clip: Vec::new(),
             low_pass_variance_px2: DEFAULT_LOW_PASS_VARIANCE_PX2,
             cutoff: None,

@@ -122,6 +122,9 @@ pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
                 && settings.level_of_detail
                 && !settings.composite.accumulate().cuts_slabs(),
         ),
+        // The plan knows what the scene asks for.
+        by_extent: 0,
+        unused: 0,
     }
 }
 

@@ -18,19 +18,24 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::blanking::Blanking;
+use super::incidence::CellsAround;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
+use super::local_models;
 use super::neighbours::square;
-use super::polyhedron::polyhedron_faces;
 use super::positions::{is_same, sort_by_position};
+use super::sharp::apply;
+use super::sharp_cells::sharp_cells;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
-    nothing_left, take_scalar,
+    keep, nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, CellKind, CellMesh, Dataset, Geometry};
+use crate::io::{
+    Association, Blanking, CellKind, CellMesh, Dataset, Geometry, Handedness, polyhedron_faces,
+};
 use crate::math::factor_of_variance;
+use crate::scene::LocalModels;
 use crate::task::{Stage, Task};
 
 /// A cell is degenerate if its volume is below this share of its longest extent cubed: a sheet a
@@ -238,7 +243,7 @@ fn faces_are_of_one_sense(entries: &[u32]) -> bool {
 /// Nodes at one position (where the pieces of a parallel file meet, or in meshes that share none)
 /// have one dual cell, of which each keeps its own share of the volume: kernels of the same shape
 /// at the same place.
-struct Duals {
+pub(super) struct Duals {
     /// Of the first node at each position, the whole dual cell's.
     moments: Vec<Moments>,
     /// The first node at the position of each; empty where no two are at one.
@@ -247,10 +252,6 @@ struct Duals {
     shares: Vec<f64>,
     /// For each cell kind, which way its cells are numbered.
     handedness: [Handedness; 256],
-}
-
-fn is_solid(kind: CellKind) -> bool {
-    kind.faces().is_some() || kind == CellKind::POLYHEDRON
 }
 
 /// Six times the volume of a cell of fixed shape with its sign, its faces cut into triangles:
@@ -269,38 +270,6 @@ fn rough_volume(mesh: &CellMesh, cell: usize) -> f64 {
     });
     fans.map(|(a, b, c)| corner(a).dot(corner(b).cross(corner(c))))
         .sum()
-}
-
-/// Which way the cells of a kind are numbered.
-#[derive(Clone, Copy)]
-enum Handedness {
-    /// All but a few as VTK has it, or all but a few the other way: a mirrored mesh is none the
-    /// worse, and the few are inverted.
-    One(f64),
-    /// Both ways: whoever made the cells (a Delaunay program, a cutter) did not care, and none is
-    /// inverted.
-    Any,
-}
-
-impl Handedness {
-    fn of([positive, negative]: [usize; 2]) -> Self {
-        /// Fewer than one in twenty are mistakes.
-        const MISTAKES: usize = 20;
-        let turned = positive.min(negative);
-        // Of a few cells, one may be a mistake all the same.
-        if turned > 1 && MISTAKES * turned >= positive + negative {
-            return Self::Any;
-        }
-        Self::One(if negative > positive { -1.0 } else { 1.0 })
-    }
-
-    /// What makes a sound volume positive.
-    fn sign(self, volume: f64) -> f64 {
-        match self {
-            Self::One(sign) => sign,
-            Self::Any => volume.signum(),
-        }
-    }
 }
 
 /// Longest extent of a cell's box.
@@ -360,7 +329,7 @@ impl Duals {
                     || (Vec::new(), Vec::new()),
                     |(mut parts, mut faults), cell| {
                         let kind = mesh.kinds[cell];
-                        if !is_solid(kind) || blanking.cell(cell) {
+                        if !kind.is_solid() || blanking.cell(cell) {
                             return (parts, faults);
                         }
                         let own = parts.len();
@@ -452,6 +421,27 @@ impl Duals {
         &self.moments[self.first.get(node).map_or(node, |&first| first as usize)]
     }
 
+    /// The first node at a node's position.
+    pub(super) fn first_of(&self, node: u32) -> u32 {
+        self.first.get(node as usize).copied().unwrap_or(node)
+    }
+
+    /// Of a node that has its dual cell for itself: volume, and first and second moments about the node.
+    pub(super) fn cell(&self, node: usize) -> Option<(f64, DVec3, DMat3)> {
+        let moments = self.moments(node);
+        let [xx, xy, xz, yy, yz, zz] = moments.second;
+        let second = DMat3::from_cols(
+            DVec3::new(xx, xy, xz),
+            DVec3::new(xy, yy, yz),
+            DVec3::new(xz, yz, zz),
+        );
+        (self.first.is_empty() && moments.volume > 0.0).then_some((
+            moments.volume,
+            moments.first,
+            second,
+        ))
+    }
+
     /// The volume of a node's share.
     fn share(&self, node: usize) -> f64 {
         let own = self.shares.get(node).copied();
@@ -494,7 +484,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     };
     check_count(&dataset, mesh.nodes.len())?;
     check_count(&dataset, mesh.cell_count())?;
-    if !mesh.kinds.iter().any(|kind| is_solid(*kind)) {
+    if !mesh.kinds.iter().any(|kind| kind.is_solid()) {
         return Err(Error::format(
             &dataset.path,
             "cells",
@@ -522,7 +512,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let higher = mesh
         .kinds
         .iter()
-        .filter(|k| k.is_of_higher_order() && is_solid(**k));
+        .filter(|k| k.is_of_higher_order() && k.is_solid());
     report.note(
         higher.count(),
         "cells",
@@ -565,7 +555,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     } else {
         Kernels::collect(sample_count, &mut report, noun, task, |i| {
             let kind = mesh.kinds[i];
-            if !is_solid(kind) {
+            if !kind.is_solid() {
                 return Err(LeftOut::LowerDimension);
             }
             if blanking.cell(i) {
@@ -589,19 +579,61 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    let normals = options.normals.then(|| {
+    let first = &duals.first;
+    let is_around = options.normals || options.local_models;
+    let around = is_around.then(|| CellsAround::new(mesh, first));
+    let normals = around.as_ref().filter(|_| options.normals).map(|around| {
         // Values belong to nodes, not to the centroids of their dual cells.
         let place = |n: usize| match kernels.kept[n] {
             node if of_nodes => mesh.nodes[node as usize],
             _ => kernels.positions[n],
         };
-        let first = &duals.first;
-        gradient::of_mesh(mesh, first, of_nodes, &kernels.kept, place, values)
+        gradient::of_mesh(mesh, around, first, of_nodes, &kernels.kept, place, values)
+    });
+    let local_models = match around.as_ref().filter(|_| options.local_models) {
+        Some(around) => {
+            let samples = local_models::mesh::SampledMesh {
+                mesh,
+                around,
+                first,
+                of_nodes,
+                kernels: &kernels,
+                values,
+            };
+            let models = local_models::mesh::models(&samples, task)?;
+            Some(LocalModels::new(&models))
+        }
+        None => None,
+    };
+    let changes = (options.is_sharp() && of_nodes).then(|| {
+        let kept = &kernels.kept;
+        let particle = |node: u32| kept.binary_search(&node).ok();
+        let values = keep(taken.values.clone(), kept);
+        let is_drawn = |cell: usize| !blanking.cell(cell);
+        sharp_cells(
+            mesh,
+            &duals,
+            is_drawn,
+            particle,
+            &values,
+            options.kernel_width,
+        )
     });
     // The mesh has done its work.
+    drop(around);
     drop(dataset);
     drop(duals);
     let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
     sampled.volume.normals = normals;
+    sampled.volume.local_models = local_models;
+    if let Some((changes, reentrant)) = changes {
+        let Sampled { volume, report } = &mut sampled;
+        report.note(
+            reentrant,
+            "nodes",
+            "on edges where the boundary goes in: not cut there",
+        );
+        apply(volume, report, changes, options);
+    }
     Ok(sampled)
 }

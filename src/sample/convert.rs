@@ -25,7 +25,7 @@ use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
 use crate::io::{SplatCloud, constant_of_colour};
 use crate::math::{harmonics_count, scales_and_rotation};
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
 /// Standard deviation over spacing at which opaque surfels are written: wider ones stay.
 ///
@@ -87,12 +87,21 @@ struct Splat {
 /// Turns a scene into splats, one for each particle that can be seen.
 ///
 /// # Errors
-/// A volume that is not sound, or nothing that can be seen.
+/// A volume that is not sound, or one of points with a sharp boundary; nothing that can be seen.
 pub fn splat_cloud(volumes: &[PointVolume]) -> Result<(SplatCloud, ConversionReport)> {
     let mut cloud = SplatCloud::default();
     let mut report = ConversionReport::default();
     for volume in volumes {
         volume.validate()?;
+        if let Some(Boundary::Planes(_)) = volume.boundary {
+            return Err(Error::invalid(
+                "scene",
+                "boundary",
+                "volumes whose kernels nothing cuts, as splats are",
+                "one with a sharp boundary",
+                "sample it with BoundaryChoice::Soft",
+            ));
+        }
         let (part, part_report) = of_volume(volume);
         cloud.append(part);
         report.append(part_report);

@@ -19,17 +19,20 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::blanking::Blanking;
 use super::gradient::Samples;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
+use super::local_models;
+use super::sharp::sharpen_grids;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
     take_scalar,
 };
 use crate::error::{Error, Result};
-use crate::io::{Association, CurvilinearBlock, Dataset, Geometry};
+use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
 use crate::math::{lower_factor, normal_code};
+use crate::scene::{LocalModel, LocalModels};
+use crate::task::collect;
 
 /// Where the Gauss points of a cell lie along each index: (1 ± 1/√3) / 2.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -43,25 +46,25 @@ const SEAM_TOLERANCE: f64 = 1e-4;
 const DEGENERATE_VOLUME: f64 = 1e-9;
 
 /// One block.
-struct Grid<'a> {
-    dims: [usize; 3],
-    nodes: &'a [DVec3],
+pub(super) struct Grid<'a> {
+    pub(super) dims: [usize; 3],
+    pub(super) nodes: &'a [DVec3],
     /// Whether the first and the last plane along each index are one.
-    periodic: [bool; 3],
+    pub(super) periodic: [bool; 3],
     /// Sign of the determinant of most of the grid.
-    handedness: f64,
-    blanking: &'a Blanking,
+    pub(super) handedness: f64,
+    pub(super) blanking: &'a Blanking,
     /// Where the grid's nodes and cells begin among those of all blocks.
-    first_node: usize,
-    first_cell: usize,
+    pub(super) first_node: usize,
+    pub(super) first_cell: usize,
 }
 
 /// A kernel before narrowing.
 #[derive(Clone, Copy)]
-struct Part {
-    volume: f64,
-    centroid: DVec3,
-    jacobian: DMat3,
+pub(super) struct Part {
+    pub(super) volume: f64,
+    pub(super) centroid: DVec3,
+    pub(super) jacobian: DMat3,
 }
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -140,20 +143,53 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
+    // The grid of a kept sample, its number there, and the values there.
+    let values = &taken.values;
+    let of_kept = |kernel: usize| {
+        let i = kernels.kept[kernel] as usize;
+        let block = samples.partition_point(|(first, _)| *first <= i) - 1;
+        let (first, grid) = &samples[block];
+        let value = move |local: usize| values.get(first + local);
+        (grid, i - first, value)
+    };
     let normals = options.normals.then(|| {
-        let normal = |&sample: &u32| {
-            let i = sample as usize;
-            let block = samples.partition_point(|(first, _)| *first <= i) - 1;
-            let (first, grid) = &samples[block];
-            let gradient = grid.gradient(taken.association, i - first, |local| {
-                f64::from(taken.values.get(first + local))
-            });
-            normal_code(gradient)
+        let normal = |kernel: usize| {
+            let (grid, sample, value) = of_kept(kernel);
+            let samples = grid.samples(taken.association, value);
+            normal_code(samples.gradient(samples.indices(sample)))
         };
-        kernels.kept.par_iter().map(normal).collect()
+        let count = kernels.kept.len();
+        (0..count).into_par_iter().map(normal).collect()
     });
+    let local_models = if options.local_models {
+        let model = |kernel: usize| {
+            let (grid, sample, value) = of_kept(kernel);
+            let of_grid = local_models::grid::GridKernel {
+                centre: kernels.positions[kernel],
+                factor: kernels.factors[kernel],
+                width: options.kernel_width,
+            };
+            grid.local_model(taken.association, sample, &of_grid, value)
+        };
+        let (task, count) = (options.task.as_ref(), kernels.kept.len());
+        let models = collect(task, local_models::STAGE, count, model)?;
+        Some(LocalModels::new(&models))
+    } else {
+        None
+    };
+    let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
+    let kept = if is_sharp {
+        kernels.kept.clone()
+    } else {
+        Vec::new()
+    };
     let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
     sampled.volume.normals = normals;
+    sampled.volume.local_models = local_models;
+    if is_sharp {
+        let Sampled { volume, report } = &mut sampled;
+        sharpen_grids(volume, report, &samples, &kept, options);
+    }
     Ok(sampled)
 }
 
@@ -234,11 +270,11 @@ impl Grid<'_> {
         counts.inverted += count(&|v| v * self.handedness < 0.0);
     }
 
-    fn node_index(&self, [i, j, k]: [usize; 3]) -> usize {
+    pub(super) fn node_index(&self, [i, j, k]: [usize; 3]) -> usize {
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
+    pub(super) fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
         i + (self.dims[0] - 1) * (j + (self.dims[1] - 1) * k)
     }
 
@@ -294,7 +330,7 @@ impl Grid<'_> {
     }
 
     /// The part of the grid that belongs to a node.
-    fn node_part(&self, index: usize) -> Result<Part, LeftOut> {
+    pub(super) fn node_part(&self, index: usize) -> Result<Part, LeftOut> {
         let [ni, nj, _] = self.dims;
         let ijk = [index % ni, index / ni % nj, index / (ni * nj)];
         if self.blanking.node(self.first_node + index) {
@@ -380,39 +416,66 @@ impl Grid<'_> {
         }
     }
 
-    /// The gradient of a field at one of its samples, `value` by their numbers within the grid.
-    /// Between samples, not at the kernels' centroids: there the chain rule is exact.
-    fn gradient(
+    /// A field's samples, `value` by their numbers within the grid. Gradients are those between
+    /// samples, not at the kernels' centroids: there the chain rule is exact.
+    fn samples(
         &self,
         association: Association,
-        sample: usize,
-        value: impl Fn(usize) -> f64,
-    ) -> DVec3 {
-        let is_node = association == Association::Nodes;
-        let dims = if is_node {
-            self.dims
-        } else {
-            self.dims.map(|n| n - 1)
-        };
-        let index = |[i, j, k]: [usize; 3]| i + dims[0] * (j + dims[1] * k);
-        let at = |ijk: [usize; 3]| {
-            let (is_hidden, position) = if is_node {
-                let node = index(ijk);
-                (self.blanking.node(self.first_node + node), self.nodes[node])
-            } else {
-                let corners = self.cell_corners(ijk);
-                let hidden = self.blanking.cell(self.first_cell + index(ijk));
-                (hidden, corners.iter().sum::<DVec3>() / 8.0)
+        value: impl Fn(usize) -> f32,
+    ) -> Samples<impl Fn([usize; 3]) -> Option<(DVec3, f64)>> {
+        let dims = self.dims_of(association);
+        let at = move |ijk: [usize; 3]| {
+            let position = match association {
+                Association::Nodes => self.nodes[self.node_index(ijk)],
+                Association::Cells => self.cell_corners(ijk).iter().sum::<DVec3>() / 8.0,
             };
-            let value = value(index(ijk));
-            let is_known = !is_hidden && position.is_finite() && value.is_finite();
+            let value = f64::from(self.known(association, ijk, &value));
+            let is_known = position.is_finite() && value.is_finite();
             is_known.then_some((position, value))
         };
         // The last plane of nodes is the first.
         let periods = [0, 1, 2].map(|d| self.periodic[d].then(|| self.dims[d] - 1));
-        let samples = Samples { dims, periods, at };
-        let [ni, nj, _] = dims;
-        samples.gradient([sample % ni, sample / ni % nj, sample / (ni * nj)])
+        Samples { dims, periods, at }
+    }
+
+    fn dims_of(&self, association: Association) -> [usize; 3] {
+        match association {
+            Association::Nodes => self.dims,
+            Association::Cells => self.dims.map(|n| n - 1),
+        }
+    }
+
+    /// The value of a sample, NaN where it is hidden.
+    fn known(
+        &self,
+        association: Association,
+        ijk: [usize; 3],
+        value: impl Fn(usize) -> f32,
+    ) -> f32 {
+        let (index, is_hidden) = match association {
+            Association::Nodes => {
+                let node = self.node_index(ijk);
+                (node, self.blanking.node(self.first_node + node))
+            }
+            Association::Cells => {
+                let cell = self.cell_index(ijk);
+                (cell, self.blanking.cell(self.first_cell + cell))
+            }
+        };
+        if is_hidden { f32::NAN } else { value(index) }
+    }
+
+    /// The local model of a field at one of its samples, `value` by their numbers within the grid.
+    fn local_model(
+        &self,
+        association: Association,
+        sample: usize,
+        kernel: &local_models::grid::GridKernel,
+        value: impl Fn(usize) -> f32,
+    ) -> LocalModel {
+        let samples = self.samples(association, &value);
+        let known = |ijk| self.known(association, ijk, &value);
+        local_models::grid::model(&samples, samples.indices(sample), kernel, known)
     }
 }
 

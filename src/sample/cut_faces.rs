@@ -129,7 +129,9 @@ pub fn cut_faces(volume: &PointVolume, planes: &[ClipPlane]) -> Result<Option<Po
         colour,
         values: Some(values.gather(&indices)),
         transfer_function: volume.transfer_function.clone(),
+        boundary: None,
         normals: None,
+        local_models: None,
     }))
 }
 

@@ -107,7 +107,9 @@ pub(super) fn take_surface(
         colour: volume.colour.clone(),
         values: Some(Values::F32(vec![narrowed(value); count])),
         transfer_function: volume.transfer_function.clone(),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     volume.values = Some(Values::F32(rest));
     Ok(Some(surface))
@@ -168,7 +170,9 @@ mod tests {
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: TransferFunction::named("viridis", &defaults).ok(),
+            boundary: None,
             normals: None,
+            local_models: None,
         };
         (volume, centre)
     }

@@ -14,18 +14,17 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::fit::least_squares;
-use super::index_u32;
+use super::incidence::{CellsAround, first_of, nodes_of};
 use super::neighbours::PointIndex;
-use super::polyhedron::polyhedron_faces;
 use crate::error::Result;
-use crate::io::{CellKind, CellMesh};
+use crate::io::CellMesh;
 use crate::math::normal_code;
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 use crate::task::{Task, collect};
 
 /// Columns of F span space if its determinant is above this share of the product of their lengths:
 /// that of cells sheared to nothing, not of thin ones.
-const SPANNING: f64 = 1e-9;
+pub(super) const SPANNING: f64 = 1e-9;
 
 /// Gives a volume normals where it has values and none yet. Surfels and splats stay as they are.
 pub(super) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<()> {
@@ -72,6 +71,12 @@ pub(super) struct Samples<F> {
 }
 
 impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
+    /// The indices of a sample by its number.
+    pub(super) fn indices(&self, sample: usize) -> [usize; 3] {
+        let [ni, nj, _] = self.dims;
+        [sample % ni, sample / ni % nj, sample / (ni * nj)]
+    }
+
     /// The gradient at a sample; zero where nothing is known of it.
     pub(super) fn gradient(&self, sample: [usize; 3]) -> DVec3 {
         let Some(own) = (self.at)(sample) else {
@@ -103,18 +108,24 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
         least_squares(around)
     }
 
-    fn neighbour(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<(DVec3, f64)> {
+    /// Position and value of the sample some steps away.
+    pub(super) fn neighbour(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<(DVec3, f64)> {
+        (self.at)(self.stepped(sample, steps)?)
+    }
+
+    /// The sample some steps away, fewer along a closed index than it has samples, if there is one.
+    pub(super) fn stepped(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<[usize; 3]> {
         let mut other = sample;
         for axis in 0..3 {
-            let moved = sample[axis].checked_add_signed(steps[axis]);
-            other[axis] = match (moved, self.periods[axis]) {
-                (None, Some(period)) => period - 1,
-                (Some(i), Some(period)) => i % period,
-                (Some(i), None) if i < self.dims[axis] => i,
-                _ => return None,
+            let (own, step) = (sample[axis], steps[axis]);
+            other[axis] = match self.periods[axis] {
+                Some(period) => (own + period).checked_add_signed(step)? % period,
+                None => own
+                    .checked_add_signed(step)
+                    .filter(|&i| i < self.dims[axis])?,
             };
         }
-        (self.at)(other)
+        Some(other)
     }
 }
 
@@ -122,11 +133,13 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
 /// cell (values of nodes) or a node (values of cells): in layers of cells far thinner than wide, the
 /// nearest in space all lie in one direction.
 ///
-/// - `first`: of the nodes at one position the first, for each node; empty where none share any.
+/// - `around`, `first`: which cells meet at each position, and of the nodes at one position the first,
+///   for each node; empty where none share any.
 /// - `of_nodes`: whether samples are nodes; cells otherwise.
 /// - `samples`: which, with their `places`; others count for nothing.
 pub(super) fn of_mesh(
     mesh: &CellMesh,
+    around: &CellsAround,
     first: &[u32],
     of_nodes: bool,
     samples: &[u32],
@@ -142,7 +155,6 @@ pub(super) fn of_mesh(
     for (n, &sample) in samples.iter().enumerate() {
         known[sample as usize] = places(n);
     }
-    let around = CellsAround::new(mesh, first);
     let normal = |&sample: &u32| {
         let own = sample as usize;
         let offset = |other: u32| {
@@ -160,64 +172,6 @@ pub(super) fn of_mesh(
         normal_code(gradient)
     };
     samples.par_iter().map(normal).collect()
-}
-
-fn first_of(first: &[u32], node: u32) -> u32 {
-    first.get(node as usize).copied().unwrap_or(node)
-}
-
-/// The nodes of a cell; of a polyhedron once for each face.
-fn nodes_of(mesh: &CellMesh, cell: usize) -> impl Iterator<Item = u32> {
-    let entries = mesh.cell(cell);
-    let is_polyhedron = mesh.kinds[cell] == CellKind::POLYHEDRON;
-    let (plain, faces) = if is_polyhedron {
-        (&[][..], entries)
-    } else {
-        (entries, &[][..])
-    };
-    let of_faces = polyhedron_faces(faces).flatten();
-    plain.iter().chain(of_faces).copied()
-}
-
-/// Which cells meet at each node.
-struct CellsAround {
-    /// Where the cells of each node begin in `cells`; one more at the end.
-    starts: Vec<usize>,
-    cells: Vec<u32>,
-}
-
-impl CellsAround {
-    fn new(mesh: &CellMesh, first: &[u32]) -> Self {
-        let each = |visit: &mut dyn FnMut(usize, u32)| {
-            let mut last = vec![u32::MAX; mesh.nodes.len()];
-            for cell in 0..mesh.cell_count() {
-                for node in nodes_of(mesh, cell) {
-                    let node = first_of(first, node) as usize;
-                    if last[node] != index_u32(cell) {
-                        last[node] = index_u32(cell);
-                        visit(node, index_u32(cell));
-                    }
-                }
-            }
-        };
-        let mut starts = vec![0; mesh.nodes.len() + 1];
-        each(&mut |node, _| starts[node + 1] += 1);
-        for node in 0..mesh.nodes.len() {
-            starts[node + 1] += starts[node];
-        }
-        let mut next = starts.clone();
-        let mut cells = vec![0; starts[mesh.nodes.len()]];
-        each(&mut |node, cell| {
-            cells[next[node]] = cell;
-            next[node] += 1;
-        });
-        Self { starts, cells }
-    }
-
-    fn of(&self, node: u32) -> &[u32] {
-        let node = node as usize;
-        &self.cells[self.starts[node]..self.starts[node + 1]]
-    }
 }
 
 #[cfg(test)]

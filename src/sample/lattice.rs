@@ -2,14 +2,13 @@
 
 use glam::DVec3;
 
-use super::blanking::Blanking;
 use super::left_out::LeftOut;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
 };
 use crate::error::Result;
-use crate::io::{Association, Dataset, Geometry};
-use crate::scene::{LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Values};
+use crate::io::{Association, Blanking, Dataset, Geometry};
+use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Values};
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
@@ -46,18 +45,29 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         report.leave_out(blank_count, "samples", LeftOut::Blanked.reason());
     }
     let mean_spacing = mean_spacing(&lattice);
+    let dims = lattice.dims;
     let particles = Particles::Lattice {
         lattice,
         kernel_width: options.kernel_width,
     };
-    classified(
+    let mut sampled = classified(
         particles,
         Vec::new(),
         taken.values,
         report,
         mean_spacing,
         options,
-    )
+    )?;
+    if options.is_sharp() && taken.association == Association::Nodes {
+        let on_faces = (0..dims.iter().product()).filter(|n: &usize| {
+            let cell = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+            (0..3).any(|a| dims[a] > 1 && (cell[a] == 0 || cell[a] + 1 == dims[a]))
+        });
+        if options.cuts(&sampled.volume, on_faces) {
+            sampled.volume.boundary = Some(Boundary::Lattice);
+        }
+    }
+    Ok(sampled)
 }
 
 /// The lattice of cell centres. An axis of one node has one layer of cells, at the node.

@@ -1,7 +1,6 @@
 //! From a data set and a field to a point volume: kernels whose shapes follow the local
 //! spacing, and cell volumes that add up to the volume of the grid. Splats come with their shapes.
 
-mod blanking;
 mod cells;
 mod convert;
 mod curvilinear;
@@ -10,15 +9,18 @@ mod factor;
 mod fit;
 mod flatten;
 mod gradient;
+mod incidence;
 mod kernels;
 mod lattice;
 mod left_out;
+mod local_models;
 pub mod mesh;
 mod neighbours;
 mod points;
-mod polyhedron;
 mod positions;
 mod report;
+mod sharp;
+mod sharp_cells;
 mod shepard;
 mod sph;
 mod splats;
@@ -85,12 +87,32 @@ pub struct SampleOptions {
     /// Whether light is to fall on the volume: then each sample gets the direction of its field's
     /// gradient ([`PointVolume::normals`]), four bytes more.
     pub normals: bool,
+    /// Whether volumes that are classified by a field are to know it over each kernel's extent
+    /// ([`PointVolume::local_models`]), six bytes for each particle. Lattices need none.
+    pub local_models: bool,
+    /// How the data end: [`PointVolume::boundary`].
+    pub boundary: BoundaryChoice,
     /// Meshes: how many surfels.
     pub spread: Spread,
     /// Meshes: another number gives another spread of surfels, as even.
     pub seed: u64,
     /// Is told how far the work is, and may cancel it.
     pub task: Option<Task>,
+}
+
+/// How data end at the boundary of their domain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum BoundaryChoice {
+    /// Sharp where the transfer function shows any sample on the boundary, otherwise soft: what is
+    /// transparent there needs no cut.
+    Automatic,
+    /// Kernels are cut at the domain ([`PointVolume::boundary`]), so that density is that of the data up to
+    /// the boundary: grids of any kind with values at nodes. Other data have no boundary, and nor has
+    /// what is flattened or has its volumes corrected.
+    Sharp,
+    /// Kernels run out beyond the domain, and density falls to half at its faces.
+    #[default]
+    Soft,
 }
 
 /// The shape of kernels whose particles state a length at most.
@@ -122,6 +144,8 @@ impl Default for SampleOptions {
             for_columns: false,
             flatten: None,
             normals: false,
+            local_models: true,
+            boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
             seed: 0,
             task: None,
@@ -278,6 +302,7 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     if options.normals {
         gradient::complete(&mut sampled.volume, options.task.as_ref())?;
     }
+    local_models::complete(&mut sampled.volume, options)?;
     Ok(sampled)
 }
 
@@ -516,10 +541,28 @@ fn classified(
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: Some(transfer_function),
+            boundary: None,
             normals: None,
+            local_models: None,
         },
         report,
     })
+}
+
+impl SampleOptions {
+    /// Whether the boundary of what has one is to be sharp.
+    fn is_sharp(&self) -> bool {
+        self.boundary != BoundaryChoice::Soft && self.flatten.is_none() && self.shepard_passes == 0
+    }
+
+    /// Whether that of a volume is, of whose samples these lie on it.
+    fn cuts(&self, volume: &PointVolume, mut on_boundary: impl Iterator<Item = usize>) -> bool {
+        let (Some(values), Some(transfer)) = (&volume.values, &volume.transfer_function) else {
+            return true;
+        };
+        self.boundary == BoundaryChoice::Sharp
+            || on_boundary.any(|i| transfer.classify(values.get(i))[3] > 0.0)
+    }
 }
 
 /// A volume of `kernels` whose strength and colour are classified from the kept ones of `values`.

@@ -102,22 +102,36 @@ impl<'a> PointIndex<'a> {
         })
     }
 
-    fn group_count(&self) -> usize {
+    /// How many distinct positions there are.
+    pub(super) fn group_count(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// The points at one position.
-    fn group(&self, g: usize) -> &[u32] {
+    pub(super) fn group(&self, g: usize) -> &[u32] {
         &self.order[self.starts[g] as usize..self.starts[g + 1] as usize]
     }
 
+    /// How many finite points there are.
+    pub(super) fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// The finite points in an order in which what is near follows soon: the `place`-th of them, and
+    /// its group.
+    pub(super) fn in_order(&self, place: usize) -> (u32, usize) {
+        let begun = |start: &u32| *start as usize <= place;
+        let group = self.starts.partition_point(begun) - 1;
+        (self.order[place], group)
+    }
+
     /// Relative to the origin.
-    fn group_point(&self, g: usize) -> DVec3 {
+    pub(super) fn group_point(&self, g: usize) -> DVec3 {
         self.positions[self.group(g)[0] as usize] - self.origin
     }
 
     /// The `count` distinct positions nearest to one, and their squared distances, itself first.
-    fn nearest(&self, g: usize, count: usize) -> impl Iterator<Item = (usize, f64)> {
+    pub(super) fn nearest(&self, g: usize, count: usize) -> impl Iterator<Item = (usize, f64)> {
         let wanted = NonZero::new(count + 1).unwrap_or(NonZero::<usize>::MIN);
         let found = self
             .tree

@@ -96,7 +96,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             colour,
             values,
             transfer_function,
+            boundary: None,
             normals: None,
+            local_models: None,
         },
         report,
     })

@@ -170,7 +170,9 @@ impl PointVolume {
             colour: Colour::Classified,
             values: Some(values.into()),
             transfer_function: Some(transfer_function),
+            boundary: None,
             normals: None,
+            local_models: None,
         }
     }
 
@@ -183,7 +185,9 @@ impl PointVolume {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         }
     }
 

@@ -1,24 +1,41 @@
 //! What is drawn: point volumes, the transfer functions that colour them and the light on them.
 
+mod boundary;
 mod build;
+mod classification;
+mod ghosts;
 mod lattice;
 mod lighting;
+mod local_models;
 mod point_volume;
 mod requirements;
 mod transfer_function;
 mod values;
 
+pub(crate) use boundary::NO_EDGE;
+pub use boundary::{Boundary, BoundaryPlanes, MOST_EDGES};
+pub use classification::Classification;
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
 pub use lighting::{Light, LightFrame, Lighting};
+#[cfg(feature = "gpu")]
+pub(crate) use local_models::{
+    DEPARTURE_BITS, DEPARTURE_STEPS_PER_OCTAVE, DIRECTION_BITS, DIRECTION_STEPS, RANGE_BITS,
+    RANGE_STEPS, SLOPE_BITS, SLOPE_STEPS_PER_OCTAVE,
+};
+pub use local_models::{LocalModel, LocalModels, NO_BOUND};
 #[cfg(feature = "gpu")]
 pub(crate) use point_volume::is_classified;
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
 pub use transfer_function::{
-    Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint, MAX_OPACITY,
-    Slopes, TransferDefaults, TransferFunction, Weighting,
+    ALONE_DEPTH, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint,
+    LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH, Piece, Slopes,
+    TransferDefaults, TransferFunction, Weighting,
 };
 #[cfg(feature = "gpu")]
-pub(crate) use transfer_function::{FAR_ENTRIES, MAXIMUM_ROUNDING};
+pub(crate) use transfer_function::{
+    FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
+    MAX_LOBE_ROWS, MAXIMUM_ROUNDING,
+};
 pub use values::Values;

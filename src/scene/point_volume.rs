@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{Lattice, TransferFunction, Values};
+use super::{Boundary, Lattice, LocalModels, TransferFunction, Values};
 use crate::error::{Error, Parameter, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
@@ -22,11 +22,18 @@ pub struct PointVolume {
     pub values: Option<Values>,
     /// The transfer function; needed where strength or colour is classified.
     pub transfer_function: Option<TransferFunction>,
+    /// Where the data end, for their kernels to be cut there; `None` lets these run out, so that
+    /// density falls to half at a face. What has a boundary has no levels of detail; ghosts of a set of
+    /// points are particles as all others, with values of their own.
+    pub boundary: Option<Boundary>,
     /// Where light is to fall on particles: a direction of each, mostly that of its field's
     /// gradient ([`normal_code`](crate::math::normal_code); 0: none, the particle stays unlit).
     /// Surfels have none: their tangents say it. A volume with normals has no levels of detail,
     /// because no bound is known of how merged particles would reflect.
     pub normals: Option<Vec<u32>>,
+    /// What is known of the field over each particle's kernel, where particles have shapes of their
+    /// own; lattices find it in the values beside.
+    pub local_models: Option<LocalModels>,
 }
 
 /// Positions and shapes of particles. A shape is a factor L of the variance V = L Lᵀ.
@@ -295,6 +302,31 @@ impl PointVolume {
             }
             Colour::Classified | Colour::Uniform(_) => {}
         }
+        match (&self.boundary, &self.particles) {
+            (None, _) | (Some(Boundary::Lattice), Particles::Lattice { .. }) => {}
+            (Some(Boundary::Planes(planes)), Particles::Anisotropic { .. }) => {
+                check("words of the boundary", planes.of_particle.len())?;
+                let most = planes.edges.len();
+                if planes.of_particle.iter().any(|&word| word as usize > most) {
+                    return Err(Error::invalid(
+                        "point volume",
+                        "boundary",
+                        format!("places among {most} sets of planes"),
+                        "a place beyond them",
+                        "give the planes of each particle that is cut",
+                    ));
+                }
+            }
+            _ => {
+                return Err(Error::invalid(
+                    "point volume",
+                    "boundary",
+                    "a lattice's box, or planes of ellipsoids",
+                    "particles of another kind",
+                    "leave it out",
+                ));
+            }
+        }
         if let Some(normals) = &self.normals {
             check("normals", normals.len())?;
             if matches!(self.particles, Particles::Surfels { .. }) {
@@ -306,6 +338,23 @@ impl PointVolume {
                     "leave them out",
                 ));
             }
+        }
+        if let Some(models) = &self.local_models {
+            check("local models", models.len())?;
+            let is_irregular = matches!(
+                self.particles,
+                Particles::Isotropic { .. } | Particles::Anisotropic { .. }
+            );
+            if !is_irregular {
+                return Err(Error::invalid(
+                    "point volume",
+                    "local models",
+                    "none: lattices find them in their values, and surfels have none",
+                    models.len().to_string(),
+                    "leave them out",
+                ));
+            }
+            check("values", self.values.as_ref().map_or(0, Values::len))?;
         }
         let classified = self.is_classified();
         if classified || self.values.is_some() {

@@ -28,6 +28,8 @@ pub struct Requirements {
     pub harmonics_degree: u8,
     /// Whether a normal is stored per particle, four bytes.
     pub normals: bool,
+    /// Whether a local model of the field is stored per particle, six bytes.
+    pub local_models: bool,
 }
 
 impl Requirements {
@@ -56,6 +58,7 @@ impl Requirements {
             peak_opacity: matches!(volume.strength, Strength::PeakOpacity { .. }),
             harmonics_degree: harmonics_degree.unwrap_or(0),
             normals: volume.normals.is_some(),
+            local_models: volume.local_models.is_some(),
         }
     }
 }

@@ -4,12 +4,18 @@ mod automatic;
 mod averages;
 mod colour_maps;
 mod file;
+mod lobes;
 mod maxima;
 
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
+pub use lobes::{ALONE_DEPTH, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH, Piece};
+#[cfg(feature = "gpu")]
+pub(crate) use lobes::{
+    LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, MAX_LOBE_CELLS, MAX_LOBE_ROWS, Row as LobeRow,
+};
 
 use std::ops::Range;
 
@@ -142,6 +148,14 @@ impl TransferFunction {
             })
             .collect();
         Ok(Self::from_table(table, range, unit_distance))
+    }
+
+    /// The intervals of values that it shows, each with what it leaves of a kernel.
+    ///
+    /// - `sigma`: the greatest standard deviation of a kernel, world units: what may be classified at its
+    ///   value alone follows from it.
+    pub fn lobes(&self, sigma: f32) -> Lobes {
+        Lobes::new(self, sigma)
     }
 
     /// The greatest extinction \[1/length\] of any value.

@@ -81,6 +81,8 @@ pub struct Axes {
     pub may_be_exact: bool,
     /// Which part of a ray counts.
     pub interval: Interval,
+    /// Whether the domain of their data may cut kernels, each at planes of its own.
+    pub edges: bool,
     /// What kernels become together.
     pub accumulate: Accumulate,
     /// Where the transfer function is asked.

@@ -38,6 +38,7 @@ pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTer
             inv * (b.length_squared() + low_pass),
         ],
         depth_sigma: 0.0,
+        edges: 0,
     }
 }
 

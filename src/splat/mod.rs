@@ -14,6 +14,7 @@
 //! | `axes.rs` | what a pass's rasteriser is specialised for |
 //! | `show.rs` | the debug layer of choices |
 //! | `cutoff.rs` | where a kernel ends |
+//! | `edges.rs` | where the domain of its data cuts a kernel |
 //! | `budget.rs` | how the one tolerance is shared out |
 //! | `bounds.rs` | what the affine approximation costs, how far an exact edge stands out |
 
@@ -22,6 +23,7 @@ mod bounds;
 pub mod budget;
 mod choose;
 mod cutoff;
+mod edges;
 mod exact;
 mod filter;
 mod footprint;
@@ -36,6 +38,7 @@ pub use axes::{Accumulate, Axes, Classify, Interval};
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use choose::choose_exact;
 pub use cutoff::{cutoff_radius, cutoff_share};
+pub use edges::Edges;
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::Filter;
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};

@@ -177,7 +177,16 @@ fn lone_particles_far_below_a_pixel_are_fainter() {
         ];
         let arguments = [
             &arguments[..],
-            &["--up", "0,1,0", "--ortho", "128", "--out", "a.npy"],
+            &[
+                "--up",
+                "0,1,0",
+                "--ortho",
+                "128",
+                "--low-pass",
+                "1",
+                "--out",
+                "a.npy",
+            ],
             more,
         ]
         .concat();
@@ -616,6 +625,9 @@ fn measures_every_variant_and_writes_three_reports() {
             "exact",
             "--cutoff",
             "7",
+            // What is measured has the library's default.
+            "--low-pass",
+            "1",
             "--out",
             "true.exr",
         ],
@@ -779,6 +791,68 @@ fn a_reference_states_its_error() {
     // What the integrator has no use for is refused, not ignored.
     let output = render(&["--reference", "--filter", "ewa", "--out", "x.npy"]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_reference_is_of_kernels_or_of_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut data: Vec<u8> = Vec::new();
+    for i in 0..512_u32 {
+        let [x, y, z] = [i % 8, i / 8 % 8, i / 64].map(|c| f64::from(c) - 3.5);
+        data.push((255.0 * (-0.15 * (x * x + y * y + z * z)).exp()) as u8);
+    }
+    std::fs::write(folder.path().join("v.raw"), data).unwrap();
+    std::fs::write(folder.path().join("p.csv"), "x,y,z,sigma,mass\n0,0,0,1,1\n").unwrap();
+    let draw = |line: &str| {
+        let line = format!("render {line} --size 24x24 --tolerance 1e-3");
+        run(folder.path(), &line.split(' ').collect::<Vec<_>>())
+    };
+    let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+    // A file after the option is a file.
+    for line in [
+        "--reference v.raw --dims 8,8,8 --out a.npy",
+        "--reference kernels v.raw --dims 8,8,8 --out b.npy",
+        "v.raw --dims 8,8,8 --out c.npy --reference data --stats c.json",
+        "v.raw --dims 8,8,8 --out d.npy --reference=data",
+        "v.raw --dims 8,8,8 --out e.npy --composite slabs --post-classification",
+    ] {
+        let output = draw(line);
+        assert!(output.status.success(), "{line}: {}", text(&output.stderr));
+    }
+    let difference = |a: &str, b: &str| ewa_splat::measure::compare(&read(a), &read(b)).unwrap();
+    assert!(difference("a.npy", "b.npy").max == 0.0 && difference("c.npy", "d.npy").max == 0.0);
+    // The same camera and transfer function: near each other, and not the same.
+    let classified = difference("c.npy", "e.npy").rmse;
+    assert!(classified > 1e-4 && classified < 0.03, "{classified}");
+    let stats = json(folder.path().join("c.json"));
+    assert_eq!(stats["cells_left_out"], 0);
+    assert!(stats["error_estimate"].as_f64().unwrap() <= 1e-3);
+    for (line, status, words) in [
+        (
+            "p.csv --reference data --out x.npy",
+            1,
+            "--reference kernels",
+        ),
+        (
+            "v.raw p.csv --dims 8,8,8 --reference data --out x.npy",
+            1,
+            "2 files",
+        ),
+        (
+            "v.raw --dims 8,8,8 --reference=splats --out x.npy",
+            2,
+            "splats",
+        ),
+    ] {
+        let output = draw(line);
+        assert_eq!(output.status.code(), Some(status), "{line}");
+        assert!(
+            text(&output.stderr).contains(words),
+            "{}",
+            text(&output.stderr)
+        );
+        assert!(!folder.path().join("x.npy").exists());
+    }
 }
 
 #[test]

@@ -484,7 +484,9 @@ pub mod scene {
             colour: Colour::PerParticle(particles.iter().map(|p| p.colour).collect()),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         }
     }
 
@@ -586,13 +588,13 @@ pub mod frame {
     use ewa_splat::Filter;
     use ewa_splat::Settings;
     use ewa_splat::constants::{MAX_CUTOFF, TILE_SIZE};
-    use ewa_splat::render::SimdLevel;
+    use ewa_splat::render::{Classification, SimdLevel};
     use ewa_splat::scene::PointVolume;
     use ewa_splat::stages::blocks::{BlockedVolume, DepthRange, Frustum, cull, distance_interval};
     use ewa_splat::stages::cpu::{self, Bins, ProjectOutput, RasteriseSettings, Tile};
     use ewa_splat::stages::record::{
-        BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, NearTerms,
-        SurfelTerms, ViewUniform,
+        BlockView, ChoiceUniform, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms,
+        NearTerms, PieceTerms, SurfelTerms, ViewUniform,
     };
     use ewa_splat::stages::splat::Axes;
     use ewa_splat::view::{Camera, Projection};
@@ -607,6 +609,8 @@ pub mod frame {
         pub views: Vec<BlockView>,
         pub uniform: ViewUniform,
         pub classified: Vec<ClassifiedParticle>,
+        /// Their terms, where kernels are classified over their extents.
+        pub pieces: Vec<PieceTerms>,
         pub footprints: Vec<Footprint>,
         pub exact: Vec<ExactTerms>,
         pub surfels: Vec<SurfelTerms>,
@@ -662,12 +666,20 @@ pub mod frame {
         ) -> Self {
             let volume = BlockedVolume::new(volume);
             let mut views = Vec::new();
-            cull(&volume, camera, Some(&frustum), &mut views);
-            let interval =
-                |v: &BlockView| distance_interval(camera, &volume.blocks[v.block as usize]);
+            let by_extent = settings.classify == Classification::Extent && volume.lobes.is_some();
+            let choice = ChoiceUniform {
+                by_extent: by_extent.into(),
+                ..bytemuck::Zeroable::zeroed()
+            };
+            cull(&volume, camera, Some(&frustum), &choice, &mut views);
+            let interval = |v: &BlockView| {
+                let block = &volume.blocks[v.block as usize];
+                distance_interval(camera, block, v.is_spread != 0)
+            };
             let range = DepthRange::of(views.iter().map(interval));
             for v in &mut views {
-                v.key = range.key(distance_interval(camera, &volume.blocks[v.block as usize]).0);
+                let block = &volume.blocks[v.block as usize];
+                v.key = range.key(distance_interval(camera, block, false).0);
                 v.filter_kind = settings.filter as u32;
             }
             let uniform = ViewUniform {
@@ -682,9 +694,19 @@ pub mod frame {
                 key_scale: range.keys_per_unit(),
                 ..bytemuck::Zeroable::zeroed()
             };
-            let total = cpu::count_classified(&volume, &mut views);
+            let mut found = cpu::Pieces::default();
+            let total = if by_extent {
+                found.find(&volume, &mut views)
+            } else {
+                cpu::count_classified(&volume, &mut views)
+            };
             let mut classified: Vec<ClassifiedParticle> = vec![bytemuck::Zeroable::zeroed(); total];
-            cpu::classify(&volume, &views, &mut classified);
+            let mut pieces = vec![PieceTerms::WHOLE; if by_extent { total } else { 0 }];
+            if by_extent {
+                found.place(&mut classified, &mut pieces);
+            } else {
+                cpu::classify(&volume, &views, &mut classified);
+            }
             let may_be_exact = matches!(settings.filter, Filter::Adaptive | Filter::Exact)
                 && camera.projection == Projection::Perspective
                 && !volume.is_surface();
@@ -707,6 +729,7 @@ pub mod frame {
                 views,
                 uniform,
                 classified,
+                pieces,
             };
             frame.project();
             cpu::sort(&frame.footprints, &mut frame.order);
@@ -720,8 +743,10 @@ pub mod frame {
                 &self.volume,
                 &self.views,
                 &self.classified,
+                &self.pieces,
                 &self.uniform,
                 self.camera.camera_from_world.as_mat3(),
+                false,
                 false,
                 &mut self.footprints,
                 &mut self.exact,

@@ -1036,7 +1036,9 @@ impl Cells {
             colour: Colour::Uniform([0.25, 0.5, 0.75]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         }
     }
 
@@ -1173,7 +1175,9 @@ fn surfels_keep_their_shape_and_front() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let (cloud, report) = splat_cloud(&[volume]).unwrap();
     assert!(report.findings.iter().any(|f| f.reason.contains("both")));
@@ -1264,7 +1268,9 @@ fn lattices_are_classified_and_their_air_left_out() {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let (cloud, report) = splat_cloud(std::slice::from_ref(&volume)).unwrap();
     assert_eq!((report.particle_count, report.splat_count), (64, 31));

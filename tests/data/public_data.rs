@@ -110,7 +110,9 @@ fn lattice_volume(lattice: Lattice, kernel_width: f64) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::F32(vec![0.5; count])),
         transfer_function: Some(transfer_function()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -436,7 +438,9 @@ fn volumes_have_one_entry_for_each_particle() {
         colour: Colour::PerParticle(vec![[1.0; 3]; 2]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     assert!(Renderer::new(vec![sound()]).is_ok());
     let faults: [fn(&mut PointVolume); 7] = [

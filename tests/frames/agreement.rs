@@ -10,6 +10,7 @@
 use std::path::Path;
 
 use crate::common::scene;
+use crate::support::meshes::tetrahedra_of_cube;
 use ewa_splat::Settings;
 use ewa_splat::image::Image;
 use ewa_splat::io::{
@@ -55,27 +56,14 @@ fn tetrahedra() -> CellMesh {
     };
     let cells = SIDE - 1;
     for c in 0..cells.pow(3) {
-        let first = c % cells + SIDE * (c / cells % cells + SIDE * (c / (cells * cells)));
-        let step = [1, SIDE, SIDE * SIDE];
-        for order in [
-            [0, 1, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [0, 2, 1],
-            [2, 1, 0],
-            [1, 0, 2],
-        ] {
-            let mut node = first;
-            mesh.connectivity.push(u32::try_from(node).unwrap());
-            for axis in order {
-                node += step[axis];
-                mesh.connectivity.push(u32::try_from(node).unwrap());
+        let low = [c % cells, c / cells % cells, c / (cells * cells)];
+        let node = |[i, j, k]: [usize; 3]| u32::try_from(i + SIDE * (j + SIDE * k)).unwrap();
+        for (n, mut corners) in tetrahedra_of_cube(low, node).into_iter().enumerate() {
+            // The last three of the six turn left.
+            if n >= 3 {
+                corners.swap(1, 2);
             }
-            // Three of the six orders turn left.
-            if order[(order.iter().position(|a| *a == 0).unwrap() + 1) % 3] == 2 {
-                let n = mesh.connectivity.len();
-                mesh.connectivity.swap(n - 3, n - 2);
-            }
+            mesh.connectivity.extend(corners);
             mesh.kinds.push(CellKind::TETRA);
             mesh.offsets
                 .push(u32::try_from(mesh.connectivity.len()).unwrap());
@@ -107,7 +95,9 @@ fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> Po
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

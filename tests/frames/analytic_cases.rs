@@ -162,7 +162,9 @@ fn a_lattice_slab() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let points = case["input"]["points"].as_array().unwrap();
     let expected = numbers(&case, "/expected/tau");

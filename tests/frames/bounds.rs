@@ -774,7 +774,7 @@ fn blocks_bound_what_they_hold() {
         let bound = f64::from(block.max_sigma) * rounding;
         sigma.add(widest, bound, || format!("{particles:?}"));
 
-        let (distance, reach) = distance_interval(&camera, &block);
+        let (distance, reach) = distance_interval(&camera, &block, false);
         let farthest = particles
             .iter()
             .map(|p| {
@@ -799,12 +799,12 @@ fn blocks_bound_what_they_hold() {
             ..block
         };
         let (mut seen, mut unseen) = (0.0, 1e3);
-        if frustum.sees(&camera, &at(unseen)) {
+        if frustum.sees(&camera, &at(unseen), false) {
             continue;
         }
         for _ in 0..50 {
             let between = 0.5 * (seen + unseen);
-            if frustum.sees(&camera, &at(between)) {
+            if frustum.sees(&camera, &at(between), false) {
                 seen = between;
             } else {
                 unseen = between;
@@ -907,7 +907,7 @@ fn depth_keys_are_as_fine_as_they_say() {
         };
         let frame = Frame::uncut(volume(&particles), &camera, &Settings::default());
         let interval = |v: &BlockView| {
-            distance_interval(&frame.camera, &frame.volume.blocks[v.block as usize])
+            distance_interval(&frame.camera, &frame.volume.blocks[v.block as usize], false)
         };
         let range = DepthRange::of(frame.views.iter().map(interval));
         let BlockedParticles::Anisotropic { offsets, .. } = &frame.volume.particles else {

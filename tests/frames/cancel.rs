@@ -115,11 +115,19 @@ fn sampling() {
     let shapes = [
         (
             ParticleShape::Isotropic,
-            vec!["finding neighbours", "shaping kernels"],
+            vec![
+                "finding neighbours",
+                "shaping kernels",
+                "fitting local models",
+            ],
         ),
         (
             ParticleShape::Covariance,
-            vec!["finding neighbours", "shaping kernels"],
+            vec![
+                "finding neighbours",
+                "shaping kernels",
+                "fitting local models",
+            ],
         ),
     ];
     for (shape, expected) in shapes {
@@ -138,6 +146,7 @@ fn sampling() {
         "shaping kernels",
         "summing kernels",
         "fitting gradients",
+        "fitting local models",
     ];
     check("corrected", &corrected, |task| {
         let options = SampleOptions {
@@ -157,9 +166,9 @@ fn sampling() {
 #[test]
 fn sampling_of_files() {
     for (name, expected) in [
-        ("wake.xyz", &["shaping kernels"][..]),
+        ("wake.xyz", &["shaping kernels", "fitting local models"][..]),
         ("vase.obj", &["spreading surfels", "shaping surfels"]),
-        ("swift.h5", &["shaping kernels"]),
+        ("swift.h5", &["shaping kernels", "fitting local models"]),
     ] {
         check(name, expected, |task| {
             let options = SampleOptions {
@@ -198,13 +207,17 @@ fn sampling_of_cells() {
     };
     let geometry = Geometry::Cells(mesh);
     let dataset = Dataset::new(Path::new("cells"), "cells", geometry, vec![field]);
-    check("cells", &["cutting cells", "shaping kernels"], |task| {
-        let options = SampleOptions {
-            task,
-            ..SampleOptions::default()
-        };
-        Ok(text(&scene(dataset.clone(), &options)?))
-    });
+    check(
+        "cells",
+        &["cutting cells", "shaping kernels", "fitting local models"],
+        |task| {
+            let options = SampleOptions {
+                task,
+                ..SampleOptions::default()
+            };
+            Ok(text(&scene(dataset.clone(), &options)?))
+        },
+    );
 }
 
 /// A ball of values on a lattice.

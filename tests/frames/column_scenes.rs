@@ -21,7 +21,9 @@ pub(crate) fn masses(particles: Particles, masses: Vec<f32>) -> PointVolume {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -34,7 +36,9 @@ pub(crate) fn classified(particles: Particles, volumes: Vec<f32>, values: Values
         colour: Colour::Classified,
         values: Some(values),
         transfer_function: Some(transfer.expect("a function of two points")),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

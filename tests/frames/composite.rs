@@ -580,7 +580,9 @@ fn wall(colour: [f32; 3]) -> PointVolume {
         colour: Colour::Uniform(colour),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

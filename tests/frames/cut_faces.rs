@@ -32,7 +32,9 @@ fn classified(particles: Particles, volumes: Vec<f32>, values: Vec<f32>) -> Poin
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(viridis([-2.0, 2.0])),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -35,7 +35,9 @@ fn spheres(count: usize) -> PointVolume {
         strength: Strength::Mass(numbers(&mut random)),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -54,7 +56,9 @@ fn classified(particles: Particles, values: Values, is_lattice: bool) -> PointVo
         colour: Colour::Classified,
         values: Some(values),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -210,7 +214,9 @@ fn columns_of_clusters_are_within_their_bound() {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         };
         let family = BlockedVolume::with_detail(points);
         let levels = &family[1];

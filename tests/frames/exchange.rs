@@ -56,7 +56,9 @@ fn scene(seed: u64) -> Vec<PointVolume> {
         colour: Colour::Classified,
         values: Some(values(COUNT, seed)),
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let lattice = Lattice {
         dims: [20, 21, 22],

@@ -98,7 +98,7 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
     } else {
         (part_bytes / 64).max(256) as u32
     };
-    let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes).unwrap();
+    let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes, false).unwrap();
     let mut first = 0;
     for (state, groups) in out.states.iter().zip(&out.groups) {
         let count = state.needed.div_ceil(256);
@@ -328,7 +328,9 @@ fn every_kind_of_data_is_classified_alike() {
             colour,
             values: values(kind, count, &mut random),
             transfer_function: Some(transfer()),
+            boundary: None,
             normals: None,
+            local_models: None,
         });
         let mut views = views(&volume);
         // Some blocks are not in view.
@@ -366,7 +368,9 @@ fn every_value_is_classified_alike() {
                 colour: Colour::Classified,
                 values: values(kind, count, &mut random),
                 transfer_function: Some(transfer()),
+                boundary: None,
                 normals: None,
+                local_models: None,
             });
             check(&volume, &views(&volume), u64::MAX, &mut tally);
             // In parts of a few blocks.
@@ -517,7 +521,9 @@ fn merged_particles_are_classified_alike() {
             colour,
             values: Some(Values::F32(values)),
             transfer_function: Some(transfer()),
+            boundary: None,
             normals: None,
+            local_models: None,
         });
         assert!(family.len() > 1, "case {case} has no levels");
         for volume in &family[1..] {
@@ -525,7 +531,8 @@ fn merged_particles_are_classified_alike() {
             let particles = expected(volume, &mut on_cpu);
             let part_bytes = [u64::MAX, 64 * 256 * 3][case / 8];
             let capacity = volume.particle_count() as u32;
-            let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes).unwrap();
+            let out =
+                gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes, false).unwrap();
             assert_eq!(out.particles.len(), particles.len(), "case {case}");
             for (a, b) in out.particles.iter().zip(&particles) {
                 let context = || format!("case {case}: {a:?}, {b:?}");
@@ -580,7 +587,9 @@ fn lattices_tiny_and_huge_are_classified_alike_in_parts() {
                 colour: Colour::Classified,
                 values: values(1 + random.index(4), 35 * 20 * 11, &mut random),
                 transfer_function: Some(transfer().with_unit_distance(size).unwrap()),
+                boundary: None,
                 normals: None,
+                local_models: None,
             });
             check(&volume, &views(&volume), u64::MAX, &mut tally);
             check(&volume, &views(&volume), 64 * 256 * 4, &mut tally);
@@ -608,6 +617,8 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         first: 2 * i,
         count: 2,
         value_range: [0.0, 255.0],
+        values_around: [f32::INFINITY, f32::NEG_INFINITY],
+        greatest_spread: 0.0,
         parent: ewa_splat::stages::blocks::NO_PARENT,
         level: 0,
         crowding: 1.0,
@@ -624,8 +635,11 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
         colour: Colour::Classified,
         values: values(1, count as usize, &mut random),
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
         indices: None,
+        local_models: None,
+        lobes: None,
         merged: None,
     };
     let mut tally = Tally::default();
@@ -647,20 +661,22 @@ fn particles_without_room_are_counted_and_left_out() {
         colour: Colour::Uniform([0.5; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     });
     let mut seen = views(&volume);
-    let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX).unwrap();
+    let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX, false).unwrap();
     assert!(out.particles.is_empty());
     let state = out.states[0];
     assert_eq!((state.needed, state.classified_count), (1_000, 0));
-    let out = gpu::classify(gpu, &volume, &mut seen, 1_000, u64::MAX).unwrap();
+    let out = gpu::classify(gpu, &volume, &mut seen, 1_000, u64::MAX, false).unwrap();
     assert_eq!(out.particles.len(), 1_000);
     // The parts that have room keep their particles, one after another.
     let counts: Vec<u32> = volume.blocks.iter().map(|b| b.count).collect();
     let [least, greatest] = [*counts.iter().min().unwrap(), *counts.iter().max().unwrap()];
     assert!(least < greatest, "{counts:?}");
-    let out = gpu::classify(gpu, &volume, &mut seen, greatest - 1, 1).unwrap();
+    let out = gpu::classify(gpu, &volume, &mut seen, greatest - 1, 1, false).unwrap();
     let mut first = 0;
     for (state, &needed) in out.states.iter().zip(&counts) {
         let classified = if needed < greatest { needed } else { 0 };
@@ -713,7 +729,9 @@ fn harmonics_are_shaded_alike() {
             },
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         });
         let mut views = views(&volume);
         let particles = expected(&volume, &mut views);

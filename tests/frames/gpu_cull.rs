@@ -160,6 +160,8 @@ impl Shot {
                 low_pass_variance_px2: 1.0,
                 tolerance: 1.0 / 255.0,
                 level_of_detail: 0,
+                by_extent: 0,
+                unused: 0,
             },
         }
     }
@@ -194,7 +196,7 @@ fn expected(
                 &mut of_family,
             );
         } else {
-            cull(&family[0], camera, cull_by, &mut of_family[0]);
+            cull(&family[0], camera, cull_by, &shot.choice, &mut of_family[0]);
         }
         for (volume, views) in family.iter().zip(&mut of_family) {
             choose(volume, camera, &shot.choice, views);
@@ -204,13 +206,17 @@ fn expected(
     let in_view = volumes
         .iter()
         .zip(&views)
-        .flat_map(|(volume, views)| views.iter().map(|v| &volume.blocks[v.block as usize]))
-        .filter(|block| frustum.sees(camera, block));
-    let range = DepthRange::of(in_view.map(|block| distance_interval(camera, block)));
+        .flat_map(|(volume, views)| {
+            let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread != 0);
+            views.iter().map(block)
+        })
+        .filter(|(block, is_spread)| frustum.sees(camera, block, *is_spread));
+    let interval = |(block, is_spread)| distance_interval(camera, block, is_spread);
+    let range = DepthRange::of(in_view.map(interval));
     for (volume, views) in volumes.iter().zip(&mut views) {
         for view in views {
             let block = &volume.blocks[view.block as usize];
-            view.key = range.key(distance_interval(camera, block).0);
+            view.key = range.key(distance_interval(camera, block, false).0);
         }
     }
     (views, range.keys_per_unit())
@@ -230,7 +236,11 @@ struct Tally {
 /// [`check_shots`] of frames by the defaults' tolerance, each with or without a frustum; returns how
 /// many views there are in each.
 fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) -> Vec<usize> {
-    let shots: Vec<_> = frames.iter().map(|(c, r)| Shot::new(c, *r)).collect();
+    // Kernels classified over their extents where any are too wide for their values alone.
+    let shot = |(camera, rejects): &(Camera, bool)| {
+        Shot::new(camera, *rejects).with(|choice| choice.by_extent = 1)
+    };
+    let shots: Vec<_> = frames.iter().map(shot).collect();
     check_shots(volumes, &shots, part_bytes).views
 }
 
@@ -258,6 +268,7 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
             v.key,
             v.filter_kind,
             v.level,
+            v.is_spread,
         )
     };
     let mut tally = Tally::default();
@@ -312,7 +323,9 @@ fn points(positions: Vec<DVec3>, sigma: impl Fn(usize) -> f32) -> BlockedVolume 
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     })
 }
 
@@ -414,7 +427,9 @@ fn lattices(random: &mut Random) -> Vec<BlockedVolume> {
             colour: Colour::Classified,
             values: Some(values),
             transfer_function: Some(transfer),
+            boundary: None,
             normals: None,
+            local_models: None,
         })
     };
     let dims = [61, 50, 33];
@@ -533,7 +548,9 @@ fn ranges_that_end_on_entries_of_the_table_are_told_alike() {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     });
     let camera = Camera {
         projection: Projection::Perspective,
@@ -566,6 +583,8 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
         first: i,
         count: 1,
         value_range: [0.0, 1.0],
+        values_around: [f32::INFINITY, f32::NEG_INFINITY],
+        greatest_spread: 0.0,
         parent: NO_PARENT,
         level: 0,
         crowding: 1.0,
@@ -580,8 +599,11 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
         indices: None,
+        local_models: None,
+        lobes: None,
         merged: None,
     };
     let (eye, size) = (DVec3::new(40.0, 0.0, 100.0), [200, 100]);
@@ -621,7 +643,9 @@ fn poison_is_seen_alike() {
             colour: Colour::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
+            boundary: None,
             normals: None,
+            local_models: None,
         }));
     }
     let cameras = cameras(&mut random, 1.0, DVec3::ZERO);
@@ -712,7 +736,9 @@ fn cloud(random: &mut Random, count: usize, kind: usize) -> PointVolume {
         },
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -760,7 +786,9 @@ fn grid(random: &mut Random, dims: [usize; 3], kind: usize) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -927,11 +955,14 @@ fn degenerate_blocks_are_chosen_alike() {
         first: i,
         count: 1,
         value_range: [0.0, 1.0],
+        values_around: [f32::INFINITY, f32::NEG_INFINITY],
+        greatest_spread: 0.0,
         parent,
         level: u32::from(parent == NO_PARENT),
         crowding: 1.0,
     };
     let volume = |blocks, merged| BlockedVolume {
+        boundary: None,
         normals: None,
         blocks,
         particles: BlockedParticles::Anisotropic {
@@ -943,6 +974,8 @@ fn degenerate_blocks_are_chosen_alike() {
         values: None,
         transfer_function: None,
         indices: None,
+        local_models: None,
+        lobes: None,
         merged,
     };
     let base = (0..count).map(|i| block(i, i, &mut pick)).collect();
@@ -1025,6 +1058,8 @@ fn clusters_of_classified_particles_are_chosen_alike() {
             first: i,
             count: 1,
             value_range: [low, low + random.log_range(0.01, 100.0) as f32],
+            values_around: [f32::INFINITY, f32::NEG_INFINITY],
+            greatest_spread: 0.0,
             parent,
             level: u32::from(parent == NO_PARENT),
             crowding: 1.0,
@@ -1062,6 +1097,7 @@ fn clusters_of_classified_particles_are_chosen_alike() {
             member_depths: vec![0.0; count as usize],
         };
         let volume = |blocks, merged| BlockedVolume {
+            boundary: None,
             normals: None,
             blocks,
             particles: BlockedParticles::Anisotropic {
@@ -1073,6 +1109,8 @@ fn clusters_of_classified_particles_are_chosen_alike() {
             values: Some(Values::F32(vec![100.0; count as usize])),
             transfer_function: Some(transfer.clone()),
             indices: None,
+            local_models: None,
+            lobes: None,
             merged,
         };
         let base = (0..count).map(|i| block(i, i, &mut random)).collect();

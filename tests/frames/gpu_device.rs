@@ -353,7 +353,9 @@ fn more_visible_particles_than_a_part_had_room_for() {
         colour: Colour::Classified,
         values: Some(Values::U8((0..count).map(|i| (i * 7) as u8).collect())),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let camera = view([40, 32]);
     // Whole: 287,496 in one part. Cut: parts of 2^17.

@@ -16,7 +16,8 @@ use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::render::Gpu;
 use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
+    Classification, Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
+    TransferFunction, Values,
 };
 use ewa_splat::view::{Camera, Lens, Viewpoint};
 use ewa_splat::{Backend, Renderer, Settings, Show};
@@ -228,7 +229,9 @@ fn waves(spacing: LatticeSpacing, dims: [usize; 3]) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(bands(0.1)),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -263,7 +266,9 @@ fn dust(count: usize, is_classified: bool) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(bands(0.3)),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -343,7 +348,9 @@ fn merged_scenes_look_alike_at_every_zoom() {
             for camera in some(cameras, number + step, 2) {
                 let shows = [Show::Scene, Show::Choice, Show::Scene, Show::Count];
                 for show in some(shows, number + step, 4) {
+                    // Kernels classified over their extents are not merged.
                     let settings = Settings {
+                        classify: Classification::Particle,
                         show,
                         depth: show == Show::Scene,
                         tolerance,
@@ -354,6 +361,7 @@ fn merged_scenes_look_alike_at_every_zoom() {
                     assert!(flips.is_none_or(|n| n <= 8), "{name}: {flips:?}");
                 }
                 let settings = Settings {
+                    classify: Classification::Particle,
                     tolerance,
                     ..Settings::default()
                 };
@@ -382,6 +390,7 @@ fn an_edit_reaches_what_is_merged() {
             .on(gpu.clone())
             .unwrap();
         let settings = Settings {
+            classify: Classification::Particle,
             tolerance: 0.2,
             ..Settings::default()
         };

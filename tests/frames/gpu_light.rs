@@ -117,7 +117,9 @@ fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, 
                 strength: Strength::Mass(vec![1.0; count]),
                 values: None,
                 transfer_function: None,
+                boundary: None,
                 normals,
+                local_models: None,
             };
             (name, volume)
         })
@@ -145,7 +147,13 @@ fn classified(
     camera: &Camera,
 ) -> (Vec<BlockView>, Vec<ClassifiedParticle>) {
     let mut views = Vec::new();
-    cull(volume, camera, None, &mut views);
+    cull(
+        volume,
+        camera,
+        None,
+        &bytemuck::Zeroable::zeroed(),
+        &mut views,
+    );
     let total = cpu::count_classified(volume, &mut views);
     let mut particles = vec![bytemuck::Zeroable::zeroed(); total];
     cpu::classify(volume, &views, &mut particles);

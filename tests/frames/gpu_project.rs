@@ -54,8 +54,10 @@ impl Input {
             &self.volume,
             &self.views,
             &self.classified,
+            &[],
             &self.view,
             self.rotation,
+            false,
             false,
             &mut out.footprints,
             &mut out.exact,
@@ -274,6 +276,7 @@ fn compare(input: &Input, name: &str, seen: &mut Seen) {
         &input.volume,
         &input.views,
         &input.classified,
+        &[],
         &input.view,
         input.rotation,
         false,
@@ -680,6 +683,7 @@ impl Scene {
                 key: (random.bits() >> 33) as u32,
                 filter_kind: self.filter as u32,
                 level: 0,
+                is_spread: 0,
             });
             blocks.push(block(first, size));
         }
@@ -714,6 +718,8 @@ fn block(first: u32, size: usize) -> Block {
         first,
         count: size as u32,
         value_range: [0.0; 2],
+        values_around: [f32::INFINITY, f32::NEG_INFINITY],
+        greatest_spread: 0.0,
         parent: NO_PARENT,
         level: 0,
         // Of every third alone, as evenly placed kernels are.
@@ -729,8 +735,11 @@ fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -
         colour: Colour::PerParticle(Vec::new()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
         indices: None,
+        local_models: None,
+        lobes: None,
         merged: None,
     }
 }
@@ -827,7 +836,9 @@ fn grids(lattice: Lattice) -> Vec<BlockedVolume> {
         colour: Colour::Classified,
         values: Some(Values::U8(vec![0; count])),
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     })
 }
 
@@ -861,6 +872,7 @@ fn lattice_input(random: &mut Random, grid: BlockedVolume, filter: Filter) -> In
             key: 1 << 30,
             filter_kind: filter as u32,
             level: block.level,
+            is_spread: 0,
         });
     }
     let view = Scene::new(Kind::Spheres, filter, false).view();
@@ -1026,6 +1038,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                         key: 7,
                         filter_kind: filter as u32,
                         level: 0,
+                        is_spread: 0,
                     })
                     .collect(),
                 classified: (0..count)
@@ -1056,6 +1069,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                 &input.volume,
                 &input.views,
                 &input.classified,
+                &[],
                 &input.view,
                 input.rotation,
                 false,
@@ -1098,6 +1112,7 @@ fn near_kernels_beyond_the_room_are_counted_and_draw_nothing() {
             &input.volume,
             &input.views,
             &input.classified,
+            &[],
             &input.view,
             input.rotation,
             false,
@@ -1197,6 +1212,7 @@ fn poison_stays_where_it_is() {
                     &input.volume,
                     &input.views,
                     &input.classified,
+                    &[],
                     &input.view,
                     input.rotation,
                     false,

@@ -55,7 +55,9 @@ fn surfels(surfels: &[Surfel], is_one_sided: bool) -> PointVolume {
         colour: Colour::PerParticle(surfels.iter().map(|s| s.colour).collect()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -135,6 +137,7 @@ fn on_device(gpu: &Gpu, frame: &Frame, is_cut: bool) -> Projected {
         &frame.volume,
         &frame.views,
         &frame.classified,
+        &frame.pieces,
         &frame.uniform,
         frame.camera.camera_from_world.as_mat3(),
         is_cut,
@@ -1261,9 +1264,11 @@ fn project_cut(frame: &mut Frame) {
         &frame.volume,
         &frame.views,
         &frame.classified,
+        &frame.pieces,
         &frame.uniform,
         frame.camera.camera_from_world.as_mat3(),
         true,
+        false,
         &mut frame.footprints,
         &mut frame.exact,
         &mut frame.surfels,

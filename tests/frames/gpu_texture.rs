@@ -167,7 +167,9 @@ fn plane() -> PointVolume {
         },
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -5,6 +5,8 @@
     reason = "helpers of tests fail by panicking, as tests do; numbers are narrowed on purpose"
 )]
 
+#[path = "../../examples/scenes/analytic.rs"]
+mod analytic;
 #[path = "../common/mod.rs"]
 mod common;
 #[path = "../support/mod.rs"]
@@ -13,6 +15,7 @@ mod support;
 mod agreement;
 mod analytic_cases;
 mod blocks;
+mod boundary;
 mod bounds;
 mod cancel;
 mod column_density;
@@ -21,11 +24,14 @@ mod composite;
 mod cut_faces;
 mod detail;
 mod exchange;
+mod extent;
 mod extreme_cases;
 mod extremes;
 mod footprint_laws;
 #[cfg(feature = "gpu")]
 mod gpu_bin;
+#[cfg(feature = "gpu")]
+mod gpu_boundary;
 #[cfg(feature = "gpu")]
 mod gpu_classify;
 #[cfg(feature = "gpu")]
@@ -34,6 +40,8 @@ mod gpu_columns;
 mod gpu_cull;
 #[cfg(feature = "gpu")]
 mod gpu_device;
+#[cfg(feature = "gpu")]
+mod gpu_extent;
 #[cfg(feature = "gpu")]
 mod gpu_images;
 #[cfg(feature = "gpu")]
@@ -58,6 +66,7 @@ mod post_classification;
 mod promise;
 mod real_data;
 mod reference;
+mod reference_data;
 mod render_laws;
 mod ripple_pictures;
 mod shading;

@@ -59,7 +59,9 @@ fn scene() -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -285,7 +285,9 @@ fn scene() -> Vec<PointVolume> {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: Some(normals),
+        local_models: None,
     };
     let (mut positions, mut tangents, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     let (step, s) = (0.15, 0.09_f32);
@@ -307,7 +309,9 @@ fn scene() -> Vec<PointVolume> {
         colour: Colour::Uniform([0.9, 0.3, 0.1]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     vec![field, surface]
 }

@@ -59,7 +59,9 @@ fn lattice(random: &mut Random) -> PointVolume {
         },
         colour: Colour::Classified,
         transfer_function: Some(transfer()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -88,7 +90,9 @@ fn wall(random: &mut Random) -> PointVolume {
         ),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

@@ -52,7 +52,9 @@ fn field(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::F32(values)),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -367,7 +369,9 @@ fn twins_classify_alike() {
         colour: Colour::Uniform([0.2, 0.8, 0.3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let lit = Settings {
         lighting: Some(lighting()),

@@ -328,7 +328,9 @@ fn an_opaque_checkerboard_is_within_few_tolerances_of_exact_pictures() {
         colour: Colour::Classified,
         values: Some(Values::U8((0..VOXELS * VOXELS * 3).map(value).collect())),
         transfer_function: Some(transfer),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let side = VOXELS as f64;
     let view = |name, distance: f64, height: f64, turn: f64| {
@@ -416,7 +418,9 @@ fn crowd(
         strength: Strength::Mass(masses),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -529,7 +533,9 @@ fn clustered(count: usize) -> PointVolume {
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -560,7 +566,9 @@ fn lattice(n: usize) -> PointVolume {
         colour: Colour::Classified,
         values: Some(Values::U8(values)),
         transfer_function: Some(transfer.unwrap()),
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -634,7 +642,9 @@ impl Scan {
             colour: Colour::Classified,
             transfer_function: Some(transfer(&values)),
             values: Some(values),
+            boundary: None,
             normals: None,
+            local_models: None,
         }
     }
 }

@@ -140,7 +140,9 @@ fn a_lattice_slab() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let camera = scene::camera(Projection::Orthographic, [1.0; 2], [1, 1]);
     let points = case.pointer("/input/points").unwrap().as_array().unwrap();
@@ -721,7 +723,9 @@ fn surface(surfels: &[Surfel], is_opaque: bool, is_one_sided: bool) -> PointVolu
         colour: Colour::PerParticle(surfels.iter().map(|s| s.colour).collect()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 

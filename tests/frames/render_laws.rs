@@ -756,7 +756,9 @@ fn lattice_volume(lattice: Lattice, kernel_width: f64, masses: Vec<f32>) -> Poin
         colour: Colour::Uniform([0.8, 0.4, 0.1]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -887,7 +889,9 @@ fn a_fitted_camera_ignores_what_is_clear_or_haze() {
         colour: Colour::Classified,
         values: Some(Values::F32(vec![0.0, 1.0, 1.0, 0.504])),
         transfer_function: Some(transfer.unwrap()),
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let boxes = Renderer::new(vec![volume]).unwrap().visible_boxes();
     assert_eq!(

@@ -9,6 +9,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use crate::common::{Random, grid_nodes, real_data};
+use crate::support::meshes::tetrahedra_of_cube;
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
     OpenOptions, RawLayout, RawType, open,
@@ -77,7 +78,9 @@ fn cloud(normal: impl Fn(usize) -> u32) -> PointVolume {
         colour: Colour::Uniform([0.8, 0.6, 0.4]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: Some((0..count).map(normal).collect()),
+        local_models: None,
     }
 }
 
@@ -293,7 +296,9 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
         colour: Colour::Uniform([0.5; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let camera = Camera::orthographic(DVec3::Y * -3.0, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
     let at = |direction| {
@@ -380,6 +385,7 @@ fn radiance_fields_and_bare_particles_stay_as_they_are() {
 fn normals_alone_change_nothing_and_cost_four_bytes() {
     let with = cloud(|i| normal_code(DVec3::new(1.0, i as f64, 0.0)));
     let without = PointVolume {
+        boundary: None,
         normals: None,
         ..with.clone()
     };
@@ -472,7 +478,9 @@ fn lights_out_of_range_are_refused() {
         colour: Colour::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: Some(vec![1]),
+        local_models: None,
     };
     assert!(surfels.validate().is_err());
     let mut short = cloud(|_| NO_NORMAL);
@@ -547,23 +555,10 @@ fn tetrahedra(n: usize, at: impl Fn(DVec3) -> DVec3) -> CellMesh {
         offsets: vec![0],
         ..CellMesh::default()
     };
-    let node = |i: usize, j: usize, k: usize| (i + (n + 1) * (j + (n + 1) * k)) as u32;
+    let node = |[i, j, k]: [usize; 3]| (i + (n + 1) * (j + (n + 1) * k)) as u32;
     for cell in 0..n * n * n {
         let [i, j, k] = [cell % n, cell / n % n, cell / (n * n)];
-        for order in [
-            [0, 1, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [0, 2, 1],
-            [2, 1, 0],
-            [1, 0, 2],
-        ] {
-            let mut corner = [i, j, k];
-            let mut entries = vec![node(i, j, k)];
-            for axis in order {
-                corner[axis] += 1;
-                entries.push(node(corner[0], corner[1], corner[2]));
-            }
+        for entries in tetrahedra_of_cube([i, j, k], node) {
             mesh.kinds.push(CellKind::TETRA);
             mesh.connectivity.extend(entries);
             mesh.offsets.push(mesh.connectivity.len() as u32);

@@ -484,7 +484,9 @@ fn numbered(kind: usize) -> BlockedVolume {
             _ => Values::F32((0..count).map(of_f32).collect()),
         }),
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     })
 }
 

@@ -59,7 +59,9 @@ fn discs(discs: &[Disc], is_one_sided: bool) -> PointVolume {
         colour: Colour::PerParticle(discs.iter().map(|d| d.colour).collect()),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -782,7 +784,9 @@ fn fog(
         colour: Colour::Uniform(colour),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }
 
@@ -851,7 +855,9 @@ fn a_wall_through_a_kernels_centre_leaves_half_of_it() {
                 colour: Colour::Uniform([0.0, 1.0, 0.0]),
                 values: None,
                 transfer_function: None,
+                boundary: None,
                 normals: None,
+                local_models: None,
             };
             let wall = plane(
                 DVec3::Z * (5.0 - behind.min(4.0)),
@@ -955,7 +961,9 @@ fn flattened_kernels_become_surfels() {
         colour: Colour::Uniform([1.0, 0.6, 0.2]),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     };
     let at = |s: f64| {
         let factor =

@@ -2,6 +2,31 @@
 
 use serde_json::{Value, json};
 
+/// The six tetrahedra of a cube along the paths from its corner `low` to the opposite one, each corner by
+/// `node`. The last three are numbered the other way round.
+pub(crate) fn tetrahedra_of_cube(
+    low: [usize; 3],
+    node: impl Fn([usize; 3]) -> u32,
+) -> [[u32; 4]; 6] {
+    [
+        [0, 1, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [0, 2, 1],
+        [2, 1, 0],
+        [1, 0, 2],
+    ]
+    .map(|order: [usize; 3]| {
+        let mut at = low;
+        let mut corners = [node(low); 4];
+        for (corner, axis) in corners[1..].iter_mut().zip(order) {
+            at[axis] += 1;
+            *corner = node(at);
+        }
+        corners
+    })
+}
+
 /// A PNG image of these pixels, rows from the top.
 pub(crate) fn png(width: usize, rgba: &[[u8; 4]]) -> Vec<u8> {
     let height = rgba.len() / width;

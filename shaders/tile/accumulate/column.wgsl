@@ -50,7 +50,7 @@ fn needs_place(side: u32) -> bool {
 }
 
 fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32) {
-    var part = 1.0;
+    var part = domain_share();
     if side == SIDE_CUT {
         let begin = share_before(footprint, sample, ray, span.near);
         let end = share_before(footprint, sample, ray, span.far);

@@ -31,7 +31,7 @@ fn put(pixel: ptr<private, Pixel>, opacity: f32, colour: vec3<f32>, depth: f32) 
 
 fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32) {
     let path = footprint.path;
-    let tau = sample.tau;
+    let tau = sample.tau * domain_share();
     var depth = footprint.depth;
     if side == SIDE_CUT || (HAS_NEAR && is_near_path(path)) {
         // Within a kernel that holds the eye, the centre may lie behind.

@@ -24,7 +24,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
     if IS_COUNT {
         front.colour = front.colour + 1.0;
     }
-    var own_part = 1.0;
+    var own_part = domain_share();
     var rest_part = 0.0;
     if needs_place(side) {
         let begin = share_before(footprint, sample, ray, span.near);

@@ -27,6 +27,11 @@ fn density_at(footprint: TileFootprint, sample: Sample, depth: f32) -> f32 {
     return exp_minus_half(ahead * ahead) * (FRAC_1_SQRT_2PI * sample.per_sigma);
 }
 
+// The same where the domain does not end the kernel before.
+fn moving_density(footprint: TileFootprint, sample: Sample, depth: f32, share: f32) -> f32 {
+    return select(0.0, density_at(footprint, sample, depth), moves_in_domain(share));
+}
+
 // How a part of a footprint changes: `tau` of optical depth between two depths, of which `rise` is
 // how much it grows where both lie deeper.
 fn part_slope(footprint: FootprintSlope, tau: f32, rise: f32) -> vec3<f32> {
@@ -51,7 +56,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
         drawn_span = span;
         divide_at = share_before(footprint, sample, ray, drawn_span.middle);
     }
-    var below = 0.0;
+    var below = within_domain(0.0);
     if drawn_span.near > -LARGEST {
         below = share_before(footprint, sample, ray, drawn_span.near);
     }
@@ -80,9 +85,9 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
             if layer_start(layer) < drawn_span.middle {
                 divide_depth = max(min(drawn_span.middle, end), begin);
             }
-            let at_begin = density_at(footprint, sample, begin);
-            let at_divide = density_at(footprint, sample, divide_depth);
-            let at_end = density_at(footprint, sample, end);
+            let at_begin = moving_density(footprint, sample, begin, below);
+            let at_divide = moving_density(footprint, sample, divide_depth, divide);
+            let at_end = moving_density(footprint, sample, end, above);
             let value = footprint.carried.x;
             let own_slope = part_slope(slope, in_front, tau * (at_divide - at_begin));
             let at_slot = layer % SLOPE_SLOTS;

@@ -6,7 +6,9 @@ use clap::Args;
 use ewa_splat::Result;
 use ewa_splat::io::{Dataset, Geometry, PlyForm, SplatCloud, check_splats_path, write_splats};
 use ewa_splat::sample::mesh::MeshReport;
-use ewa_splat::sample::{ConversionReport, Finding, scene, sound_splats, splat_cloud};
+use ewa_splat::sample::{
+    BoundaryChoice, ConversionReport, Finding, SampleOptions, scene, sound_splats, splat_cloud,
+};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -127,7 +129,12 @@ impl Converted {
             // As they are; a named field replaces colours and goes the other way.
             Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
             _ => {
-                let sampled = scene(dataset, &options.sample_options())?;
+                // Splats of a file are cut by nothing.
+                let soft = SampleOptions {
+                    boundary: BoundaryChoice::Soft,
+                    ..options.sample_options()
+                };
+                let sampled = scene(dataset, &soft)?;
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {

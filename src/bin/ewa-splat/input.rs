@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{ParticleShape, SampleOptions, Sampled, TransferChoice};
+use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
@@ -53,6 +53,10 @@ pub(crate) struct DataOptions {
     /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
+    /// Grids: how the data end: cut sharply at their boundary, or softly, density falling to half at the
+    /// faces
+    #[arg(long, value_name = "HOW", value_enum, default_value = "soft")]
+    pub(crate) boundary: BoundaryName,
     /// Grids: draw the iso-surface of this value by surfels, kernels flattened along the gradient
     #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
@@ -121,6 +125,14 @@ pub(crate) enum Kernel {
     WendlandC4,
     /// Wendland C6, support 2 h
     WendlandC6,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum BoundaryName {
+    /// Kernels are cut at the boundary, and density goes on up to it
+    Sharp,
+    /// Kernels run out beyond it
+    Soft,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -297,7 +309,12 @@ impl DataOptions {
             shepard_passes: self.shepard,
             for_columns: false,
             flatten: self.flatten,
+            boundary: match self.boundary {
+                BoundaryName::Sharp => BoundaryChoice::Sharp,
+                BoundaryName::Soft => BoundaryChoice::Soft,
+            },
             normals: false,
+            local_models: true,
             spread: match (self.density, self.spacing) {
                 (Some(density), _) => Spread::Density(density),
                 (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),

@@ -26,6 +26,7 @@ mod outputs;
 mod parse;
 mod progress;
 mod render;
+mod truth;
 mod viewpoint;
 mod words;
 
@@ -56,7 +57,8 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Arguments::parse().command {
+    let arguments = truth::join_reference(std::env::args_os());
+    let result = match Arguments::parse_from(arguments).command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),

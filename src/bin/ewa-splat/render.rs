@@ -11,8 +11,8 @@ use ewa_splat::io::{
 };
 use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
-use ewa_splat::reference::{Integrator, ReferenceSettings};
-use ewa_splat::render::{ClassifyAt, Composite};
+use ewa_splat::reference::ReferenceSettings;
+use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
@@ -29,6 +29,7 @@ use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Clip};
 use crate::progress::{task_of, with_bar};
+use crate::truth::{ReferenceName, Truth};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
 
 #[derive(Args)]
@@ -100,6 +101,10 @@ struct Method {
     /// for each particle
     #[arg(long, conflicts_with_all = ["reference", "column_density"])]
     post_classification: bool,
+    /// Where the transfer function is asked: over each kernel's extent, with the field's slope, or at
+    /// each sample's value alone
+    #[arg(long, value_enum, default_value = "extent", conflicts_with_all = ["column_density"])]
+    classify: ClassifyName,
     /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
     /// again for more, eight planes at most
     #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
@@ -108,7 +113,8 @@ struct Method {
     /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
     #[arg(long, value_enum, default_value = "exponential")]
     opacity: Opacity,
-    /// Variance of the low-pass filter in square pixels [default: 1]
+    /// Variance of the low-pass filter in square pixels [default: 0.15 for volumes with a field, 0.3 for
+    /// bare particles, 1 with surfels or splats and for column densities]
     #[arg(long, value_name = "VARIANCE_PX2", value_parser = parse::variance)]
     low_pass: Option<f32>,
     /// Cut-off radius in standard deviations [default: from the tolerance]
@@ -119,10 +125,12 @@ struct Method {
     #[arg(long)]
     sub_pixel_opacity: bool,
     /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
-    /// states [default: 1e-4]
-    #[arg(long, conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
-                                      "show", "sub_pixel_opacity"])]
-    reference: bool,
+    /// states [default: 1e-4]; of the kernels, or of the data's own field (one grid)
+    #[arg(long, value_enum, value_name = "kernels|data", num_args = 0..=1, require_equals = true,
+          default_missing_value = "kernels", hide_possible_values = true,
+          conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
+                                "show", "sub_pixel_opacity"])]
+    reference: Option<ReferenceName>,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
@@ -161,6 +169,14 @@ enum CompositeName {
     Slabs,
     /// The colour of the greatest mean value over the slabs of each ray
     Maximum,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum ClassifyName {
+    /// Over each kernel's extent
+    Extent,
+    /// At its value alone
+    Particle,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -262,9 +278,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
     progress.set_message("sorting into blocks");
     let prepare_start = Instant::now();
-    let integrator = arguments.method.reference.then(|| Integrator::new(&scene));
-    let integrator = integrator.transpose()?;
-    let integrator = integrator.map(|i| i.clipped(&arguments.clip_planes()));
+    let truth = match arguments.method.reference {
+        None => None,
+        Some(ReferenceName::Kernels) => Some(Truth::of_kernels(
+            &scene,
+            arguments.method.classification(),
+        )?),
+        Some(ReferenceName::Data) => {
+            let (data, inputs) = (&arguments.data, &arguments.inputs);
+            Some(Truth::of_data(data, inputs, &scene, &fields)?)
+        }
+    };
+    let truth = truth.map(|truth| truth.clipped(&arguments.clip_planes()));
     let scene_options = SceneOptions {
         task: task.clone(),
         ..SceneOptions::default()
@@ -292,11 +317,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
     }
     check_legend_size(&legend, [camera.width, camera.height])?;
-    if let Some(integrator) = integrator {
+    let suitable = renderer.suitable_low_pass_px2();
+    let low_pass = arguments.method.low_pass.unwrap_or(suitable);
+    if let Some(truth) = truth {
         progress.finish_and_clear();
-        return arguments.integrate(&integrator, &camera, &legend, prepared);
+        return arguments.integrate(&truth, &camera, low_pass, &legend, prepared);
     }
-    let settings = arguments.settings();
+    let settings = arguments.settings(low_pass);
     progress.set_message("rendering");
     let shown = Settings {
         task,
@@ -354,31 +381,30 @@ impl Arguments {
     /// Writes the true image, and its stated error with the statistics.
     fn integrate(
         &self,
-        integrator: &Integrator,
+        truth: &Truth,
         camera: &Camera,
+        low_pass: f32,
         legend: &[ColourBar],
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
         let mut settings = ReferenceSettings {
             error: self.method.tolerance.map_or(defaults.error, f64::from),
-            low_pass_variance_px2: self
-                .method
-                .low_pass
-                .map_or(defaults.low_pass_variance_px2, f64::from),
+            low_pass_variance_px2: low_pass.into(),
             background: self.output.background,
             ..defaults
         };
         let start = Instant::now();
         let frame = with_bar("integrating", |task| {
             settings.task = Some(task);
-            integrator.render(camera, &settings)
+            truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
         write_with_legend(&self.out, &frame.image, legend)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({
-                "particles": integrator.particle_count(),
+                "particles": truth.particle_count(),
+                "cells_left_out": truth.cells_left_out(),
                 "backend": "reference",
                 "adapter": format!("{} threads, f64", rayon::current_num_threads()),
                 "error_wanted": settings.error,
@@ -420,7 +446,7 @@ impl Arguments {
     /// The true image is summed in f64, by the CPU.
     fn backend(&self) -> Backend {
         match self.backend {
-            _ if self.method.reference => Backend::Cpu,
+            _ if self.method.reference.is_some() => Backend::Cpu,
             BackendName::Auto => Backend::Auto,
             BackendName::Gpu => Backend::Gpu,
             BackendName::Cpu => Backend::Cpu,
@@ -443,7 +469,8 @@ impl Arguments {
 
     pub(crate) fn column_settings(&self) -> ColumnSettings {
         let defaults = ColumnSettings::default();
-        let shared = self.settings();
+        let low_pass = self.method.low_pass;
+        let shared = self.settings(low_pass.unwrap_or(defaults.low_pass_variance_px2));
         ColumnSettings {
             tolerance: shared.tolerance,
             filter: shared.filter,
@@ -464,7 +491,8 @@ impl Arguments {
             .collect()
     }
 
-    fn settings(&self) -> Settings {
+    /// - `low_pass`: variance of the filter, px².
+    fn settings(&self, low_pass: f32) -> Settings {
         let defaults = Settings::default();
         Settings {
             tolerance: self.method.tolerance.unwrap_or(defaults.tolerance),
@@ -486,11 +514,9 @@ impl Arguments {
             },
             linear_opacity: self.method.opacity == Opacity::Linear,
             composite: self.method.composite(),
+            classify: self.method.classification(),
             clip: self.clip_planes(),
-            low_pass_variance_px2: self
-                .method
-                .low_pass
-                .unwrap_or(defaults.low_pass_variance_px2),
+            low_pass_variance_px2: low_pass,
             cutoff: self.method.cutoff,
             background: self.output.background,
             depth: self.output.depth.is_some(),
@@ -504,6 +530,13 @@ impl Arguments {
 }
 
 impl Method {
+    fn classification(&self) -> Classification {
+        match self.classify {
+            ClassifyName::Extent => Classification::Extent,
+            ClassifyName::Particle => Classification::Particle,
+        }
+    }
+
     /// How kernels behind one another become a picture.
     fn composite(&self) -> Composite {
         let thickness = self.slab_thickness;
@@ -577,6 +610,7 @@ pub(crate) fn stats(
             "merged": counts.blocks_merged,
         },
         "classified": counts.classified,
+        "pieces": counts.pieces,
         "footprints": counts.footprints,
         "footprint_paths": {
             "affine": counts.footprints - counts.footprints_exact - counts.footprints_near,

@@ -112,7 +112,7 @@ fn level(
             }
         });
     stage.check()?;
-    let blocks = grid.blocks(None, level);
+    let blocks = grid.blocks(None, false, level);
     let moments = grid.axis_moments();
     let bounds: Vec<MergeBounds> = blocks
         .par_iter()
@@ -144,7 +144,10 @@ fn level(
         values: Some(Values::F32(means)),
         transfer_function: None,
         normals: None,
+        local_models: None,
+        lobes: None,
         indices: None,
+        boundary: None,
         merged: Some(Merged {
             bounds,
             spreads,

@@ -178,8 +178,16 @@ pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
         // Children come before their parents: the finer volumes first, and of one volume's blocks
         // the last.
         for (i, block) in volume.blocks.iter_mut().enumerate().rev() {
-            if let Some(Members { values, sigmas }) = bounds[first + i] {
+            if let Some(Members {
+                values,
+                around,
+                spread,
+                sigmas,
+            }) = bounds[first + i]
+            {
                 block.value_range = values;
+                block.values_around = around;
+                block.greatest_spread = spread;
                 block.min_sigma = block.min_sigma.min(sigmas[0]);
                 block.max_sigma = block.max_sigma.max(sigmas[1]);
             }
@@ -192,6 +200,8 @@ pub(super) fn widen_to_members(volumes: &mut [BlockedVolume]) {
 #[derive(Debug, Clone, Copy)]
 struct Members {
     values: [f32; 2],
+    around: [f32; 2],
+    spread: f32,
     sigmas: [f32; 2],
 }
 
@@ -200,11 +210,15 @@ fn widen(bounds: &mut [Option<Members>], block: &Block) {
     let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
     let own = Members {
         values: block.value_range,
+        around: block.values_around,
+        spread: block.greatest_spread,
         sigmas: [block.min_sigma, block.max_sigma],
     };
     if let Some(of_parent) = bounds.get_mut(block.parent as usize) {
         *of_parent = Some(of_parent.map_or(own, |b| Members {
             values: union(b.values, own.values),
+            around: union(b.around, own.around),
+            spread: b.spread.max(own.spread),
             sigmas: union(b.sigmas, own.sigmas),
         }));
     }

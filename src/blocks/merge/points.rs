@@ -14,7 +14,7 @@ use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARE
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{eigen, lower_factor};
-use crate::scene::{Colour, Strength, Values};
+use crate::scene::{Colour, LocalModels, Strength, Values};
 use crate::task::{Stage, Task};
 
 /// By how much less than its box the particles of a subtree may span, in units of the box: each is
@@ -188,6 +188,7 @@ pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) strength: &'a Strength,
     pub(in crate::blocks) colour: &'a Colour,
     pub(in crate::blocks) values: Option<&'a Values>,
+    pub(in crate::blocks) models: Option<&'a LocalModels>,
 }
 
 /// Shapes of particles.
@@ -620,6 +621,8 @@ impl MergedPoints {
                     first: offsets.len() as u32,
                     count: block.particles.len() as u32,
                     value_range: EMPTY_RANGE,
+                    values_around: EMPTY_RANGE,
+                    greatest_spread: 0.0,
                     parent: if level + 1 < self.levels.len() {
                         self.number(level + 1, block.start)
                     } else {
@@ -658,7 +661,10 @@ impl MergedPoints {
             values: source.values.map(|_| Values::F32(values)),
             transfer_function: None,
             normals: None,
+            local_models: None,
+            lobes: None,
             indices: None,
+            boundary: None,
             merged: Some(merged),
         }
     }

@@ -92,7 +92,7 @@ impl PassFrame {
         let buffers = FrameBuffers::new(gpu)?;
         let parts = drawn.iter().zip(&capacities);
         let parts = parts
-            .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity))
+            .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity, kind.by_extent))
             .collect::<Result<Vec<_>>>()?;
         let seen_for = if kind.is_column() {
             SeenFor::Column
@@ -105,7 +105,8 @@ impl PassFrame {
             drawn.iter().map(uniform).collect::<Result<Vec<_>>>()
         });
         let amplitudes = amplitudes.transpose()?;
-        let classify = bind_classify(gpu, &buffers, &drawn, &parts, amplitudes.as_deref())?;
+        let amplitudes_of = amplitudes.as_deref();
+        let classify = bind_classify(gpu, &buffers, &drawn, &parts, amplitudes_of, kind.by_extent)?;
         // Signs of amplitudes lie where colours do otherwise.
         let shade = drawn.iter().zip(&parts).filter(|_| !kind.is_column());
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
@@ -120,11 +121,13 @@ impl PassFrame {
             .then(|| gpu.uniform_list("classes of layers", &no_classes()))
             .transpose()?;
         let raster = pass.raster(gpu, kind);
+        let has_edges = kind.axes.edges && matches!(raster, Raster::Volumes(_));
         let (is_cut, exact, terms) = match raster {
             Raster::Surface(_) => (false, false, Terms::OfAll),
             Raster::Volumes(spec) if spec.axes.needs_depth_terms() => {
                 (true, spec.axes.may_be_exact, Terms::OfAll)
             }
+            Raster::Volumes(spec) if has_edges => (false, spec.axes.may_be_exact, Terms::OfAll),
             Raster::Volumes(spec) => (
                 false,
                 spec.axes.may_be_exact,
@@ -134,7 +137,9 @@ impl PassFrame {
         let mut footprints = Vec::with_capacity(parts.len());
         let mut project = Vec::with_capacity(parts.len());
         for ((part, of_part), classified) in drawn.iter().zip(&parts).zip(&capacities) {
-            let spec = ProjectSpec::new(&part.kinds, view, is_cut, CLASSIFIED_COUNT);
+            let mut spec =
+                ProjectSpec::new(&part.kinds, view, [is_cut, has_edges], CLASSIFIED_COUNT);
+            spec.has_pieces = part.has_pieces(kind.by_extent);
             let bytes = |each: usize| u64::from(*classified) * each as u64;
             let own = gpu.buffer("footprints", bytes(size_of::<Footprint>()))?;
             let exact = spec.has_terms().then_some(bytes(size_of::<ExactTerms>()));

@@ -15,8 +15,11 @@ use crate::record::Footprint;
 pub(super) struct Capacity {
     /// Classified particles of each part.
     pub(super) classified: Vec<u32>,
-    /// Kernels that cross the camera plane; without any the rasteriser has no code for them.
+    /// Kernels that cross the camera plane, and those that the domain of their data cuts.
     pub(super) near: u32,
+    /// Whether kernels across the camera plane have been seen: without them the rasteriser has no code
+    /// for them.
+    pub(super) crossing: bool,
     /// Entries of the tiles' lists of a chunk.
     pub(super) entries: u32,
     /// Footprints of a depth chunk.
@@ -56,6 +59,7 @@ impl Capacity {
         Self {
             classified: classified.collect(),
             near: 0,
+            crossing: false,
             entries: FIRST_ENTRIES.min(entries_limit(binding_bytes) as u32),
             chunk: chunk_limit(binding_bytes),
             exact: false,
@@ -81,18 +85,21 @@ impl Capacity {
         let parts = scene.drawn(&mut grown.classified, kind.detail);
         for ((part, classified), state) in parts.zip(&seen.parts) {
             if state.needed > *classified {
-                *classified = with_slack(state.needed, part.slots as u64);
+                *classified = with_slack(state.needed, part.most_classified());
             }
         }
         if grown.classified != self.classified {
             // What follows has not seen all particles.
             return Ok(grown);
         }
-        if seen.near > grown.near {
+        let [listed, crossing] = seen.near;
+        if listed > grown.near {
             let most = (limit - near_bytes(0)) / (near_bytes(1) - near_bytes(0));
-            grown.near = with_slack(seen.near, most);
-            check(gpu, "kernels across the camera plane", seen.near, most)?;
+            grown.near = with_slack(listed, most);
+            let what = "kernels across the camera plane or cut by the boundary";
+            check(gpu, what, listed, most)?;
         }
+        grown.crossing |= crossing > 0;
         if seen.sort.exact > 0 {
             grown.exact = true;
         }

@@ -93,7 +93,7 @@ impl PassFrame {
 
     /// Cull, classify, shade, project, sort; and their part of the report.
     fn encode_until_sorted(&self, encoder: &mut CommandEncoder, timer: &mut Timer) {
-        encoder.clear_buffer(&self.near, 0, Some(4));
+        encoder.clear_buffer(&self.near, 0, Some(8));
         encoder.clear_buffer(&self.gather.state, 0, None);
         self.cull.encode(&mut timer.pass(encoder, Stage::Cull));
         {

@@ -11,6 +11,8 @@ pub(in crate::gpu) struct PassKind {
     orthographic: u32,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
+    /// Whether kernels are classified over their extents.
+    pub(super) by_extent: bool,
     pub(super) lights_particles: bool,
     pub(super) axes: Axes,
 }
@@ -22,6 +24,7 @@ impl PassKind {
             filter: pass.view.filter_kind,
             orthographic: pass.view.orthographic,
             detail: plan.has_detail(),
+            by_extent: plan.choice.by_extent != 0,
             lights_particles: pass.lights_particles,
             axes: pass.axes,
         }

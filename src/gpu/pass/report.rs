@@ -15,7 +15,8 @@ use crate::splat::Filter;
 pub(in crate::gpu) struct Seen {
     pub(super) parts: Vec<PartState>,
     pub(super) sort: SortState,
-    pub(super) near: u32,
+    /// Terms in the list of near kernels, and how many of them cross the camera plane.
+    pub(super) near: [u32; 2],
     /// Views by their filter.
     pub(super) filters: [u32; Filter::ALL.len()],
     pub(super) needed_entries: u32,
@@ -49,7 +50,7 @@ impl Places {
     fn new(parts: usize, steps: u64) -> Self {
         let sort = (parts * size_of::<PartState>()) as u64;
         let near = sort + size_of::<SortState>() as u64;
-        let filters = near + 4;
+        let filters = near + 8;
         let chunks = filters + FILTER_BYTES;
         Self {
             sort,
@@ -89,7 +90,7 @@ impl Report {
 
     /// What the stages up to the sort have counted.
     ///
-    /// - `parts`: a [`PartState`] each; `near`: its first word counts.
+    /// - `parts`: a [`PartState`] each; `near`: its first two words count.
     pub(super) fn encode_counts<'a>(
         &self,
         encoder: &mut CommandEncoder,
@@ -105,7 +106,7 @@ impl Report {
         }
         let bytes = size_of::<SortState>() as u64;
         encoder.copy_buffer_to_buffer(sort, 0, to, self.places.sort, bytes);
-        encoder.copy_buffer_to_buffer(near, 0, to, self.places.near, 4);
+        encoder.copy_buffer_to_buffer(near, 0, to, self.places.near, 8);
         let filters = offset_of!(FrameState, filters) as u64;
         encoder.copy_buffer_to_buffer(frame, filters, to, self.places.filters, FILTER_BYTES);
     }

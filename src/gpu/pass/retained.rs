@@ -70,6 +70,11 @@ impl Pass {
             seen.parts.iter().map(|p| of(p) as usize).sum()
         };
         let parts = self.scene.drawn(0.., kind.detail).zip(&seen.parts);
+        let pieces = self.scene.drawn(0.., kind.detail).zip(&seen.parts);
+        let pieces = pieces.filter(|((part, _), _)| part.has_pieces(kind.by_extent));
+        counts.pieces += pieces
+            .map(|(_, state)| state.classified_count as usize)
+            .sum::<usize>();
         let merged = parts.filter(|((part, _), _)| part.kinds.is_merged);
         let visible = seen.sort.visible as usize;
         counts.blocks_culled -= sum(|p| p.view_count);
@@ -83,7 +88,7 @@ impl Pass {
         counts.footprints += visible;
         counts.surfels += if self.is_surface() { visible } else { 0 };
         counts.footprints_exact += seen.sort.exact as usize;
-        counts.footprints_near += seen.near as usize;
+        counts.footprints_near += seen.near[1] as usize;
         counts.tile_entries += seen.entries as usize;
         counts.splat_pixels += seen.tiles.splat_pixels;
     }
@@ -94,7 +99,7 @@ impl Pass {
 
     /// What the rasteriser is specialised for.
     pub(super) fn raster(&self, gpu: &Gpu, kind: &PassKind) -> Raster {
-        let near = self.capacity.near > 0;
+        let near = self.capacity.crossing;
         if self.is_surface() {
             return Raster::Surface(SurfaceSpec {
                 near,

@@ -340,6 +340,8 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
         colour: Colour::PerParticle(colours),
         values: None,
         transfer_function: None,
+        boundary: None,
         normals: None,
+        local_models: None,
     }
 }

@@ -232,7 +232,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             },
             values,
             transfer_function,
+            boundary: None,
             normals: None,
+            local_models: None,
         },
         report,
     })

@@ -22,7 +22,8 @@ use crate::cpu::tile::evaluate::affine::RowForm;
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, depth_reach};
 use crate::cpu::tile::interval::cut::{Side, Spans};
-use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::interval::domain::domain_of;
+use crate::cpu::tile::interval::{between, shares_up_to, whole};
 use crate::cpu::tile::pixels::{Patch, TilePlace, prefetch, ray};
 use crate::record::{
     ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
@@ -306,6 +307,9 @@ impl<'a> ColumnTile<'a> {
         if !self.spans.is_empty() && self.may_be_cut(footprint, exact) {
             return self.add_parts::<FMA>(fine, footprint, exact, &patch);
         }
+        if exact.is_some_and(|terms| terms.edges != 0) {
+            return self.add_parts::<FMA>(fine, footprint, exact, &patch);
+        }
         match (footprint.path & 3, exact) {
             (PATH_NEAR | PATH_HALF_LINE, _) => self.add_parts::<FMA>(fine, footprint, None, &patch),
             (PATH_EXACT, Some(terms)) => self.add_form::<FMA, true>(fine, footprint, terms, &patch),
@@ -487,12 +491,13 @@ impl<'a> ColumnTile<'a> {
                             *length = ray(place.view, place.centre(x, y)).length();
                         }
                     }
-                    let row = evaluate.row::<FMA>(y, &ray_length);
+                    let mut row = evaluate.row::<FMA>(y, &ray_length);
                     count += row.count;
                     if row.count == 0 {
                         continue;
                     }
-                    let mut taus = row.tau;
+                    row.domain = domain_of::<FMA>(&evaluate, &row);
+                    let mut taus = whole(&row);
                     if let Some(spans) = spans {
                         let [near, far] = [&spans.near, &spans.far].map(|plane| {
                             shares_up_to::<FMA>(&evaluate, &row, &plane[row.first()..])

@@ -14,6 +14,7 @@ use self::sheets::IntoSheet;
 use self::slabs::IntoSlabs;
 use super::dispatch::TileWork;
 use super::evaluate::Evaluate;
+use super::interval::domain::domain_of;
 use super::pixels::Plane;
 use crate::constants::TILE_SIZE;
 
@@ -49,11 +50,12 @@ impl TileWork for AddRows<'_> {
             let Some(ray_length) = rays[y * TILE_SIZE..].first_chunk::<TILE_SIZE>() else {
                 continue;
             };
-            let row = evaluate.row::<FMA>(y, ray_length);
+            let mut row = evaluate.row::<FMA>(y, ray_length);
             count += row.count;
             if row.count == 0 {
                 continue;
             }
+            row.domain = domain_of::<FMA>(evaluate, &row);
             match &mut into {
                 Into::Over(into) => into.take::<FMA>(evaluate, &row),
                 Into::Sheet(into) => into.take::<FMA>(evaluate, &row),

@@ -13,7 +13,7 @@ use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::{CutTile, Side, Spans};
-use crate::cpu::tile::interval::{between, shares_up_to, within};
+use crate::cpu::tile::interval::{between, shares_up_to, whole, within};
 use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
 use crate::simd::SimdLevel;
@@ -141,7 +141,7 @@ impl IntoOver<'_> {
     pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
         let (first, depth) = (row.first(), self.light.depth);
         let Some(spans) = self.spans else {
-            put::<FMA>(self.front, row, &row.tau, &self.light, |_| depth);
+            put::<FMA>(self.front, row, &whole(row), &self.light, |_| depth);
             return;
         };
         let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
@@ -227,7 +227,7 @@ impl<'a> Fused<'a> {
     /// `None` where rows draw it.
     #[inline(always)]
     fn of(axes: &Axes, footprint: &'a Footprint, terms: Option<&'a ExactTerms>) -> Option<Self> {
-        if axes.count {
+        if axes.count || (axes.edges && terms.is_some_and(|terms| terms.edges != 0)) {
             return None;
         }
         let is_linear = axes.linear_opacity || footprint.path == PATH_PEAK;

@@ -5,7 +5,7 @@
 use super::ring::Ring;
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::Spans;
-use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::interval::{between, shares_up_to, whole};
 use crate::cpu::tile::pixels::{Tile, count_row};
 
 /// Rows on their way into a layer.
@@ -29,7 +29,7 @@ impl IntoSheet<'_> {
         let footprint = evaluate.footprint();
         let layer = self.ring.layer(self.layer);
         let Some(spans) = self.spans else {
-            layer.add(first, &row.tau, footprint, has_depth);
+            layer.add(first, &whole(row), footprint, has_depth);
             return;
         };
         let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]

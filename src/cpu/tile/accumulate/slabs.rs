@@ -53,23 +53,26 @@ impl IntoSlabs<'_> {
         let is_gaussian = evaluate.along() == Along::Gaussian;
         let [nearest, last] = self.layers;
         let share_of = |plane: &Plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]);
-        let mut below = self.spans.map_or([0.0; TILE_SIZE], |s| share_of(&s.near));
+        let [begins, ends] = row.domain.unwrap_or([[0.0; TILE_SIZE], [1.0; TILE_SIZE]]);
+        let mut below = self.spans.map_or(begins, |s| share_of(&s.near));
         let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
         for number in nearest..=last {
             let start = layer_start(view, number);
             let end = layer_end(view, number, last);
-            let mut ends = [end; TILE_SIZE];
+            let mut until = [end; TILE_SIZE];
             let above = match self.spans {
                 Some(spans) => {
                     let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
-                    for (end, (near, far)) in ends.iter_mut().zip(of_rays) {
+                    for (end, (near, far)) in until.iter_mut().zip(of_rays) {
                         *end = end.max(*near).min(*far);
                     }
-                    shares_up_to::<FMA>(evaluate, row, &ends)
+                    shares_up_to::<FMA>(evaluate, row, &until)
                 }
-                None if number == last => [1.0; TILE_SIZE],
-                None if is_gaussian => std::array::from_fn(|lane| cdf::<FMA>(row.ahead(lane, end))),
-                None => shares_up_to::<FMA>(evaluate, row, &ends),
+                None if number == last => ends,
+                None if is_gaussian && row.domain.is_none() => {
+                    std::array::from_fn(|lane| cdf::<FMA>(row.ahead(lane, end)))
+                }
+                None => shares_up_to::<FMA>(evaluate, row, &until),
             };
             let mut own_end = above;
             if let Some(spans) = self.spans.filter(|_| self.has_surface) {

@@ -87,6 +87,13 @@ impl RowEdge {
             let near_by = if ahead.abs() <= 7.0 { density } else { 0.0 };
             *out = near_by * FRAC_1_SQRT_2PI * row.per_sigma[lane];
         }
+        if let Some([from, to]) = &row.domain {
+            // Where the domain ends before a layer does, the kernel's part of it does not move with it.
+            for lane in 0..TILE_SIZE {
+                let is_within = from[lane] < edge.share[lane] && edge.share[lane] < to[lane];
+                edge.density[lane] *= f32::from(u8::from(is_within));
+            }
+        }
         edge
     }
 }

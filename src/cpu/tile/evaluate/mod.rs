@@ -33,6 +33,9 @@ pub(super) struct Row {
     pub(super) inside: RowOf<u32>,
     /// How many are within it.
     pub(super) count: u32,
+    /// Where the domain of its data cuts the kernel: the shares of its optical depth along each ray at
+    /// which it begins and ends.
+    pub(super) domain: Option<[RowOf<f32>; 2]>,
 }
 
 impl Row {
@@ -46,6 +49,7 @@ impl Row {
             per_sigma: [0.0; TILE_SIZE],
             inside: [0; TILE_SIZE],
             count: 0,
+            domain: None,
         }
     }
 
@@ -80,11 +84,13 @@ pub(super) struct Walk<'a> {
     /// Of each column; negative beside the patch, where nothing is within the cut-off.
     limits: RowOf<f32>,
     rows: [usize; 2],
+    /// Where the domain of its data cuts the kernel.
+    pub(super) edges: Option<&'a NearTerms>,
 }
 
 impl<'a> Walk<'a> {
     #[inline(always)]
-    fn new(place: &TilePlace<'_>, footprint: &'a Footprint) -> Self {
+    fn new(place: &TilePlace<'_>, footprint: &'a Footprint, edges: Option<&'a NearTerms>) -> Self {
         let patch = place.patch(footprint);
         let mut limits = [-1.0; TILE_SIZE];
         limits[patch.columns[0]..patch.columns[1]].fill(footprint.cutoff_squared);
@@ -94,18 +100,19 @@ impl<'a> Walk<'a> {
             first: [first(0), first(1)],
             limits,
             rows: patch.rows,
+            edges,
         }
     }
 
     /// Offset of row `y` from the centre.
     #[inline(always)]
-    fn dy(&self, y: usize) -> f32 {
+    pub(super) fn dy(&self, y: usize) -> f32 {
         self.first[1] + y as f32
     }
 
     /// Offset of a column from the centre.
     #[inline(always)]
-    fn dx(&self, lane: usize) -> f32 {
+    pub(super) fn dx(&self, lane: usize) -> f32 {
         self.first[0] + lane as f32
     }
 }
@@ -133,6 +140,7 @@ const NO_TERMS: &ExactTerms = &ExactTerms {
     gradient: [0.0; 2],
     hessian: [0.0; 3],
     depth_sigma: 0.0,
+    edges: 0,
 };
 
 impl<'a> Evaluate<'a> {
@@ -148,7 +156,7 @@ impl<'a> Evaluate<'a> {
         if let Some(terms) = near_terms_of(footprint, near) {
             return Self::Near(near::NearWalk::new(place, footprint, terms));
         }
-        let walk = Walk::new(place, footprint);
+        let walk = Walk::new(place, footprint, terms.and_then(|t| edges_of(t, near)));
         match terms {
             Some(terms) if footprint.path == PATH_EXACT => Self::Exact(walk, terms),
             _ => Self::Affine(walk, terms.unwrap_or(NO_TERMS)),
@@ -225,6 +233,12 @@ pub(super) fn near_terms_of<'a>(
         PATH_NEAR | PATH_HALF_LINE => near.get((footprint.path >> 2) as usize),
         _ => None,
     }
+}
+
+/// Where the domain of its data cuts a footprint's kernel, if it does.
+#[inline]
+pub(super) fn edges_of<'a>(terms: &ExactTerms, near: &'a [NearTerms]) -> Option<&'a NearTerms> {
+    near.get((terms.edges as usize).checked_sub(1)?)
 }
 
 /// How far a kernel reaches along z on either side of its centre: r sqrt(V_zz), V_zz the variance at

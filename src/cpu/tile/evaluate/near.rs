@@ -7,6 +7,7 @@ use glam::Vec2;
 
 use super::{Row, depth_reach};
 use crate::constants::TILE_SIZE;
+use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::pixels::{Patch, RowOf, TilePlace, ray};
 use crate::math::normal_cdf;
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_HALF_LINE, PATH_NEAR};
@@ -57,6 +58,46 @@ impl<'a> NearWalk<'a> {
             }
         }
         shares
+    }
+
+    pub(in crate::cpu::tile) fn terms(&self) -> &'a NearTerms {
+        self.terms
+    }
+
+    /// The shares at which the ray through a pixel enters a plane's half-space and leaves it.
+    pub(in crate::cpu::tile) fn edge_share<const FMA: bool>(
+        &self,
+        x: usize,
+        y: usize,
+        [ex, ey, ez, side]: [f32; 4],
+    ) -> [f32; 2] {
+        let pixel = self.place.centre(x, y);
+        if self.footprint.path & 3 == PATH_NEAR {
+            let direction = ray(self.place.view, pixel);
+            let per_depth = ex * direction.x + ey * direction.y + ez;
+            // The eye is inside or not, and the plane lies ahead or not.
+            return match (side > 0.0, per_depth > 0.0) {
+                (true, true) => [0.0, self.share_up_to(pixel, 1.0 / per_depth)],
+                (true, false) => [0.0, 1.0],
+                (false, true) => [self.share_up_to(pixel, 1.0 / per_depth), 1.0],
+                (false, false) => [1.0, 0.0],
+            };
+        }
+        let d = pixel - Vec2::from(self.footprint.centre_px);
+        let deviations = ez + (ex * d.x + ey * d.y);
+        let [gx, gy, z] = self.terms.half_line;
+        let sigma = self.terms.sigma.max(f32::MIN_POSITIVE);
+        let behind_eye = normal_cdf(-(z + gx * d.x + gy * d.y) / sigma);
+        let in_front = |share: f32| {
+            let share = (share - behind_eye) / (1.0 - behind_eye);
+            // NaN leaves nothing.
+            if share > 0.0 { share.min(1.0) } else { 0.0 }
+        };
+        if side > 0.0 {
+            [in_front(cdf::<FMA>(-deviations)), 1.0]
+        } else {
+            [0.0, in_front(cdf::<FMA>(deviations))]
+        }
     }
 
     /// Optical depth at a point of the image.

@@ -39,7 +39,7 @@ impl<'a> SurfelWalk<'a> {
         terms: &'a SurfelTerms,
     ) -> Self {
         Self {
-            walk: Walk::new(place, footprint),
+            walk: Walk::new(place, footprint, None),
             terms,
         }
     }

@@ -1,8 +1,10 @@
 //! Axis *interval*: which part of a pixel's ray counts. All of it needs no file: the row of optical
-//! depths is taken as it is. `cut.rs` takes shares of it, `edges.rs` says what clip planes leave of a
+//! depths is taken as it is. `cut.rs` takes shares of it, `domain.rs` cuts each kernel at planes of its
+//! own, `edges.rs` says what clip planes leave of a
 //! surfel.
 
 pub(super) mod cut;
+pub(super) mod domain;
 pub(super) mod edges;
 
 use super::arithmetic::cdf;
@@ -22,7 +24,7 @@ pub(super) fn shares_up_to<const FMA: bool>(
         return shares;
     };
     if let Evaluate::Near(walk) = evaluate {
-        return walk.shares_up_to(row, depths);
+        return within_domain(row, walk.shares_up_to(row, depths));
     }
     let is_point = evaluate.along() == Along::Point;
     for lane in 0..TILE_SIZE {
@@ -35,7 +37,27 @@ pub(super) fn shares_up_to<const FMA: bool>(
         // NaN lies behind.
         shares[lane] = if share > 0.0 { share } else { 0.0 };
     }
+    within_domain(row, shares)
+}
+
+/// Shares held to the part of a kernel that lies in the domain of its data.
+#[inline(always)]
+fn within_domain(row: &Row, mut shares: RowOf<f32>) -> RowOf<f32> {
+    if let Some([from, to]) = &row.domain {
+        for lane in 0..TILE_SIZE {
+            shares[lane] = shares[lane].max(from[lane]).min(to[lane]);
+        }
+    }
     shares
+}
+
+/// The optical depths of a row of which all of the ray counts.
+#[inline(always)]
+pub(super) fn whole(row: &Row) -> RowOf<f32> {
+    match &row.domain {
+        Some([from, to]) => between(row, from, to),
+        None => row.tau,
+    }
 }
 
 /// A row's optical depths between two shares of each.

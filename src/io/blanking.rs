@@ -1,7 +1,7 @@
 //! Nodes and cells that a file declares not to be part of its data.
 
+use super::{Association, Dataset};
 use crate::error::Result;
-use crate::io::{Association, Dataset};
 use crate::scene::Values;
 
 /// Bits of VTK's `vtkGhostType` that take a cell out: a copy of another piece's, replaced by a
@@ -12,13 +12,13 @@ const HIDDEN_NODE: u8 = 2;
 
 /// Which nodes and cells are blanked: by PLOT3D's `iblank`, by VTK's ghost arrays.
 #[derive(Debug, Default)]
-pub(super) struct Blanking {
+pub(crate) struct Blanking {
     nodes: Option<Vec<bool>>,
     cells: Option<Vec<bool>>,
 }
 
 impl Blanking {
-    pub(super) fn of(dataset: &Dataset) -> Result<Self> {
+    pub(crate) fn of(dataset: &Dataset) -> Result<Self> {
         let mut blanking = Self::default();
         for field in &dataset.fields {
             let of_nodes = field.association == Association::Nodes;
@@ -49,19 +49,19 @@ impl Blanking {
     }
 
     /// One entry per node or cell, if any array speaks of them.
-    pub(super) fn mask(&self, association: Association) -> Option<&[bool]> {
+    pub(crate) fn mask(&self, association: Association) -> Option<&[bool]> {
         match association {
             Association::Nodes => self.nodes.as_deref(),
             Association::Cells => self.cells.as_deref(),
         }
     }
 
-    pub(super) fn node(&self, i: usize) -> bool {
+    pub(crate) fn node(&self, i: usize) -> bool {
         self.mask(Association::Nodes)
             .is_some_and(|mask| mask.get(i) == Some(&true))
     }
 
-    pub(super) fn cell(&self, i: usize) -> bool {
+    pub(crate) fn cell(&self, i: usize) -> bool {
         self.mask(Association::Cells)
             .is_some_and(|mask| mask.get(i) == Some(&true))
     }

@@ -1,7 +1,7 @@
 //! Polyhedra as VTK lists them.
 
 /// The faces of a polyhedron that have three nodes or more.
-pub(super) fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
+pub(crate) fn polyhedron_faces(entries: &[u32]) -> impl Iterator<Item = &[u32]> {
     let mut rest = entries.get(1..).unwrap_or(&[]);
     std::iter::from_fn(move || {
         let (&count, tail) = rest.split_first()?;

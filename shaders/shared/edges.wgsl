@@ -1,0 +1,85 @@
+// Where the domain of its data cuts a kernel. Twin: src/splat/edges.rs.
+
+// The planes that cut one kernel, camera space: unit normal into the domain, and how far the kernel's
+// centre lies inside.
+struct Edges {
+    planes: array<vec4<f32>, MOST_EDGES>,
+    count: u32,
+    is_outside: bool,
+}
+
+// Lᵀn: the kernel's reach along a normal, by the axes of its factor.
+fn reach_along(kernel: Kernel, normal: vec3<f32>) -> vec3<f32> {
+    let f = kernel.factor;
+    return f.x * normal.x + f.y * normal.y + f.z * normal.z;
+}
+
+// Adds a plane beside a kernel's particle: unit normal in the world and how far the particle's centre
+// lies inside; not finite where there is none.
+//
+// - `moved`: how far the kernel's centre lies from the particle's, camera space.
+fn with_edge(
+    edges: Edges,
+    kernel: Kernel,
+    rotation: mat3x3<f32>,
+    moved: vec3<f32>,
+    plane: vec4<f32>,
+) -> Edges {
+    var out = edges;
+    if !is_finite(plane.w) {
+        return out;
+    }
+    let normal = times(rotation, plane.xyz);
+    let inside = plane.w + dot3(normal, moved);
+    let reach = EDGE_REACH * length3(reach_along(kernel, normal));
+    if inside <= -reach {
+        out.is_outside = true;
+    }
+    if inside < reach && out.count < MOST_EDGES {
+        out.planes[out.count] = vec4<f32>(normal, inside);
+        out.count = out.count + 1u;
+    }
+    return out;
+}
+
+// A plane as a footprint's path reads it.
+fn written_edge(view: ViewUniform, kernel: Kernel, path: u32, plane: vec4<f32>) -> vec4<f32> {
+    let normal = plane.xyz;
+    let inside = plane.w;
+    if (path & 3u) == PATH_NEAR {
+        // Of the eye, at the origin.
+        let of_eye = inside - dot3(normal, kernel.centre);
+        let side = select(-1.0, 1.0, of_eye > 0.0);
+        let distance = max(abs(of_eye), SMALLEST);
+        return vec4<f32>(normal * (-side / distance), side);
+    }
+    if path == PATH_EXACT {
+        let slope = normal.xy / view.focal_px;
+        let across = dot3(normal, kernel.centre) / kernel.centre.z;
+        return vec4<f32>(slope, across, inside);
+    }
+    let screen = project_kernel(view, kernel);
+    let h2 = view.low_pass_variance_px2;
+    let reach = reach_along(kernel, normal);
+    let length = max(length3(reach), SMALLEST);
+    let x = screen.row_x;
+    let y = screen.row_y;
+    let t = reach / length;
+    let m = cross3(x, y);
+    let xt = cross3(x, t);
+    let yt = cross3(y, t);
+    let determinant = dot3(m, m) + h2 * (dot3(x, x) + dot3(y, y)) + h2 * h2;
+    // Minors, not products of squares, which would cancel where the kernel is long.
+    let inverse = 1.0 / max(determinant, SMALLEST);
+    let slope = vec2<f32>(h2 * dot3(x, t) - dot3(m, yt), h2 * dot3(y, t) + dot3(m, xt));
+    let triple_product = dot3(m, t);
+    let squares = triple_product * triple_product + h2 * (dot3(xt, xt) + dot3(yt, yt))
+        + h2 * h2 * dot3(t, t);
+    let spread = max(sqrt(squares * inverse), LEAST_SPREAD);
+    var direction = kernel.centre;
+    if view.orthographic != 0u {
+        direction = vec3<f32>(0.0, 0.0, 1.0);
+    }
+    let enters = select(-1.0, 1.0, dot3(normal, direction) > 0.0);
+    return vec4<f32>(slope * (inverse / spread), inside / length / spread, enters);
+}

@@ -1,0 +1,110 @@
+// Lobes of a transfer function, and the Gaussian that a kernel becomes in each. The stage declares
+// `transfer`. Twin: src/scene/transfer_function/lobes.rs.
+
+// Where the lobes begin among the words of the transfer function's table.
+override LOBES_FIRST: u32 = 0u;
+
+// A maximal interval of values whose extinction is above 0.
+struct Lobe {
+    // First and last value, and the extinctions beyond: above 0 where it goes on.
+    interval: vec2<f32>,
+    beyond: vec2<f32>,
+    // Spread of values up to which kernels are classified at their value alone.
+    threshold: f32,
+    // Spread of the first row.
+    first_spread: f32,
+    // The greatest extinction.
+    peak: f32,
+    // The first row, and how many there are.
+    first_row: u32,
+    row_count: u32,
+}
+
+// A row of a table.
+struct LobeRow {
+    first: u32,
+    count: u32,
+    per_value: f32,
+}
+
+// What a lobe leaves of a kernel: nothing where the extinction is 0.
+struct Piece {
+    extinction: f32,
+    shift: f32,
+    width: f32,
+}
+
+fn lobe_count() -> u32 {
+    return transfer.words[LOBES_FIRST].x;
+}
+
+fn lobe(i: u32) -> Lobe {
+    let at = LOBES_FIRST + 1u + 3u * i;
+    let ends = bitcast<vec4<f32>>(transfer.words[at]);
+    let sizes = bitcast<vec4<f32>>(transfer.words[at + 1u]);
+    let rows = transfer.words[at + 2u];
+    return Lobe(ends.xy, ends.zw, sizes.x, sizes.y, sizes.z, rows.x, rows.y);
+}
+
+// Whether any of the values from `lo` to `hi` has an extinction of the lobe.
+fn lobe_meets(lobe: Lobe, lo: f32, hi: f32) -> bool {
+    return (lo < lobe.interval.y || lobe.beyond.y > 0.0)
+        && (hi > lobe.interval.x || lobe.beyond.x > 0.0);
+}
+
+fn lobe_row(i: u32) -> LobeRow {
+    let words = transfer.words[LOBES_FIRST + 1u + 3u * MAX_LOBES + i];
+    return LobeRow(words.x, words.y, bitcast<f32>(words.z));
+}
+
+// Cells of a row, interpolated: `inside` cells from the lobe's beginning, and so many deviations outside.
+fn lobe_cell(row: LobeRow, inside: f32, outside: f32) -> vec3<f32> {
+    let place = inside + (outside + LOBE_REACH) * LOBE_CELLS_PER_DEVIATION;
+    let below = min(u32(max(place, 0.0)), row.count - 2u);
+    let share = place - f32(below);
+    let at = LOBES_FIRST + 1u + 3u * MAX_LOBES + MAX_LOBE_ROWS + row.first + below;
+    let a = bitcast<vec4<f32>>(transfer.words[at]).xyz;
+    let b = bitcast<vec4<f32>>(transfer.words[at + 1u]).xyz;
+    return a + (b - a) * share;
+}
+
+// What a lobe leaves of a kernel whose values have this mean and this standard deviation, which is above
+// 0; numbers.
+fn lobe_piece(lobe: Lobe, value: f32, spread: f32) -> Piece {
+    let lo = lobe.interval.x;
+    let hi = lobe.interval.y;
+    let nearest = clamp(value, lo, hi);
+    let outside = (value - nearest) / spread;
+    if !(abs(outside) <= LOBE_REACH) {
+        // Beyond an open end the function is constant as far as the kernel goes.
+        return Piece(select(lobe.beyond.x, lobe.beyond.y, outside > 0.0), 0.0, 1.0);
+    }
+    let last = f32(lobe.row_count - 1u);
+    let row = log2(spread / lobe.first_spread) * LOBE_ROWS_PER_OCTAVE;
+    let place = clamp(row, 0.0, last);
+    let below = min(u32(place), max(lobe.row_count, 2u) - 2u);
+    let share = place - f32(below);
+    let middle = lo + 0.5 * (hi - lo);
+    var ends: array<vec3<f32>, 2>;
+    for (var n = 0u; n < 2u; n = n + 1u) {
+        let entries = lobe_row(lobe.first_row + below + n);
+        let from_middle = (nearest - middle) * (entries.per_value / LOBE_CELLS_PER_DEVIATION);
+        ends[n] = lobe_cell(entries, (nearest - lo) * entries.per_value, outside);
+        ends[n].y = ends[n].y - from_middle;
+    }
+    let cell = ends[0] + (ends[1] - ends[0]) * share;
+    // A kernel wider than the last row sees a closed lobe as a point.
+    var shrink = 1.0;
+    if row > last && lobe.beyond.x == 0.0 && lobe.beyond.y == 0.0 {
+        shrink = exp_negative((last - row) / LOBE_ROWS_PER_OCTAVE * LN_2);
+    }
+    // One narrower than the first row stays the more as it is.
+    let change = min(spread / lobe.first_spread, 1.0);
+    let width = MAX_PIECE_WIDTH * exp_negative(min(cell.z, 0.0)) * shrink;
+    let log_share = min(cell.x - 0.5 * outside * outside, 0.0);
+    return Piece(
+        lobe.peak * exp_negative(log_share) * shrink,
+        (cell.y * shrink - outside) * change,
+        1.0 + (width - 1.0) * change,
+    );
+}

@@ -1,0 +1,124 @@
+// What the domain of its data leaves of a kernel: of its share along a ray, the part between where the ray
+// enters the domain and where it leaves it. Twin: src/cpu/tile/interval/domain.rs.
+
+// Whether any kernel may be cut so.
+override HAS_EDGES: bool = false;
+
+// The shares at which the kernel that is drawn enters its domain and leaves it.
+var<private> domain: vec2<f32>;
+// Whether anything cuts it.
+var<private> has_domain: bool;
+
+const WHOLE_DOMAIN: vec2<f32> = vec2<f32>(0.0, 1.0);
+
+// Where the planes of footprint n of the batch lie, one more than their place; 0 where it has none.
+fn edges_at(n: u32, footprint: TileFootprint) -> u32 {
+    if !HAS_EDGES {
+        return 0u;
+    }
+    if HAS_NEAR && is_near_path(footprint.path) {
+        let place = footprint.path >> 2u;
+        return select(0u, place + 1u, near.terms[place].edge_count > 0u);
+    }
+    return batch_terms[n].edges;
+}
+
+fn begin_domain(at: u32, footprint: TileFootprint, sample: Sample, ray: TileRay) {
+    domain = WHOLE_DOMAIN;
+    has_domain = at != 0u;
+    if !HAS_EDGES || at == 0u {
+        return;
+    }
+    let count = min(near.terms[at - 1u].edge_count, MOST_EDGES);
+    for (var k = 0u; k < count; k = k + 1u) {
+        let edge = near.terms[at - 1u].edges[k];
+        let plane = vec4<f32>(edge[0], edge[1], edge[2], edge[3]);
+        var own = WHOLE_DOMAIN;
+        if HAS_NEAR && is_near_path(footprint.path) {
+            own = near_domain(footprint, plane, ray);
+        } else {
+            let d = offset_from(footprint.centre_px, ray);
+            if footprint.path == PATH_EXACT {
+                own = exact_domain(footprint, sample, plane, d);
+            } else {
+                own = affine_domain(plane, d);
+            }
+        }
+        domain = vec2<f32>(max(domain.x, own.x), min(domain.y, own.y));
+    }
+}
+
+// Phi, of whatever f32 holds.
+fn share_inside(deviations: f32) -> f32 {
+    return select(0.0, normal_cdf(clamp(deviations, -38.0, 38.0)), !is_nan(deviations));
+}
+
+// By the joint Gaussian of pixel and distance.
+fn affine_domain(plane: vec4<f32>, d: vec2<f32>) -> vec2<f32> {
+    let deviations = plane.z + (plane.x * d.x + plane.y * d.y);
+    if plane.w > 0.0 {
+        return vec2<f32>(share_inside(-deviations), 1.0);
+    }
+    return vec2<f32>(0.0, share_inside(deviations));
+}
+
+// Where the ray meets the plane.
+fn exact_domain(
+    footprint: TileFootprint,
+    sample: Sample,
+    plane: vec4<f32>,
+    d: vec2<f32>,
+) -> vec2<f32> {
+    let aside = plane.x * d.x + plane.y * d.y;
+    let rate = plane.z + aside;
+    let start = plane.w + footprint.depth * aside;
+    if rate == 0.0 {
+        return vec2<f32>(0.0, select(1.0, 0.0, start < 0.0));
+    }
+    // From the centre's depth on, so that nothing cancels.
+    let share = share_inside((-start / rate - sample.beyond) * sample.per_sigma);
+    if rate > 0.0 {
+        return vec2<f32>(share, 1.0);
+    }
+    return vec2<f32>(0.0, share);
+}
+
+// Of what lies in front of the eye.
+fn near_domain(footprint: TileFootprint, plane: vec4<f32>, ray: TileRay) -> vec2<f32> {
+    let is_inside = plane.w > 0.0;
+    if (footprint.path & 3u) == PATH_NEAR {
+        let per_depth = dot3(plane.xyz, ray_through(view, ray.pixel));
+        // The eye is inside or not, and the plane lies ahead or not.
+        if per_depth > 0.0 {
+            let share = near_share(footprint, ray.pixel, min(1.0 / per_depth, LARGEST));
+            return select(vec2<f32>(share, 1.0), vec2<f32>(0.0, share), is_inside);
+        }
+        return select(vec2<f32>(1.0, 0.0), WHOLE_DOMAIN, is_inside);
+    }
+    let d = ray.pixel - footprint.centre_px;
+    let own = affine_domain(plane, d);
+    let at = footprint.path >> 2u;
+    let half_line = near.terms[at].half_line;
+    let z = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
+    let behind_eye = normal_cdf(clamp(-z / max(near.terms[at].sigma, SMALLEST), -38.0, 38.0));
+    let shares = (own - behind_eye) / (1.0 - behind_eye);
+    return vec2<f32>(
+        select(0.0, min(shares.x, 1.0), shares.x > 0.0),
+        select(0.0, min(shares.y, 1.0), shares.y > 0.0),
+    );
+}
+
+// The share of the kernel that is drawn where all of its ray counts.
+fn domain_share() -> f32 {
+    return select(1.0, max(domain.y - domain.x, 0.0), HAS_EDGES);
+}
+
+// A share held to the domain.
+fn within_domain(share: f32) -> f32 {
+    return select(share, min(max(share, domain.x), domain.y), HAS_EDGES);
+}
+
+// Whether a share moves with the depth up to which it goes.
+fn moves_in_domain(share: f32) -> bool {
+    return !(HAS_EDGES && has_domain) || (domain.x < share && share < domain.y);
+}

@@ -1,0 +1,94 @@
+//! Which blocks' kernels are classified over their own extents: those over which the field changes too
+//! much for a lobe of the transfer function that it comes near.
+
+use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
+use crate::scene::{
+    LOBE_REACH, Lobes, LocalModel, LocalModels, Strength, TransferFunction, Values,
+};
+
+/// The values that a lobe of a kernel may have: those around its sample, as far as its linear model
+/// reaches.
+///
+/// - `around`: least and greatest of the samples around.
+#[inline]
+pub(crate) fn reached(value: f32, model: &LocalModel, around: [f32; 2]) -> [f32; 2] {
+    let middle = value + model.departure;
+    let reach = LOBE_REACH * model.slope.length();
+    [
+        around[0].max(middle - reach).min(value),
+        around[1].min(middle + reach).max(value),
+    ]
+}
+
+/// Of some particles: the range of all values that classification over their extents may ask for, and the
+/// greatest standard deviation of values over a kernel; nothing without models.
+pub(super) fn spread_of(
+    members: &[u32],
+    values: Option<&Values>,
+    models: Option<&LocalModels>,
+) -> ([f32; 2], f32) {
+    let (mut around, mut greatest) = (EMPTY_RANGE, 0.0_f32);
+    let (Some(values), Some(models)) = (values, models) else {
+        return (around, greatest);
+    };
+    for &i in members {
+        let (value, model) = (values.get(i as usize), models.get(i as usize));
+        if value.is_finite() {
+            let [lo, hi] = reached(value, &model, [value - model.below, value + model.above]);
+            around = [around[0].min(lo), around[1].max(hi)];
+            greatest = greatest.max(model.slope.length());
+        }
+    }
+    (around, greatest)
+}
+
+/// The lobes of a function, if any block of a volume needs them.
+pub(super) fn required_lobes(volume: &BlockedVolume, transfer: &TransferFunction) -> Option<Lobes> {
+    if !volume.may_have_pieces() {
+        return None;
+    }
+    let spread = volume.blocks.iter().filter(|b| b.greatest_spread > 0.0);
+    let sigma = spread.fold(0.0, |widest, block| block.max_sigma.max(widest));
+    let lobes = transfer.lobes(sigma);
+    let needs = |block: &Block| is_spread(&lobes, block);
+    volume.blocks.iter().any(needs).then_some(lobes)
+}
+
+fn is_spread(lobes: &Lobes, block: &Block) -> bool {
+    let [lo, hi] = block.values_around;
+    block.greatest_spread > lobes.threshold(lo, hi)
+}
+
+impl Block {
+    /// The values that the transfer function may be asked for.
+    ///
+    /// - `is_spread`: whether its kernels are classified over their extents.
+    #[inline]
+    pub(super) fn classified_range(&self, is_spread: bool) -> [f32; 2] {
+        if is_spread {
+            self.values_around
+        } else {
+            self.value_range
+        }
+    }
+}
+
+impl BlockedVolume {
+    /// Whether it is known how its field runs over kernels, and masses follow from that.
+    pub(crate) fn may_have_pieces(&self) -> bool {
+        let is_lattice = matches!(self.particles, BlockedParticles::Lattice(_));
+        matches!(self.strength, Strength::Classified { .. })
+            && self.values.is_some()
+            && self.merged.is_none()
+            && (is_lattice || self.local_models.is_some())
+    }
+
+    /// Whether kernels of a block (of merged particles: of those that it stands for) are classified over
+    /// their extents, in frames that do that.
+    #[inline]
+    pub(crate) fn is_spread(&self, block: &Block) -> bool {
+        self.lobes
+            .as_ref()
+            .is_some_and(|lobes| is_spread(lobes, block))
+    }
+}

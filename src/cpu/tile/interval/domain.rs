@@ -1,0 +1,91 @@
+//! What the domain of its data leaves of a kernel: of its share along a ray, the part between where the
+//! ray enters the domain and where it leaves it.
+//!
+//! Twin: `shaders/tile/interval/domain.wgsl`.
+
+use crate::constants::TILE_SIZE;
+use crate::cpu::tile::arithmetic::cdf;
+use crate::cpu::tile::evaluate::near::NearWalk;
+use crate::cpu::tile::evaluate::{Evaluate, Row, Walk};
+use crate::cpu::tile::pixels::RowOf;
+use crate::record::NearTerms;
+
+/// The shares of a row's kernel at which it enters its domain and leaves it; nothing is left where the
+/// first is no less than the second. `None` where nothing cuts it.
+#[inline(always)]
+pub(in crate::cpu::tile) fn domain_of<const FMA: bool>(
+    evaluate: &Evaluate<'_>,
+    row: &Row,
+) -> Option<[RowOf<f32>; 2]> {
+    match evaluate {
+        Evaluate::Affine(walk, _) => walk.edges.map(|edges| affine::<FMA>(walk, edges, row)),
+        Evaluate::Exact(walk, _) => walk.edges.map(|edges| exact::<FMA>(walk, edges, row)),
+        Evaluate::Near(walk) => near::<FMA>(walk, row),
+    }
+}
+
+const WHOLE: [RowOf<f32>; 2] = [[0.0; TILE_SIZE], [1.0; TILE_SIZE]];
+
+#[inline(always)]
+fn planes(terms: &NearTerms) -> &[[f32; 4]] {
+    &terms.edges[..terms.edges.len().min(terms.edge_count as usize)]
+}
+
+/// By the joint Gaussian of pixel and distance.
+#[inline(always)]
+fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [RowOf<f32>; 2] {
+    let [mut from, mut to] = WHOLE;
+    let dy = walk.dy(row.y);
+    for &[along_x, along_y, inside, enters] in planes(edges) {
+        for lane in 0..TILE_SIZE {
+            let deviations = inside + (along_x * walk.dx(lane) + along_y * dy);
+            if enters > 0.0 {
+                from[lane] = from[lane].max(cdf::<FMA>(-deviations));
+            } else {
+                to[lane] = to[lane].min(cdf::<FMA>(deviations));
+            }
+        }
+    }
+    [from, to]
+}
+
+/// Where the ray meets the planes.
+#[inline(always)]
+fn exact<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [RowOf<f32>; 2] {
+    let [mut from, mut to] = WHOLE;
+    let (dy, depth) = (walk.dy(row.y), walk.footprint.depth);
+    for &[along_x, along_y, across, inside] in planes(edges) {
+        for lane in 0..TILE_SIZE {
+            let aside = along_x * walk.dx(lane) + along_y * dy;
+            let rate = across + aside;
+            // From the centre's depth on, so that nothing cancels.
+            let beyond = -(inside + depth * aside) / rate;
+            let share = cdf::<FMA>((beyond - row.beyond[lane]) * row.per_sigma[lane]);
+            if rate > 0.0 {
+                from[lane] = from[lane].max(share);
+            } else if rate < 0.0 {
+                to[lane] = to[lane].min(share);
+            } else if inside + depth * aside < 0.0 {
+                to[lane] = 0.0;
+            }
+        }
+    }
+    [from, to]
+}
+
+/// Of what lies in front of the eye.
+fn near<const FMA: bool>(walk: &NearWalk<'_>, row: &Row) -> Option<[RowOf<f32>; 2]> {
+    let edges = planes(walk.terms());
+    if edges.is_empty() {
+        return None;
+    }
+    let [mut from, mut to] = WHOLE;
+    for lane in (0..TILE_SIZE).filter(|&lane| row.inside[lane] != 0) {
+        for &edge in edges {
+            let [begin, end] = walk.edge_share::<FMA>(lane, row.y, edge);
+            from[lane] = from[lane].max(begin);
+            to[lane] = to[lane].min(end);
+        }
+    }
+    Some([from, to])
+}

@@ -1,0 +1,224 @@
+//! Where the data of a volume end: planes that cut the kernels beside them, which would leak out
+//! otherwise.
+
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "values of ghosts are narrowed to the type of the others by design"
+)]
+
+use super::{Lattice, LatticeSpacing, Values};
+
+pub use crate::constants::MOST_EDGES;
+
+/// No plane: all of a kernel lies inside.
+pub(crate) const NO_EDGE: [f32; 4] = [0.0, 0.0, 0.0, f32::INFINITY];
+
+/// The sharp boundary of a volume's data.
+///
+/// Without one, kernels at the boundary leak out of the domain, and density falls to half at a face.
+/// With one, each kernel is cut at the domain, by its share of Phi along the ray, and one layer of
+/// ghosts beyond the boundary makes up for the kernels that would go on there: in a lattice's box a
+/// uniform field is uniform up to the faces.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Boundary {
+    /// The box of a lattice's samples. Its ghosts, extrapolated linearly from the outermost two
+    /// samples (2 v0 - v1, as far as the values' type holds it), are added where blocks are made;
+    /// an axis of one sample has no faces.
+    Lattice,
+    /// Tangent planes of the boundary beside each particle of a set of ellipsoids. Ghosts are among
+    /// its particles.
+    Planes(BoundaryPlanes),
+}
+
+/// Which particles the boundary of their domain cuts, and where.
+///
+/// Of one kernel the domain is what lies inside all of its planes, a convex piece.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BoundaryPlanes {
+    /// One word per particle: 0 where nothing cuts it, otherwise one more than its place in `edges`.
+    pub of_particle: Vec<u32>,
+    /// Of each particle that is cut up to [`MOST_EDGES`] planes: a unit normal into the domain and
+    /// how far the particle's centre lies inside \[world units\], negative outside; an infinite
+    /// distance where there are fewer.
+    pub edges: Vec<[[f32; 4]; MOST_EDGES]>,
+}
+
+impl BoundaryPlanes {
+    /// The planes that cut a particle.
+    pub(crate) fn of(&self, particle: usize) -> Option<&[[f32; 4]; MOST_EDGES]> {
+        let word = *self.of_particle.get(particle)?;
+        self.edges.get((word as usize).checked_sub(1)?)
+    }
+
+    /// The same for particles in another order.
+    pub(crate) fn gather(&self, order: &[u32]) -> Self {
+        let mut out = Self::default();
+        out.of_particle.reserve(order.len());
+        for &i in order {
+            let word = match self.of(i as usize) {
+                None => 0,
+                Some(edges) => {
+                    out.edges.push(*edges);
+                    u32::try_from(out.edges.len()).unwrap_or(0)
+                }
+            };
+            out.of_particle.push(word);
+        }
+        out
+    }
+}
+
+impl Lattice {
+    /// How many ghosts lie before the first sample along each axis, and as many behind the last.
+    pub(crate) fn ghosts(&self) -> [usize; 3] {
+        self.dims.map(|n| usize::from(n > 1))
+    }
+
+    /// The lattice with a layer of ghosts around it.
+    pub(crate) fn with_ghosts(&self) -> Self {
+        let ghosts = self.ghosts();
+        let spacing = match &self.spacing {
+            LatticeSpacing::Uniform { origin, step } => LatticeSpacing::Uniform {
+                origin: *origin - *step * glam::DVec3::from(ghosts.map(|n| n as f64)),
+                step: *step,
+            },
+            LatticeSpacing::Rectilinear { coordinates } => LatticeSpacing::Rectilinear {
+                coordinates: coordinates.each_ref().map(|line| match line.as_slice() {
+                    [a, b, ..] => {
+                        let (y, z) = (line[line.len() - 2], line[line.len() - 1]);
+                        let mut wider = Vec::with_capacity(line.len() + 2);
+                        wider.push(2.0 * a - b);
+                        wider.extend_from_slice(line);
+                        wider.push(2.0 * z - y);
+                        wider
+                    }
+                    one => one.to_vec(),
+                }),
+            },
+        };
+        Self {
+            dims: [0, 1, 2].map(|a| self.dims[a] + 2 * ghosts[a]),
+            spacing,
+        }
+    }
+
+    /// For each sample of [`Self::with_ghosts`] the sample of this lattice that is nearest, and the
+    /// one as far behind that: the same but for ghosts.
+    fn ghost_sources(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let ghosts = self.ghosts();
+        let wide = [0, 1, 2].map(|a| self.dims[a] + 2 * ghosts[a]);
+        let of_axis = move |a: usize, i: usize| {
+            let (n, i) = (self.dims[a], i as isize - ghosts[a] as isize);
+            let nearest = i.clamp(0, n as isize - 1);
+            [nearest as usize, (2 * nearest - i) as usize]
+        };
+        let index = |[i, j, k]: [usize; 3]| i + self.dims[0] * (j + self.dims[1] * k);
+        (0..wide.iter().product::<usize>()).map(move |n| {
+            let cell = [n % wide[0], n / wide[0] % wide[1], n / (wide[0] * wide[1])];
+            let [x, y, z] = [0, 1, 2].map(|a| of_axis(a, cell[a]));
+            [index([x[0], y[0], z[0]]), index([x[1], y[1], z[1]])]
+        })
+    }
+
+    /// Values with those of ghosts, of the same type.
+    pub(crate) fn values_with_ghosts(&self, values: &Values) -> Values {
+        values.extrapolated(self.ghost_sources())
+    }
+
+    /// What each sample has, with that of ghosts: the nearest sample's.
+    pub(crate) fn copied_to_ghosts<T: Copy>(&self, entries: &[T]) -> Vec<T> {
+        self.ghost_sources().map(|[a, _]| entries[a]).collect()
+    }
+}
+
+impl Values {
+    /// For each pair of values that of a ghost beyond the first, which the second lies behind: 2 v0 - v1,
+    /// held to what the type has; v0 where that is not finite.
+    fn extrapolated(&self, pairs: impl Iterator<Item = [usize; 2]>) -> Self {
+        macro_rules! integers {
+            ($v:expr, $type:ty) => {
+                pairs
+                    .map(|[a, b]| {
+                        let wide = 2 * i32::from($v[a]) - i32::from($v[b]);
+                        let held = wide.clamp(<$type>::MIN.into(), <$type>::MAX.into());
+                        <$type>::try_from(held).unwrap_or($v[a])
+                    })
+                    .collect()
+            };
+        }
+        let beyond = |a: f32, b: f32| {
+            let beyond = 2.0 * a - b;
+            if beyond.is_finite() { beyond } else { a }
+        };
+        match self {
+            Self::U8(v) => Self::U8(integers!(v, u8)),
+            Self::I16(v) => Self::I16(integers!(v, i16)),
+            Self::U16(v) => Self::U16(integers!(v, u16)),
+            Self::F32(v) => Self::F32(pairs.map(|[a, b]| beyond(v[a], v[b])).collect()),
+        }
+    }
+
+    /// Appends the values of ghosts: those that are given, rounded and held to what the type has, or those
+    /// beyond pairs of values.
+    pub(crate) fn extrapolate(&mut self, ghosts: &[([usize; 2], Option<f64>)]) {
+        let mut beyond = self.extrapolated(ghosts.iter().map(|(pair, _)| *pair));
+        for (i, given) in ghosts.iter().enumerate() {
+            if let Some(given) = given.1.filter(|given| given.is_finite()) {
+                // Casts saturate.
+                match &mut beyond {
+                    Self::U8(v) => v[i] = given.round() as u8,
+                    Self::I16(v) => v[i] = given.round() as i16,
+                    Self::U16(v) => v[i] = given.round() as u16,
+                    Self::F32(v) => v[i] = given as f32,
+                }
+            }
+        }
+        let ghosts = beyond;
+        match (self, ghosts) {
+            (Self::U8(v), Self::U8(ghosts)) => v.extend(ghosts),
+            (Self::I16(v), Self::I16(ghosts)) => v.extend(ghosts),
+            (Self::U16(v), Self::U16(ghosts)) => v.extend(ghosts),
+            (Self::F32(v), Self::F32(ghosts)) => v.extend(ghosts),
+            // They have the same type.
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn ghosts_continue_linear_values_and_are_held_to_their_type() {
+        let lattice = Lattice::uniform([3, 2, 1], DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0));
+        let wide = lattice.with_ghosts();
+        assert_eq!(wide.dims, [5, 4, 1]);
+        assert_eq!(wide.position([0, 0, 0]), DVec3::new(-1.0, -2.0, 0.0));
+        // Of a linear field, its ghosts are the field's own values, at corners too.
+        let field = |p: DVec3| (10.0 + 2.0 * p.x - 3.0 * p.y) as f32;
+        let cells = |l: &Lattice| -> Vec<DVec3> {
+            let [x, y, _] = l.dims;
+            (0..l.len())
+                .map(|n| l.position([n % x, n / x % y, 0]))
+                .collect()
+        };
+        let values = Values::F32(cells(&lattice).into_iter().map(field).collect());
+        let Values::F32(found) = lattice.values_with_ghosts(&values) else {
+            panic!("values keep their type");
+        };
+        for (found, place) in found.iter().zip(cells(&wide)) {
+            assert!((found - field(place)).abs() < 1e-5, "{place}: {found}");
+        }
+        // 2 x 250 - 240 is beyond a byte, 2 x 3 - 10 below it.
+        let bytes = Values::U8(vec![3, 10, 250, 3, 10, 250]);
+        let Values::U8(found) = lattice.values_with_ghosts(&bytes) else {
+            panic!("values keep their type");
+        };
+        assert_eq!(found[..5], [0, 3, 10, 250, 255]);
+        let nan = Values::F32(vec![1.0, f32::NAN, 2.0, 1.0, f32::NAN, 2.0]);
+        assert_eq!(lattice.values_with_ghosts(&nan).get(0), 1.0);
+    }
+}

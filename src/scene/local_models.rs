@@ -1,0 +1,386 @@
+//! What is known of a field over each kernel, so that a transfer function is applied to the field
+//! over the kernel's extent and not to its value alone: six bytes a particle.
+//!
+//! | bits of a code | what | steps |
+//! |---|---|---|
+//! | 0 to 8, 9 to 17 | direction of the slope | octahedral coordinates, 510 steps from -1 to 1 |
+//! | 18 to 27 | length of the slope | 0: none; 1023: the greatest, each step down 1/51 octave |
+//! | 28 to 36, 37 | departure, its sign (1: below zero) | 0: none; 511: the greatest, each step down 1/25 octave |
+//! | 38 to 42, 43 to 47 | range below and above | quarters of the slope's length, rounded up; 31: no bound |
+//!
+//! Errors at most: directions .0083 rad (axes are exact), lengths .68 %, departures 1.4 %; what is
+//! 2^20 times smaller than the greatest is zero. Ranges are never too small.
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::math::{from_octahedral, to_octahedral};
+
+/// Bits of each octahedral coordinate of a slope's direction.
+pub(crate) const DIRECTION_BITS: u32 = 9;
+/// Steps of a coordinate from -1 to 1: an even number, so that axes are among the directions.
+pub(crate) const DIRECTION_STEPS: u32 = (1 << DIRECTION_BITS) - 2;
+/// Bits of a slope's length.
+pub(crate) const SLOPE_BITS: u32 = 10;
+/// Steps of it in an octave: twenty octaves in all.
+pub(crate) const SLOPE_STEPS_PER_OCTAVE: u32 = 51;
+/// Bits of a departure without its sign, which is the bit above.
+pub(crate) const DEPARTURE_BITS: u32 = 9;
+/// Steps of it in an octave: twenty octaves in all.
+pub(crate) const DEPARTURE_STEPS_PER_OCTAVE: u32 = 25;
+/// Bits of the range below the value, and of that above.
+pub(crate) const RANGE_BITS: u32 = 5;
+/// Steps of a range in the slope's length.
+pub(crate) const RANGE_STEPS: f32 = 4.0;
+
+/// The range that a code cannot hold, or that nothing is known of: no value lies outside.
+pub const NO_BOUND: f32 = f32::MAX;
+
+/// What is known of a field over one kernel: its local linear model, where the kernel's variance is
+/// V = L Lᵀ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalModel {
+    /// Lᵀ g \[value units\], g the field's gradient: how the field changes over one standard
+    /// deviation along each column of L. Its length sqrt(gᵀ V g) is the standard deviation of the
+    /// field's values over the kernel.
+    pub slope: Vec3,
+    /// By how much the value that masses are classified by exceeds the particle's own \[value
+    /// units\]: tr(H V) / 2, which sharpens what sums of linear models blur (H: the field's second
+    /// derivatives), and where the kernel's centre c is not the sample's place x,
+    /// g·(c - x) + (c - x)ᵀ H (c - x) / 2.
+    pub departure: f32,
+    /// How far the values around go below the particle's own \[value units, from 0 up\]. What the
+    /// transfer function shows outside the range value - below to value + above is not there,
+    /// though the linear model reaches it.
+    pub below: f32,
+    /// How far they go above.
+    pub above: f32,
+}
+
+/// Local models of a volume's particles, six bytes each; the head of this file has their bits.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalModels {
+    codes: Vec<[u16; 3]>,
+    greatest_slope: f32,
+    greatest_departure: f32,
+}
+
+impl LocalModels {
+    /// Encodes one model for each particle. Slopes and departures that are not finite become zero,
+    /// ranges that are not become [`NO_BOUND`].
+    pub fn new(models: &[LocalModel]) -> Self {
+        let greatest = |of: &(dyn Fn(&LocalModel) -> f32 + Sync)| {
+            let finite = models.par_iter().map(of).filter(|x| x.is_finite());
+            finite.reduce(|| 0.0, f32::max)
+        };
+        let mut encoded = Self {
+            codes: Vec::new(),
+            greatest_slope: greatest(&|model| length_of(model.slope)),
+            greatest_departure: greatest(&|model| model.departure.abs()),
+        };
+        encoded.codes = models.par_iter().map(|m| encoded.code(m)).collect();
+        encoded
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.codes.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.codes.is_empty()
+    }
+
+    /// The bits of each, sixteen of the lowest first.
+    pub fn codes(&self) -> &[[u16; 3]] {
+        &self.codes
+    }
+
+    /// The greatest length of a slope and the greatest departure up or down \[value units\]: what the
+    /// codes' logarithms count from.
+    pub fn scales(&self) -> [f32; 2] {
+        [self.greatest_slope, self.greatest_departure]
+    }
+
+    /// The greatest length of a slope \[value units\].
+    pub fn greatest_slope(&self) -> f32 {
+        self.greatest_slope
+    }
+
+    /// The models at `indices`, in that order.
+    #[must_use]
+    pub fn gather(&self, indices: &[u32]) -> Self {
+        Self {
+            codes: indices.iter().map(|&i| self.codes[i as usize]).collect(),
+            ..*self
+        }
+    }
+
+    /// The model of particle `i`, in operations that shaders have too: whole numbers, f32, and
+    /// powers of two whose exponents lie between -1 and 0 or are whole.
+    #[inline]
+    pub fn get(&self, i: usize) -> LocalModel {
+        let [low, middle, high] = self.codes[i].map(u64::from);
+        let mut rest = low | middle << 16 | high << 32;
+        #[expect(clippy::cast_possible_truncation, reason = "ten bits at most")]
+        let mut take = |bits: u32| {
+            let number = rest & ((1 << bits) - 1);
+            rest >>= bits;
+            number as u32
+        };
+        let coordinates = [take(DIRECTION_BITS), take(DIRECTION_BITS)];
+        let coordinate = |step: u32| step as f32 * (2.0 / DIRECTION_STEPS as f32) - 1.0;
+        let direction = from_octahedral(Vec2::from(coordinates.map(coordinate)));
+        let slope = length(take(SLOPE_BITS), SLOPE, self.greatest_slope);
+        let departure = length(take(DEPARTURE_BITS), DEPARTURE, self.greatest_departure);
+        let is_below = take(1) == 1;
+        let range = |steps: u32| {
+            if steps < MOST_RANGE_STEPS {
+                steps as f32 * (slope / RANGE_STEPS)
+            } else {
+                NO_BOUND
+            }
+        };
+        LocalModel {
+            slope: direction * slope,
+            departure: if is_below { -departure } else { departure },
+            below: range(take(RANGE_BITS)),
+            above: range(take(RANGE_BITS)),
+        }
+    }
+
+    fn code(&self, model: &LocalModel) -> [u16; 3] {
+        let direction = model.slope.as_dvec3().normalize_or(DVec3::Z);
+        let coordinates = to_octahedral(direction.as_vec3());
+        let half = DIRECTION_STEPS as f32 / 2.0;
+        let [x, y] = (coordinates * half + half).round().as_uvec2().to_array();
+        let slope = length_code(length_of(model.slope), SLOPE, self.greatest_slope);
+        let departure = length_code(model.departure.abs(), DEPARTURE, self.greatest_departure);
+        // Of the slope as it is read again.
+        let step = length(slope, SLOPE, self.greatest_slope) / RANGE_STEPS;
+        let mut bits = 0_u64;
+        let mut count = 0;
+        let mut put = |number: u32, width: u32| {
+            bits |= u64::from(number) << count;
+            count += width;
+        };
+        put(x, DIRECTION_BITS);
+        put(y, DIRECTION_BITS);
+        put(slope, SLOPE_BITS);
+        put(departure, DEPARTURE_BITS);
+        put(u32::from(departure > 0 && model.departure < 0.0), 1);
+        put(range_code(model.below, step), RANGE_BITS);
+        put(range_code(model.above, step), RANGE_BITS);
+        #[expect(clippy::cast_possible_truncation, reason = "sixteen bits of them")]
+        [0, 16, 32].map(|shift| (bits >> shift) as u16)
+    }
+}
+
+/// A vector's length, whose square f32 need not hold.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "rounding to f32; too great lengths become infinite, which is no slope"
+)]
+fn length_of(slope: Vec3) -> f32 {
+    slope.as_dvec3().length() as f32
+}
+
+/// Logarithmic codes: the greatest, and steps in an octave.
+type Scale = [u32; 2];
+const SLOPE: Scale = [(1 << SLOPE_BITS) - 1, SLOPE_STEPS_PER_OCTAVE];
+const DEPARTURE: Scale = [(1 << DEPARTURE_BITS) - 1, DEPARTURE_STEPS_PER_OCTAVE];
+const MOST_RANGE_STEPS: u32 = (1 << RANGE_BITS) - 1;
+
+/// Of a code, the length: `greatest` for the greatest code, 0 for 0.
+#[inline]
+fn length(code: u32, [most, per_octave]: Scale, greatest: f32) -> f32 {
+    if code == 0 {
+        return 0.0;
+    }
+    // Whole octaves apart: powers of two of greater exponents lose digits on some devices.
+    let [octaves, steps] = [(most - code) / per_octave, (most - code) % per_octave];
+    greatest * (-(steps as f32) / per_octave as f32).exp2() / (1_u32 << octaves) as f32
+}
+
+/// The code nearest to a length in ratio; 0 for one that is not finite, too small for the codes or
+/// for f32's full precision, which shaders take for zero.
+fn length_code(length: f32, [most, per_octave]: Scale, greatest: f32) -> u32 {
+    if !(length >= 2.0 * f32::MIN_POSITIVE && length.is_finite()) {
+        return 0;
+    }
+    let octaves = (f64::from(greatest) / f64::from(length)).log2();
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "from 0 to 150 octaves"
+    )]
+    let steps = (octaves * f64::from(per_octave)).round() as u32;
+    most.saturating_sub(steps)
+}
+
+/// How many steps reach as far as `range`.
+fn range_code(range: f32, step: f32) -> u32 {
+    let reaches = |steps: &u32| range <= *steps as f32 * step;
+    // NaN is reached by none.
+    (0..MOST_RANGE_STEPS)
+        .find(reaches)
+        .unwrap_or(MOST_RANGE_STEPS)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn model(slope: Vec3, departure: f32, below: f32, above: f32) -> LocalModel {
+        LocalModel {
+            slope,
+            departure,
+            below,
+            above,
+        }
+    }
+
+    /// What becomes of a model beside one with the greatest slope and departure.
+    fn coded(one: LocalModel, greatest: [f32; 2]) -> LocalModel {
+        let scale = model(Vec3::X * greatest[0], greatest[1], 0.0, 0.0);
+        LocalModels::new(&[scale, one]).get(1)
+    }
+
+    /// Half a step of 2 / 510 along each coordinate, sqrt(2) together, stretched by 3 at most: in the
+    /// middle of the octahedron's faces.
+    const DIRECTION: f32 = 8.32e-3;
+    /// 2^(1 / (2 x 51)) - 1.
+    const LENGTH: f32 = 6.83e-3;
+    /// 2^(1 / (2 x 25)) - 1.
+    const HEIGHT: f32 = 1.397e-2;
+
+    fn is_within(a: f32, b: f32, share: f32) -> bool {
+        // f32's own rounding, some ten times.
+        (a - b).abs() <= (share + 1e-6) * b.abs()
+    }
+
+    #[test]
+    fn codes_fill_six_bytes() {
+        let bits = 2 * DIRECTION_BITS + SLOPE_BITS + DEPARTURE_BITS + 1 + 2 * RANGE_BITS;
+        assert_eq!(bits, 48);
+        for [most, per_octave] in [SLOPE, DEPARTURE] {
+            assert!(most > 20 * per_octave);
+        }
+    }
+
+    #[test]
+    fn directions_of_the_whole_sphere_survive() {
+        let mut worst = 0.0_f32;
+        for i in 0..20_000 {
+            let (z, a) = (1.0 - (i as f32 + 0.5) / 10_000.0, 2.399_963 * i as f32);
+            let r = (1.0 - z * z).sqrt();
+            let slope = Vec3::new(r * a.cos(), r * a.sin(), z);
+            let read = coded(model(slope, 0.0, 0.0, 0.0), [1.0, 0.0]).slope;
+            worst = worst.max((read.normalize() - slope).length());
+        }
+        // The bound is met, not only kept.
+        assert!((0.8 * DIRECTION..DIRECTION).contains(&worst), "{worst}");
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z] {
+            let read = coded(model(axis, 0.0, 0.0, 0.0), [1.0, 0.0]);
+            assert_eq!(read.slope, axis);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn models_survive_within_the_stated_errors(
+            direction in prop::array::uniform3(-1.0_f32..1.0),
+            down in 0.0_f32..19.9,
+            departure_down in 0.0_f32..19.9,
+            is_below in any::<bool>(),
+            ranges in prop::array::uniform2(0.0_f32..12.0),
+            greatest in -100.0_f32..100.0,
+        ) {
+            let unit = Vec3::from(direction).normalize_or(Vec3::Y);
+            let (greatest, w) = (greatest.exp2(), (greatest - down).exp2());
+            let departure = 3.0 * (-departure_down).exp2() * if is_below { -1.0 } else { 1.0 };
+            let [below, above] = ranges.map(|r| r * w);
+            let read = coded(model(unit * w, departure, below, above), [greatest, 3.0]);
+            let read_w = length_of(read.slope);
+            prop_assert!(is_within(read_w, w, LENGTH), "{read_w} {w}");
+            prop_assert!((read.slope / read_w - unit).length() < DIRECTION);
+            prop_assert!(is_within(read.departure, departure, HEIGHT));
+            for (read, range) in [(read.below, below), (read.above, above)] {
+                prop_assert!(read >= range);
+                // A step of a quarter too much, or none where seven and a half are not enough.
+                let most = if range < 7.4 * w { range + 0.26 * w } else { NO_BOUND };
+                prop_assert!(read <= most, "{range} {read} {w}");
+            }
+        }
+    }
+
+    #[test]
+    fn zero_and_what_is_too_small_are_zero() {
+        let still = model(Vec3::ZERO, 0.0, 0.0, 0.0);
+        assert_eq!(LocalModels::new(&[still]).get(0), still);
+        assert_eq!(coded(still, [5.0, 5.0]), still);
+        let small = model(Vec3::X * 1e-7, -1e-7, 0.0, 1e-9);
+        // Whatever the range, quarters of no slope do not reach it.
+        let read = coded(small, [1.0, 1.0]);
+        assert_eq!(read, model(Vec3::ZERO, 0.0, 0.0, NO_BOUND));
+        // Below f32's full precision shaders may take numbers for zero.
+        let denormal = model(Vec3::Y * 1e-38, 1e-39, 0.0, 0.0);
+        assert_eq!(LocalModels::new(&[denormal]).get(0), still);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_zero_or_without_bound() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let poison = model(Vec3::new(1.0, bad, 0.0), bad, f32::NAN, f32::INFINITY);
+            let sound = model(Vec3::Z, -2.0, 0.0, 0.25);
+            let models = LocalModels::new(&[poison, sound, sound]);
+            let expected = model(Vec3::ZERO, 0.0, NO_BOUND, NO_BOUND);
+            assert_eq!(models.get(0), expected);
+            assert_eq!(models.get(1), sound);
+            assert_eq!(models.scales(), [1.0, 2.0]);
+        }
+        let huge = model(Vec3::splat(f32::MAX), f32::MAX, f32::MAX, 0.0);
+        let read = LocalModels::new(&[huge]).get(0);
+        assert_eq!((read.slope, read.departure), (Vec3::ZERO, f32::MAX));
+    }
+
+    #[test]
+    fn the_greatest_are_kept_and_gathered_models_read_the_same() {
+        let models: Vec<LocalModel> = (0..40)
+            .map(|i| {
+                let x = i as f32;
+                model(Vec3::new(x, 1.0 - x, 0.5 * x), 7.0 - x, 0.1 * x, x)
+            })
+            .collect();
+        let coded = LocalModels::new(&models);
+        assert_eq!((coded.len(), coded.is_empty()), (40, false));
+        assert_eq!(coded.greatest_slope(), models[39].slope.length());
+        assert_eq!(coded.scales()[1], 32.0);
+        assert_eq!(coded.get(39).departure, -32.0);
+        let gathered = coded.gather(&[39, 3, 3]);
+        assert_eq!(gathered.codes().len(), 3);
+        for (place, i) in [39, 3, 3].into_iter().enumerate() {
+            assert_eq!(gathered.get(place), coded.get(i));
+        }
+        assert!(LocalModels::new(&[]).is_empty());
+    }
+
+    /// The bits as the head of the file has them: what shaders read.
+    #[test]
+    fn bits_lie_where_they_are_said_to() {
+        let models = LocalModels::new(&[
+            model(Vec3::Z * 4.0, 1.0, 0.0, 0.0),
+            model(Vec3::X * 2.0, -0.5, 1.0, 9.0),
+        ]);
+        let [low, middle, high] = models.codes()[1].map(u64::from);
+        let code = low | middle << 16 | high << 32;
+        let field = |from: u64, bits: u64| code >> from & ((1 << bits) - 1);
+        assert_eq!([field(0, 9), field(9, 9)], [510, 255]);
+        assert_eq!(field(18, 10), 1023 - 51);
+        assert_eq!([field(28, 9), field(37, 1)], [511 - 25, 1]);
+        assert_eq!([field(38, 5), field(43, 5)], [2, 18]);
+    }
+}

@@ -1,0 +1,359 @@
+//! Lobes of a transfer function, and the Gaussian that a kernel becomes in each: classification over
+//! a kernel's own extent.
+//!
+//! Over a kernel of variance V the field runs about linearly, f + g . (x - x_i), so that its values are
+//! spread as a Gaussian of standard deviation w = sqrt(gᵀ V g). A *lobe* is a maximal interval of
+//! values whose extinction is above 0. What a lobe leaves of the kernel has the moments
+//!
+//! M_j = ∫ N(t; 0, 1) kappa(f + w t) tʲ dt
+//!
+//! along the gradient, and becomes the Gaussian of equal mass M_0, mean mu = M_1/M_0 and variance
+//! s² = M_2/M_0 - mu², in standard deviations of the kernel: shifted along u = V g / w and flattened across
+//! it. Where the field is steep against the lobe that is a piece of the iso-surface, a splat of a
+//! surface; where it is flat it is the kernel as it was.
+//!
+//! The three are tabulated over value and ln w ([`table`]), so that an edit of the function costs
+//! milliseconds and a kernel a look-up; [`Lobes::piece`] has the errors. Twin: `shaders/shared/lobes.wgsl`.
+
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "places in tables are held to their ends"
+)]
+
+mod table;
+
+use super::{CLASSIFICATION_TABLE_LEN, TransferFunction};
+pub(crate) use table::Row;
+
+/// Lobes of a function at most; the nearest of more are taken together.
+pub const MAX_LOBES: usize = 16;
+
+/// Cells of the tables of all lobes at most: 128 KiB of device memory.
+pub(crate) const MAX_LOBE_CELLS: usize = 1 << 13;
+
+/// Rows of the tables of all lobes at most.
+#[cfg(feature = "gpu")]
+pub(crate) const MAX_LOBE_ROWS: usize = 64 * MAX_LOBES;
+
+/// Farther from a lobe than this many standard deviations of a kernel's values, nothing of the kernel is
+/// in it that a picture shows: 1e-4 of what it has inside.
+pub const LOBE_REACH: f32 = 4.0;
+
+/// The greatest width of a piece: of a function with two peaks far apart the piece between them may be wider,
+/// and is no Gaussian.
+pub const MAX_PIECE_WIDTH: f32 = 1.5;
+
+/// Rows of a table to a factor of two in w.
+pub(crate) const LOBE_ROWS_PER_OCTAVE: f32 = 4.0;
+
+/// Cells of a row to a standard deviation.
+pub(crate) const LOBE_CELLS_PER_DEVIATION: f32 = 4.0;
+
+/// The optical depth that classifying kernels at their values alone may move across any place of a lobe:
+/// a grey level of 255 where nothing lies before it.
+pub const ALONE_DEPTH: f64 = 1.0 / 255.0;
+
+/// A maximal interval of values whose extinction is above 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lobe {
+    /// Its ends: values without extinction, or the ends of the function's range where it is above 0
+    /// there.
+    pub interval: [f32; 2],
+    /// The extinction \[1/length\] beyond its ends: above 0 where the function is at the end of its range,
+    /// from where on it is constant.
+    pub beyond: [f32; 2],
+    /// The greatest standard deviation w of a kernel's values with which it is classified at its value
+    /// alone ([`ALONE_DEPTH`]); infinite for a function that is the same everywhere.
+    pub threshold: f32,
+    /// Its greatest extinction \[1/length\].
+    pub(crate) peak: f32,
+    /// Its first row among those of all lobes, and how many it has.
+    pub(crate) first_row: u32,
+    pub(crate) row_count: u32,
+    /// The w of its first row.
+    pub(crate) first_spread: f32,
+}
+
+/// What a lobe leaves of a kernel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Extinction \[1/length\]: times the kernel's volume, the mass.
+    pub extinction: f32,
+    /// Shift of the centre along u, standard deviations of the kernel.
+    pub shift: f32,
+    /// Standard deviation across the gradient's planes, of that of the kernel; may pass 1.
+    pub width: f32,
+}
+
+/// The lobes of a transfer function and their tables.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lobes {
+    pub(crate) lobes: Vec<Lobe>,
+    pub(crate) rows: Vec<Row>,
+    /// Of each row, from [`LOBE_REACH`] deviations before the lobe to as many after it: the logarithm of m
+    /// over the lobe's peak, and d²/2 with d the deviations outside of it; the mean value's deviations
+    /// from the lobe's middle; the logarithm of s over [`MAX_PIECE_WIDTH`].
+    pub(crate) cells: Vec<[f32; 3]>,
+}
+
+impl Lobes {
+    pub(super) fn new(transfer: &TransferFunction, sigma: f32) -> Self {
+        let runs = runs(transfer.table());
+        table::build(transfer, &runs, f64::from(sigma))
+    }
+
+    /// The lobes in the order of their values, and what each looks up.
+    pub fn lobes(&self) -> &[Lobe] {
+        &self.lobes
+    }
+
+    /// The greatest spread of values w at which every lobe that meets `lo..=hi` takes kernels at their
+    /// values alone; infinite where there is none.
+    pub fn threshold(&self, lo: f32, hi: f32) -> f32 {
+        let met = self.lobes.iter().filter(|lobe| lobe.meets(lo, hi));
+        met.fold(f32::INFINITY, |least, lobe| least.min(lobe.threshold))
+    }
+
+    /// What a lobe leaves of a kernel whose values have the mean `value` and the standard deviation
+    /// `spread`, above its threshold; `None` where that is nothing.
+    ///
+    /// Against the integrals, over hats, trapezia and steps of any width: the
+    /// extinction within 1.2 % where it is above a hundredth of its greatest, shift within .01 and width within .005
+    /// (a unit test measures it). Width is held to [`MAX_PIECE_WIDTH`].
+    #[inline]
+    pub fn piece(&self, lobe: &Lobe, value: f32, spread: f32) -> Option<Piece> {
+        let [lo, hi] = lobe.interval;
+        let nearest = value.clamp(lo, hi);
+        let outside = (value - nearest) / spread;
+        // Phrased so that NaN has none.
+        if !(outside.abs() <= LOBE_REACH) {
+            // Beyond an open end the function is constant as far as the kernel goes.
+            let extinction = lobe.beyond[usize::from(outside > 0.0)];
+            let is_inside = outside.is_finite() && extinction > 0.0;
+            return is_inside.then_some(Piece {
+                extinction,
+                shift: 0.0,
+                width: 1.0,
+            });
+        }
+        let last = (lobe.row_count - 1) as f32;
+        let row = (spread / lobe.first_spread).log2() * LOBE_ROWS_PER_OCTAVE;
+        let place = row.clamp(0.0, last);
+        let below = (place as u32).min(lobe.row_count.max(2) - 2);
+        let share = place - below as f32;
+        let middle = lo + 0.5 * (hi - lo);
+        let [a, b] = [0, 1].map(|n| {
+            let row = self.rows[(lobe.first_row + below + n) as usize];
+            let [log_mass, mean, log_width] =
+                self.cell(row, (nearest - lo) * row.per_value, outside);
+            let from_middle = (nearest - middle) * (row.per_value / LOBE_CELLS_PER_DEVIATION);
+            [log_mass, mean - from_middle, log_width]
+        });
+        let [log_mass, mean, log_width] = [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * share);
+        // A kernel wider than the last row sees a closed lobe as a point.
+        let shrink = if row > last && lobe.beyond == [0.0; 2] {
+            ((last - row) / LOBE_ROWS_PER_OCTAVE).exp2()
+        } else {
+            1.0
+        };
+        // One narrower than the first row stays the more as it is.
+        let change = (spread / lobe.first_spread).min(1.0);
+        let width = MAX_PIECE_WIDTH * log_width.min(0.0).exp() * shrink;
+        let log_share = (log_mass - 0.5 * outside * outside).min(0.0);
+        Some(Piece {
+            extinction: lobe.peak * log_share.exp() * shrink,
+            shift: (mean * shrink - outside) * change,
+            width: 1.0 + (width - 1.0) * change,
+        })
+    }
+
+    /// Cells of a row, interpolated: `inside` cells from the lobe's beginning, and so many deviations
+    /// outside.
+    #[inline]
+    fn cell(&self, row: Row, inside: f32, outside: f32) -> [f32; 3] {
+        let place = inside + (outside + LOBE_REACH) * LOBE_CELLS_PER_DEVIATION;
+        let below = (place.max(0.0) as u32).min(row.count - 2);
+        let share = place - below as f32;
+        let at = (row.first + below) as usize;
+        let (a, b) = (self.cells[at], self.cells[at + 1]);
+        [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * share)
+    }
+}
+
+impl Lobe {
+    /// Whether a value has an extinction of the lobe.
+    #[inline]
+    pub fn holds(&self, value: f32) -> bool {
+        self.meets(value, value)
+    }
+
+    /// Whether any of the values `lo..=hi` has an extinction of the lobe.
+    #[inline]
+    pub fn meets(&self, lo: f32, hi: f32) -> bool {
+        let [first, last] = self.interval;
+        (lo < last || self.beyond[1] > 0.0) && (hi > first || self.beyond[0] > 0.0)
+    }
+}
+
+/// A lobe among the entries of a function's table: the first and the last that belong to it, which are 0
+/// but at an open end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Run {
+    first: usize,
+    last: usize,
+}
+
+/// The lobes of a table: maximal runs of entries above 0 and the zeros next to them. Of more than
+/// [`MAX_LOBES`] those with the narrowest gaps between them become one.
+fn runs(table: &[[f32; 4]]) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (i, entry) in table.iter().enumerate() {
+        if !(entry[3] > 0.0) {
+            continue;
+        }
+        let last = (i + 1).min(CLASSIFICATION_TABLE_LEN - 1);
+        match runs.last_mut() {
+            Some(run) if table[i - 1][3] > 0.0 => run.last = last,
+            _ => runs.push(Run {
+                first: i.saturating_sub(1),
+                last,
+            }),
+        }
+    }
+    while runs.len() > MAX_LOBES {
+        let gap = |i: &usize| runs[i + 1].first - runs[*i].last;
+        let Some(narrowest) = (0..runs.len() - 1).min_by_key(gap) else {
+            break;
+        };
+        let merged = runs.remove(narrowest + 1);
+        runs[narrowest].last = merged.last;
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::lobe::moments;
+
+    /// A function of extinction `kappa`, over 0 to 1.
+    fn transfer(kappa: impl Fn(f32) -> f32) -> TransferFunction {
+        let opacity = |v: f32| 1.0 - (-kappa(v)).exp();
+        TransferFunction::from_curves(|_| [1.0; 3], opacity, [0.0, 1.0], 1.0).unwrap()
+    }
+
+    fn hat(v: f32, middle: f32, half: f32) -> f32 {
+        (1.0 - (v - middle).abs() / half).max(0.0)
+    }
+
+    /// The knots of a lobe, continued for `reach` beyond open ends.
+    fn knots(transfer: &TransferFunction, lobe: &Lobe, reach: f64) -> Vec<[f64; 2]> {
+        let [lo, hi] = lobe.interval.map(f64::from);
+        let last = (CLASSIFICATION_TABLE_LEN - 1) as f64;
+        let mut knots: Vec<[f64; 2]> = transfer
+            .table()
+            .iter()
+            .enumerate()
+            .map(|(i, e)| [i as f64 / last, f64::from(e[3])])
+            .filter(|k| k[0] >= lo - 1e-6 && k[0] <= hi + 1e-6)
+            .collect();
+        if lobe.beyond[0] > 0.0 {
+            knots.insert(0, [lo - reach, f64::from(lobe.beyond[0])]);
+        }
+        if lobe.beyond[1] > 0.0 {
+            knots.push([hi + reach, f64::from(lobe.beyond[1])]);
+        }
+        knots
+    }
+
+    /// The greatest errors of mass (share of the function's peak where that is above a hundredth of
+    /// it), shift and width, over all lobes.
+    fn errors(transfer: &TransferFunction) -> [f64; 3] {
+        let lobes = transfer.lobes(0.1);
+        let peak = f64::from(transfer.greatest_extinction());
+        let mut worst = [0.0_f64; 3];
+        for lobe in lobes.lobes() {
+            let [lo, hi] = lobe.interval;
+            for n in 0..60 {
+                // Up to four times the range.
+                let spread = lobe.threshold.max(lobe.first_spread) * 1.17_f32.powi(n);
+                if spread > 4.0 {
+                    break;
+                }
+                let knots = knots(transfer, lobe, 20.0 * f64::from(spread));
+                for m in 0..=160 {
+                    let share = m as f32 / 160.0;
+                    let value = lo - 4.5 * spread + share * (hi - lo + 9.0 * spread);
+                    let truth = moments(&knots, f64::from(value), f64::from(spread));
+                    let found = lobes.piece(lobe, value, spread);
+                    let (Some([mass, mean, variance]), Some(piece)) = (truth, found) else {
+                        assert!(truth.is_none_or(|t| t[0] < 2e-4 * peak), "{value} {spread}");
+                        continue;
+                    };
+                    if mass < 0.01 * peak {
+                        // Faint: it matters less, and is right to a tenth.
+                        let ratio = f64::from(piece.extinction) / mass;
+                        let is_far = mass < 2e-4 * peak;
+                        assert!(
+                            is_far || (0.9..1.1).contains(&ratio),
+                            "{value} {spread} {ratio}"
+                        );
+                        continue;
+                    }
+                    let found = [
+                        (f64::from(piece.extinction) / mass - 1.0).abs(),
+                        (f64::from(piece.shift) - mean).abs(),
+                        (f64::from(piece.width) - variance.sqrt()).abs(),
+                    ];
+                    for (w, e) in worst.iter_mut().zip(found) {
+                        *w = w.max(e);
+                    }
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn tables_hold_the_moments() {
+        for (name, kappa) in [
+            (
+                "narrow hat",
+                Box::new(|v| 20.0 * hat(v, 0.3, 0.03)) as Box<dyn Fn(f32) -> f32>,
+            ),
+            ("wide hat", Box::new(|v| hat(v, 0.5, 0.3))),
+            ("spike", Box::new(|v| 100.0 * hat(v, 0.7, 0.0005))),
+            (
+                "two hats",
+                Box::new(|v| hat(v, 0.3, 0.05) + 3.0 * hat(v, 0.6, 0.1)),
+            ),
+            ("step", Box::new(|v| f32::from(u8::from(v >= 0.3)))),
+            (
+                "box",
+                Box::new(|v| f32::from(u8::from((0.25..0.45).contains(&v)))),
+            ),
+            (
+                "trapezium",
+                Box::new(|v| {
+                    ((v - 0.1) / 0.15)
+                        .clamp(0.0, 1.0)
+                        .min(((0.7 - v) / 0.2).max(0.0))
+                }),
+            ),
+            (
+                "opaque hat",
+                Box::new(|v| -(1.0 - 0.98 * hat(v, 0.6, 0.03)).ln()),
+            ),
+            ("ramp", Box::new(|v| (v - 0.15).max(0.0))),
+            ("falls", Box::new(|v| (0.4 - v).max(0.0) + 0.1)),
+        ] {
+            let transfer = transfer(kappa);
+            let errors = errors(&transfer);
+            assert!(
+                errors[0] < 0.012 && errors[1] < 0.01 && errors[2] < 0.005,
+                "{name}: {errors:?}"
+            );
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Where the domain of its data cuts a kernel: up to three planes, each by the share of the kernel that
+//! lies inside it along a pixel's ray.
+//!
+//! Along a ray a kernel is a Gaussian, and a plane leaves what lies behind the place where the ray enters
+//! the domain or in front of the place where it leaves it: Phi of the distance from the plane, in
+//! standard deviations. Of what enters the greatest share that is cut away counts, of what leaves the
+//! least that is left.
+//!
+//! - **Affine footprints** follow the joint Gaussian of pixel and distance. With n the plane's normal, s
+//!   the distance of the kernel's centre inside, x and y the rows of the footprint's factor in pixels,
+//!   t = Lᵀn, S the low-passed variance of the footprint and c = (x . t, y . t), the distance at the
+//!   offset d has the mean s + cᵀ S⁻¹ d and the variance t . t - cᵀ S⁻¹ c. So the low-pass filter
+//!   softens an edge seen along the plane, too, as it softens the kernel.
+//! - **Exact footprints** and kernels across the plane of the eye are cut where the ray meets the plane.
+//!
+//! Twin: `shaders/shared/edges.wgsl`.
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::footprint::{Kernel, project_kernel};
+use crate::constants::{EDGE_REACH, LEAST_SPREAD, MOST_EDGES};
+use crate::record::{NearTerms, PATH_EXACT, PATH_NEAR, ViewUniform};
+
+/// The planes that cut one kernel, camera space.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Edges {
+    /// Unit normal into the domain, and how far the kernel's centre lies inside.
+    planes: [(Vec3, f32); MOST_EDGES],
+    count: u32,
+    is_outside: bool,
+}
+
+impl Edges {
+    /// Of a kernel; `planes` beside its particle: unit normal in the world and how far the particle's
+    /// centre lies inside.
+    ///
+    /// - `moved`: how far the kernel's centre lies from the particle's, camera space.
+    #[inline]
+    pub fn of(kernel: &Kernel, rotation: &Mat3, moved: Vec3, planes: &[[f32; 4]]) -> Self {
+        let mut edges = Self::default();
+        for &[x, y, z, distance] in planes {
+            if distance == f32::INFINITY {
+                continue;
+            }
+            let normal = *rotation * Vec3::new(x, y, z);
+            let inside = distance + normal.dot(moved);
+            let reach = EDGE_REACH * along(kernel, normal).length();
+            if inside <= -reach {
+                edges.is_outside = true;
+            }
+            if inside < reach
+                && let Some(plane) = edges.planes.get_mut(edges.count as usize)
+            {
+                *plane = (normal, inside);
+                edges.count += 1;
+            }
+        }
+        edges
+    }
+
+    /// Whether nothing of the kernel lies inside.
+    #[inline]
+    pub fn is_outside(&self) -> bool {
+        self.is_outside
+    }
+
+    /// Whether no plane cuts the kernel.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Writes the planes as a footprint's path reads them:
+    ///
+    /// | path | edge |
+    /// |---|---|
+    /// | affine, half-line | how far inside a pixel's share lies, standard deviations: change per pixel along x and y, at the centre; 1 where rays enter, -1 where they leave |
+    /// | exact | change of n . D per pixel along x and y, n . D at the centre, distance of the centre inside |
+    /// | near | n over the distance of the eye from the plane, so that a ray meets it at z = 1/(m . D); 1 where the eye lies inside, -1 outside |
+    pub fn write(&self, view: &ViewUniform, kernel: &Kernel, path: u32, terms: &mut NearTerms) {
+        let direction = if view.orthographic != 0 {
+            Vec3::Z
+        } else {
+            kernel.centre
+        };
+        let screen = project_kernel(view, kernel);
+        for (edge, &(normal, inside)) in terms
+            .edges
+            .iter_mut()
+            .zip(&self.planes[..self.count as usize])
+        {
+            *edge = if path & 3 == PATH_NEAR {
+                // Of the eye, at the origin.
+                let of_eye = inside - normal.dot(kernel.centre);
+                let side = if of_eye > 0.0 { 1.0 } else { -1.0 };
+                let distance = of_eye.abs().max(f32::MIN_POSITIVE);
+                (normal * (-side / distance)).extend(side).into()
+            } else if path == PATH_EXACT {
+                let slope = Vec2::new(normal.x, normal.y) / Vec2::from(view.focal_px);
+                let across = normal.dot(kernel.centre) / kernel.centre.z;
+                [slope.x, slope.y, across, inside]
+            } else {
+                let h2 = view.low_pass_variance_px2;
+                let reach = along(kernel, normal);
+                let length = reach.length().max(f32::MIN_POSITIVE);
+                let (x, y, t) = (screen.row_x, screen.row_y, reach / length);
+                let (m, xt, yt) = (x.cross(y), x.cross(t), y.cross(t));
+                let (xx, yy) = (x.length_squared(), y.length_squared());
+                let determinant = m.length_squared() + h2 * (xx + yy) + h2 * h2;
+                // Minors, not products of squares, which would cancel where the kernel is long.
+                let inverse = 1.0 / determinant.max(f32::MIN_POSITIVE);
+                let slope = Vec2::new(h2 * x.dot(t) - m.dot(yt), h2 * y.dot(t) + m.dot(xt));
+                let triple = m.dot(t);
+                let squares = triple * triple
+                    + h2 * (xt.length_squared() + yt.length_squared())
+                    + h2 * h2 * t.length_squared();
+                let spread = (squares * inverse).sqrt().max(LEAST_SPREAD);
+                let slope = slope * (inverse / spread);
+                let enters = if normal.dot(direction) > 0.0 {
+                    1.0
+                } else {
+                    -1.0
+                };
+                [slope.x, slope.y, inside / length / spread, enters]
+            };
+        }
+        terms.edge_count = self.count;
+    }
+}
+
+/// Lᵀn: the kernel's reach along a normal, by the axes of its factor.
+#[inline]
+fn along(kernel: &Kernel, normal: Vec3) -> Vec3 {
+    let f = &kernel.factor;
+    f.x * normal.x + f.y * normal.y + f.z * normal.z
+}

@@ -1,0 +1,94 @@
+//! Sharp boundaries: the back ends against each other.
+
+use ewa_splat::sample::{BoundaryChoice, grid};
+use ewa_splat::scene::PointVolume;
+use ewa_splat::view::ClipPlane;
+use ewa_splat::{Composite, Filter, Settings};
+use glam::DVec3;
+
+use crate::boundary::{
+    all_cameras, ball_volume, extent, lattices, ring, settings, shells, uniform_options,
+};
+use crate::common::gpu::assert_alike;
+
+fn all_settings() -> Vec<(&'static str, Settings)> {
+    let clip = ClipPlane {
+        normal: DVec3::new(0.3, 0.8, -0.2),
+        distance: 0.1,
+    };
+    let with = |composite| Settings {
+        composite,
+        ..settings()
+    };
+    vec![
+        (
+            "over",
+            Settings {
+                depth: true,
+                ..settings()
+            },
+        ),
+        (
+            "wide filter",
+            Settings {
+                low_pass_variance_px2: 1.0,
+                ..settings()
+            },
+        ),
+        (
+            "exact",
+            Settings {
+                filter: Filter::Exact,
+                ..settings()
+            },
+        ),
+        (
+            "clipped",
+            Settings {
+                clip: vec![clip],
+                ..settings()
+            },
+        ),
+        ("sheets", with(Composite::SHEETS)),
+        ("slabs", with(Composite::SLABS)),
+        ("maximum", with(Composite::MAXIMUM)),
+    ]
+}
+
+/// Each lattice under each camera and each way of drawing, on both back ends.
+#[test]
+fn both_back_ends_cut_alike() {
+    for (name, lattice) in lattices() {
+        let (middle, radius) = extent(&lattice);
+        let volume = ball_volume(&lattice);
+        for (i, camera) in all_cameras(middle, radius).iter().enumerate() {
+            for (j, (how, settings)) in all_settings().iter().enumerate() {
+                // Each lattice under each camera, and each way, but not all of all: software takes seconds
+                // for each.
+                // Under a maximum the mean of what little a slab has before the eye tells roundings apart.
+                let is_thin = i > 2 && matches!(settings.composite, Composite::Maximum { .. });
+                if (i + j + name.len()) % 4 == 0 && !is_thin {
+                    let name = format!("{name}, camera {i}, {how}");
+                    assert_alike(&name, &volume, camera, settings);
+                }
+            }
+        }
+    }
+    let dims = [14, 20, 10];
+    let nodes = ring(dims, 4.0);
+    let values: Vec<f32> = nodes.iter().map(|p| (p.z / 3.0) as f32).collect();
+    let sampled = grid(dims, nodes, values, &uniform_options(BoundaryChoice::Sharp)).unwrap();
+    let volume = PointVolume {
+        transfer_function: Some(shells()),
+        ..sampled.volume
+    };
+    for (i, camera) in all_cameras(DVec3::Z * 1.5, 3.4).iter().enumerate() {
+        for (j, (how, settings)) in all_settings().into_iter().enumerate() {
+            let is_thin = i > 2 && matches!(settings.composite, Composite::Maximum { .. });
+            if (i + j) % 3 == 0 && !is_thin {
+                let name = format!("ring, camera {i}, {how}");
+                assert_alike(&name, &volume, camera, &settings);
+            }
+        }
+    }
+}
