@@ -500,20 +500,22 @@ fn cut_by_edges(view: ViewUniform, kernel: Kernel, edges: Edges, out: Footprint)
     if edges.count == 0u || out.rows == 0u {
         return 0u;
     }
+    let at_rays = meets_rays(view, kernel, out.path);
+    let count = edges.count | select(0u, RAY_EDGES, at_rays);
     var own: array<array<f32, 4>, MOST_EDGES>;
     for (var k = 0u; k < edges.count; k = k + 1u) {
-        let edge = written_edge(view, kernel, out.path, edges.planes[k]);
+        let edge = written_edge(view, kernel, out.path, at_rays, edges.planes[k]);
         own[k] = array<f32, 4>(edge.x, edge.y, edge.z, edge.w);
     }
     if (out.path & 2u) != 0u {
         let place = out.path >> 2u;
         near.terms[place].edges = own;
-        near.terms[place].edge_count = edges.count;
+        near.terms[place].edge_count = count;
         return 0u;
     }
     var terms: NearTerms;
     terms.edges = own;
-    terms.edge_count = edges.count;
+    terms.edge_count = count;
     let place = listed(terms);
     return select(place + 1u, 0u, place == NO_PLACE);
 }

@@ -119,3 +119,7 @@ pub const EDGE_REACH: f32 = 4.5;
 /// The standard deviation of a kernel along a ray, as a share of that across a plane, below which the
 /// plane's edge is not resolved: f32 keeps a step finite.
 pub const LEAST_SPREAD: f32 = 1e-6;
+
+/// The share of a transfer function's greatest extinction, and the opacity of a splat, below which nobody looks
+/// for a particle: no fitted camera, no cut face, no sharp boundary.
+pub(crate) const FAINT_SHARE: f32 = 0.01;

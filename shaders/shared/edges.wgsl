@@ -42,8 +42,32 @@ fn with_edge(
     return out;
 }
 
+// Whether rays meet an exact footprint's planes: the low-pass filter's share of its narrower side is no more
+// than the angle that its kernel fills.
+fn meets_rays(view: ViewUniform, kernel: Kernel, path: u32) -> bool {
+    if path != PATH_EXACT {
+        return false;
+    }
+    let screen = project_kernel(view, kernel);
+    let both = dot3(screen.row_x, screen.row_x) + dot3(screen.row_y, screen.row_y);
+    let m = cross3(screen.row_x, screen.row_y);
+    let narrower = dot3(m, m) / max(both, SMALLEST);
+    let f = kernel.factor;
+    let size = sqrt(dot3(f.x, f.x) + dot3(f.y, f.y) + dot3(f.z, f.z));
+    let h2 = view.low_pass_variance_px2;
+    return !(h2 * length3(kernel.centre) > size * (h2 + narrower));
+}
+
 // A plane as a footprint's path reads it.
-fn written_edge(view: ViewUniform, kernel: Kernel, path: u32, plane: vec4<f32>) -> vec4<f32> {
+//
+// - `at_rays`: whether rays meet it.
+fn written_edge(
+    view: ViewUniform,
+    kernel: Kernel,
+    path: u32,
+    at_rays: bool,
+    plane: vec4<f32>,
+) -> vec4<f32> {
     let normal = plane.xyz;
     let inside = plane.w;
     if (path & 3u) == PATH_NEAR {
@@ -53,7 +77,7 @@ fn written_edge(view: ViewUniform, kernel: Kernel, path: u32, plane: vec4<f32>) 
         let distance = max(abs(of_eye), SMALLEST);
         return vec4<f32>(normal * (-side / distance), side);
     }
-    if path == PATH_EXACT {
+    if at_rays {
         let slope = normal.xy / view.focal_px;
         let across = dot3(normal, kernel.centre) / kernel.centre.z;
         return vec4<f32>(slope, across, inside);
@@ -80,6 +104,9 @@ fn written_edge(view: ViewUniform, kernel: Kernel, path: u32, plane: vec4<f32>) 
     if view.orthographic != 0u {
         direction = vec3<f32>(0.0, 0.0, 1.0);
     }
-    let enters = select(-1.0, 1.0, dot3(normal, direction) > 0.0);
+    var enters = select(-1.0, 1.0, dot3(normal, direction) > 0.0);
+    if 2.0 * h2 > dot3(x, x) + dot3(y, y) {
+        enters = 0.0;
+    }
     return vec4<f32>(slope * (inverse / spread), inside / length / spread, enters);
 }

@@ -13,7 +13,7 @@ use super::halo::Halo;
 use super::merge::MergeBounds;
 use super::{Block, EMPTY_RANGE, NO_PARENT, value_range};
 use crate::constants::{BRICK, EDGE_REACH, MOST_EDGES};
-use crate::math::{Factor, lower_factor, principal_sigmas};
+use crate::math::{Factor, Truncated, lower_factor, principal_sigmas};
 use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Values, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
@@ -115,9 +115,36 @@ pub struct AxisSample {
 }
 
 impl BrickGrid {
-    /// Cuts a lattice into bricks; its cells merged to cubes of `merged` along each edge, or as
-    /// they are (1).
-    pub(super) fn new(lattice: Lattice, kernel_width: f64, merged: usize) -> Self {
+    /// Cuts a lattice into bricks.
+    pub(super) fn new(lattice: Lattice, kernel_width: f64) -> Self {
+        Self::of_cubes(lattice, kernel_width, 1, |axis, a| {
+            axis.samples(kernel_width, BRICK[a])
+        })
+    }
+
+    /// The grid whose cells are cubes of `merged` of this one's along each edge: of its kernels as its faces,
+    /// where it has any, cut them.
+    pub(super) fn merged(&self, merged: usize) -> Self {
+        let kernels = self.axis_kernels();
+        let lattice = self.lattice.clone();
+        Self::of_cubes(lattice, self.kernel_width, merged, |axis, a| {
+            axis.merged_samples(&kernels[a], merged, BRICK[a])
+        })
+    }
+
+    /// The kernels of the lattice's own samples along each axis, as faces cut them; in units of the grid's basis.
+    fn axis_kernels(&self) -> [Vec<AxisKernel>; 3] {
+        let ghosts = self.faces.as_ref().map_or([0; 3], |faces| faces.ghosts);
+        [0, 1, 2].map(|a| Axis::new(&self.lattice, a).kernels(self.kernel_width, ghosts[a]))
+    }
+
+    /// - `samples`: of an axis.
+    fn of_cubes(
+        lattice: Lattice,
+        kernel_width: f64,
+        merged: usize,
+        samples: impl Fn(&Axis, usize) -> Vec<AxisSample>,
+    ) -> Self {
         let dims = lattice.dims.map(|n| n.div_ceil(merged));
         let bricks = [0, 1, 2].map(|a| dims[a].div_ceil(BRICK[a]));
         let (basis, volume) = match &lattice.spacing {
@@ -127,9 +154,7 @@ impl BrickGrid {
         let cells = match &lattice.spacing {
             LatticeSpacing::Uniform { .. } if merged == 1 => Cells::Uniform,
             _ => {
-                let samples =
-                    |a: usize| Axis::new(&lattice, a).samples(kernel_width, merged, BRICK[a]);
-                let mut axes = [0, 1, 2].map(samples);
+                let mut axes = [0, 1, 2].map(|a| samples(&Axis::new(&lattice, a), a));
                 for sample in &mut axes[0] {
                     sample.extent *= volume;
                 }
@@ -153,7 +178,7 @@ impl BrickGrid {
     pub(super) fn with_faces(lattice: &Lattice, kernel_width: f64) -> Self {
         Self {
             faces: Some(Faces::new(lattice, kernel_width)),
-            ..Self::new(lattice.with_ghosts(), kernel_width, 1)
+            ..Self::new(lattice.with_ghosts(), kernel_width)
         }
     }
 
@@ -459,13 +484,20 @@ impl BrickGrid {
             .collect()
     }
 
-    /// The moments of the cells along each axis, in units of the grid's basis.
-    pub(super) fn axis_moments(&self) -> [Vec<AxisMoments>; 3] {
-        [0, 1, 2].map(|a| {
-            let axis = Axis::new(&self.lattice, a);
-            let of_cell = |i| axis.moments(self.kernel_width, i * self.merged, self.merged);
-            (0..self.dims[a]).map(of_cell).collect()
-        })
+    /// The moments of cubes of `merged` cells along each axis, in units of the grid's basis.
+    pub(super) fn axis_moments(&self, merged: usize) -> [Vec<AxisMoments>; 3] {
+        let of_axis = |kernels: Vec<AxisKernel>| {
+            let cubes = kernels.chunks(merged).map(AxisMoments::of);
+            cubes.collect()
+        };
+        self.axis_kernels().map(of_axis)
+    }
+
+    /// What each sample of the lattice along each axis contributes to the volume of its cell inside the faces, in
+    /// units of the grid's basis.
+    pub(super) fn axis_extents(&self) -> [Vec<f64>; 3] {
+        self.axis_kernels()
+            .map(|kernels| kernels.iter().map(|kernel| kernel.extent).collect())
     }
 
     /// How far the cells of a brick differ from the lattice's own cells in them, but for values.
@@ -572,6 +604,17 @@ struct Axis {
     widths: Vec<f64>,
 }
 
+/// A sample's kernel along an axis: what the domain leaves of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct AxisKernel {
+    /// Of its cell, times the share of the kernel.
+    extent: f64,
+    mean: f64,
+    variance: f64,
+    /// Third central moment.
+    third: f64,
+}
+
 impl Axis {
     fn new(lattice: &Lattice, a: usize) -> Self {
         match &lattice.spacing {
@@ -589,59 +632,73 @@ impl Axis {
         }
     }
 
-    /// The samples whose cells are merged by `merged` and then cut into bricks of `brick`.
-    fn samples(&self, kernel_width: f64, merged: usize, brick: usize) -> Vec<AxisSample> {
+    /// The kernels of all samples; those of the outermost `ghosts` lie beyond faces, at the outermost samples
+    /// but these, which cut all.
+    fn kernels(&self, kernel_width: f64, ghosts: usize) -> Vec<AxisKernel> {
         let axis = &self.coordinates;
-        (0..axis.len().div_ceil(merged))
-            .map(|i| {
-                let first = i / brick * brick * merged;
-                let last = (first + brick * merged).min(axis.len()) - 1;
-                // The block's origin along this axis, as `BrickGrid::blocks` finds it.
-                let middle = (axis[first] + axis[last]) / 2.0;
-                if merged == 1 {
-                    let width = self.widths[i] as f32;
-                    return AxisSample {
-                        offset: (axis[i] - middle) as f32,
-                        sigma: width * kernel_width as f32,
-                        extent: width,
-                        bend: bend(axis, i),
-                    };
-                }
-                let moments = self.moments(kernel_width, i * merged, merged);
-                AxisSample {
-                    offset: (moments.mean - middle) as f32,
-                    sigma: moments.variance.sqrt() as f32,
-                    extent: moments.extent as f32,
-                    bend: 0.0,
-                }
-            })
-            .collect()
+        let faces = (ghosts > 0).then(|| [axis[ghosts], axis[axis.len() - 1 - ghosts]]);
+        let kernel = |(&at, &width): (&f64, &f64)| {
+            let sigma = kernel_width * width;
+            let Some(faces) = faces else {
+                return AxisKernel {
+                    extent: width,
+                    mean: at,
+                    variance: sigma * sigma,
+                    third: 0.0,
+                };
+            };
+            // Coordinates may descend.
+            let [a, b] = faces.map(|face| (face - at) / sigma);
+            let left = Truncated::new(a.min(b), a.max(b));
+            AxisKernel {
+                extent: width * left.share,
+                mean: at + sigma * left.mean,
+                variance: sigma * sigma * left.variance,
+                third: sigma * sigma * sigma * left.third,
+            }
+        };
+        axis.iter().zip(&self.widths).map(kernel).collect()
     }
 
-    /// Of the samples `first` to `first + count`, as far as there are any.
-    fn moments(&self, kernel_width: f64, first: usize, count: usize) -> AxisMoments {
-        let members = first..(first + count).min(self.coordinates.len());
-        let extent: f64 = self.widths[members.clone()].iter().sum();
-        let average = |of: &dyn Fn(usize) -> f64| {
-            let sum: f64 = members.clone().map(|i| self.widths[i] * of(i)).sum();
-            sum / extent
+    /// The samples in bricks of `brick`.
+    fn samples(&self, kernel_width: f64, brick: usize) -> Vec<AxisSample> {
+        let axis = &self.coordinates;
+        let sample = |i: usize| {
+            let width = self.widths[i] as f32;
+            AxisSample {
+                offset: (axis[i] - self.middle(i / brick, brick)) as f32,
+                sigma: width * kernel_width as f32,
+                extent: width,
+                bend: bend(axis, i),
+            }
         };
-        let mean = average(&|i| self.coordinates[i]);
-        let own = |i: usize| (kernel_width * self.widths[i]).powi(2);
-        let from_mean = |i: usize| self.coordinates[i] - mean;
-        let variance = average(&|i| from_mean(i).powi(2) + own(i));
-        let third = average(&|i| from_mean(i).powi(3) + 3.0 * from_mean(i) * own(i));
-        let fourth = average(&|i| {
-            let square = from_mean(i).powi(2);
-            square * square + 6.0 * square * own(i) + 3.0 * own(i) * own(i)
-        });
-        AxisMoments {
-            extent,
-            mean,
-            variance,
-            third,
-            fourth: fourth - 3.0 * variance * variance,
-        }
+        (0..axis.len()).map(sample).collect()
+    }
+
+    /// The same of kernels that are merged by `merged` and then cut into bricks of `brick`.
+    fn merged_samples(
+        &self,
+        kernels: &[AxisKernel],
+        merged: usize,
+        brick: usize,
+    ) -> Vec<AxisSample> {
+        let sample = |(i, members): (usize, &[AxisKernel])| {
+            let moments = AxisMoments::of(members);
+            AxisSample {
+                offset: (moments.mean - self.middle(i / brick, brick * merged)) as f32,
+                sigma: moments.variance.sqrt() as f32,
+                extent: moments.extent as f32,
+                bend: 0.0,
+            }
+        };
+        kernels.chunks(merged).enumerate().map(sample).collect()
+    }
+
+    /// The origin along this axis of the blocks of a row of bricks, as `BrickGrid::blocks` finds it.
+    fn middle(&self, brick: usize, samples: usize) -> f64 {
+        let first = brick * samples;
+        let last = (first + samples).min(self.coordinates.len()) - 1;
+        (self.coordinates[first] + self.coordinates[last]) / 2.0
     }
 }
 
@@ -654,10 +711,10 @@ fn bend(axis: &[f64], i: usize) -> f32 {
     (((above - own) - (own - below)) / (above - below)) as f32
 }
 
-/// Moments of neighbouring kernels along an axis, weighted by the widths of their cells.
+/// Moments of neighbouring kernels along an axis, weighted by their extents.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AxisMoments {
-    /// The sum of the widths.
+    /// The sum of the extents.
     pub(super) extent: f64,
     pub(super) mean: f64,
     /// Of the kernels: their own and that of their places.
@@ -666,4 +723,29 @@ pub(super) struct AxisMoments {
     pub(super) third: f64,
     /// Fourth cumulant.
     pub(super) fourth: f64,
+}
+
+impl AxisMoments {
+    fn of(members: &[AxisKernel]) -> Self {
+        let extent: f64 = members.iter().map(|k| k.extent).sum();
+        let average = |of: &dyn Fn(&AxisKernel) -> f64| {
+            let sum: f64 = members.iter().map(|k| k.extent * of(k)).sum();
+            sum / extent
+        };
+        let mean = average(&|k| k.mean);
+        let from_mean = |k: &AxisKernel| k.mean - mean;
+        let variance = average(&|k| from_mean(k).powi(2) + k.variance);
+        let third = average(&|k| from_mean(k).powi(3) + 3.0 * from_mean(k) * k.variance + k.third);
+        let fourth = average(&|k| {
+            let (square, own) = (from_mean(k).powi(2), k.variance);
+            square * square + 6.0 * square * own + 4.0 * from_mean(k) * k.third + 3.0 * own * own
+        });
+        Self {
+            extent,
+            mean,
+            variance,
+            third,
+            fourth: fourth - 3.0 * variance * variance,
+        }
+    }
 }

@@ -117,9 +117,8 @@ fn build_ordered(
         normals,
         local_models,
     } = volume.with_ghosts();
-    // Merged particles reflect like none of their members; see `PointVolume::normals`. Nor are they cut
-    // as these.
-    let detail = options.detail && normals.is_none() && boundary.is_none();
+    // Merged particles reflect like none of their members; see `PointVolume::normals`.
+    let detail = options.detail && normals.is_none();
     let mut sides = None;
     let (positions, sigmas) = match particles {
         Particles::Lattice {
@@ -127,7 +126,7 @@ fn build_ordered(
             kernel_width,
         } => {
             let grid = match own {
-                None => BrickGrid::new(lattice.clone(), kernel_width, 1),
+                None => BrickGrid::new(lattice, kernel_width),
                 Some(own) => BrickGrid::with_faces(&own, kernel_width),
             };
             let blocks = if grid.is_empty() {
@@ -152,7 +151,7 @@ fn build_ordered(
                 merged: None,
             };
             let levels = if detail {
-                merge_lattice(&mut base, &lattice, kernel_width, task)?
+                merge_lattice(&mut base, task)?
             } else {
                 Vec::new()
             };
@@ -189,6 +188,10 @@ fn build_ordered(
         colour: &colour,
         values: values.as_ref(),
         models: local_models.as_ref(),
+        boundary: match &boundary {
+            Some(Boundary::Planes(planes)) => Some(planes),
+            Some(Boundary::Lattice) | None => None,
+        },
     };
     // Clusters are runs of the tree's order, which the blocks' own order is not.
     // Surfels are not merged: a cluster of them need not lie in a plane.

@@ -39,6 +39,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
+use crate::constants::FAINT_SHARE;
 use crate::scene::{
     BoundaryPlanes, Colour, Lobes, LocalModels, PointVolume, Strength, TransferFunction, Values,
 };
@@ -159,10 +160,6 @@ pub struct Block {
 
 /// In place of a block's parent: none.
 pub const NO_PARENT: u32 = u32::MAX;
-
-/// The share of a transfer function's greatest extinction, and the opacity of a splat, below which a
-/// fitted camera does not look for a particle.
-const FAINT_SHARE: f32 = 0.01;
 
 /// No value: contains nothing.
 pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];

@@ -7,6 +7,7 @@ mod factor;
 mod flatten;
 mod harmonics;
 mod normal;
+mod truncated;
 mod variance;
 
 #[cfg(feature = "gpu")]
@@ -26,6 +27,7 @@ pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 pub(crate) use normal::ERFC_SERIES;
 pub(crate) use normal::FRAC_1_SQRT_TAU;
 pub use normal::{normal_cdf, normal_density_and_cdf};
+pub(crate) use truncated::Truncated;
 pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{
     eigen, factor_of_variance, from_eigen, principal_sigmas, scales_and_rotation,

@@ -41,5 +41,5 @@ pub use footprint::{
     PATH_PEAK, PATH_SURFEL, pack_range,
 };
 pub use state::{ChunkState, ChunkUniform, FrameState, PartIndex, PartRange, PartState, SortState};
-pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, SurfelTerms};
+pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, RAY_EDGES, SurfelTerms};
 pub use view::{CameraUniform, ChoiceUniform, LightUniform, LightingUniform, ViewUniform};

@@ -99,9 +99,12 @@ pub struct NearTerms {
     /// The planes at which the domain of its data cuts the kernel, as its path reads them
     /// (`splat/edges.rs`).
     pub edges: [[f32; 4]; MOST_EDGES],
-    /// How many of them there are.
+    /// How many of them there are, and whether rays meet them ([`RAY_EDGES`]).
     pub edge_count: u32,
 }
+
+/// In [`NearTerms::edge_count`]: an exact footprint is cut where rays meet its planes, not as an affine one.
+pub const RAY_EDGES: u32 = 1 << 8;
 
 /// What a classified particle has besides where the transfer function was asked over its kernel's extent:
 /// how the kernel of a lobe lies in the particle's own.

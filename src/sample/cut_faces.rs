@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::{index_u32, narrowed};
+use crate::constants::FAINT_SHARE;
 use crate::error::{Error, Result};
 use crate::scene::{Colour, Particles, PointVolume, Strength};
 use crate::view::ClipPlane;
@@ -15,9 +16,6 @@ const REACH: f64 = 4.0;
 /// How far inside the plane surfels lie, in standard deviations of their kernels along its normal,
 /// so that rounding does not make the plane cut away what lies on it.
 const INSIDE: f64 = 0.05;
-
-/// What has less than this share of the transfer function's greatest extinction has no face.
-const FAINT_SHARE: f32 = 0.01;
 
 /// The faces of clip planes through a volume: opaque surfels on each plane that show the field there.
 /// `None` where no plane meets a kernel.

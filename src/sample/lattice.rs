@@ -59,15 +59,23 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         options,
     )?;
     if options.is_sharp() && taken.association == Association::Nodes {
-        let on_faces = (0..dims.iter().product()).filter(|n: &usize| {
-            let cell = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
-            (0..3).any(|a| dims[a] > 1 && (cell[a] == 0 || cell[a] + 1 == dims[a]))
-        });
-        if options.cuts(&sampled.volume, on_faces) {
+        if options.cuts(&sampled.volume, on_faces(dims)) {
             sampled.volume.boundary = Some(Boundary::Lattice);
         }
     }
     Ok(sampled)
+}
+
+/// The samples on the faces of a lattice, those on its edges more than once; an axis of one sample has none.
+fn on_faces(dims: [usize; 3]) -> impl Iterator<Item = usize> {
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    let axes = (0..3).filter(move |&a| dims[a] > 1);
+    let faces = axes.flat_map(move |a| [(a, 0), (a, dims[a] - 1)]);
+    faces.flat_map(move |(a, at)| {
+        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+        let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
+        across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
+    })
 }
 
 /// The lattice of cell centres. An axis of one node has one layer of cells, at the node.

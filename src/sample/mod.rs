@@ -5,6 +5,9 @@ mod cells;
 mod convert;
 mod curvilinear;
 mod cut_faces;
+mod duals;
+mod even;
+mod even_grid;
 mod factor;
 mod fit;
 mod flatten;
@@ -25,6 +28,7 @@ mod shepard;
 mod sph;
 mod splats;
 mod statistics;
+mod structured;
 mod yu_turk;
 
 use std::path::{Path, PathBuf};
@@ -41,6 +45,7 @@ use crate::scene::{
 use crate::task::Task;
 
 pub use crate::constants::DEFAULT_KERNEL_WIDTH;
+use crate::constants::FAINT_SHARE;
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 pub use cut_faces::cut_faces;
 use kernels::Kernels;
@@ -103,8 +108,9 @@ pub struct SampleOptions {
 /// How data end at the boundary of their domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BoundaryChoice {
-    /// Sharp where the transfer function shows any sample on the boundary, otherwise soft: what is
-    /// transparent there needs no cut.
+    /// Sharp where the transfer function shows any sample on the boundary (by more than a hundredth of its
+    /// greatest extinction), otherwise soft: what is transparent there needs no cut. Soft for column
+    /// densities, whose sums are those of the samples.
     Automatic,
     /// Kernels are cut at the domain ([`PointVolume::boundary`]), so that density is that of the data up to
     /// the boundary: grids of any kind with values at nodes. Other data have no boundary, and nor has
@@ -552,7 +558,12 @@ fn classified(
 impl SampleOptions {
     /// Whether the boundary of what has one is to be sharp.
     fn is_sharp(&self) -> bool {
-        self.boundary != BoundaryChoice::Soft && self.flatten.is_none() && self.shepard_passes == 0
+        let is_wanted = match self.boundary {
+            BoundaryChoice::Sharp => true,
+            BoundaryChoice::Automatic => !self.for_columns,
+            BoundaryChoice::Soft => false,
+        };
+        is_wanted && self.flatten.is_none() && self.shepard_passes == 0
     }
 
     /// Whether that of a volume is, of whose samples these lie on it.
@@ -560,8 +571,10 @@ impl SampleOptions {
         let (Some(values), Some(transfer)) = (&volume.values, &volume.transfer_function) else {
             return true;
         };
+        let [lowest, highest] = transfer.range();
+        let least = FAINT_SHARE * transfer.max_extinction(lowest, highest);
         self.boundary == BoundaryChoice::Sharp
-            || on_boundary.any(|i| transfer.classify(values.get(i))[3] > 0.0)
+            || on_boundary.any(|i| transfer.classify(values.get(i))[3] > least)
     }
 }
 

@@ -32,7 +32,7 @@ const SUM_TERMS: usize = 1 << 22;
 const SUM_BATCH: usize = 1 << 10;
 
 /// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
-const MOST_NEIGHBOURS: usize = 8192;
+pub(super) const MOST_NEIGHBOURS: usize = 8192;
 
 /// What the search for neighbours is called.
 const FINDING: &str = "finding neighbours";
@@ -313,11 +313,11 @@ impl<'a> PointIndex<'a> {
         }
     }
 
-    /// How many points some of the kernels reach on average, if it is too many to sum over.
-    pub(super) fn crowd(
+    /// How many points some of the kernels reach on average: a sum over them takes as many terms for each.
+    pub(super) fn mean_reach(
         &self,
         kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
-    ) -> Option<usize> {
+    ) -> usize {
         /// Kernels looked at.
         const SAMPLE: usize = 256;
         let step = self.order.len().div_ceil(SAMPLE).max(1);
@@ -332,19 +332,19 @@ impl<'a> PointIndex<'a> {
                 Some(count)
             })
             .sum();
-        let average = reached / some.len().max(1);
-        (average > MOST_NEIGHBOURS).then_some(average)
+        reached / some.len().max(1)
     }
 
     /// At each point the sum over kernels j of amplitude x Gaussian. `kernel(j)` gives the
     /// lower-triangular factor, the greatest standard deviation and the amplitude of the kernel at
-    /// point j, or `None`. 0 for points that are not finite.
+    /// point j, or `None`; `reaches(j, i)` whether it counts at point i. 0 for points that are not finite.
     ///
     /// The terms are summed in the order of the points, whatever the number of threads.
     pub(super) fn kernel_sums(
         &self,
         task: Option<&Task>,
         kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
+        reaches: impl Fn(usize, usize) -> bool + Sync,
     ) -> Result<Vec<f64>> {
         let stage = Stage::new(task, "summing kernels", self.order.len());
         let mut sums = vec![0.0; self.positions.len()];
@@ -366,7 +366,7 @@ impl<'a> PointIndex<'a> {
                         self.for_each_within(self.positions[j], SUM_CUTOFF * sigma, |i, d| {
                             let term = amplitude * gaussian(factor, d);
                             // A flat kernel has no density.
-                            if term.is_finite() {
+                            if term.is_finite() && reaches(j, i as usize) {
                                 terms.push((i, term));
                             }
                         });
@@ -504,7 +504,7 @@ mod tests {
         let index = PointIndex::new(&points).unwrap();
         let sigma = 0.7;
         let kernel = |_| Some(([sigma, 0.0, sigma, 0.0, 0.0, sigma], sigma, 1.0));
-        let sums = index.kernel_sums(None, kernel).unwrap();
+        let sums = index.kernel_sums(None, kernel, |_, _| true).unwrap();
         // Within the cut-off's .1 % and the ripple of sigma .7, .04 %.
         let centre = sums[4 + 9 * (4 + 9 * 4)];
         assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");

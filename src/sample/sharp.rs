@@ -9,11 +9,14 @@
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::curvilinear::Grid;
+use super::even::CutKernels;
+use super::even_grid::GridNodes;
 use super::kernels::Kernel;
 use super::local_models::matrix_of;
+use super::structured::Grid;
 use super::{SampleOptions, SampleReport, index_u32, narrowed};
 use crate::constants::{EDGE_REACH, MOST_EDGES};
+use crate::error::Result;
 use crate::io::Blanking;
 use crate::math::lower_factor;
 use crate::scene::{
@@ -32,6 +35,8 @@ const LEAST_SINE: f64 = 1e-6;
 
 /// What a node beside the boundary, or a ghost, becomes.
 struct SharpNode {
+    /// Which node of the grid, continued by [`LAYERS`], it is.
+    place: usize,
     /// The node itself, or the one nearest to the ghost; then the one as far behind that.
     sources: [usize; 2],
     is_ghost: bool,
@@ -203,6 +208,7 @@ impl Grid<'_> {
         }
         let behind = to_index([0, 1, 2].map(|a| (nearest[a] - beyond[a]).clamp(0, last[a])));
         Some(SharpNode {
+            place: n,
             sources: [self.node_index(node), self.node_index(behind)],
             is_ghost,
             kernel,
@@ -252,28 +258,91 @@ pub(super) fn sharpen_grids(
     grids: &[(usize, Grid<'_>)],
     kept: &[u32],
     options: &SampleOptions,
-) {
+) -> Result<()> {
     let particle = |node: usize| kept.binary_search(&index_u32(node)).ok();
-    let of_grid = |(first, grid): &(usize, Grid<'_>)| {
-        let nodes = grid.sharp_nodes(options.kernel_width).into_iter();
-        let first = *first;
-        let found: Vec<SharpParticle> = nodes
-            .filter_map(|node| {
-                let nearest = particle(first + node.sources[0])?;
-                let behind = particle(first + node.sources[1]).unwrap_or(nearest);
-                Some(SharpParticle {
-                    sources: [nearest, behind],
-                    is_ghost: node.is_ghost,
-                    kernel: node.kernel,
-                    value: None,
-                    edges: node.edges,
-                })
-            })
-            .collect();
-        found
+    let mut changes = Vec::new();
+    let mut all_nodes = Vec::with_capacity(grids.len());
+    let mut ghost = kept.len();
+    for (first, grid) in grids {
+        let mut nodes = GridNodes::new(grid, grid.layers());
+        let members = kept.partition_point(|&node| (node as usize) < *first)
+            ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
+        for i in members {
+            nodes.set(nodes.place_of(kept[i] as usize - first), index_u32(i));
+        }
+        for node in grid.sharp_nodes(options.kernel_width) {
+            let Some(nearest) = particle(first + node.sources[0]) else {
+                continue;
+            };
+            if node.is_ghost {
+                nodes.set(node.place, index_u32(ghost));
+                ghost += 1;
+            }
+            changes.push(SharpParticle {
+                sources: [
+                    nearest,
+                    particle(first + node.sources[1]).unwrap_or(nearest),
+                ],
+                is_ghost: node.is_ghost,
+                kernel: node.kernel,
+                value: None,
+                edges: node.edges,
+            });
+        }
+        all_nodes.push(nodes);
+    }
+    let Some(ghosts) = apply(volume, report, changes, options) else {
+        return Ok(());
     };
-    let changes: Vec<SharpParticle> = grids.iter().flat_map(of_grid).collect();
-    apply(volume, report, changes, options);
+    even_out(volume, &ghosts, |kernels, volumes| {
+        let of_grid =
+            |nodes: &GridNodes<'_, '_>| nodes.sums(kernels, volumes, options.kernel_width);
+        let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
+        if found.is_empty() {
+            return Ok(None);
+        }
+        let mut sums = vec![f64::NAN; kernels.own_count()];
+        for (i, sum) in found {
+            sums[i] = sum;
+        }
+        Ok(Some(sums))
+    })
+}
+
+/// Evens out the volumes of a volume with a boundary.
+///
+/// - `sums`: of all kernels at the samples, where they are to be evened out; `None` for none.
+pub(super) fn even_out(
+    volume: &mut PointVolume,
+    ghosts: &Ghosts,
+    sums: impl FnOnce(&CutKernels<'_>, &[f32]) -> Result<Option<Vec<f64>>>,
+) -> Result<()> {
+    let (
+        Particles::Anisotropic { positions, factors },
+        Strength::Classified { volumes },
+        Some(Boundary::Planes(boundary)),
+    ) = (&volume.particles, &mut volume.strength, &volume.boundary)
+    else {
+        return Ok(());
+    };
+    let kernels = CutKernels {
+        positions,
+        factors,
+        boundary,
+        sources: &ghosts.sources,
+    };
+    if let Some(sums) = sums(&kernels, volumes)? {
+        kernels.even_out(volumes, &sums, ghosts.inside);
+    }
+    Ok(())
+}
+
+/// What a sharp boundary has added.
+pub(super) struct Ghosts {
+    /// The samples that they belong to; they are the last particles.
+    pub(super) sources: Vec<usize>,
+    /// The volume of the data.
+    inside: f64,
 }
 
 /// Changes and adds the particles of a boundary, where the options want it sharp.
@@ -282,16 +351,17 @@ pub(super) fn apply(
     report: &mut SampleReport,
     changes: Vec<SharpParticle>,
     options: &SampleOptions,
-) {
+) -> Option<Ghosts> {
     let on_boundary = changes.iter().filter(|c| c.kernel.is_some() && !c.is_ghost);
     if !options.cuts(volume, on_boundary.map(|c| c.sources[0])) {
-        return;
+        return None;
     }
     let (Particles::Anisotropic { positions, factors }, Strength::Classified { volumes }) =
         (&mut volume.particles, &mut volume.strength)
     else {
-        return;
+        return None;
     };
+    let inside = volumes.iter().copied().map(f64::from).sum();
     // The gradient stays, over another kernel; what the samples' centroids did to values goes with them.
     let models = volume.local_models.take();
     let of_sources = factors.clone();
@@ -360,6 +430,10 @@ pub(super) fn apply(
         volume.local_models = Some(LocalModels::new(&all));
     }
     volume.boundary = Some(Boundary::Planes(boundary));
+    Some(Ghosts {
+        sources: sources.iter().map(|([nearest, _], _)| *nearest).collect(),
+        inside,
+    })
 }
 
 /// Of a field that is the same everywhere.

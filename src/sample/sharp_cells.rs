@@ -14,7 +14,7 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3};
 
-use super::cells::Duals;
+use super::duals::Duals;
 use super::index_u32;
 use super::kernels::Kernel;
 use super::sharp::{SharpParticle, edges};
@@ -61,7 +61,7 @@ struct Surface {
     around: HashMap<u32, Vec<u32>>,
 }
 
-/// What changes at the boundary, and how many nodes lie on edges that go in.
+/// What changes at the boundary, and which particles lie on edges that go in, ascending.
 ///
 /// - `is_drawn`: whether a cell is.
 /// - `particle`: which particle a node is, if it is any.
@@ -72,15 +72,18 @@ pub(super) fn sharp_cells(
     particle: impl Fn(u32) -> Option<usize>,
     values: &Values,
     kernel_width: f64,
-) -> (Vec<SharpParticle>, usize) {
+) -> (Vec<SharpParticle>, Vec<usize>) {
     let surface = Surface::new(mesh, duals, &is_drawn);
-    let mut reentrant = 0;
+    let mut reentrant = Vec::new();
     let mut own: HashMap<u32, Vec<Tangent>> = HashMap::with_capacity(surface.around.len());
     for &node in surface.around.keys() {
         let planes = surface.planes(mesh, node);
-        reentrant += usize::from(planes.is_none());
+        if planes.is_none() {
+            reentrant.extend(particle(node));
+        }
         own.insert(node, planes.unwrap_or_default());
     }
+    reentrant.sort_unstable();
     let beside = beside(mesh, duals, &is_drawn, &own);
     let mut nodes: Vec<u32> = beside.keys().copied().collect();
     nodes.sort_unstable();

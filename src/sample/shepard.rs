@@ -39,10 +39,11 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32, task: Option<&Task
     let total = |volumes: &[f32]| volumes.iter().copied().map(f64::from).sum::<f64>();
     let before = total(volumes);
     for _ in 0..passes {
-        let sums = index.kernel_sums(task, |j| {
+        let kernel = |j: usize| {
             let factor = factor(j);
             Some((factor, principal_sigmas(factor)[0], f64::from(volumes[j])))
-        })?;
+        };
+        let sums = index.kernel_sums(task, kernel, |_, _| true)?;
         volumes
             .par_iter_mut()
             .zip(&sums)

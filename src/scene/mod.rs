@@ -13,6 +13,7 @@ mod transfer_function;
 mod values;
 
 pub(crate) use boundary::NO_EDGE;
+pub(crate) use boundary::cut_kernel;
 pub use boundary::{Boundary, BoundaryPlanes, MOST_EDGES};
 pub use classification::Classification;
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};

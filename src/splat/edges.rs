@@ -4,22 +4,26 @@
 //! Along a ray a kernel is a Gaussian, and a plane leaves what lies behind the place where the ray enters
 //! the domain or in front of the place where it leaves it: Phi of the distance from the plane, in
 //! standard deviations. Of what enters the greatest share that is cut away counts, of what leaves the
-//! least that is left.
+//! least that is left: on a ray one distance decides about all planes. Where the low-pass filter makes most of
+//! a footprint it mixes rays, and planes know nothing of one another: what they leave is the product of their
+//! shares.
 //!
 //! - **Affine footprints** follow the joint Gaussian of pixel and distance. With n the plane's normal, s
 //!   the distance of the kernel's centre inside, x and y the rows of the footprint's factor in pixels,
 //!   t = Lᵀn, S the low-passed variance of the footprint and c = (x . t, y . t), the distance at the
 //!   offset d has the mean s + cᵀ S⁻¹ d and the variance t . t - cᵀ S⁻¹ c. So the low-pass filter
 //!   softens an edge seen along the plane, too, as it softens the kernel.
-//! - **Exact footprints** and kernels across the plane of the eye are cut where the ray meets the plane.
+//! - **Exact footprints** are cut where the ray meets the plane, unless the low-pass filter blurs them by more than
+//!   perspective bends them: then as affine ones are.
+//! - Kernels across the plane of the eye are cut where the ray meets the plane.
 //!
 //! Twin: `shaders/shared/edges.wgsl`.
 
 use glam::{Mat3, Vec2, Vec3};
 
-use super::footprint::{Kernel, project_kernel};
+use super::footprint::{Kernel, ScreenFactor, project_kernel};
 use crate::constants::{EDGE_REACH, LEAST_SPREAD, MOST_EDGES};
-use crate::record::{NearTerms, PATH_EXACT, PATH_NEAR, ViewUniform};
+use crate::record::{NearTerms, PATH_EXACT, PATH_NEAR, RAY_EDGES, ViewUniform};
 
 /// The planes that cut one kernel, camera space.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -74,7 +78,7 @@ impl Edges {
     ///
     /// | path | edge |
     /// |---|---|
-    /// | affine, half-line | how far inside a pixel's share lies, standard deviations: change per pixel along x and y, at the centre; 1 where rays enter, -1 where they leave |
+    /// | affine, half-line, exact and blurred | how far inside a pixel's share lies, standard deviations: change per pixel along x and y, at the centre; 1 where rays enter, -1 where they leave, 0 where the filter mixes them |
     /// | exact | change of n . D per pixel along x and y, n . D at the centre, distance of the centre inside |
     /// | near | n over the distance of the eye from the plane, so that a ray meets it at z = 1/(m . D); 1 where the eye lies inside, -1 outside |
     pub fn write(&self, view: &ViewUniform, kernel: &Kernel, path: u32, terms: &mut NearTerms) {
@@ -84,6 +88,7 @@ impl Edges {
             kernel.centre
         };
         let screen = project_kernel(view, kernel);
+        let meets_rays = path == PATH_EXACT && !is_blurred(view, kernel, &screen);
         for (edge, &(normal, inside)) in terms
             .edges
             .iter_mut()
@@ -95,7 +100,7 @@ impl Edges {
                 let side = if of_eye > 0.0 { 1.0 } else { -1.0 };
                 let distance = of_eye.abs().max(f32::MIN_POSITIVE);
                 (normal * (-side / distance)).extend(side).into()
-            } else if path == PATH_EXACT {
+            } else if meets_rays {
                 let slope = Vec2::new(normal.x, normal.y) / Vec2::from(view.focal_px);
                 let across = normal.dot(kernel.centre) / kernel.centre.z;
                 [slope.x, slope.y, across, inside]
@@ -116,7 +121,9 @@ impl Edges {
                     + h2 * h2 * t.length_squared();
                 let spread = (squares * inverse).sqrt().max(LEAST_SPREAD);
                 let slope = slope * (inverse / spread);
-                let enters = if normal.dot(direction) > 0.0 {
+                let enters = if 2.0 * h2 > xx + yy {
+                    0.0
+                } else if normal.dot(direction) > 0.0 {
                     1.0
                 } else {
                     -1.0
@@ -124,8 +131,22 @@ impl Edges {
                 [slope.x, slope.y, inside / length / spread, enters]
             };
         }
-        terms.edge_count = self.count;
+        terms.edge_count = self.count | if meets_rays { RAY_EDGES } else { 0 };
     }
+}
+
+/// Whether the low-pass filter's share of a footprint's narrower side is more than the angle that its kernel
+/// fills: what an edge errs by where the filter does not soften it, and where it is that of an affine footprint.
+#[inline]
+fn is_blurred(view: &ViewUniform, kernel: &Kernel, screen: &ScreenFactor) -> bool {
+    let (x, y) = (screen.row_x, screen.row_y);
+    let both = x.length_squared() + y.length_squared();
+    // No more than the lesser of two variances of this sum and this product.
+    let narrower = x.cross(y).length_squared() / both.max(f32::MIN_POSITIVE);
+    let f = &kernel.factor;
+    let size = (f.x.length_squared() + f.y.length_squared() + f.z.length_squared()).sqrt();
+    let h2 = view.low_pass_variance_px2;
+    h2 * kernel.centre.length() > size * (h2 + narrower)
 }
 
 /// Lᵀn: the kernel's reach along a normal, by the axes of its factor.

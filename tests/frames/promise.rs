@@ -12,13 +12,15 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::boundary::{ring, uniform_options};
 use crate::common::scene::{Particle, overlapping, volume};
 use crate::common::{Random, real_data, some};
 use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
-use ewa_splat::sample::{SampleOptions, TransferChoice, volume as sample};
+use ewa_splat::sample::{BoundaryChoice, SampleOptions, TransferChoice, grid, volume as sample};
 use ewa_splat::scene::{
-    Colour, Lattice, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
+    Boundary, Colour, Lattice, Particles, PointVolume, Strength, TransferDefaults,
+    TransferFunction, Values,
 };
 use ewa_splat::stages::splat::budget::WORST_PIXEL;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
@@ -772,6 +774,31 @@ fn zooming_out_of_a_lattice_pops_by_less_than_the_tolerance() {
 
 /// The GPU's pictures, held to the CPU's exact ones: all data, small, at the default tolerance.
 #[cfg(feature = "gpu")]
+/// Merged particles of what faces cut are those of the parts inside.
+#[test]
+fn zooming_out_of_a_lattice_cut_at_its_faces_pops_by_less_than_the_tolerance() {
+    let cut = PointVolume {
+        boundary: Some(Boundary::Lattice),
+        ..lattice(49)
+    };
+    hold_zoom("cut lattice", cut);
+}
+
+/// The same of tangent planes.
+#[test]
+fn zooming_out_of_a_cut_ring_pops_by_less_than_the_tolerance() {
+    let dims = [20, 60, 30];
+    let nodes = ring(dims, 4.0);
+    let values: Vec<f32> = nodes.iter().map(|p| (127.5 + 40.0 * p.z) as f32).collect();
+    let sampled = grid(dims, nodes, values, &uniform_options(BoundaryChoice::Sharp)).unwrap();
+    let volume = PointVolume {
+        transfer_function: lattice(2).transfer_function,
+        ..sampled.volume
+    };
+    assert!(volume.boundary.is_some());
+    hold_zoom("cut ring", volume);
+}
+
 #[test]
 fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
     /// A software adapter draws these.

@@ -29,7 +29,8 @@ fn begin_domain(at: u32, footprint: TileFootprint, sample: Sample, ray: TileRay)
     if !HAS_EDGES || at == 0u {
         return;
     }
-    let count = min(near.terms[at - 1u].edge_count, MOST_EDGES);
+    let edge_count = near.terms[at - 1u].edge_count;
+    let count = min(edge_count & ~RAY_EDGES, MOST_EDGES);
     for (var k = 0u; k < count; k = k + 1u) {
         let edge = near.terms[at - 1u].edges[k];
         let plane = vec4<f32>(edge[0], edge[1], edge[2], edge[3]);
@@ -38,13 +39,21 @@ fn begin_domain(at: u32, footprint: TileFootprint, sample: Sample, ray: TileRay)
             own = near_domain(footprint, plane, ray);
         } else {
             let d = offset_from(footprint.centre_px, ray);
-            if footprint.path == PATH_EXACT {
+            if (edge_count & RAY_EDGES) != 0u {
                 own = exact_domain(footprint, sample, plane, d);
             } else {
                 own = affine_domain(plane, d);
             }
         }
-        domain = vec2<f32>(max(domain.x, own.x), min(domain.y, own.y));
+        // All planes of a kernel are of the kind that is multiplied, or none is.
+        let product = domain.y * own.y;
+        let is_mixed = plane.w == 0.0
+            && (edge_count & RAY_EDGES) == 0u
+            && !(HAS_NEAR && is_near_path(footprint.path));
+        domain = vec2<f32>(
+            max(domain.x, own.x),
+            select(min(domain.y, own.y), product, is_mixed),
+        );
     }
 }
 
@@ -59,6 +68,7 @@ fn affine_domain(plane: vec4<f32>, d: vec2<f32>) -> vec2<f32> {
     if plane.w > 0.0 {
         return vec2<f32>(share_inside(-deviations), 1.0);
     }
+    // Where rays leave, and where the filter mixes rays.
     return vec2<f32>(0.0, share_inside(deviations));
 }
 

@@ -54,9 +54,9 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
     /// Grids: how the data end: cut sharply at their boundary, or softly, density falling to half at the
-    /// faces
-    #[arg(long, value_name = "HOW", value_enum, default_value = "soft")]
-    pub(crate) boundary: BoundaryName,
+    /// faces [default: sharp where the transfer function shows any of the boundary; column densities: soft]
+    #[arg(long, value_name = "HOW", value_enum)]
+    pub(crate) boundary: Option<BoundaryName>,
     /// Grids: draw the iso-surface of this value by surfels, kernels flattened along the gradient
     #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
@@ -310,8 +310,9 @@ impl DataOptions {
             for_columns: false,
             flatten: self.flatten,
             boundary: match self.boundary {
-                BoundaryName::Sharp => BoundaryChoice::Sharp,
-                BoundaryName::Soft => BoundaryChoice::Soft,
+                None => BoundaryChoice::Automatic,
+                Some(BoundaryName::Sharp) => BoundaryChoice::Sharp,
+                Some(BoundaryName::Soft) => BoundaryChoice::Soft,
             },
             normals: false,
             local_models: true,

@@ -6,7 +6,7 @@ use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
-use crate::scene::{Colour, Lattice, Strength, Values};
+use crate::scene::{Colour, Strength, Values};
 use crate::task::{Stage, Task};
 
 /// Cells along the edge of a cube of the first level: 64 cells share what it stores.
@@ -20,31 +20,22 @@ const NEXT_CUBE: usize = 2;
 /// not pay.
 pub(in crate::blocks) fn merge_lattice(
     base: &mut BlockedVolume,
-    lattice: &Lattice,
-    kernel_width: f64,
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
-    let mut levels = Vec::new();
+    let mut levels: Vec<BlockedVolume> = Vec::new();
     let is_mergeable = matches!(&base.strength, Strength::Classified { volumes } if volumes.is_empty())
         && matches!(base.colour, Colour::Classified | Colour::Uniform(_));
-    let Some(values) = &base.values else {
+    let (Some(values), BlockedParticles::Lattice(cells)) = (&base.values, &base.particles) else {
         return Ok(levels);
     };
-    if !is_mergeable || lattice.len() <= BLOCK_CAPACITY || values.non_finite_count() > 0 {
+    if !is_mergeable || cells.len() <= BLOCK_CAPACITY || values.non_finite_count() > 0 {
         return Ok(levels);
     }
+    let extents = cells.axis_extents();
     let mut cube = FIRST_CUBE;
     loop {
-        let grid = BrickGrid::new(lattice.clone(), kernel_width, cube);
-        levels.push(level(
-            base,
-            values,
-            grid,
-            lattice,
-            cube,
-            levels.len() as u32 + 1,
-            task,
-        )?);
+        let number = levels.len() as u32 + 1;
+        levels.push(level(base, cells, values, &extents, cube, number, task)?);
         let BlockedParticles::Lattice(grid) = &levels[levels.len() - 1].particles else {
             break;
         };
@@ -84,15 +75,18 @@ fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first
 }
 
 /// One level: cubes of `cube` cells along each edge, means of their values and spreads.
+///
+/// - `extents`: of the cells along each axis, those of [`BrickGrid::axis_extents`].
 fn level(
     base: &BlockedVolume,
+    cells: &BrickGrid,
     values: &Values,
-    grid: BrickGrid,
-    lattice: &Lattice,
+    extents: &[Vec<f64>; 3],
     cube: usize,
     level: u32,
     task: Option<&Task>,
 ) -> Result<BlockedVolume> {
+    let grid = cells.merged(cube);
     let [columns, rows, _] = grid.dims();
     let mut means = vec![0.0_f32; grid.len()];
     let mut spreads = vec![0.0_f32; grid.len()];
@@ -106,14 +100,14 @@ fn level(
         .filter(|(line, _)| stage.counts(*line))
         .for_each(|(line, ((means, spreads), uneven))| {
             let (j, k) = (line % rows, line / rows);
-            let cells = means.iter_mut().zip(spreads).zip(uneven);
-            for (i, ((mean, spread), uneven)) in cells.enumerate() {
-                [*mean, *spread, *uneven] = cube_values(base, values, lattice, [i, j, k], cube);
+            let cubes = means.iter_mut().zip(spreads).zip(uneven);
+            for (i, ((mean, spread), uneven)) in cubes.enumerate() {
+                [*mean, *spread, *uneven] = cube_values(cells, values, extents, [i, j, k], cube);
             }
         });
     stage.check()?;
     let blocks = grid.blocks(None, false, level);
-    let moments = grid.axis_moments();
+    let moments = cells.axis_moments(cube);
     let bounds: Vec<MergeBounds> = blocks
         .par_iter()
         .map(|block| {
@@ -160,16 +154,14 @@ fn level(
 /// Mean of the values of a cube's cells, weighted by their volumes, the half width of the interval
 /// over which even values would have their variance, and how far they are from being even.
 fn cube_values(
-    base: &BlockedVolume,
+    cells: &BrickGrid,
     values: &Values,
-    lattice: &Lattice,
+    extents: &[Vec<f64>; 3],
     at: [usize; 3],
     cube: usize,
 ) -> [f32; 3] {
-    let BlockedParticles::Lattice(cells) = &base.particles else {
-        return [0.0; 3];
-    };
-    let [x, y, z] = [0, 1, 2].map(|a| at[a] * cube..((at[a] + 1) * cube).min(lattice.dims[a]));
+    let dims = cells.dims();
+    let [x, y, z] = [0, 1, 2].map(|a| at[a] * cube..((at[a] + 1) * cube).min(dims[a]));
     // Relative to the first, so that nothing cancels.
     let first = f64::from(values.get(cells.index([x.start, y.start, z.start])));
     let members = || {
@@ -177,7 +169,8 @@ fn cube_values(
         rows.flat_map(|(j, k)| x.clone().map(move |i| [i, j, k]))
             .map(|cell| {
                 let value = f64::from(values.get(cells.index(cell))) - first;
-                (cells.cell_volume_f64(cell), value)
+                let own = extents[0][cell[0]] * extents[1][cell[1]] * extents[2][cell[2]];
+                (own, value)
             })
     };
     let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);

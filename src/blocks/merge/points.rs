@@ -14,7 +14,7 @@ use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARE
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{eigen, lower_factor};
-use crate::scene::{Colour, LocalModels, Strength, Values};
+use crate::scene::{BoundaryPlanes, Colour, LocalModels, Strength, Values, cut_kernel};
 use crate::task::{Stage, Task};
 
 /// By how much less than its box the particles of a subtree may span, in units of the box: each is
@@ -189,6 +189,7 @@ pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) colour: &'a Colour,
     pub(in crate::blocks) values: Option<&'a Values>,
     pub(in crate::blocks) models: Option<&'a LocalModels>,
+    pub(in crate::blocks) boundary: Option<&'a BoundaryPlanes>,
 }
 
 /// Shapes of particles.
@@ -196,6 +197,69 @@ pub(in crate::blocks) struct Source<'a> {
 pub(in crate::blocks) enum Shapes<'a> {
     Spheres(&'a [f32]),
     Factors(&'a [[f32; 6]]),
+}
+
+/// A particle that is merged, as far as the domain leaves it.
+#[derive(Debug, Clone)]
+struct Member {
+    index: usize,
+    strength: f64,
+    /// Of its mean from the block's origin.
+    offset: DVec3,
+    variance: Symmetric,
+    /// Its third central moments are the sum of the third powers of these vectors; empty where nothing is cut.
+    skews: Vec<DVec3>,
+}
+
+impl Source<'_> {
+    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
+    fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+        let strength = self.strength.stored()[i];
+        let has_value = self.values.is_none_or(|v| !v.get(i).is_nan());
+        if !(strength > 0.0 && strength.is_finite() && has_value) {
+            return None;
+        }
+        let [l00, l10, l11, l20, l21, l22] = match self.shapes {
+            Shapes::Spheres(sigmas) => {
+                let l = f64::from(sigmas[i]);
+                [l, 0.0, l, 0.0, 0.0, l]
+            }
+            Shapes::Factors(factors) => factors[i].map(f64::from),
+        };
+        let whole = Member {
+            index: i,
+            strength: f64::from(strength),
+            offset: self.positions[i] - origin,
+            variance: [
+                l00 * l00,
+                l00 * l10,
+                l00 * l20,
+                l10 * l10 + l11 * l11,
+                l10 * l20 + l11 * l21,
+                l20 * l20 + l21 * l21 + l22 * l22,
+            ],
+            skews: Vec::new(),
+        };
+        let Some(planes) = self.boundary.and_then(|b| b.of(i)) else {
+            return Some(whole);
+        };
+        let factor = DMat3::from_cols(
+            DVec3::new(l00, l10, l20),
+            DVec3::new(0.0, l11, l21),
+            DVec3::new(0.0, 0.0, l22),
+        );
+        let left = cut_kernel(factor, planes)?;
+        let v = left.factor * left.factor.transpose();
+        Some(Member {
+            index: i,
+            strength: whole.strength * left.share,
+            offset: whole.offset + left.shift,
+            variance: [
+                v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
+            ],
+            skews: left.skews,
+        })
+    }
 }
 
 /// A cluster as a particle.
@@ -334,52 +398,27 @@ fn merge(
     narrowest: f32,
     members: &[u32],
 ) -> Option<(Particle, MergeBounds, f32)> {
-    let strength = |i: usize| {
-        let strength = source.strength.stored()[i];
-        // What draws nothing does not count; nor does what has no value.
-        let has_value = source.values.is_none_or(|v| !v.get(i).is_nan());
-        if strength > 0.0 && strength.is_finite() && has_value {
-            f64::from(strength)
-        } else {
-            0.0
-        }
-    };
-    let visible = || {
-        let members = members.iter().map(|&i| i as usize);
-        members.map(|i| (i, strength(i))).filter(|(_, g)| *g > 0.0)
-    };
-    let total: f64 = visible().map(|(_, g)| g).sum();
+    let visible: Vec<Member> = members
+        .iter()
+        .filter_map(|&i| source.member(i as usize, origin))
+        .collect();
+    let total: f64 = visible.iter().map(|m| m.strength).sum();
     if !(total > 0.0 && total.is_finite()) {
         return None;
     }
-    let share = |g: f64| g / total;
-    let offset = |i: usize| source.positions[i] - origin;
-    let centre: DVec3 = visible().map(|(i, g)| offset(i) * share(g)).sum();
+    let share = |m: &Member| m.strength / total;
+    let centre: DVec3 = visible.iter().map(|m| m.offset * share(m)).sum();
     let common = f64::from(narrowest).powi(2);
     let mut moments = Moments::default();
     let (mut value, mut square, mut colour, mut colour_square) = (0.0, 0.0, DVec3::ZERO, 0.0);
     let mut member_depth = 0.0;
     let mut overlap = 0.0;
-    for (i, g) in visible() {
-        let w = share(g);
-        let own = match source.shapes {
-            Shapes::Spheres(sigmas) => {
-                let v = f64::from(sigmas[i]).powi(2);
-                [v, 0.0, 0.0, v, 0.0, v]
-            }
-            Shapes::Factors(factors) => {
-                let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-                [
-                    l00 * l00,
-                    l00 * l10,
-                    l00 * l20,
-                    l10 * l10 + l11 * l11,
-                    l10 * l20 + l11 * l21,
-                    l20 * l20 + l21 * l21 + l22 * l22,
-                ]
-            }
-        };
-        moments.add(w, offset(i) - centre, &own);
+    for m in &visible {
+        let (i, w) = (m.index, share(m));
+        moments.add(w, m.offset - centre, &m.variance);
+        for skew in &m.skews {
+            moments.add_skew(w, *skew);
+        }
         if let Some(values) = source.values {
             let v = f64::from(values.get(i));
             value += w * v;
@@ -411,8 +450,8 @@ fn merge(
     };
     let spread = (3.0 * (square - value * value).max(0.0)).sqrt();
     let uneven = source.values.map_or(0.0, |values| {
-        let shares = visible().map(|(i, g)| (share(g), f64::from(values.get(i))));
-        unevenness(shares, value, spread)
+        let of = |m: &Member| (share(m), f64::from(values.get(m.index)));
+        unevenness(visible.iter().map(of), value, spread)
     });
     let colour_variance = colour_square - colour.length_squared();
     let mut bounds = MergeBounds {
@@ -532,6 +571,13 @@ impl Moments {
         {
             add(mixed, w * outer[i], own);
             add(both, w * own[i], own);
+        }
+    }
+
+    /// Adds third central moments of a kernel's own: the third power of a vector.
+    fn add_skew(&mut self, w: f64, skew: DVec3) {
+        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
+            *sum += w * skew[a] * skew[b] * skew[c];
         }
     }
 

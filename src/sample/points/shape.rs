@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::super::factor::{factor_of_scales, sphere};
 use super::super::left_out::LeftOut;
-use super::super::neighbours::{NEIGHBOUR_COUNT, PointIndex};
+use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
 use super::columns::{Columns, SCALES, VARIANCE};
 use crate::error::{Error, Hint, Result};
@@ -154,7 +154,8 @@ impl<'a> Columns<'a> {
             let s = sigma(j);
             (s > 0.0 && s.is_finite()).then_some((sphere(s), s, 1.0))
         };
-        if let Some(average) = index.as_ref().and_then(|index| index.crowd(kernel)) {
+        let average = index.as_ref().map_or(0, |index| index.mean_reach(kernel));
+        if average > MOST_NEIGHBOURS {
             return Err(Error::format(
                 &self.dataset.path,
                 "particle lengths",
@@ -165,7 +166,7 @@ impl<'a> Columns<'a> {
         }
         let volumes = match index.filter(|_| crowded && !known) {
             Some(index) => {
-                let sums = index.kernel_sums(options.task.as_ref(), kernel)?;
+                let sums = index.kernel_sums(options.task.as_ref(), kernel, |_, _| true)?;
                 Some(sums.into_iter().map(|sum| 1.0 / sum).collect())
             }
             None => None,

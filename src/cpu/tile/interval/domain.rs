@@ -8,7 +8,7 @@ use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::evaluate::near::NearWalk;
 use crate::cpu::tile::evaluate::{Evaluate, Row, Walk};
 use crate::cpu::tile::pixels::RowOf;
-use crate::record::NearTerms;
+use crate::record::{NearTerms, RAY_EDGES};
 
 /// The shares of a row's kernel at which it enters its domain and leaves it; nothing is left where the
 /// first is no less than the second. `None` where nothing cuts it.
@@ -19,7 +19,13 @@ pub(in crate::cpu::tile) fn domain_of<const FMA: bool>(
 ) -> Option<[RowOf<f32>; 2]> {
     match evaluate {
         Evaluate::Affine(walk, _) => walk.edges.map(|edges| affine::<FMA>(walk, edges, row)),
-        Evaluate::Exact(walk, _) => walk.edges.map(|edges| exact::<FMA>(walk, edges, row)),
+        Evaluate::Exact(walk, _) => walk.edges.map(|edges| {
+            if edges.edge_count & RAY_EDGES == 0 {
+                affine::<FMA>(walk, edges, row)
+            } else {
+                exact::<FMA>(walk, edges, row)
+            }
+        }),
         Evaluate::Near(walk) => near::<FMA>(walk, row),
     }
 }
@@ -28,7 +34,8 @@ const WHOLE: [RowOf<f32>; 2] = [[0.0; TILE_SIZE], [1.0; TILE_SIZE]];
 
 #[inline(always)]
 fn planes(terms: &NearTerms) -> &[[f32; 4]] {
-    &terms.edges[..terms.edges.len().min(terms.edge_count as usize)]
+    let count = terms.edge_count & !RAY_EDGES;
+    &terms.edges[..terms.edges.len().min(count as usize)]
 }
 
 /// By the joint Gaussian of pixel and distance.
@@ -41,8 +48,11 @@ fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Ro
             let deviations = inside + (along_x * walk.dx(lane) + along_y * dy);
             if enters > 0.0 {
                 from[lane] = from[lane].max(cdf::<FMA>(-deviations));
-            } else {
+            } else if enters < 0.0 {
                 to[lane] = to[lane].min(cdf::<FMA>(deviations));
+            } else {
+                // All planes of a kernel are of this kind, or none is.
+                to[lane] *= cdf::<FMA>(deviations);
             }
         }
     }
