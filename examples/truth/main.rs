@@ -248,7 +248,11 @@ fn renderer(
 /// The pixels at which the data's own picture is known.
 fn places(camera: &Camera) -> impl Iterator<Item = usize> {
     let [width, height] = [camera.width, camera.height];
-    let row = move |y| (EVERY / 2..width).step_by(EVERY).map(move |x| y * width + x);
+    let row = move |y| {
+        (EVERY / 2..width)
+            .step_by(EVERY)
+            .map(move |x| y * width + x)
+    };
     (EVERY / 2..height).step_by(EVERY).flat_map(row)
 }
 

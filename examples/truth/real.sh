@@ -6,14 +6,15 @@
 # DATA holds the files named below. OUT gets a picture of each way as .npy and .png; the rows of
 # docs/truth.md are printed: RMSE and 99.9th percentile over premultiplied linear RGBA, in levels of 255, and
 # milliseconds. Truths that lie in OUT are taken from there. EWA names another program than the one built here,
-# SIZE another size.
+# SIZE another size, WAYS some of
+# the ways.
 #
 # Cameras are named: a fitted one follows what is visible, which is more where kernels lie beyond the boundary.
 set -eu
 cd "$(dirname "$0")/../.."
 data=$1 out=$2
 shift 2
-names=${*:-nucleon engine bluntfin multicomb disk_out_ref}
+names=${*:-nucleon engine engine-near bluntfin multicomb disk_out_ref}
 size=${SIZE:-256x256}
 if [ -z "${EWA:-}" ]; then
     cargo build --release --quiet --bin ewa-splat
@@ -25,6 +26,7 @@ mkdir -p "$out"
 row() {
     name=$1 way=$2
     shift 2
+    case " ${WAYS:-$way} " in *" $way "*) ;; *) return ;; esac
     to=$out/$name-$way
     # shellcheck disable=SC2086
     "$EWA" render $input $camera --transfer-function "examples/truth/transfer/$name.json" --size "$size" --backend cpu \
@@ -51,7 +53,7 @@ for name in $names; do
         input="$data/volumes/nucleon_41x41x41_uint8.raw --dims 41,41,41 --type u8"
         camera="--eye 60,-50,60 --target 20,20,20"
         ;;
-    engine)
+    engine | engine-near)
         input="$data/volumes/engine_256x256x128_uint8.raw --dims 256,256,128 --type u8"
         camera="--eye 350,-250,330 --target 127.5,127.5,63.5"
         ;;
@@ -67,7 +69,7 @@ for name in $names; do
         input="$data/unstructured/disk_out_ref.vtu --field Temp"
         camera="--eye 18,-30,14 --target 0,0,0"
         ;;
-    *) echo "$name: none of nucleon, engine, bluntfin, multicomb, disk_out_ref" >&2 && exit 2 ;;
+    *) echo "$name: none of nucleon, engine, engine-near, bluntfin, multicomb, disk_out_ref" >&2 && exit 2 ;;
     esac
     if [ ! -f "$out/$name-truth.npy" ]; then
         # shellcheck disable=SC2086
