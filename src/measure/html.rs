@@ -109,7 +109,7 @@ impl Report {
         );
         item(
             "Reference",
-            reference_text(&self.about.reference, "the true integral"),
+            reference_text(&self.about.reference, "the true integral of the kernels"),
         );
         if let Some(reference) = &self.about.reference_data {
             let what = "the true integral of the data's own field";
