@@ -11,7 +11,9 @@ use base64::Engine;
 use self::plot::{Axis, Point, group_colour, measured, scientific, speed_accuracy};
 use super::difference::map_colour;
 use super::sweep::front_of;
-use super::{ACCURATE, BudgetRow, ImageErrors, Report, Row, difference, difference_scale};
+use super::{
+    ACCURATE, BudgetRow, ImageErrors, ReferenceSummary, Report, Row, difference, difference_scale,
+};
 use crate::error::Result;
 use crate::image::{Image, srgb_from_linear};
 use crate::io::png_bytes;
@@ -105,7 +107,14 @@ impl Report {
                 if self.frames == 1 { "" } else { "s" }
             ),
         );
-        item("Reference", self.reference_text());
+        item(
+            "Reference",
+            reference_text(&self.about.reference, "the true integral of the kernels"),
+        );
+        if let Some(reference) = &self.about.reference_data {
+            let what = "the true integral of the data's own field";
+            item("Reference of the data", reference_text(reference, what));
+        }
         let _ = write!(
             page,
             "<div class=\"whole\"><dt>Command</dt><dd><code>{}</code> (version {})</dd></div>\n\
@@ -113,31 +122,6 @@ impl Report {
             escaped(&self.about.command),
             machine.version
         );
-    }
-
-    fn reference_text(&self) -> String {
-        let reference = &self.about.reference;
-        let mut text = match reference.origin.as_str() {
-            "integrated" => "the true integral in double precision".to_owned(),
-            file => format!("read from <code>{}</code>", escaped(&name(file))),
-        };
-        match reference.error {
-            Some(error) => {
-                let _ = write!(text, ", stated error {}", scientific(error));
-            }
-            None => text.push_str(", error not stated"),
-        }
-        if let Some(count) = reference.unconverged.filter(|&n| n > 0) {
-            let _ = write!(
-                text,
-                "; {} pixels stayed above the error aimed at",
-                grouped(count as f64)
-            );
-        }
-        if let (Some(rays), Some(seconds)) = (reference.rays, reference.seconds) {
-            let _ = write!(text, "; {} rays in {seconds:.0} s", grouped(rays as f64));
-        }
-        text
     }
 
     /// Groups in the order of the rows.
@@ -154,10 +138,11 @@ impl Report {
     fn front(&self, page: &mut String) {
         page.push_str("<section>\n<h2>What accuracy costs</h2>\n");
         self.legend(page);
+        let same = |row: &Row| !row.changes_signal;
         let against_reference =
-            self.speed_accuracy("RMSE against the reference", |row| row.errors.rmse);
-        let against_baseline = self
-            .speed_accuracy("RMSE against the most accurate splatting", |row| {
+            self.speed_accuracy("RMSE against the reference", same, |row| row.errors.rmse);
+        let against_baseline =
+            self.speed_accuracy("RMSE against the most accurate splatting", same, |row| {
                 row.from_baseline.rmse
             });
         let _ = write!(
@@ -166,20 +151,42 @@ impl Report {
              point is one way to draw the scene, one thing changed from the default \
              (<em>together</em>: several). Left is faster, down is closer to the reference. The \
              line joins what nothing else beats in both. Rings ask for another image than the \
-             reference's (wider or narrower kernels or pixels): their distance is a choice, and \
-             they are not on the line. Error: root mean square over red, green, blue and alpha, \
+             reference's (wider or narrower kernels or pixels, kernels classified otherwise): their \
+             distance is a choice, and they are not on the line. Error: root mean square over red, green, blue and alpha, \
              linear, full scale 1.</figcaption>\n</figure>\n<figure>\n{against_baseline}\n\
              <figcaption><strong>Against the most accurate splatting</strong> (at the lower \
              edge: its error is 0 here). What settings add, without what splatting itself leaves \
              out: kernels are sorted whole, and depths are filtered instead of opacities. Where \
              that is the greater part, the plot above is level and this one tells the settings \
-             apart.</figcaption>\n</figure>\n</section>\n"
+             apart.</figcaption>\n</figure>\n"
         );
+        if self.reference_data_image.is_some() {
+            let against_data = self.speed_accuracy(
+                "RMSE against the data's own field",
+                |row| !row.changes_pixels,
+                |row| row.from_data.map_or(0.0, |errors| errors.rmse),
+            );
+            let _ = write!(
+                page,
+                "<figure>\n{against_data}\n<figcaption><strong>Against the data</strong>: their own \
+                 field, interpolated between the samples as their cells define it and classified at \
+                 every place of a ray. The reference above integrates kernels; this one has none. Rings \
+                 ask for other pixels; other kernels, and other ways to classify them, count \
+                 here.</figcaption>\n</figure>\n"
+            );
+        }
+        page.push_str("</section>\n");
     }
 
-    fn speed_accuracy(&self, error_name: &str, error: impl Fn(&Row) -> f64) -> String {
+    /// - `counts`: whether a row asks for the image that errors are against; it is a ring otherwise.
+    fn speed_accuracy(
+        &self,
+        error_name: &str,
+        counts: impl Fn(&Row) -> bool,
+        error: impl Fn(&Row) -> f64,
+    ) -> String {
         let groups = self.groups();
-        let front = front_of(&self.rows, &error);
+        let front = front_of(&self.rows, |row| counts(row).then(|| error(row)));
         let points: Vec<Point<'_>> = self
             .rows
             .iter()
@@ -190,7 +197,7 @@ impl Report {
                 label: &row.mark,
                 group: groups.iter().position(|g| *g == row.group).unwrap_or(0),
                 on_front: front.contains(&i),
-                changes_signal: row.changes_signal,
+                changes_signal: !counts(row),
             })
             .collect();
         speed_accuracy(&points, error_name)
@@ -272,6 +279,9 @@ impl Report {
             &opaque(&self.reference_image),
             "<strong>Reference</strong>",
         )?;
+        if let Some(data) = &self.reference_data_image {
+            picture(page, &opaque(data), "<strong>The data's own field</strong>")?;
+        }
         // The default beside the reference; the others in rows of three above their differences.
         let shown: Vec<_> = self
             .pictures
@@ -310,13 +320,13 @@ impl Report {
             "<section>\n<h2>All figures</h2>\n<div class=\"wide\"><table class=\"all\">\n<thead>\
              <tr><th>variant</th><th>id</th><th>frame<br>ms</th><th>rasterise<br>ms</th>\
              <th>splat-px<br>10⁶</th><th>per core-s<br>10⁶</th><th>RMSE</th>\
-             <th>99.9 %</th><th>max</th><th>bias</th><th>SSIM</th>\
+             <th>from data<br>RMSE</th><th>99.9 %</th><th>max</th><th>bias</th><th>SSIM</th>\
              <th>FLIP</th></tr></thead>\n",
         );
         for (i, group) in self.groups().into_iter().enumerate() {
             let _ = writeln!(
                 page,
-                "<tbody>\n<tr class=\"group\"><th colspan=\"12\">\
+                "<tbody>\n<tr class=\"group\"><th colspan=\"13\">\
                  <i style=\"background:{}\"></i>{group}</th></tr>",
                 group_colour(i)
             );
@@ -338,12 +348,37 @@ impl Report {
     }
 }
 
+/// Where a true image comes from; `what` it is where it was integrated.
+fn reference_text(reference: &ReferenceSummary, what: &str) -> String {
+    let mut text = match reference.origin.as_str() {
+        "integrated" => format!("{what} in double precision"),
+        file => format!("read from <code>{}</code>", escaped(&name(file))),
+    };
+    match reference.error {
+        Some(error) => {
+            let _ = write!(text, ", stated error {}", scientific(error));
+        }
+        None => text.push_str(", error not stated"),
+    }
+    if let Some(count) = reference.unconverged.filter(|&n| n > 0) {
+        let _ = write!(
+            text,
+            "; {} pixels stayed above the error aimed at",
+            grouped(count as f64)
+        );
+    }
+    if let (Some(rays), Some(seconds)) = (reference.rays, reference.seconds) {
+        let _ = write!(text, "; {} rays in {seconds:.0} s", grouped(rays as f64));
+    }
+    text
+}
+
 fn table_row(page: &mut String, row: &Row) {
     let (c, t, e): (_, _, &ImageErrors) = (&row.cost, &row.cost.times_ms, &row.errors);
     let _ = writeln!(
         page,
         "<tr><td>{label}{front}</td><td><code>{id}</code></td><td>{frame}</td><td>{raster}</td>\
-         <td>{pixels}</td><td>{rate}</td><td>{rmse}</td><td>{p999}</td>\
+         <td>{pixels}</td><td>{rate}</td><td>{rmse}</td><td>{data}</td><td>{p999}</td>\
          <td>{max}</td><td>{bias}</td><td>{ssim}</td><td>{flip}</td></tr>",
         front = if row.on_front { " ●" } else { "" },
         label = escaped(&row.label),
@@ -355,6 +390,7 @@ fn table_row(page: &mut String, row: &Row) {
             .splat_pixels_per_core_second
             .map_or_else(|| "–".into(), |rate| grouped(rate / 1e6)),
         rmse = error(e.rmse),
+        data = row.from_data.map_or_else(|| "–".into(), |e| error(e.rmse)),
         max = error(e.max),
         p999 = error(e.p999),
         bias = signed_error(e.mean_difference),

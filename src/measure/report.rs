@@ -30,6 +30,9 @@ pub struct Report {
     /// The reference image, for pages.
     #[serde(skip)]
     pub reference_image: Image,
+    /// The image of the data's own field, for pages.
+    #[serde(skip)]
+    pub reference_data_image: Option<Image>,
     /// Renderings worth a look, for pages.
     #[serde(skip)]
     pub pictures: Vec<Picture>,
@@ -44,6 +47,8 @@ pub struct About {
     pub command: String,
     /// Where the reference image comes from.
     pub reference: ReferenceSummary,
+    /// Where the image of the data's own field comes from, where there is one.
+    pub reference_data: Option<ReferenceSummary>,
 }
 
 /// A reference image's provenance.
@@ -145,14 +150,20 @@ pub struct Row {
     pub kernel_width: Option<f64>,
     /// As [`super::Variant::changes_signal`]: such a row is not on the front.
     pub changes_signal: bool,
+    /// As [`super::Variant::changes_pixels`]: such a row is not on the data's front.
+    pub changes_pixels: bool,
     /// What it took.
     pub cost: Cost,
     /// How far it is from the reference.
     pub errors: ImageErrors,
+    /// How far it is from the picture of the data's own field, where there is one.
+    pub from_data: Option<ImageErrors>,
     /// How far it is from the budget's baseline, the most accurate splatting.
     pub from_baseline: ImageErrors,
     /// Whether no other variant of the same signal is both faster and closer (time and RMSE).
     pub on_front: bool,
+    /// The same of the distance to the data, whatever the kernels.
+    pub on_data_front: bool,
 }
 
 /// Settings as their options are named.
@@ -313,6 +324,12 @@ impl Report {
 }
 
 impl Row {
+    /// The distance to the data that counts on their front.
+    pub(super) fn data_rmse(&self) -> Option<f64> {
+        let errors = self.from_data.filter(|_| !self.changes_pixels);
+        errors.map(|errors| errors.rmse)
+    }
+
     /// Names and values of the flat columns.
     fn cells(&self) -> Vec<(&'static str, String)> {
         fn or_empty<T: ToString>(value: Option<T>) -> String {
@@ -340,6 +357,7 @@ impl Row {
             ("kernel_width", or_empty(self.kernel_width)),
             ("changes_signal", self.changes_signal.to_string()),
             ("on_front", self.on_front.to_string()),
+            ("on_data_front", self.on_data_front.to_string()),
             ("rmse", e.rmse.to_string()),
             ("max", e.max.to_string()),
             ("p999", e.p999.to_string()),
@@ -347,6 +365,9 @@ impl Row {
             ("mean_difference", e.mean_difference.to_string()),
             ("ssim", or_empty(e.ssim)),
             ("flip", or_empty(e.flip)),
+            ("data_rmse", or_empty(self.from_data.map(|e| e.rmse))),
+            ("data_max", or_empty(self.from_data.map(|e| e.max))),
+            ("data_p999", or_empty(self.from_data.map(|e| e.p999))),
             ("baseline_rmse", self.from_baseline.rmse.to_string()),
             ("baseline_max", self.from_baseline.max.to_string()),
             ("baseline_p999", self.from_baseline.p999.to_string()),

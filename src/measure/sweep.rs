@@ -21,6 +21,8 @@ pub struct Subject<'a> {
     /// The true image with the low-pass filter on each kernel's depth instead of on the image;
     /// without it the budget says nothing about the reference itself.
     pub reference_kernels: Option<&'a Image>,
+    /// The true image of the data's own field, where the scene is a grid's.
+    pub reference_data: Option<&'a Image>,
     /// Where the scene can be sampled with kernels of another width.
     pub resampling: Option<Resampling<'a>>,
 }
@@ -98,7 +100,14 @@ pub fn sweep(
 ) -> Result<Report> {
     let base = &options.base;
     let width = subject.resampling.map(|r| r.kernel_width);
-    let all = variants::variants(base, width);
+    let mut all = variants::variants(base, width);
+    if subject.reference_data.is_some() {
+        all.extend(variants::post_classified(base));
+    }
+    let from_data = |image: &Image| -> Result<Option<ImageErrors>> {
+        let reference = subject.reference_data;
+        reference.map(|data| compare(data, image)).transpose()
+    };
     let budget_variants = variants::budget_variants(base);
     let resampled = all.iter().filter(|v| v.kernel_width.is_some()).count();
 
@@ -125,6 +134,7 @@ pub fn sweep(
         cells.push(Cell {
             settings: variant.settings.clone(),
             errors: compare(subject.reference, image)?,
+            from_data: from_data(image)?,
             alone: compare(&baseline, image)?,
             image: PICTURED
                 .contains(&variant.id.as_str())
@@ -145,37 +155,39 @@ pub fn sweep(
     let mut rows = Vec::with_capacity(all.len());
     let mut pictures = Vec::new();
     for variant in &all {
-        let (cost, errors, from_baseline) = match (variant.kernel_width, subject.resampling) {
-            (Some(width), Some(resampling)) => {
-                step(&variant.label);
-                let mut renderer = Renderer::new((resampling.scene)(width)?)?;
-                let image = renderer.render(subject.camera, &variant.settings)?;
-                let errors = compare(subject.reference, image)?;
-                let from_baseline = compare(&baseline, image)?;
-                let mut times = Vec::with_capacity(options.frames);
-                for _ in 0..options.frames {
+        let (cost, errors, data_errors, from_baseline) =
+            match (variant.kernel_width, subject.resampling) {
+                (Some(width), Some(resampling)) => {
                     step(&variant.label);
-                    renderer.render(subject.camera, &variant.settings)?;
-                    times.push(renderer.times());
+                    let mut renderer = Renderer::new((resampling.scene)(width)?)?;
+                    let image = renderer.render(subject.camera, &variant.settings)?;
+                    let errors = compare(subject.reference, image)?;
+                    let data_errors = from_data(image)?;
+                    let from_baseline = compare(&baseline, image)?;
+                    let mut times = Vec::with_capacity(options.frames);
+                    for _ in 0..options.frames {
+                        step(&variant.label);
+                        renderer.render(subject.camera, &variant.settings)?;
+                        times.push(renderer.times());
+                    }
+                    let bytes = renderer.bytes_per_particle();
+                    let cost = cost(&times, renderer.counts(), bytes);
+                    (cost, errors, data_errors, from_baseline)
                 }
-                let bytes = renderer.bytes_per_particle();
-                let cost = cost(&times, renderer.counts(), bytes);
-                (cost, errors, from_baseline)
-            }
-            _ => {
-                let Some(cell) = Cell::find(&cells, &variant.settings) else {
-                    continue;
-                };
-                if let Some(image) = &cell.image {
-                    pictures.push(Picture {
-                        id: variant.id.clone(),
-                        image: image.clone(),
-                    });
+                _ => {
+                    let Some(cell) = Cell::find(&cells, &variant.settings) else {
+                        continue;
+                    };
+                    if let Some(image) = &cell.image {
+                        pictures.push(Picture {
+                            id: variant.id.clone(),
+                            image: image.clone(),
+                        });
+                    }
+                    let cost = cost(&cell.times, cell.counts, bytes);
+                    (cost, cell.errors, cell.from_data, cell.alone)
                 }
-                let cost = cost(&cell.times, cell.counts, bytes);
-                (cost, cell.errors, cell.alone)
-            }
-        };
+            };
         rows.push(Row {
             id: variant.id.clone(),
             label: variant.label.clone(),
@@ -184,10 +196,13 @@ pub fn sweep(
             settings: (&variant.settings).into(),
             kernel_width: variant.kernel_width,
             changes_signal: variant.changes_signal(base),
+            changes_pixels: variant.changes_pixels(base),
             cost,
             errors,
+            from_data: data_errors,
             from_baseline,
             on_front: false,
+            on_data_front: false,
         });
     }
     mark_front(&mut rows);
@@ -203,6 +218,11 @@ pub fn sweep(
             compare(kernels, &baseline)?,
         ));
     }
+    if let Some(data) = subject.reference_data {
+        budget
+            .rows
+            .push(data_row(compare(data, subject.reference)?));
+    }
     step("");
     Ok(Report {
         about,
@@ -213,6 +233,7 @@ pub fn sweep(
         budget,
         rows,
         reference_image: subject.reference.clone(),
+        reference_data_image: subject.reference_data.cloned(),
         pictures,
     })
 }
@@ -222,6 +243,8 @@ struct Cell {
     settings: Settings,
     /// Against the reference.
     errors: ImageErrors,
+    /// Against the data's own.
+    from_data: Option<ImageErrors>,
     /// Against the baseline.
     alone: ImageErrors,
     /// Kept for some.
@@ -283,22 +306,14 @@ fn budget(
 
 /// What splatting itself approximates, whatever its settings.
 fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2] {
-    let row = |id: &str, label: &str, compares: &str, alone| BudgetRow {
-        id: id.into(),
-        label: label.into(),
-        alone,
-        compares: compares.into(),
-        against_reference: None,
-        saving: None,
-    };
     [
-        row(
+        reference_row(
             "splatting-low-pass",
             "low-pass on depths instead of opacities",
             "both integrated: pixel filter on the image, and on each kernel",
             low_pass,
         ),
-        row(
+        reference_row(
             "splatting-sorting",
             "whole kernels sorted, not overlapping",
             "the baseline, and integrated with the pixel filter on each kernel",
@@ -307,22 +322,43 @@ fn reference_rows(low_pass: ImageErrors, sorting: ImageErrors) -> [BudgetRow; 2]
     ]
 }
 
-fn mark_front(rows: &mut [Row]) {
-    for i in front_of(rows, |row| row.errors.rmse) {
-        rows[i].on_front = true;
+/// What kernels leave out of the data, however they are drawn.
+fn data_row(kernels: ImageErrors) -> BudgetRow {
+    reference_row(
+        "kernels-for-data",
+        "kernels in place of the data's own field",
+        "both integrated: the data interpolated, and their kernels",
+        kernels,
+    )
+}
+
+fn reference_row(id: &str, label: &str, compares: &str, alone: ImageErrors) -> BudgetRow {
+    BudgetRow {
+        id: id.into(),
+        label: label.into(),
+        alone,
+        compares: compares.into(),
+        against_reference: None,
+        saving: None,
     }
 }
 
-/// Rows of the reference's signal that no other beats in time and in the error given.
-pub(super) fn front_of(rows: &[Row], error: impl Fn(&Row) -> f64) -> Vec<usize> {
+fn mark_front(rows: &mut [Row]) {
+    for i in front_of(rows, |row| (!row.changes_signal).then_some(row.errors.rmse)) {
+        rows[i].on_front = true;
+    }
+    for i in front_of(rows, Row::data_rmse) {
+        rows[i].on_data_front = true;
+    }
+}
+
+/// Rows that no other beats in time and in the error given; those without one do not take part.
+pub(super) fn front_of(rows: &[Row], error: impl Fn(&Row) -> Option<f64>) -> Vec<usize> {
     let points: Vec<(f64, f64)> = rows
         .iter()
-        .map(|row| {
-            if row.changes_signal {
-                (f64::INFINITY, f64::INFINITY)
-            } else {
-                (row.cost.times_ms.frame, error(row))
-            }
+        .map(|row| match error(row) {
+            Some(error) => (row.cost.times_ms.frame, error),
+            None => (f64::INFINITY, f64::INFINITY),
         })
         .collect();
     pareto_front(&points)

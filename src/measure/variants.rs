@@ -2,8 +2,8 @@
 
 use crate::constants::MAX_CUTOFF;
 use crate::cpu::SimdLevel;
-use crate::render::Composite;
-use crate::render::{Settings, Show};
+use crate::render::{ClassifyAt, Composite, Settings, Show};
+use crate::scene::Classification;
 use crate::splat::Filter;
 
 /// One way to draw the scene.
@@ -25,11 +25,18 @@ pub struct Variant {
 
 impl Variant {
     /// Whether another image than the reference's is asked for: kernels or pixels filter
-    /// otherwise, so that the error is a choice and no failure.
+    /// otherwise, or kernels are classified otherwise, so that the error is a choice and no failure.
     pub fn changes_signal(&self, default: &Settings) -> bool {
         self.kernel_width.is_some()
-            || self.settings.low_pass_variance_px2.to_bits()
-                != default.low_pass_variance_px2.to_bits()
+            || self.settings.classify != default.classify
+            || self.settings.composite.classifies_slabs() != default.composite.classifies_slabs()
+            || self.changes_pixels(default)
+    }
+
+    /// Whether pixels filter otherwise: that is another image of the data, too.
+    pub fn changes_pixels(&self, default: &Settings) -> bool {
+        let variance = |settings: &Settings| settings.low_pass_variance_px2.to_bits();
+        variance(&self.settings) != variance(default)
     }
 }
 
@@ -46,7 +53,7 @@ const TOLERANCES: [(&str, f32); 8] = [
 ];
 
 const CUTOFFS: [f32; 7] = [1.5, 2.0, 2.5, 3.0, 3.33, 4.0, 5.0];
-const LOW_PASS_VARIANCES_PX2: [f32; 4] = [0.25, 0.5, 1.0, 2.0];
+const LOW_PASS_VARIANCES_PX2: [f32; 6] = [0.1, 0.15, 0.25, 0.5, 1.0, 2.0];
 const KERNEL_WIDTHS: [f64; 5] = [0.5, 0.55, 0.6, 0.7, 0.8];
 
 /// The id of the variant that the settings given are.
@@ -160,6 +167,23 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
             s.composite = composite;
         });
     }
+    for (name, label, classify) in [
+        (
+            "particle",
+            "particles classified at their values",
+            Classification::Particle,
+        ),
+        (
+            "extent",
+            "kernels classified over their extents",
+            Classification::Extent,
+        ),
+    ] {
+        let id = format!("classify-{name}");
+        list.push("classification", &id, label, name, |s| {
+            s.classify = classify;
+        });
+    }
     for (name, linear) in [("exponential", false), ("linear", true)] {
         let id = format!("opacity-{name}");
         list.push("opacity", &id, &format!("{name} opacity"), name, |s| {
@@ -201,6 +225,24 @@ pub fn variants(base: &Settings, kernel_width: Option<f64>) -> Vec<Variant> {
         }));
     }
     list
+}
+
+/// What only one volume with a field allows: the transfer function asked for the mean value of each slab.
+pub(super) fn post_classified(base: &Settings) -> Vec<Variant> {
+    let mut list = List::new(base);
+    list.push(
+        "classification",
+        "post-classification",
+        "slabs classified by their mean values",
+        "slabs",
+        |s| {
+            s.composite = Composite::Slabs {
+                thickness: None,
+                classify: ClassifyAt::Slab,
+            };
+        },
+    );
+    list.variants
 }
 
 /// The error budget's approximations: each alone against the [`accurate`] settings.
@@ -376,8 +418,9 @@ mod tests {
                     b.id
                 );
             }
-            let changes = a.group == "kernel width" || a.group == "low-pass";
+            let changes = ["kernel width", "low-pass", "classification"].contains(&a.group);
             assert_eq!(a.changes_signal(&base), changes, "{}", a.id);
+            assert_eq!(a.changes_pixels(&base), a.group == "low-pass", "{}", a.id);
         }
         assert!(
             variants(&base, None)

@@ -625,15 +625,16 @@ fn measures_every_variant_and_writes_three_reports() {
             "exact",
             "--cutoff",
             "7",
-            // What is measured has the library's default.
-            "--low-pass",
-            "1",
             "--out",
             "true.exr",
         ],
     );
     assert!(rendered.status.success());
-    for given in ["--reference-image", "--reference-kernels-image"] {
+    for given in [
+        "--reference-image",
+        "--reference-kernels-image",
+        "--reference-data-image",
+    ] {
         arguments.extend([given, "true.exr"]);
     }
     arguments.extend(["--out", "new/folder"]);
@@ -647,6 +648,7 @@ fn measures_every_variant_and_writes_three_reports() {
     assert_eq!(
         files(&out),
         [
+            "reference-data.exr",
             "reference-kernels.exr",
             "reference.exr",
             "report.csv",
@@ -673,7 +675,7 @@ fn measures_every_variant_and_writes_three_reports() {
     let budget = report["budget"]["rows"].as_array().unwrap();
     for row in rows
         .iter()
-        .flat_map(|r| [&r["errors"], &r["from_baseline"]])
+        .flat_map(|r| [&r["errors"], &r["from_data"], &r["from_baseline"]])
         .chain(budget.iter().map(|r| &r["alone"]))
     {
         for figure in ["rmse", "max", "p999", "mean_difference", "ssim", "flip"] {
@@ -693,6 +695,51 @@ fn measures_every_variant_and_writes_three_reports() {
         let inside = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!inside.contains(text), "{text}");
     }
+}
+
+#[test]
+fn measures_a_grid_against_its_own_field_by_the_low_pass_that_suits_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let ramp: Vec<u8> = (0..216).map(|i| (i % 6 * 30 + i / 36 * 10) as u8).collect();
+    std::fs::write(folder.path().join("ramp.raw"), ramp).unwrap();
+    let arguments =
+        "measure ramp.raw --dims 6,6,6 --type u8 --size 14x14 --frames 1 --reference-error 1e-2";
+    let measure = |out: &str, more: &[&str]| {
+        let mut arguments: Vec<&str> = arguments.split(' ').collect();
+        arguments.extend(["--out", out]);
+        arguments.extend(more);
+        let output = run(folder.path(), &arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}");
+        json(folder.path().join(out).join("report.json"))
+    };
+    let low_pass = |report: &serde_json::Value| {
+        let default = &report["rows"].as_array().unwrap()[0];
+        assert_eq!(default["id"], "default");
+        default["settings"]["low_pass_variance_px2"]
+            .as_f64()
+            .unwrap()
+    };
+    let report = measure("a", &[]);
+    assert!((low_pass(&report) - 0.15).abs() < 1e-6);
+    assert!((low_pass(&measure("b", &["--low-pass", "1"])) - 1.0).abs() < 1e-6);
+
+    assert!(folder.path().join("a/reference-data.exr").exists());
+    assert_eq!(report["about"]["reference_data"]["origin"], "integrated");
+    let rows = report["rows"].as_array().unwrap();
+    let rmse = |id: &str, from: &str| {
+        let row = rows.iter().find(|r| r["id"] == id).unwrap();
+        row[from]["rmse"].as_f64().unwrap()
+    };
+    // A transfer function's ramp over a linear field: kernels blur what the data cut at their faces.
+    assert!(rmse("default", "from_data") > rmse("default", "errors"));
+    assert!(rmse("post-classification", "from_data") < 0.2);
+    let on_front = |key: &str| rows.iter().filter(|r| r[key] == true).count();
+    assert!(on_front("on_front") > 0 && on_front("on_data_front") > 0);
+    let budget = report["budget"]["rows"].as_array().unwrap();
+    assert!(budget.iter().any(|r| r["id"] == "kernels-for-data"));
+    let html = std::fs::read_to_string(folder.path().join("a/report.html")).unwrap();
+    assert!(html.contains("Against the data"));
 }
 
 #[test]
@@ -919,7 +966,11 @@ fn a_reference_shows_surfaces_alone_and_among_volumes() {
     let output = run(folder.path(), &arguments);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let report = json(folder.path().join("report/report.json"));
-    assert!(report["rows"].as_array().unwrap().len() > 10);
+    let rows = report["rows"].as_array().unwrap();
+    assert!(rows.len() > 10);
+    // Particles and a mesh have no field but their kernels'.
+    assert!(rows.iter().all(|r| r["from_data"].is_null()));
+    assert!(report["about"]["reference_data"].is_null());
 }
 
 #[test]

@@ -9,17 +9,18 @@ use ewa_splat::measure::{
     ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
     SweepOptions, sweep,
 };
-use ewa_splat::reference::{Integrator, PixelFilter, ReferenceFrame, ReferenceSettings};
+use ewa_splat::reference::{PixelFilter, ReferenceFrame, ReferenceSettings};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::scene::PointVolume;
+use ewa_splat::scene::Classification;
 use ewa_splat::view::Camera;
-use ewa_splat::{Error, Image, Renderer, Result};
+use ewa_splat::{Error, Image, Renderer, Result, Settings};
 use indicatif::ProgressBar;
 
-use crate::input::DataOptions;
+use crate::input::{DataOptions, Scene};
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, task_of, with_bar};
+use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS};
 
 /// Width and height of a measurement in pixels.
@@ -30,6 +31,7 @@ const DEFAULT_REFERENCE_ERROR: f64 = 1e-3;
 
 const REFERENCE: &str = "reference.exr";
 const REFERENCE_KERNELS: &str = "reference-kernels.exr";
+const REFERENCE_DATA: &str = "reference-data.exr";
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -53,6 +55,13 @@ pub(crate) struct Arguments {
     /// where --reference-image is
     #[arg(long, value_name = "FILE", requires = "reference_image")]
     reference_kernels_image: Option<PathBuf>,
+    /// The true image of the data's own field, from an earlier run; integrated only where
+    /// --reference-image is, and only of one grid
+    #[arg(long, value_name = "FILE", requires = "reference_image")]
+    reference_data_image: Option<PathBuf>,
+    /// Variance of the low-pass filter in square pixels, of references and pictures [default: as render]
+    #[arg(long, value_name = "VARIANCE_PX2", value_parser = parse::variance)]
+    low_pass: Option<f32>,
     /// The reference's error in linear colour: aimed at, or of the file given [default: 1e-3]
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     reference_error: Option<f64>,
@@ -85,17 +94,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         DEFAULT_SIZE,
         DEFAULT_LENS,
     )?;
+    let suitable = renderer.suitable_low_pass_px2();
+    let low_pass = arguments.low_pass.unwrap_or(suitable);
     progress.finish_and_clear();
     let given = given_references(arguments, &camera)?;
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::io(folder, "making the folder", e, "name a folder elsewhere"))?;
     let references = match given {
         Some(given) => given,
-        None => integrate(arguments, &scene.volumes, &camera)?,
+        None => integrate(arguments, &scene, &camera, low_pass)?,
     };
     write_image(&folder.join(REFERENCE), &references.image)?;
     if let Some(kernels) = &references.kernels {
         write_image(&folder.join(REFERENCE_KERNELS), kernels)?;
+    }
+    if let Some(data) = &references.data {
+        write_image(&folder.join(REFERENCE_DATA), data)?;
     }
 
     let resample = |width| {
@@ -108,6 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         camera: &camera,
         reference: &references.image,
         reference_kernels: references.kernels.as_ref(),
+        reference_data: references.data.as_ref(),
         resampling: scene.grids_only.then_some(Resampling {
             kernel_width,
             scene: &resample,
@@ -117,10 +132,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         inputs: arguments.inputs.iter().map(|p| name(p)).collect(),
         command: command_line(),
         reference: references.summary,
+        reference_data: references.data_summary,
     };
     let options = SweepOptions {
         frames: arguments.frames as usize,
-        ..SweepOptions::default()
+        base: Settings {
+            low_pass_variance_px2: low_pass,
+            ..Settings::default()
+        },
     };
     let progress = bar(0);
     let report = sweep(&mut subject, about, &options, &mut |step| {
@@ -147,7 +166,9 @@ fn outputs(folder: &Path) -> Vec<PathBuf> {
 struct References {
     image: Image,
     kernels: Option<Image>,
+    data: Option<Image>,
     summary: ReferenceSummary,
+    data_summary: Option<ReferenceSummary>,
 }
 
 /// The true images that the user has; read before anything long is begun.
@@ -169,51 +190,81 @@ fn given_references(arguments: &Arguments, camera: &Camera) -> Result<Option<Ref
         return Ok(None);
     };
     let kernels = arguments.reference_kernels_image.as_ref();
+    let data = arguments.reference_data_image.as_ref();
+    let summary = |path: &PathBuf| ReferenceSummary {
+        origin: path.display().to_string(),
+        error: arguments.reference_error,
+        ..ReferenceSummary::default()
+    };
     Ok(Some(References {
         image: read(path)?,
         kernels: kernels.map(read).transpose()?,
-        summary: ReferenceSummary {
-            origin: path.display().to_string(),
-            error: arguments.reference_error,
-            ..ReferenceSummary::default()
-        },
+        data: data.map(read).transpose()?,
+        summary: summary(path),
+        data_summary: data.map(summary),
     }))
 }
 
-/// Integrates both true images.
-fn integrate(arguments: &Arguments, scene: &[PointVolume], camera: &Camera) -> Result<References> {
-    let integrator = Integrator::new(scene)?;
-    let defaults = ReferenceSettings::default();
+/// Integrates the true images of the kernels, and where the scene is one grid that of its own field.
+fn integrate(
+    arguments: &Arguments,
+    scene: &Scene,
+    camera: &Camera,
+    low_pass: f32,
+) -> Result<References> {
     let error = arguments.reference_error.unwrap_or(DEFAULT_REFERENCE_ERROR);
-    let render = |message, pixel_filter| -> Result<ReferenceFrame> {
-        with_bar(message, |task| {
+    let render = |truth: &Truth, message, pixel_filter| -> Result<(ReferenceFrame, f64)> {
+        let start = Instant::now();
+        let frame = with_bar(message, |task| {
             let settings = ReferenceSettings {
                 error,
+                low_pass_variance_px2: low_pass.into(),
                 pixel_filter,
                 task: Some(task),
-                ..defaults.clone()
+                ..ReferenceSettings::default()
             };
-            integrator.render(camera, &settings)
-        })
+            truth.render(camera, &settings)
+        })?;
+        Ok((frame, start.elapsed().as_secs_f64()))
     };
-    let start = Instant::now();
-    let frame = render("integrating the true image", PixelFilter::Image)?;
-    let seconds = start.elapsed().as_secs_f64();
-    warn_unconverged(&frame, error);
-    let kernels = render(
+    let summary = |(frame, seconds): &(ReferenceFrame, f64)| ReferenceSummary {
+        origin: "integrated".into(),
+        error: Some(frame.error),
+        unconverged: Some(frame.unconverged),
+        rays: Some(frame.rays),
+        seconds: Some(*seconds),
+    };
+    let kernels = Truth::of_kernels(&scene.volumes, Classification::default())?;
+    let image = render(&kernels, "integrating the true image", PixelFilter::Image)?;
+    warn_unconverged(&image.0, error);
+    let of_kernels = render(
+        &kernels,
         "integrating with the pixel filter on kernels",
         PixelFilter::Kernels,
     )?;
+    // What is no grid has no other field than its kernels'.
+    let (data, inputs) = (&arguments.data, &arguments.inputs);
+    let data = scene
+        .grids_only
+        .then(|| Truth::of_data(data, inputs, &scene.volumes, &scene.fields).ok())
+        .flatten()
+        .map(|data| {
+            render(
+                &data,
+                "integrating the data's own field",
+                PixelFilter::Image,
+            )
+        })
+        .transpose()?;
+    if let Some((frame, _)) = &data {
+        warn_unconverged(frame, error);
+    }
     Ok(References {
-        summary: ReferenceSummary {
-            origin: "integrated".into(),
-            error: Some(frame.error),
-            unconverged: Some(frame.unconverged),
-            rays: Some(frame.rays),
-            seconds: Some(seconds),
-        },
-        image: frame.image,
-        kernels: Some(kernels.image),
+        summary: summary(&image),
+        data_summary: data.as_ref().map(summary),
+        image: image.0.image,
+        kernels: Some(of_kernels.0.image),
+        data: data.map(|(frame, _)| frame.image),
     })
 }
 
@@ -244,10 +295,11 @@ fn command_line() -> String {
 /// The variants that no other beats, and those that say how far splatting goes.
 fn print_table(report: &Report) {
     crate::say!(
-        "{:<46} {:>9} {:>9} {:>9} {:>8} {:>8} {:>13}",
+        "{:<46} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>13}",
         "not beaten in time and rmse, and some others",
         "frame ms",
         "rmse",
+        "from data",
         "99.9 %",
         "ssim",
         "flip",
@@ -256,16 +308,22 @@ fn print_table(report: &Report) {
     let mut shown: Vec<&Row> = report
         .rows
         .iter()
-        .filter(|row| row.on_front || [DEFAULT, FAST, ACCURATE].contains(&row.id.as_str()))
+        .filter(|row| {
+            row.on_front
+                || row.on_data_front
+                || [DEFAULT, FAST, ACCURATE].contains(&row.id.as_str())
+        })
         .collect();
     shown.sort_by(|a, b| a.cost.times_ms.frame.total_cmp(&b.cost.times_ms.frame));
     for row in shown {
         let or_dash = |x: Option<f64>| x.map_or_else(|| "-".into(), |x| format!("{x:.4}"));
         crate::say!(
-            "{:<46} {:>9.2} {:>9.2e} {:>9.2e} {:>8} {:>8} {:>13.2e}",
+            "{:<46} {:>9.2} {:>9.2e} {:>9} {:>9.2e} {:>8} {:>8} {:>13.2e}",
             row.label,
             row.cost.times_ms.frame,
             row.errors.rmse,
+            row.from_data
+                .map_or_else(|| "-".into(), |e| format!("{:.2e}", e.rmse)),
             row.errors.p999,
             or_dash(row.errors.ssim),
             or_dash(row.errors.flip),
