@@ -97,9 +97,10 @@ fn project(
     var out: Footprint;
     var edges: Edges;
     if HAS_EDGES {
+        let deviations = reach_within(view.tolerance);
         for (var k = 0u; k < MOST_EDGES; k = k + 1u) {
             let plane = edge_of(block.block, particle.local, k);
-            edges = with_edge(edges, kernel, rotation, shift, plane);
+            edges = with_edge(edges, kernel, rotation, shift, deviations, plane);
         }
     }
     let is_cut = IS_CUT || edges.count > 0u;

@@ -2,9 +2,9 @@
 //! and on jittered tetrahedra, drawn in each way, against its own emission-absorption integrals and against
 //! those of the data interpolated.
 //!
-//!     cargo run --release --example truth -- [--size N] [--export DIR] [GRID|FUNCTION|WAY ...]
+//!     cargo run --release --example truth -- [--size N] [--export DIR | --turn] [GRID|FUNCTION|WAY ...]
 //!
-//! Prints the rows of docs/truth.md. Words name what is wanted, such as `lattice-65 shells "extent .15"`; where
+//! Prints the rows of docs/truth.md; with `--turn` those of what changes from frame to frame. Words name what is wanted, such as `lattice-65 shells "extent .15"`; where
 //! none is of a kind all of it are. `--export` writes grids and truths for `examples/vtk_truth.py`.
 
 #![allow(
@@ -17,6 +17,7 @@ mod analytic;
 mod export;
 mod functions;
 mod grids;
+mod turn;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -57,6 +58,7 @@ const ENOUGH_MS: f64 = 1500.0;
 struct Wanted {
     size: usize,
     export: Option<PathBuf>,
+    turn: bool,
     words: Vec<String>,
 }
 
@@ -65,6 +67,7 @@ impl Wanted {
         let mut wanted = Self {
             size: 256,
             export: None,
+            turn: false,
             words: Vec::new(),
         };
         let mut arguments = arguments.skip(1);
@@ -76,6 +79,7 @@ impl Wanted {
                     let size = arguments.next().and_then(|a| a.parse().ok());
                     wanted.size = size.unwrap_or(wanted.size);
                 }
+                "--turn" => wanted.turn = true,
                 "--export" => wanted.export = arguments.next().map(PathBuf::from),
                 word if known.iter().any(|k| k == word) => wanted.words.push(argument),
                 _ => {
@@ -147,6 +151,20 @@ fn main() -> Result<()> {
     let (grids, functions) = (list(&GRIDS.map(|g| g.0)), list(&FUNCTIONS.map(|f| f.0)));
     let size = wanted.size;
     let camera = Camera::perspective(EYE.into(), DVec3::ZERO, DVec3::Z, FOV_DEG, [size; 2]);
+    if wanted.turn {
+        println!("| function, grid | low-pass | field | splats | between them |");
+        println!("|---|---|---|---|---|");
+        for (name, kind, n) in GRIDS.into_iter().filter(|g| wanted.has(g.0, &grids)) {
+            let dataset = grids::dataset(kind, n);
+            for (function, points) in FUNCTIONS.iter().filter(|f| wanted.has(f.0, &functions)) {
+                let transfer = functions::transfer(points)?;
+                let mut renderer = renderer(&dataset, &transfer, BoundaryChoice::Soft)?;
+                let name = format!("{function}, {name}");
+                turn::rows(&name, &mut renderer, &transfer, size)?;
+            }
+        }
+        return Ok(());
+    }
     if let Some(folder) = &wanted.export {
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::io(folder, "making the folder", e, "name another"))?;

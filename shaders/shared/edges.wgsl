@@ -17,12 +17,14 @@ fn reach_along(kernel: Kernel, normal: vec3<f32>) -> vec3<f32> {
 // Adds a plane beside a kernel's particle: unit normal in the world and how far the particle's centre
 // lies inside; not finite where there is none.
 //
-// - `moved`: how far the kernel's centre lies from the particle's, camera space.
+// - `moved`: how far the kernel's centre lies from the particle's, camera space;
+// - `deviations`: within how many standard deviations a plane cuts.
 fn with_edge(
     edges: Edges,
     kernel: Kernel,
     rotation: mat3x3<f32>,
     moved: vec3<f32>,
+    deviations: f32,
     plane: vec4<f32>,
 ) -> Edges {
     var out = edges;
@@ -31,7 +33,7 @@ fn with_edge(
     }
     let normal = times(rotation, plane.xyz);
     let inside = plane.w + dot3(normal, moved);
-    let reach = EDGE_REACH * length3(reach_along(kernel, normal));
+    let reach = deviations * length3(reach_along(kernel, normal));
     if inside <= -reach {
         out.is_outside = true;
     }
@@ -40,6 +42,17 @@ fn with_edge(
         out.count = out.count + 1u;
     }
     return out;
+}
+
+// Within how many standard deviations a plane cuts a kernel.
+fn reach_within(tolerance: f32) -> f32 {
+    if tolerance >= 3.9e-3 {
+        return 3.0;
+    }
+    if tolerance >= 7e-4 {
+        return 3.5;
+    }
+    return select(EDGE_REACH, 4.0, tolerance >= 1e-4);
 }
 
 // Whether rays meet an exact footprint's planes: the low-pass filter's share of its narrower side is no more

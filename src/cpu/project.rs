@@ -134,7 +134,13 @@ pub fn project(
             let (mut terms, mut plane) = (None, None);
             let near = &output.near;
             let edges = if cuts_kernels {
-                Edges::of(&kernel, &rotation, shift, &shapes.edges(particle.local))
+                Edges::of(
+                    view,
+                    &kernel,
+                    &rotation,
+                    shift,
+                    &shapes.edges(particle.local),
+                )
             } else {
                 Edges::default()
             };

@@ -40,7 +40,14 @@ impl Edges {
     ///
     /// - `moved`: how far the kernel's centre lies from the particle's, camera space.
     #[inline]
-    pub fn of(kernel: &Kernel, rotation: &Mat3, moved: Vec3, planes: &[[f32; 4]]) -> Self {
+    pub fn of(
+        view: &ViewUniform,
+        kernel: &Kernel,
+        rotation: &Mat3,
+        moved: Vec3,
+        planes: &[[f32; 4]],
+    ) -> Self {
+        let deviations = reach_within(view.tolerance);
         let mut edges = Self::default();
         for &[x, y, z, distance] in planes {
             if distance == f32::INFINITY {
@@ -48,7 +55,7 @@ impl Edges {
             }
             let normal = *rotation * Vec3::new(x, y, z);
             let inside = distance + normal.dot(moved);
-            let reach = EDGE_REACH * along(kernel, normal).length();
+            let reach = deviations * along(kernel, normal).length();
             if inside <= -reach {
                 edges.is_outside = true;
             }
@@ -132,6 +139,21 @@ impl Edges {
             };
         }
         terms.edge_count = self.count | if meets_rays { RAY_EDGES } else { 0 };
+    }
+}
+
+/// Within how many standard deviations a plane cuts a kernel: farther away it would take some third of the
+/// tolerance, or of 1e-5, of it at most. In steps, which both back ends take alike.
+#[inline]
+fn reach_within(tolerance: f32) -> f32 {
+    if tolerance >= 3.9e-3 {
+        3.0
+    } else if tolerance >= 7e-4 {
+        3.5
+    } else if tolerance >= 1e-4 {
+        4.0
+    } else {
+        EDGE_REACH
     }
 }
 

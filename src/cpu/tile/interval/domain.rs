@@ -3,7 +3,7 @@
 //!
 //! Twin: `shaders/tile/interval/domain.wgsl`.
 
-use crate::constants::TILE_SIZE;
+use crate::constants::{EDGE_REACH, TILE_SIZE};
 use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::evaluate::near::NearWalk;
 use crate::cpu::tile::evaluate::{Evaluate, Row, Walk};
@@ -44,15 +44,29 @@ fn affine<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Ro
     let [mut from, mut to] = WHOLE;
     let dy = walk.dy(row.y);
     for &[along_x, along_y, inside, enters] in planes(edges) {
-        for lane in 0..TILE_SIZE {
-            let deviations = inside + (along_x * walk.dx(lane) + along_y * dy);
-            if enters > 0.0 {
-                from[lane] = from[lane].max(cdf::<FMA>(-deviations));
-            } else if enters < 0.0 {
-                to[lane] = to[lane].min(cdf::<FMA>(deviations));
-            } else {
-                // All planes of a kernel are of this kind, or none is.
-                to[lane] *= cdf::<FMA>(deviations);
+        // One question for all lanes: loops without branches become vector code.
+        let side = if enters > 0.0 { -1.0 } else { 1.0 };
+        let along_row = |lane| inside + (along_x * walk.dx(lane) + along_y * dy);
+        if along_row(0).min(along_row(TILE_SIZE - 1)) > EDGE_REACH {
+            continue;
+        }
+        let mut shares = [0.0; TILE_SIZE];
+        for (lane, share) in shares.iter_mut().enumerate() {
+            let aside = along_x * walk.dx(lane) + along_y * dy;
+            *share = cdf::<FMA>(side * (inside + aside));
+        }
+        if enters > 0.0 {
+            for (from, share) in from.iter_mut().zip(shares) {
+                *from = from.max(share);
+            }
+        } else if enters < 0.0 {
+            for (to, share) in to.iter_mut().zip(shares) {
+                *to = to.min(share);
+            }
+        } else {
+            // All planes of a kernel are of this kind, or none is.
+            for (to, share) in to.iter_mut().zip(shares) {
+                *to *= share;
             }
         }
     }
