@@ -6,8 +6,7 @@
 # DATA holds the files named below. OUT gets a picture of each way as .npy and .png; the rows of
 # docs/truth.md are printed: RMSE and 99.9th percentile over premultiplied linear RGBA, in levels of 255, and
 # milliseconds. Truths that lie in OUT are taken from there. EWA names another program than the one built here,
-# SIZE another size, WAYS some of
-# the ways.
+# SIZE another size, WAYS some of the ways.
 #
 # Cameras are named: a fitted one follows what is visible, which is more where kernels lie beyond the boundary.
 set -eu
@@ -76,10 +75,10 @@ for name in $names; do
         "$EWA" render $input $camera --transfer-function "examples/truth/transfer/$name.json" --size "$size" \
             --reference=data --tolerance 1e-3 --low-pass 0.15 --out "$out/$name-truth.npy"
     fi
-    row "$name" particle-1 --classify particle --low-pass 1
-    row "$name" particle --classify particle
+    row "$name" particle-1 --classify particle --low-pass 1 --boundary soft
+    row "$name" particle --classify particle --boundary soft
+    row "$name" soft --boundary soft
     row "$name" default
-    row "$name" sharp --boundary sharp
-    row "$name" post --composite slabs --post-classification
+    row "$name" post --composite slabs --post-classification --boundary soft
     row "$name" sharp-post --composite slabs --post-classification --boundary sharp
 done
