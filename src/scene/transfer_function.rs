@@ -12,8 +12,8 @@ pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
 pub use lobes::{
-    ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH, MAX_WINDOWS,
-    Piece, Window,
+    ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH,
+    MAX_WINDOWS, Piece, Window,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use lobes::{

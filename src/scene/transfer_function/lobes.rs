@@ -12,6 +12,9 @@
 //! it. Where the field is steep against the lobe that is a piece of the iso-surface, a splat of a
 //! surface; where it is flat it is the kernel as it was.
 //!
+//! A lobe with steps, jumps of its extinction, is divided by smooth windows ([`windows`]), each of which leaves a
+//! Gaussian of its own: one for all would be half a kernel off where the step is seen along.
+//!
 //! The three are tabulated over value and ln w ([`table`]), so that an edit of the function costs
 //! milliseconds and a kernel a look-up; [`Lobes::piece`] has the errors. Twin: `shaders/shared/lobes.wgsl`.
 
@@ -290,7 +293,7 @@ fn runs(table: &[[f32; 4]]) -> Vec<Run> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::lobe::{moments, window_moments};
+    use crate::reference::lobe::window_moments;
 
     /// A function of extinction `kappa`, over 0 to 1.
     fn transfer(kappa: impl Fn(f32) -> f32) -> TransferFunction {
@@ -302,7 +305,7 @@ mod tests {
         (1.0 - (v - middle).abs() / half).max(0.0)
     }
 
-    /// The knots of a lobe, continued for `reach` beyond open ends, and finer than `step` where windows are.
+    /// The knots of a lobe, continued for `reach` beyond open ends.
     fn knots(transfer: &TransferFunction, lobe: &Lobe, reach: f64) -> Vec<[f64; 2]> {
         let [lo, hi] = lobe.interval.map(f64::from);
         let last = (CLASSIFICATION_TABLE_LEN - 1) as f64;
