@@ -172,7 +172,7 @@ impl Lobes {
     ///
     /// Against the integrals, over hats, trapezia and steps of any width: the
     /// extinction within 1.2 % where it is above a hundredth of its greatest, shift within .01 and width within .005
-    /// (a unit test measures it). Width is held to [`MAX_PIECE_WIDTH`].
+    /// (a unit test measures it). A window's extinction is within 3 %, the sum of all as of lobes without steps. Width is held to [`MAX_PIECE_WIDTH`].
     #[inline]
     pub fn piece(&self, lobe: &Lobe, window: &Window, value: f32, spread: f32) -> Option<Piece> {
         let [lo, hi] = window.interval;
@@ -419,8 +419,14 @@ mod tests {
             let transfer = transfer(kappa);
             let errors = errors(&transfer);
             println!("{name}: {errors:.4?}");
+            // Shares of a lobe err by more than their sum.
+            let of_mass = if transfer.lobes(0.1).windows.len() > transfer.lobes(0.1).lobes.len() {
+                0.03
+            } else {
+                0.012
+            };
             assert!(
-                errors[0] < 0.012 && errors[1] < 0.01 && errors[2] < 0.005,
+                errors[0] < of_mass && errors[3] < 0.012 && errors[1] < 0.01 && errors[2] < 0.005,
                 "{name}: {errors:?}"
             );
         }

@@ -28,8 +28,15 @@ const GRADED: usize = 2;
 const JUMP_SHARE: f64 = 1.0 / 16.0;
 const JUMP_CONTRAST: f64 = 4.0;
 
-/// A window fades out where w leaves too little room for it: how fast.
-const FADE: f64 = 8.0;
+/// A window fades out where w leaves too little room for it: how fast. With 8 a row of a table is too far from
+/// the next (a seventh of a faint window's mass).
+const FADE: f64 = 2.0;
+
+/// Where so many times too much room is needed, nothing is left: 2e-4.
+const FADED: f64 = 3.0;
+
+/// Entries of a lobe whose steps count: in a shorter one a step is a ramp as wide as the lobe.
+const LEAST_ENTRIES: usize = 16;
 
 /// Beyond so many deviations of its own a window is 0.
 const FAR: f64 = 8.0;
@@ -63,7 +70,7 @@ impl Shape {
 
     /// The least w at which it has faded.
     pub(super) fn gone(&self) -> f64 {
-        2.2 * self.room / self.need
+        FADED * self.room / self.need
     }
 
     /// Its logarithm at a place, for kernels of a standard deviation `w`; `None` where that is nothing.
@@ -136,6 +143,9 @@ impl Jump {
 /// - `first`: the entry of the first of `values`.
 /// - `least`: jumps of less extinction do not count.
 pub(super) fn jumps(values: &[f64], first: f64, least: f64) -> Vec<Jump> {
+    if values.len() < LEAST_ENTRIES {
+        return Vec::new();
+    }
     let peak = values.iter().copied().fold(0.0, f64::max);
     let change = |i: usize| match (values.get(i), values.get(i + 1)) {
         (Some(a), Some(b)) => (b - a).abs(),
