@@ -333,7 +333,7 @@ fn windows_add_up_to_their_lobe() {
             }
         }
     }
-    assert!(most > 5, "{most}");
+    assert!(most >= 5, "{most}");
 }
 
 /// Far from a step, in deviations of a kernel, nothing is drawn but the rest of its lobe.
