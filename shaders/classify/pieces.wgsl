@@ -1,5 +1,5 @@
 // Pieces, where kernels are classified over their own extents: of each particle a piece
-// for each lobe of the transfer function that its values reach. The terms of a piece follow all particles
+// for each lobe of the transfer function that its values reach, or for each window of a lobe with steps. The terms of a piece follow all particles
 // that there is room for. Twins: src/cpu/extent.rs, src/blocks/halo.rs, src/scene/local_models.rs.
 
 // Cells of a brick and of two rings around along each axis.
@@ -234,17 +234,19 @@ struct FoundPiece {
     width: f32,
 }
 
-fn piece_in(kernel: Kernel, lobe: Lobe) -> FoundPiece {
+// - `window`: of the lobe.
+fn piece_in(kernel: Kernel, lobe: Lobe, window: u32) -> FoundPiece {
     var found: FoundPiece;
     if !(kernel.spread > lobe.threshold) {
-        if lobe_meets(lobe, kernel.value, kernel.value) {
+        // One for all windows.
+        if window == lobe.first_window && lobe_meets(lobe, kernel.value, kernel.value) {
             found.class_of_value = classify(kernel.value);
             found.extinction = found.class_of_value.w;
             found.width = 1.0;
         }
         return found;
     }
-    let piece = lobe_piece(lobe, kernel.middle, kernel.spread);
+    let piece = lobe_piece(lobe, lobe_window(window), kernel.middle, kernel.spread);
     found.extinction = piece.extinction;
     found.shift = piece.shift;
     found.width = piece.width;
@@ -279,36 +281,41 @@ fn volume_of_particle(kernel: Kernel) -> f32 {
     return strengths[kernel.index];
 }
 
-// The lobes of a kernel with a piece, a bit each. Counting and emitting share it.
-fn lobes_of(block: u32, local: u32) -> u32 {
+// The windows of all lobes that a kernel has a piece in, a bit each. Counting and emitting share it.
+fn windows_of(block: u32, local: u32) -> u32 {
     var kernel = kernel_of(block, local);
     if !kernel.exists {
         return 0u;
     }
-    var mask = 0u;
+    var near = 0u;
     let count = lobe_count();
     for (var i = 0u; i < count; i = i + 1u) {
-        mask = mask | (u32(comes_near(kernel, lobe(i))) << i);
+        near = near | (u32(comes_near(kernel, lobe(i))) << i);
     }
-    if mask == 0u {
+    if near == 0u {
         return 0u;
     }
     kernel = with_range(kernel, local);
     let volume = volume_of_particle(kernel);
-    for (var i = 0u; i < count; i = i + 1u) {
-        if ((mask >> i) & 1u) == 1u {
-            let own = lobe(i);
-            let is_piece = reaches(kernel, own) && is_positive(piece_in(kernel, own).extinction * volume);
-            mask = mask & ~(u32(!is_piece) << i);
+    var mask = 0u;
+    while near != 0u {
+        let own = lobe(countTrailingZeros(near));
+        near = near & (near - 1u);
+        if reaches(kernel, own) {
+            let end = own.first_window + own.window_count;
+            for (var w = own.first_window; w < end; w = w + 1u) {
+                let is_piece = is_positive(piece_in(kernel, own, w).extinction * volume);
+                mask = mask | (u32(is_piece) << w);
+            }
         }
     }
     return mask;
 }
 
-// What a thread's particle becomes: a bit for each lobe, or bit 0 where its block keeps to values alone.
+// What a thread's particle becomes: a bit for each window, or bit 0 where its block keeps to values alone.
 fn mask_of(block: u32, is_spread: bool, thread: u32) -> u32 {
     if is_spread {
-        return lobes_of(block, thread);
+        return windows_of(block, thread);
     }
     return u32(is_positive(visit(block, thread).mass));
 }
@@ -356,10 +363,17 @@ fn classify_emit(
         let kernel = with_range(kernel_of(view.block, thread), thread);
         let volume = volume_of_particle(kernel);
         let direction = kernel.model.slope / kernel.spread;
+        var i = 0u;
+        var own = lobe(i);
         while mask != 0u {
-            let own = lobe(countTrailingZeros(mask));
+            let window = countTrailingZeros(mask);
             mask = mask & (mask - 1u);
-            let piece = piece_in(kernel, own);
+            // Windows lie in the order of their lobes.
+            while window >= own.first_window + own.window_count {
+                i = i + 1u;
+                own = lobe(i);
+            }
+            let piece = piece_in(kernel, own, window);
             let is_whole = !(kernel.spread > own.threshold);
             let axis = select(direction, vec3<f32>(0.0), is_whole);
             let particle = Visit(kernel.index, piece.extinction * volume, piece.class_of_value);

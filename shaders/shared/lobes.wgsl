@@ -15,6 +15,18 @@ struct Lobe {
     first_spread: f32,
     // The greatest extinction.
     peak: f32,
+    // The first window, and how many there are.
+    first_window: u32,
+    window_count: u32,
+}
+
+// A part of a lobe: all of it, or what a smooth window leaves beside a step, or far from it.
+struct Window {
+    // The values between which its table follows values, and the extinctions beyond.
+    interval: vec2<f32>,
+    beyond: vec2<f32>,
+    // How many deviations its table reaches beyond.
+    reach: vec2<f32>,
     // The first row, and how many there are.
     first_row: u32,
     row_count: u32,
@@ -52,47 +64,61 @@ fn lobe_meets(lobe: Lobe, lo: f32, hi: f32) -> bool {
         && (hi > lobe.interval.x || lobe.beyond.x > 0.0);
 }
 
+fn lobe_window(i: u32) -> Window {
+    let at = LOBES_FIRST + 1u + 3u * MAX_LOBES + 3u * i;
+    let ends = bitcast<vec4<f32>>(transfer.words[at]);
+    let reach = bitcast<vec4<f32>>(transfer.words[at + 1u]);
+    let rows = transfer.words[at + 2u];
+    return Window(ends.xy, ends.zw, reach.xy, rows.x, rows.y);
+}
+
 fn lobe_row(i: u32) -> LobeRow {
-    let words = transfer.words[LOBES_FIRST + 1u + 3u * MAX_LOBES + i];
+    let words = transfer.words[LOBES_FIRST + 1u + 3u * MAX_LOBES + 3u * MAX_WINDOWS + i];
     return LobeRow(words.x, words.y, bitcast<f32>(words.z));
 }
 
-// Cells of a row, interpolated: `inside` cells from the lobe's beginning, and so many deviations outside.
-fn lobe_cell(row: LobeRow, inside: f32, outside: f32) -> vec3<f32> {
-    let place = inside + (outside + LOBE_REACH) * LOBE_CELLS_PER_DEVIATION;
+// Cells of a row, interpolated: `inside` cells from the interval's beginning, and so many deviations from
+// the first cell.
+fn lobe_cell(row: LobeRow, inside: f32, from_first: f32) -> vec4<f32> {
+    let place = inside + from_first * LOBE_CELLS_PER_DEVIATION;
     let below = min(u32(max(place, 0.0)), row.count - 2u);
     let share = place - f32(below);
-    let at = LOBES_FIRST + 1u + 3u * MAX_LOBES + MAX_LOBE_ROWS + row.first + below;
-    let a = bitcast<vec4<f32>>(transfer.words[at]).xyz;
-    let b = bitcast<vec4<f32>>(transfer.words[at + 1u]).xyz;
+    let rows = LOBES_FIRST + 1u + 3u * MAX_LOBES + 3u * MAX_WINDOWS;
+    let at = rows + MAX_LOBE_ROWS + row.first + below;
+    let a = bitcast<vec4<f32>>(transfer.words[at]);
+    let b = bitcast<vec4<f32>>(transfer.words[at + 1u]);
     return a + (b - a) * share;
 }
 
-// What a lobe leaves of a kernel whose values have this mean and this standard deviation, which is above
-// 0; numbers.
-fn lobe_piece(lobe: Lobe, value: f32, spread: f32) -> Piece {
-    let lo = lobe.interval.x;
-    let hi = lobe.interval.y;
+// What a window of a lobe leaves of a kernel whose values have this mean and this standard deviation, which
+// is above 0; numbers.
+fn lobe_piece(lobe: Lobe, window: Window, value: f32, spread: f32) -> Piece {
+    let lo = window.interval.x;
+    let hi = window.interval.y;
     let nearest = clamp(value, lo, hi);
     let outside = (value - nearest) / spread;
-    if !(abs(outside) <= LOBE_REACH) {
+    if !(outside >= -window.reach.x && outside <= window.reach.y) {
         // Beyond an open end the function is constant as far as the kernel goes.
-        return Piece(select(lobe.beyond.x, lobe.beyond.y, outside > 0.0), 0.0, 1.0);
+        return Piece(select(window.beyond.x, window.beyond.y, outside > 0.0), 0.0, 1.0);
     }
-    let last = f32(lobe.row_count - 1u);
+    let last = f32(window.row_count - 1u);
     let row = log2(spread / lobe.first_spread) * LOBE_ROWS_PER_OCTAVE;
     let place = clamp(row, 0.0, last);
-    let below = min(u32(place), max(lobe.row_count, 2u) - 2u);
+    let below = min(u32(place), max(window.row_count, 2u) - 2u);
     let share = place - f32(below);
     let middle = lo + 0.5 * (hi - lo);
-    var ends: array<vec3<f32>, 2>;
+    var ends: array<vec4<f32>, 2>;
     for (var n = 0u; n < 2u; n = n + 1u) {
-        let entries = lobe_row(lobe.first_row + below + n);
+        let entries = lobe_row(window.first_row + below + n);
         let from_middle = (nearest - middle) * (entries.per_value / LOBE_CELLS_PER_DEVIATION);
-        ends[n] = lobe_cell(entries, (nearest - lo) * entries.per_value, outside);
+        ends[n] = lobe_cell(entries, (nearest - lo) * entries.per_value, outside + window.reach.x);
         ends[n].y = ends[n].y - from_middle;
     }
     let cell = ends[0] + (ends[1] - ends[0]) * share;
+    // Other windows have it.
+    if !(cell.w > 0.0) {
+        return Piece();
+    }
     // A kernel wider than the last row sees a closed lobe as a point.
     var shrink = 1.0;
     if row > last && lobe.beyond.x == 0.0 && lobe.beyond.y == 0.0 {
@@ -101,9 +127,9 @@ fn lobe_piece(lobe: Lobe, value: f32, spread: f32) -> Piece {
     // One narrower than the first row stays the more as it is.
     let change = min(spread / lobe.first_spread, 1.0);
     let width = MAX_PIECE_WIDTH * exp_negative(min(cell.z, 0.0)) * shrink;
-    let log_share = min(cell.x - 0.5 * outside * outside, 0.0);
+    let log_extinction = min(cell.x - 0.5 * outside * outside, 0.0);
     return Piece(
-        lobe.peak * exp_negative(log_share) * shrink,
+        lobe.peak * exp_negative(log_extinction) * shrink,
         (cell.y * shrink - outside) * change,
         1.0 + (width - 1.0) * change,
     );

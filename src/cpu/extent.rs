@@ -1,5 +1,6 @@
 //! Stage: from values to masses, colours and pieces, where kernels are classified over their own extents:
-//! of each particle a piece for each lobe of the transfer function that its values reach.
+//! of each particle a piece for each lobe of the transfer function that its values reach, or for each window of a lobe
+//! with steps.
 //!
 //! Blocks over which the field changes too little for that keep to [`classify`](super::classify()). Twin:
 //! `shaders/classify/extent.wgsl`.
@@ -209,21 +210,23 @@ impl Kernels<'_> {
             if !lobe.meets(lo, hi) {
                 continue;
             }
-            let Some(piece) = self.lobes.piece(lobe, middle, spread) else {
-                continue;
-            };
-            if !(piece.extinction > 0.0) {
-                continue;
-            }
             let [first, last] = lobe.interval;
             let [r, g, b, _] = self.transfer.classify(value.clamp(first, last));
-            let terms = PieceTerms {
-                axis: (model.slope / spread).into(),
-                shift: piece.shift,
-                width: piece.width,
-                unused: 0,
-            };
-            emit(piece.extinction, [r, g, b], terms);
+            for window in self.lobes.windows(lobe) {
+                let Some(piece) = self.lobes.piece(lobe, window, middle, spread) else {
+                    continue;
+                };
+                if !(piece.extinction > 0.0) {
+                    continue;
+                }
+                let terms = PieceTerms {
+                    axis: (model.slope / spread).into(),
+                    shift: piece.shift,
+                    width: piece.width,
+                    unused: 0,
+                };
+                emit(piece.extinction, [r, g, b], terms);
+            }
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::record::{
 };
 use crate::scene::{
     CLASSIFICATION_TABLE_LEN, Colour, LobeRow, Lobes, LocalModels, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
-    MAX_LOBES, Strength, TransferFunction, Values,
+    MAX_LOBES, MAX_WINDOW_CELLS, MAX_WINDOWS, Strength, TransferFunction, Values,
 };
 
 /// A run of a volume's blocks on the device.
@@ -67,7 +67,7 @@ impl Part {
     /// Classified particles at most.
     pub(super) fn most_classified(&self) -> u64 {
         let pieces = if self.lobes_first.is_some() {
-            MAX_LOBES
+            MAX_WINDOWS
         } else {
             1
         };
@@ -170,7 +170,8 @@ impl Tables {
         maxima.resize(maxima.len().max(MAXIMA_HEADER + 1), 0.0);
         if family[0].may_have_pieces() {
             // Room for any function's.
-            let lobes = 1 + 3 * MAX_LOBES + MAX_LOBE_ROWS + MAX_LOBE_CELLS;
+            let headers = 1 + 3 * MAX_LOBES + 3 * MAX_WINDOWS;
+            let lobes = headers + MAX_LOBE_ROWS + MAX_LOBE_CELLS + MAX_WINDOW_CELLS;
             table.resize(lobes_first(family) as usize + lobes, [0; 4]);
         }
         Ok(Self {
@@ -469,20 +470,28 @@ fn pack_lobes(lobes: Option<&Lobes>, table: &mut Vec<[u32; 4]>) {
         return;
     };
     table.push([lobes.lobes.len() as u32, 0, 0, 0]);
-    let rows = table.len() + 3 * MAX_LOBES;
+    let windows = table.len() + 3 * MAX_LOBES;
+    let rows = windows + 3 * MAX_WINDOWS;
     for lobe in &lobes.lobes {
         let ([lo, hi], [below, above]) = (lobe.interval, lobe.beyond);
         table.push([lo, hi, below, above].map(f32::to_bits));
         let sizes = [finite(lobe.threshold), lobe.first_spread, lobe.peak, 0.0];
         table.push(sizes.map(f32::to_bits));
-        table.push([lobe.first_row, lobe.row_count, 0, 0]);
+        table.push([lobe.first_window, lobe.window_count, 0, 0]);
+    }
+    table.resize(windows, [0; 4]);
+    for window in &lobes.windows {
+        let ([lo, hi], [below, above]) = (window.interval, window.beyond);
+        table.push([lo, hi, below, above].map(f32::to_bits));
+        let [before, after] = window.reach;
+        table.push([before, after, 0.0, 0.0].map(f32::to_bits));
+        table.push([window.first_row, window.row_count, 0, 0]);
     }
     table.resize(rows, [0; 4]);
     let row = |row: &LobeRow| [row.first, row.count, row.per_value.to_bits(), 0];
     table.extend(lobes.rows.iter().map(row));
     table.resize(rows + MAX_LOBE_ROWS, [0; 4]);
-    let cell = |[a, b, c]: &[f32; 3]| [*a, *b, *c, 0.0].map(f32::to_bits);
-    table.extend(lobes.cells.iter().map(cell));
+    table.extend(lobes.cells.iter().map(|cell| cell.map(f32::to_bits)));
 }
 
 /// A threshold as shaders have it: WGSL knows no infinity.

@@ -1,7 +1,14 @@
 //! Kernels classified over their own extent: moments in closed form, of a transfer function's table as it
 //! stands, without the renderer's tables of them.
 
-use crate::math::normal_density_and_cdf;
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "whole numbers of steps"
+)]
+
+use crate::math::{FRAC_1_SQRT_TAU, normal_density_and_cdf};
+use crate::scene::{LEAST_WINDOW_SHARE, Lobe, Lobes};
 
 /// Farther than this many standard deviations from a knot nothing is left of a Gaussian.
 const FAR: f64 = 8.0;
@@ -40,6 +47,61 @@ pub fn moments(knots: &[[f64; 2]], value: f64, spread: f64) -> Option<[f64; 3]> 
     let [mass, first, second] = sums;
     let mean = first / mass;
     (mass > 0.0).then(|| [mass, mean, (second / mass - mean * mean).max(0.0)])
+}
+
+/// [`moments`] of what each of a lobe's windows leaves, by quadrature where there is more than one; those
+/// below the share that is drawn are none, and the others have their mass.
+///
+/// Takes from the renderer what windows are; nothing of their tables.
+pub fn window_moments(
+    lobes: &Lobes,
+    lobe: &Lobe,
+    knots: &[[f64; 2]],
+    value: f64,
+    spread: f64,
+) -> Vec<Option<[f64; 3]>> {
+    let count = lobes.windows(lobe).len();
+    if count == 1 {
+        return vec![moments(knots, value, spread)];
+    }
+    let mut sums = vec![[0.0; 3]; count];
+    let near = |x: f64| ((x - value) / spread).clamp(-FAR, FAR);
+    for pair in knots.windows(2) {
+        let [[a, from], [b, to]] = [pair[0], pair[1]];
+        let (l, h) = (near(a), near(b));
+        if !(h > l) || (from == 0.0 && to == 0.0) {
+            continue;
+        }
+        // Gauss's rule of two points over a twentieth of a deviation: its error is 1e-8 of a window's.
+        let steps = ((h - l) / 0.05).ceil();
+        let step = (h - l) / steps;
+        for n in 0..steps as usize {
+            for side in [-1.0, 1.0] {
+                let t = l + (n as f64 + 0.5 + side * 0.5 / 3.0_f64.sqrt()) * step;
+                let at = value + spread * t;
+                let kappa = from + (to - from) * (at - a) / (b - a);
+                let density = (-0.5 * t * t).exp() * FRAC_1_SQRT_TAU;
+                let part = 0.5 * step * density * kappa;
+                let weights = lobes.weights(lobe, at, spread);
+                for (sums, weight) in sums.iter_mut().zip(weights) {
+                    sums[0] += part * weight;
+                    sums[1] += part * weight * t;
+                    sums[2] += part * weight * t * t;
+                }
+            }
+        }
+    }
+    let all: f64 = sums.iter().map(|s| s[0]).sum();
+    let least = LEAST_WINDOW_SHARE * all;
+    let drawn: f64 = sums.iter().map(|s| s[0]).filter(|&m| m > least).sum();
+    let moments = |[mass, first, second]: [f64; 3]| {
+        let mean = first / mass;
+        (mass > least).then(|| {
+            let variance = (second / mass - mean * mean).max(0.0);
+            [mass * all / drawn, mean, variance]
+        })
+    };
+    sums.into_iter().map(moments).collect()
 }
 
 #[cfg(test)]

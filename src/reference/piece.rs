@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::lobe::moments;
+use super::lobe::window_moments;
 use crate::math::{lower_factor, principal_sigmas};
 use crate::scene::{
     LOBE_REACH, Lattice, LatticeSpacing, Lobe, Lobes, MAX_PIECE_WIDTH, Particles, PointVolume,
@@ -119,18 +119,20 @@ impl<'a> FieldOf<'a> {
                 continue;
             }
             let knots = self.knots_of(lobe, 10.0 * spread + (middle - first).abs());
-            let Some([extinction, shift, variance]) = moments(&knots, middle, spread) else {
-                continue;
-            };
             let [first, last] = lobe.interval;
             let [r, g, b, _] = self.transfer.classify(value.clamp(first, last));
-            each(Piece {
-                extinction,
-                colour: [r, g, b],
-                axis: model.slope / spread,
-                shift,
-                width: variance.sqrt().min(f64::from(MAX_PIECE_WIDTH)),
-            });
+            for moments in window_moments(&self.lobes, lobe, &knots, middle, spread) {
+                let Some([extinction, shift, variance]) = moments else {
+                    continue;
+                };
+                each(Piece {
+                    extinction,
+                    colour: [r, g, b],
+                    axis: model.slope / spread,
+                    shift,
+                    width: variance.sqrt().min(f64::from(MAX_PIECE_WIDTH)),
+                });
+            }
         }
     }
 

@@ -31,12 +31,12 @@ pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
 pub use transfer_function::{
     ALONE_DEPTH, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint,
-    LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH, Piece, Slopes,
-    TransferDefaults, TransferFunction, Weighting,
+    LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH,
+    MAX_WINDOWS, Piece, Slopes, TransferDefaults, TransferFunction, Weighting, Window,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use transfer_function::{
     FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
-    MAX_LOBE_ROWS, MAXIMUM_ROUNDING,
+    MAX_LOBE_ROWS, MAX_WINDOW_CELLS, MAXIMUM_ROUNDING,
 };
 pub use values::Values;

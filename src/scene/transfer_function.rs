@@ -11,10 +11,14 @@ mod maxima;
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
-pub use lobes::{ALONE_DEPTH, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH, Piece};
+pub use lobes::{
+    ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_PIECE_WIDTH,
+    MAX_WINDOWS, Piece, Window,
+};
 #[cfg(feature = "gpu")]
 pub(crate) use lobes::{
-    LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, MAX_LOBE_CELLS, MAX_LOBE_ROWS, Row as LobeRow,
+    LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
+    MAX_WINDOW_CELLS, Row as LobeRow,
 };
 
 use std::ops::Range;

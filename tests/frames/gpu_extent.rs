@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 
 use crate::common::Random;
 use crate::common::gpu::gpu;
-use crate::extent::{camera, field, lattice, pieces, settings, shells};
+use crate::extent::{camera, field, lattice, pieces, settings, shells, steps};
 
 /// Volumes of every kind that has pieces.
 fn volumes() -> Vec<(&'static str, PointVolume)> {
@@ -106,6 +106,7 @@ fn volumes() -> Vec<(&'static str, PointVolume)> {
     };
     vec![
         ("lattice", uniform),
+        ("steps", lattice(24, &steps())),
         ("lattice with a sharp boundary", bounded),
         ("bytes", bytes),
         ("rectilinear", rectilinear),

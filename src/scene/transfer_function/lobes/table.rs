@@ -14,9 +14,11 @@
 
 use rayon::prelude::*;
 
+use super::windows::{Jump, jumps, shapes, weights};
 use super::{
-    ALONE_DEPTH, LOBE_CELLS_PER_DEVIATION, LOBE_REACH, LOBE_ROWS_PER_OCTAVE, Lobe, Lobes,
-    MAX_LOBE_CELLS, MAX_PIECE_WIDTH, Run,
+    ALONE_DEPTH, LEAST_WINDOW_SHARE, LOBE_CELLS_PER_DEVIATION, LOBE_REACH, LOBE_ROWS_PER_OCTAVE,
+    Lobe, Lobes, MAX_LOBE_CELLS, MAX_PIECE_WIDTH, MAX_WINDOW_CELLS, MAX_WINDOWS, Run, Shape,
+    Window,
 };
 use crate::math::FRAC_1_SQRT_TAU;
 use crate::scene::TransferFunction;
@@ -34,6 +36,13 @@ pub(crate) struct Row {
 
 /// Samples to a standard deviation of the narrower of kernel and lobe.
 const SAMPLES: f64 = 12.0;
+
+/// Of lobes with windows: some are a sixth of a kernel wide.
+const WINDOW_SAMPLES: f64 = 24.0;
+
+/// A jump counts where it is more than this optical depth across a kernel's standard deviation: one of .042 has
+/// an error of .8 grey levels without windows, of .084 one of 1.9.
+const JUMP_DEPTH: f64 = 0.05;
 
 /// How far a Gaussian is summed, standard deviations: beyond, 1e-15 of its peak.
 const FAR: f64 = 8.5;
@@ -112,66 +121,119 @@ impl Extinction {
     }
 
     /// Smoothed by a hat that is `2 h` wide, times h, `h` apart: where the samples begin, and they.
-    fn samples(&self, h: f64, reach: f64) -> (f64, Vec<f64>) {
+    ///
+    /// - `origin`: a place on a sample.
+    /// - `reach`: how far beyond open ends.
+    /// - `near`: how far from the origin to either side at most.
+    fn samples(&self, h: f64, reach: f64, origin: f64, near: [f64; 2]) -> (f64, Vec<f64>) {
         let open = |end: usize| if self.is_open[end] { reach } else { 0.0 };
-        // Whole steps from the lobe's beginning, so that cells of a row lie on samples.
-        let before = (open(0) / h).ceil() as usize + 1;
-        let after = ((self.length() + open(1)) / h).ceil() as usize + 1;
-        let begin = self.first - before as f64 * h;
+        let inside = origin - self.first;
+        let steps = |length: f64| (length / h).ceil();
+        let [before, after] = [inside + open(0), self.length() - inside + open(1)];
+        let before = steps(before).min(steps(near[0])).max(0.0) as usize + 1;
+        let after = steps(after).min(steps(near[1])).max(0.0) as usize + 1;
+        let begin = origin - before as f64 * h;
         let at = |n: usize| self.second_integral(begin + (n as f64 - 1.0) * h);
         let integrals: Vec<f64> = (0..=before + after + 2).map(at).collect();
         let sample = |i: &[f64]| ((i[2] - 2.0 * i[1] + i[0]) / h).max(0.0);
         (begin, integrals.windows(3).map(sample).collect())
     }
 
-    /// Of a row of width `w`: kappa_w at places `step` samples apart, the first at `begin`, and the first
-    /// two moments of kappa N about each, over kappa_w.
-    fn row(&self, w: f64, count: usize) -> Vec<[f64; 3]> {
+    /// Of a row of width `w`: kappa_w at its cells, the first two moments of kappa N about each, over
+    /// kappa_w, and the share of the lobe's mass; of what a window leaves.
+    ///
+    /// - `shapes`: all windows of the lobe.
+    fn row(&self, shapes: &[Shape], table: &TableOf, w: f64) -> Vec<[f64; 4]> {
         let per_cell = 1.0 / f64::from(LOBE_CELLS_PER_DEVIATION);
-        let begin = self.first - f64::from(LOBE_REACH) * w;
+        let begin = table.from - table.reach[0] * w;
         let narrow = if self.is_closed() {
             self.length() * 0.5
         } else {
             f64::INFINITY
         };
         // A whole number of samples to a cell.
-        let h = w * per_cell / (SAMPLES * per_cell * (w / narrow).max(1.0)).ceil();
-        let reach = (f64::from(LOBE_REACH) + FAR) * w;
-        let (start, samples) = self.samples(h, reach);
+        let per_deviation = if shapes.len() > 1 {
+            WINDOW_SAMPLES
+        } else {
+            SAMPLES
+        };
+        let h = w * per_cell / (per_deviation * per_cell * (w / narrow).max(1.0)).ceil();
+        let [before, after] = table.reach.map(|reach| (reach + FAR) * w);
+        let near = [before, after + table.to - table.from];
+        let (start, samples) = self.samples(h, before.max(after), table.from, near);
+        // What each window has of the samples, and which are above 0.
+        let mut parts = vec![samples; shapes.len()];
+        let mut spans = vec![[0, parts[0].len()]; shapes.len()];
+        if shapes.len() > 1 {
+            spans.fill([usize::MAX, 0]);
+            for n in 0..parts[0].len() {
+                let weights = weights(shapes, start + n as f64 * h, w);
+                for ((part, span), weight) in parts.iter_mut().zip(&mut spans).zip(weights) {
+                    part[n] *= weight;
+                    if part[n] > 0.0 {
+                        *span = [span[0].min(n), n + 1];
+                    }
+                }
+            }
+        }
         let variance = w * w - h * h / 6.0;
         let per_sample = h / variance.sqrt();
         // N at whole steps: exp(-(n h)²/(2 variance)).
         let far = (FAR / per_sample).ceil() as usize;
-        let weights: Vec<f64> = (0..=far)
+        let near: Vec<f64> = (0..=far)
             .map(|n| (-0.5 * (n as f64 * per_sample).powi(2)).exp())
             .collect();
         let unit = 1.0 / (variance * std::f64::consts::TAU).sqrt();
         let ratio = w * w / variance;
-        (0..count)
+        (0..cell_count(table, w))
             .map(|cell| {
                 let place = begin + cell as f64 * (w * per_cell);
                 // Which sample lies there: exact to rounding.
                 let centre = ((place - start) / h).round() as i64;
-                let lowest = (centre - far as i64).max(0) as usize;
-                let highest = (centre + far as i64 + 1).clamp(0, samples.len() as i64) as usize;
-                let mut sums = [0.0; 3];
-                // None where the cell lies beyond them.
-                let near = samples.get(lowest..highest).unwrap_or_default();
-                for (n, sample) in near.iter().enumerate() {
-                    let away = (lowest + n) as i64 - centre;
-                    let t = away as f64 * per_sample;
-                    let part = sample * weights[away.unsigned_abs() as usize];
-                    sums[0] += part;
-                    sums[1] += part * t;
-                    sums[2] += part * t * t;
-                }
-                let [mass, first, second] = sums;
+                let sums = |window: usize| {
+                    let [first, end] = spans[window];
+                    let lowest = ((centre - far as i64).max(0) as usize).max(first);
+                    let highest = (centre + far as i64 + 1).clamp(0, end as i64) as usize;
+                    let mut sums = [0.0; 3];
+                    // None where the cell lies beyond them.
+                    let samples = parts[window].get(lowest..highest).unwrap_or_default();
+                    for (n, sample) in samples.iter().enumerate() {
+                        let away = (lowest + n) as i64 - centre;
+                        let t = away as f64 * per_sample;
+                        let part = sample * near[away.unsigned_abs() as usize];
+                        sums[0] += part;
+                        sums[1] += part * t;
+                        sums[2] += part * t * t;
+                    }
+                    sums
+                };
+                let [mass, first, second] = sums(table.window);
                 let mean = first / mass;
                 let own = second / mass - mean * mean;
+                let [share, kept] = self.shares(shapes, table.window, |i| sums(i)[0]);
                 // kappa_w'/kappa_w = mean / sqrt(variance); likewise the second.
-                [mass * unit, mean * ratio.sqrt(), 1.0 + ratio * (own - 1.0)]
+                [
+                    mass * unit / kept,
+                    mean * ratio.sqrt(),
+                    1.0 + ratio * (own - 1.0),
+                    share,
+                ]
             })
             .collect()
+    }
+
+    /// A window's share of a lobe's mass, and that of all that are drawn.
+    fn shares(&self, shapes: &[Shape], own: usize, mass: impl Fn(usize) -> f64) -> [f64; 2] {
+        if shapes.len() == 1 {
+            return [1.0; 2];
+        }
+        let masses: Vec<f64> = (0..shapes.len()).map(mass).collect();
+        let all: f64 = masses.iter().sum();
+        if !(all > 0.0) {
+            return [0.0, 1.0];
+        }
+        let drawn = masses.iter().filter(|&&m| m > LEAST_WINDOW_SHARE * all);
+        [masses[own] / all, drawn.sum::<f64>() / all]
     }
 
     /// The greatest integral of kappa_w - kappa up to any place, numerically: with kernels of a standard
@@ -180,7 +242,7 @@ impl Extinction {
     fn moved(&self, w: f64) -> f64 {
         let h = (w / 6.0).min(self.length() / 64.0);
         let far = (6.0 * w / h).ceil() as usize;
-        let (start, samples) = self.samples(h, 12.0 * w);
+        let (start, samples) = self.samples(h, 12.0 * w, self.first, [f64::INFINITY; 2]);
         let weights: Vec<f64> = (0..=far)
             .map(|n| (-0.5 * (n as f64 * h / w).powi(2)).exp())
             .collect();
@@ -239,67 +301,237 @@ impl Extinction {
     }
 }
 
+/// Where the table of a window lies.
+#[derive(Debug, Clone, Copy)]
+struct TableOf {
+    /// Which of the lobe's windows.
+    window: usize,
+    /// Between these entries it follows values, beyond them deviations.
+    from: f64,
+    to: f64,
+    /// So many.
+    reach: [f64; 2],
+}
+
+impl TableOf {
+    fn new(extinction: &Extinction, shapes: &[Shape], window: usize) -> Self {
+        let shape = &shapes[window];
+        let reach = f64::from(LOBE_REACH);
+        let [from, to] = shape.anchors;
+        let is_graded = shape.is_graded;
+        // A step at the lobe's end is half an entry inside of it.
+        let [first, last] = [extinction.first, extinction.last];
+        // As far as its share may count.
+        let of_window = reach * (1.0 + shape.deviation * shape.deviation).sqrt();
+        let reach = if is_graded {
+            [-shape.offsets[0], shape.offsets[0]].map(|offset| (of_window + offset).max(reach))
+        } else {
+            [reach; 2]
+        };
+        Self {
+            window,
+            from: if is_graded || from > first + 0.5 {
+                from
+            } else {
+                first
+            },
+            to: if is_graded || to < last - 0.5 {
+                to
+            } else {
+                last
+            },
+            reach,
+        }
+    }
+}
+
+/// What the tables of a lobe are made of.
+struct Source {
+    run: Run,
+    extinction: Extinction,
+    threshold: f64,
+    shapes: Vec<Shape>,
+}
+
 /// The tables of all lobes.
 ///
 /// - `sigma`: the greatest standard deviation of a kernel, world units.
 pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lobes {
-    let per_entry = 1.0 / f64::from(transfer.scale);
-    let extinctions: Vec<(Extinction, f64)> = runs
+    let scale = f64::from(transfer.scale);
+    let per_entry = 1.0 / scale;
+    let mut sources: Vec<Source> = runs
         .par_iter()
         .map(|&run| {
             let extinction = Extinction::new(&transfer.table, run);
             let threshold = extinction.threshold(sigma);
-            (extinction, threshold)
+            Source {
+                run,
+                extinction,
+                threshold,
+                shapes: Vec::new(),
+            }
         })
         .collect();
-    let mut least_share = LEAST_SHARE;
+    let mut jumps = jumps_of(&sources, sigma);
     let widths = loop {
-        let widths: Vec<Vec<f64>> = extinctions
-            .iter()
-            .map(|(e, threshold)| row_widths(e, *threshold, least_share))
-            .collect();
-        let counts = extinctions.iter().zip(&widths);
-        let cells: usize = counts
-            .map(|((e, _), widths)| widths.iter().map(|&w| cell_count(e, w)).sum::<usize>())
-            .sum();
-        if cells <= MAX_LOBE_CELLS {
+        for (lobe, source) in sources.iter_mut().enumerate() {
+            source.find_shapes(lobe, &jumps);
+        }
+        let widths = widths_of(&sources);
+        if cells_of_all(&sources, &widths, true) <= MAX_WINDOW_CELLS {
             break widths;
         }
-        least_share *= 2.0;
+        jumps.pop();
     };
     let mut out = Lobes {
         lobes: Vec::with_capacity(runs.len()),
+        windows: Vec::new(),
+        shapes: Vec::new(),
+        origin: f64::from(transfer.range[0]),
+        scale,
         rows: Vec::new(),
         cells: Vec::new(),
     };
-    for (((extinction, threshold), widths), run) in extinctions.iter().zip(&widths).zip(runs) {
-        let first_row = out.rows.len() as u32;
-        let rows: Vec<Vec<[f32; 3]>> = widths
+    for (source, widths) in sources.into_iter().zip(&widths) {
+        let Source {
+            run,
+            extinction,
+            threshold,
+            shapes,
+        } = &source;
+        let beyond = [0, run.last].map(|i| {
+            let is_open = extinction.is_open[usize::from(i > 0)];
+            if is_open { transfer.table[i][3] } else { 0.0 }
+        });
+        let tables: Vec<TableOf> = source.tables().collect();
+        let rows: Vec<Vec<Vec<[f32; 4]>>> = tables
             .par_iter()
-            .map(|&w| cells_of(extinction, w))
+            .map(|table| {
+                let rows = widths[..source.row_count(table, widths)].par_iter();
+                rows.map(|&w| cells_of(extinction, shapes, table, w))
+                    .collect()
+            })
             .collect();
-        for (cells, w) in rows.into_iter().zip(widths) {
-            out.rows.push(Row {
-                first: out.cells.len() as u32,
-                count: cells.len() as u32,
-                per_value: (f64::from(LOBE_CELLS_PER_DEVIATION) / (w * per_entry)) as f32,
-            });
-            out.cells.extend(cells);
-        }
         out.lobes.push(Lobe {
             interval: [run.first, run.last].map(|i| entry_value(transfer.range, i)),
-            beyond: [0, run.last].map(|i| {
-                let is_open = extinction.is_open[usize::from(i > 0)];
-                if is_open { transfer.table[i][3] } else { 0.0 }
-            }),
+            beyond,
             threshold: (threshold * per_entry) as f32,
             peak: extinction.values.iter().copied().fold(0.0, f64::max) as f32,
-            first_row,
-            row_count: widths.len() as u32,
+            first_window: out.windows.len() as u32,
+            window_count: tables.len() as u32,
             first_spread: (widths.first().map_or(1.0, |w| w * per_entry)) as f32,
         });
+        for (table, rows) in tables.iter().zip(rows) {
+            let is_at_end = [table.from <= extinction.first, table.to >= extinction.last];
+            let value = |place: f64| {
+                // To the bit where it is an entry's.
+                if place.fract() == 0.0 {
+                    entry_value(transfer.range, place as usize)
+                } else {
+                    (f64::from(transfer.range[0]) + place * per_entry) as f32
+                }
+            };
+            out.windows.push(Window {
+                interval: [table.from, table.to].map(value),
+                beyond: [0, 1].map(|end| if is_at_end[end] { beyond[end] } else { 0.0 }),
+                reach: table.reach.map(|reach| reach as f32),
+                first_row: out.rows.len() as u32,
+                row_count: rows.len() as u32,
+            });
+            for (cells, w) in rows.into_iter().zip(widths) {
+                out.rows.push(Row {
+                    first: out.cells.len() as u32,
+                    count: cells.len() as u32,
+                    per_value: (f64::from(LOBE_CELLS_PER_DEVIATION) / (w * per_entry)) as f32,
+                });
+                out.cells.extend(cells);
+            }
+        }
+        out.shapes.extend(&source.shapes);
     }
     out
+}
+
+impl Source {
+    /// - `jumps`: of all lobes.
+    fn find_shapes(&mut self, lobe: usize, jumps: &[(usize, Jump)]) {
+        let own = jumps.iter().filter(|(l, _)| *l == lobe);
+        let mut own: Vec<Jump> = own.map(|(_, jump)| *jump).collect();
+        own.sort_by(|a, b| a.place.total_cmp(&b.place));
+        let Extinction {
+            first,
+            last,
+            is_open,
+            ..
+        } = self.extinction;
+        self.shapes = shapes([first, last], is_open, &own);
+    }
+
+    fn tables(&self) -> impl Iterator<Item = TableOf> + '_ {
+        let windows = 0..self.shapes.len();
+        windows.map(|window| TableOf::new(&self.extinction, &self.shapes, window))
+    }
+
+    /// How many of a lobe's rows a window has: two at least, the last without anything where it fades, and
+    /// where it does not the last like all beyond.
+    fn row_count(&self, table: &TableOf, widths: &[f64]) -> usize {
+        let shape = &self.shapes[table.window];
+        if !shape.is_graded {
+            return widths.len();
+        }
+        let last = shape.gone().min(4.0 * self.extinction.length());
+        let count = widths.partition_point(|&w| w < last) + 1;
+        count.clamp(2, widths.len())
+    }
+}
+
+/// The jumps that lobes get windows for: of all that are deep enough the greatest, as far as there are
+/// windows; the greatest first.
+fn jumps_of(sources: &[Source], sigma: f64) -> Vec<(usize, Jump)> {
+    let mut all: Vec<(usize, Jump)> = Vec::new();
+    for (lobe, source) in sources.iter().enumerate() {
+        let extinction = &source.extinction;
+        let jumps = jumps(&extinction.values, extinction.first, JUMP_DEPTH / sigma);
+        all.extend(jumps.into_iter().map(|jump| (lobe, jump)));
+    }
+    all.sort_by(|a, b| b.1.size.total_cmp(&a.1.size));
+    let mut rest = MAX_WINDOWS - sources.len();
+    all.retain(|(_, jump)| {
+        let count = jump.window_count();
+        let fits = count <= rest;
+        rest -= if fits { count } else { 0 };
+        fits
+    });
+    all
+}
+
+/// The widths of each lobe's rows: as narrow as there is room for.
+fn widths_of(sources: &[Source]) -> Vec<Vec<f64>> {
+    let mut least_share = LEAST_SHARE;
+    loop {
+        let widths: Vec<Vec<f64>> = sources
+            .iter()
+            .map(|s| row_widths(&s.extinction, s.threshold, least_share))
+            .collect();
+        if cells_of_all(sources, &widths, false) <= MAX_LOBE_CELLS {
+            return widths;
+        }
+        least_share *= 2.0;
+    }
+}
+
+/// How many cells the tables have of the windows of steps, or of all others.
+fn cells_of_all(sources: &[Source], widths: &[Vec<f64>], of_steps: bool) -> usize {
+    let mut count = 0;
+    for (source, widths) in sources.iter().zip(widths) {
+        for table in source.tables() {
+            if source.shapes[table.window].is_graded == of_steps {
+                let widths = &widths[..source.row_count(&table, widths)];
+                count += widths.iter().map(|&w| cell_count(&table, w)).sum::<usize>();
+            }
+        }
+    }
+    count
 }
 
 /// The widths of a lobe's rows, entries: two at least.
@@ -313,21 +545,20 @@ fn row_widths(extinction: &Extinction, threshold: f64, least_share: f64) -> Vec<
     (0..count).map(width).collect()
 }
 
-fn cell_count(extinction: &Extinction, w: f64) -> usize {
+fn cell_count(table: &TableOf, w: f64) -> usize {
     let per_deviation = f64::from(LOBE_CELLS_PER_DEVIATION);
-    let deviations = extinction.length() / w + 2.0 * f64::from(LOBE_REACH);
+    let deviations = (table.to - table.from) / w + table.reach[0] + table.reach[1];
     (deviations * per_deviation).ceil() as usize + 2
 }
 
 /// The cells of a row.
-fn cells_of(extinction: &Extinction, w: f64) -> Vec<[f32; 3]> {
+fn cells_of(extinction: &Extinction, shapes: &[Shape], table: &TableOf, w: f64) -> Vec<[f32; 4]> {
     let per_deviation = f64::from(LOBE_CELLS_PER_DEVIATION);
-    let reach = f64::from(LOBE_REACH);
-    let inside = extinction.length() / w;
-    let cells = extinction.row(w, cell_count(extinction, w));
+    let inside = (table.to - table.from) / w;
+    let cells = extinction.row(shapes, table, w);
     let peak = extinction.values.iter().copied().fold(0.0, f64::max);
-    let narrow = |(i, [mass, mean, variance]): (usize, [f64; 3])| {
-        let place = i as f64 / per_deviation - reach;
+    let narrow = |(i, [mass, mean, variance, share]): (usize, [f64; 4])| {
+        let place = i as f64 / per_deviation - table.reach[0];
         let outside = place.min(0.0) + (place - inside).max(0.0);
         // A mass that f64 does not hold is none; logarithms of it must be numbers.
         let log_mass = (mass / peak).max(1e-300).ln() + 0.5 * outside * outside;
@@ -337,6 +568,7 @@ fn cells_of(extinction: &Extinction, w: f64) -> Vec<[f32; 3]> {
             (variance.max(1e-12).sqrt() / f64::from(MAX_PIECE_WIDTH))
                 .ln()
                 .min(0.0) as f32,
+            (share / LEAST_WINDOW_SHARE).ln().clamp(-1.0, 1.0) as f32,
         ]
     };
     cells.into_iter().enumerate().map(narrow).collect()
