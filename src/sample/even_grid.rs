@@ -13,6 +13,9 @@ const NONE: u32 = u32::MAX;
 /// Where the spacing bends by less, sums are off by less than .4 % (a growth of 1.1 per cell; rho .6).
 const LEAST_BEND: f64 = 0.05;
 
+/// Nodes that are looked at along an index, however wide kernels are asked for.
+const MOST_REACH: isize = 6;
+
 /// Beyond so many standard deviations a kernel leaves 3e-4 of its peak.
 const CUTOFF: f64 = 4.0;
 
@@ -150,7 +153,8 @@ impl<'a, 'b> GridNodes<'a, 'b> {
             .map(|(j, &volume)| Inverse::new(kernels.factor(j), volume.into()))
             .collect();
         // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of itself, .3 %.
-        let reach = (3.0 * width).ceil() as isize;
+        let reach = (1..MOST_REACH).find(|&n| n as f64 >= 3.0 * width);
+        let reach = reach.unwrap_or(MOST_REACH);
         let near = move |n: isize| -n..=n;
         let sum = |&at: &[usize; 3]| {
             let own = self.particle(at, [0; 3])?;

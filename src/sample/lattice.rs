@@ -58,10 +58,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         mean_spacing,
         options,
     )?;
-    if options.is_sharp() && taken.association == Association::Nodes {
-        if options.cuts(&sampled.volume, on_faces(dims)) {
-            sampled.volume.boundary = Some(Boundary::Lattice);
-        }
+    let may_be_sharp = options.is_sharp() && taken.association == Association::Nodes;
+    if may_be_sharp && options.cuts(&sampled.volume, on_faces(dims)) {
+        sampled.volume.boundary = Some(Boundary::Lattice);
     }
     Ok(sampled)
 }

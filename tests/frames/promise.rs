@@ -772,8 +772,6 @@ fn zooming_out_of_a_lattice_pops_by_less_than_the_tolerance() {
     hold_zoom("lattice", lattice(64));
 }
 
-/// The GPU's pictures, held to the CPU's exact ones: all data, small, at the default tolerance.
-#[cfg(feature = "gpu")]
 /// Merged particles of what faces cut are those of the parts inside.
 #[test]
 fn zooming_out_of_a_lattice_cut_at_its_faces_pops_by_less_than_the_tolerance() {
@@ -799,6 +797,8 @@ fn zooming_out_of_a_cut_ring_pops_by_less_than_the_tolerance() {
     hold_zoom("cut ring", volume);
 }
 
+/// The GPU's pictures, held to the CPU's exact ones: all data, small, at the default tolerance.
+#[cfg(feature = "gpu")]
 #[test]
 fn pictures_of_the_gpu_are_within_the_tolerance_of_exact_ones() {
     /// A software adapter draws these.
