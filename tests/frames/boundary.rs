@@ -363,10 +363,10 @@ fn a_uniform_ring_has_the_depth_of_the_length_inside() {
 #[test]
 fn real_grids_have_the_depth_of_the_length_inside() {
     for (name, least_sharp, most_soft) in [
-        // Measured: .99 and .2.
+        // Measured: 1 and .2.
         ("curvilinear/bluntfin/bluntfinxyz.bin", 0.95, 0.4),
-        // .85 and .5: edges that go in are not cut.
-        ("unstructured/disk_out_ref.vtu", 0.8, 0.65),
+        // .96 and .61: edges that go in are not cut.
+        ("unstructured/disk_out_ref.vtu", 0.9, 0.7),
     ] {
         let Some(path) = real_data(name) else {
             continue;
@@ -389,11 +389,11 @@ fn real_grids_have_the_depth_of_the_length_inside() {
         let low = positions.iter().copied().reduce(DVec3::min).unwrap();
         let high = positions.iter().copied().reduce(DVec3::max).unwrap();
         let camera = Camera {
-            width: 48,
-            height: 48,
+            width: 96,
+            height: 96,
             ..zoomed(
                 &cameras((low + high) / 2.0, (high - low).length() / 2.0)[0],
-                0.3,
+                0.6,
             )
         };
         let within = [sharp, soft].map(|sampled| {
@@ -402,7 +402,7 @@ fn real_grids_have_the_depth_of_the_length_inside() {
                 ..sampled.volume
             };
             let image = render(volume, &camera, &settings());
-            let (_, within) = errors(&depth_ratios(&image, &camera, [0.15, 0.02], length));
+            let (_, within) = errors(&depth_ratios(&image, &camera, [0.15, 0.08], length));
             within
         });
         println!("{name}: {within:?} within two per cent");
