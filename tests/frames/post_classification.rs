@@ -8,6 +8,7 @@
 
 use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
+use ewa_splat::render::Classification;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, Particles, PointVolume, Strength,
     TransferFunction, Values,
@@ -165,6 +166,7 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
     let after = draw(&scene, &camera, &settings());
     let before = Settings {
         composite: slabs(0.5, ClassifyAt::Particle),
+        classify: Classification::Particle,
         ..settings()
     };
     let before = draw(&scene, &camera, &before);
@@ -208,7 +210,7 @@ fn a_step_across_the_rays_is_as_sharp_as_a_pixel() {
         off(&after, 1) < 1e-3 && off(&after, 0) < 0.1,
         "{after:?}, not {whole:?}"
     );
-    // Kernels of .6 of a node's distance, two and a half pixels, blur it where they are classified.
+    // Kernels of .6 of a node's distance, two and a half pixels, blur it where they are classified at their values.
     assert!(off(&before, 2) > 0.1, "{before:?}");
 }
 
