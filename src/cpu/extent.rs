@@ -3,7 +3,7 @@
 //! with steps.
 //!
 //! Blocks over which the field changes too little for that keep to [`classify`](super::classify()). Twin:
-//! `shaders/classify/extent.wgsl`.
+//! `shaders/classify/pieces.wgsl`.
 
 use glam::Vec3;
 use rayon::prelude::*;
