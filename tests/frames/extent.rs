@@ -258,6 +258,33 @@ fn pictures_are_near_those_of_the_field() {
     }
 }
 
+/// Beside a jump the linear model overshoots what the data have: a lobe of values that none has stays empty.
+#[test]
+fn lobes_of_values_that_no_sample_has_are_empty() {
+    let nodes = 25;
+    let spacing = 2.0 / (nodes - 1) as f64;
+    let grid = Lattice::uniform([nodes; 3], DVec3::NEG_ONE, DVec3::splat(spacing));
+    let ball = |n: usize| {
+        let at = [n % nodes, n / nodes % nodes, n / (nodes * nodes)];
+        let place = DVec3::from(at.map(|i| i as f64)) * spacing - 1.0;
+        if place.length() < 0.6 { 0.8_f32 } else { 0.1 }
+    };
+    let values: Vec<f32> = (0..nodes.pow(3)).map(ball).collect();
+    let beyond = points(&[(0.85, 0.0), (0.9, 0.9), (0.95, 0.0)], 0.1);
+    let within = points(&[(0.4, 0.0), (0.5, 0.9), (0.6, 0.0)], 0.1);
+    let most = |transfer: TransferFunction| {
+        let volume = PointVolume::lattice(grid.clone(), values.clone(), transfer);
+        let mut renderer = Renderer::new(vec![volume]).unwrap();
+        let image = renderer
+            .render(&camera(48), &settings(Classification::Extent))
+            .unwrap();
+        image.pixels.iter().map(|p| p[3]).fold(0.0, f32::max)
+    };
+    assert_eq!(most(beyond), 0.0);
+    // Between the two there is a surface.
+    assert!(most(within) > 0.5);
+}
+
 /// A function without a feature that a kernel is too wide for asks for nothing: the same picture to the bit, no
 /// pieces, and no lobes kept.
 #[test]
