@@ -30,5 +30,6 @@ pub use normal::{normal_cdf, normal_density_and_cdf};
 pub(crate) use truncated::Truncated;
 pub use variance::{Variance, lower_factor};
 pub(crate) use variance::{
-    eigen, factor_of_variance, from_eigen, principal_sigmas, scales_and_rotation,
+    eigen, factor_of_variance, from_eigen, lower_matrix, principal_sigmas, scales_and_rotation,
+    symmetric,
 };

@@ -193,19 +193,28 @@ pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
 /// axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
 pub(crate) fn from_eigen(eigenvalues: DVec3, axes: DMat3) -> [f64; 6] {
     let v = axes * DMat3::from_diagonal(eigenvalues) * axes.transpose();
+    symmetric(v)
+}
+
+/// xx, xy, xz, yy, yz, zz of a symmetric matrix.
+pub(crate) fn symmetric(v: DMat3) -> [f64; 6] {
     [
         v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
     ]
 }
 
-/// The standard deviations along the principal axes of L Lᵀ, greatest first.
-pub(crate) fn principal_sigmas([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> [f64; 3] {
-    principal_axes(DMat3::from_cols(
+/// The matrix of a lower-triangular factor: the inverse of [`lower_factor`].
+pub(crate) fn lower_matrix([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> DMat3 {
+    DMat3::from_cols(
         DVec3::new(l00, l10, l20),
         DVec3::new(0.0, l11, l21),
         DVec3::new(0.0, 0.0, l22),
-    ))
-    .map(DVec3::length)
+    )
+}
+
+/// The standard deviations along the principal axes of L Lᵀ, greatest first.
+pub(crate) fn principal_sigmas(factor: [f64; 6]) -> [f64; 3] {
+    principal_axes(lower_matrix(factor)).map(DVec3::length)
 }
 
 /// The principal axes of F Fᵀ, each as long as its standard deviation, longest first.
@@ -254,14 +263,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn matrix([l00, l10, l11, l20, l21, l22]: [f64; 6]) -> DMat3 {
-        DMat3::from_cols(
-            DVec3::new(l00, l10, l20),
-            DVec3::new(0.0, l11, l21),
-            DVec3::new(0.0, 0.0, l22),
-        )
-    }
-
     fn gap(a: DMat3, b: DMat3) -> f64 {
         let d = a - b;
         d.x_axis.length() + d.y_axis.length() + d.z_axis.length()
@@ -302,7 +303,7 @@ mod tests {
         #[test]
         fn factors_reproduce_the_variance(f in matrices()) {
             let lower = lower_factor(f);
-            let l = matrix(lower);
+            let l = lower_matrix(lower);
             let v = f * f.transpose();
             let scale = v.x_axis.x + v.y_axis.y + v.z_axis.z;
             // Some thirty f64 roundings.
@@ -329,7 +330,7 @@ mod tests {
             ].map(|x| f64::from((x / trace) as f32));
             let l = factor_of_variance(elements(0.0));
             prop_assert!(l.is_some());
-            let l = matrix(l.unwrap());
+            let l = lower_matrix(l.unwrap());
             // Nine f32 roundings, and what a negative eigenvalue is short of zero.
             prop_assert!(gap(l * l.transpose(), v * (1.0 / trace)) <= 1e-6);
             let least = principal_sigmas(lower_factor(f))[2].powi(2) / trace;

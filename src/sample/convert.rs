@@ -24,7 +24,7 @@ use super::{Finding, SampleReport, index_u32, narrowed, splats};
 use crate::error::{Error, Hint, Result};
 use crate::image::srgb_from_linear;
 use crate::io::{SplatCloud, constant_of_colour};
-use crate::math::{harmonics_count, scales_and_rotation};
+use crate::math::{harmonics_count, lower_matrix, scales_and_rotation};
 use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
 
 /// Standard deviation over spacing at which opaque surfels are written: wider ones stay.
@@ -342,12 +342,7 @@ fn shape(particles: &Particles, i: usize) -> (DVec3, DMat3, DVec3) {
             (positions[i], factor, DVec3::ZERO)
         }
         Particles::Anisotropic { positions, factors } => {
-            let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-            let factor = DMat3::from_cols(
-                DVec3::new(l00, l10, l20),
-                DVec3::new(0.0, l11, l21),
-                DVec3::new(0.0, 0.0, l22),
-            );
+            let factor = lower_matrix(factors[i].map(f64::from));
             (positions[i], factor, DVec3::ZERO)
         }
         Particles::Surfels {

@@ -5,13 +5,13 @@
 //! kernels at it, once; a ghost's is changed as its sample's is. Inside a sharp boundary these sums lack nothing.
 //! Beside what is not cut they do: such samples stay as they are.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::narrowed;
 use super::neighbours::PointIndex;
 use crate::error::Result;
-use crate::math::principal_sigmas;
+use crate::math::{lower_matrix, principal_sigmas};
 use crate::scene::{BoundaryPlanes, cut_kernel};
 use crate::task::Task;
 
@@ -49,17 +49,12 @@ impl CutKernels<'_> {
         let Some(planes) = self.boundary.of(kernel) else {
             return true;
         };
-        let [l00, l10, l11, l20, l21, l22] = self.factor(kernel);
+        let transposed = lower_matrix(self.factor(kernel)).transpose();
         let offset = at - self.positions[kernel];
         planes.iter().all(|&[x, y, z, distance]| {
             let n = DVec3::new(x.into(), y.into(), z.into());
-            let along = DVec3::new(
-                l00 * n.x + l10 * n.y + l20 * n.z,
-                l11 * n.y + l21 * n.z,
-                l22 * n.z,
-            );
             distance == f32::INFINITY
-                || f64::from(distance) + n.dot(offset) >= -SLACK * along.length()
+                || f64::from(distance) + n.dot(offset) >= -SLACK * (transposed * n).length()
         })
     }
 
@@ -97,13 +92,7 @@ impl CutKernels<'_> {
         });
         let left = |(i, volume): (usize, &f32)| {
             let share = self.boundary.of(i).map_or(1.0, |planes| {
-                let [l00, l10, l11, l20, l21, l22] = self.factor(i);
-                let factor = DMat3::from_cols(
-                    DVec3::new(l00, l10, l20),
-                    DVec3::new(0.0, l11, l21),
-                    DVec3::new(0.0, 0.0, l22),
-                );
-                cut_kernel(factor, planes).map_or(0.0, |left| left.share)
+                cut_kernel(lower_matrix(self.factor(i)), planes).map_or(0.0, |left| left.share)
             });
             share * f64::from(*volume)
         };

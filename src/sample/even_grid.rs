@@ -21,16 +21,16 @@ const CUTOFF: f64 = 4.0;
 
 /// The nodes of one grid and of its layers of ghosts.
 pub(super) struct GridNodes<'a, 'b> {
-    pub(super) grid: &'a Grid<'b>,
+    grid: &'a Grid<'b>,
     /// How far it is continued along each index.
-    pub(super) layers: [usize; 3],
+    layers: [usize; 3],
     /// The particle of each node of the continued grid.
     particles: Vec<u32>,
 }
 
 /// What a kernel's density takes.
 #[derive(Clone, Copy)]
-struct Inverse {
+pub(super) struct Inverse {
     /// Of the lower-triangular factor.
     lower: [f64; 6],
     /// Volume over (2 pi)^(3/2) det.
@@ -48,6 +48,12 @@ impl Inverse {
             lower: [i00, i10, i11, i20, i21, i22],
             peak,
         }
+    }
+
+    /// Of all kernels.
+    pub(super) fn of_all(kernels: &CutKernels<'_>, volumes: &[f32]) -> Vec<Self> {
+        let of = |(i, &volume): (usize, &f32)| Self::new(kernels.factor(i), volume.into());
+        volumes.par_iter().enumerate().map(of).collect()
     }
 
     /// 0 beyond the cut-off.
@@ -120,14 +126,16 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         (particle != NONE).then_some(particle as usize)
     }
 
-    /// The sums of all kernels at the grid's own nodes, by particle; NaN where the grid is even around, and where
+    /// The sums of all kernels at the grid's own nodes, by particle; none where the grid is even around, and where
     /// it ends without being cut.
     ///
+    /// - `inverses`: of all kernels, made where the first grid asks for them;
     /// - `width`: of kernels, in spacings.
     pub(super) fn sums(
         &self,
         kernels: &CutKernels<'_>,
         volumes: &[f32],
+        inverses: &mut Option<Vec<Inverse>>,
         width: f64,
     ) -> Vec<(usize, f64)> {
         let dims = self.dims();
@@ -147,11 +155,7 @@ impl<'a, 'b> GridNodes<'a, 'b> {
         for n in bent {
             is_bent[n] = true;
         }
-        let inverses: Vec<Inverse> = volumes
-            .par_iter()
-            .enumerate()
-            .map(|(j, &volume)| Inverse::new(kernels.factor(j), volume.into()))
-            .collect();
+        let inverses = &*inverses.get_or_insert_with(|| Inverse::of_all(kernels, volumes));
         // Three deviations: a node there adds exp(-9/2) / (2 pi)^(3/2) / .6³ of itself, .3 %.
         let reach = (1..MOST_REACH).find(|&n| n as f64 >= 3.0 * width);
         let reach = reach.unwrap_or(MOST_REACH);
@@ -165,10 +169,10 @@ impl<'a, 'b> GridNodes<'a, 'b> {
                     self.moved(at, by).is_some_and(|place| is_bent[place])
                 })
             });
-            let mut sum = 0.0;
             if !is_near_bend {
                 return None;
             }
+            let mut sum = 0.0;
             for k in near(reach) {
                 for j in near(reach) {
                     for i in near(reach) {

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::left_out::LeftOut;
+use super::sharp::face_nodes;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified, take_scalar,
 };
@@ -67,14 +68,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
 
 /// The samples on the faces of a lattice, those on its edges more than once; an axis of one sample has none.
 fn on_faces(dims: [usize; 3]) -> impl Iterator<Item = usize> {
-    let strides = [1, dims[0], dims[0] * dims[1]];
     let axes = (0..3).filter(move |&a| dims[a] > 1);
-    let faces = axes.flat_map(move |a| [(a, 0), (a, dims[a] - 1)]);
-    faces.flat_map(move |(a, at)| {
-        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-        let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
-        across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
-    })
+    axes.flat_map(move |a| face_nodes(dims, a))
 }
 
 /// The lattice of cell centres. An axis of one node has one layer of cells, at the node.

@@ -46,6 +46,13 @@ struct SharpNode {
 }
 
 impl Grid<'_> {
+    /// The nodes on the faces of indices that do not close, those on edges more than once.
+    fn face_nodes(&self) -> impl Iterator<Item = usize> + use<> {
+        let (dims, periodic) = (self.dims, self.periodic);
+        let axes = (0..3).filter(move |&a| !periodic[a]);
+        axes.flat_map(move |a| face_nodes(dims, a))
+    }
+
     /// How far the grid is continued along each index.
     fn layers(&self) -> [usize; 3] {
         self.periodic
@@ -217,6 +224,16 @@ impl Grid<'_> {
     }
 }
 
+/// The nodes of both faces of a grid along index `a`, by their numbers.
+pub(super) fn face_nodes(dims: [usize; 3], a: usize) -> impl Iterator<Item = usize> {
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+    [0, dims[a] - 1].into_iter().flat_map(move |at| {
+        let across = (0..dims[b]).flat_map(move |i| (0..dims[c]).map(move |j| (i, j)));
+        across.map(move |(i, j)| at * strides[a] + i * strides[b] + j * strides[c])
+    })
+}
+
 /// Those of some planes (a normal into the domain and a point each) that reach a kernel.
 pub(super) fn edges(
     planes: &[[DVec3; 2]],
@@ -260,6 +277,13 @@ pub(super) fn sharpen_grids(
     options: &SampleOptions,
 ) -> Result<()> {
     let particle = |node: usize| kept.binary_search(&index_u32(node)).ok();
+    // Before the grids are continued: most of what is transparent there needs no more than this.
+    let on_faces = grids
+        .iter()
+        .flat_map(|(first, grid)| grid.face_nodes().map(move |node| first + node));
+    if !options.cuts(volume, on_faces.filter_map(particle)) {
+        return Ok(());
+    }
     let mut changes = Vec::new();
     let mut all_nodes = Vec::with_capacity(grids.len());
     let mut ghost = kept.len();
@@ -295,8 +319,10 @@ pub(super) fn sharpen_grids(
         return Ok(());
     };
     even_out(volume, &ghosts, |kernels, volumes| {
-        let of_grid =
-            |nodes: &GridNodes<'_, '_>| nodes.sums(kernels, volumes, options.kernel_width);
+        let mut inverses = None;
+        let of_grid = |nodes: &GridNodes<'_, '_>| {
+            nodes.sums(kernels, volumes, &mut inverses, options.kernel_width)
+        };
         let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
         if found.is_empty() {
             return Ok(None);

@@ -20,7 +20,7 @@ use super::kernels::Kernel;
 use super::sharp::{SharpParticle, edges};
 use crate::constants::EDGE_REACH;
 use crate::io::{CellMesh, polyhedron_faces};
-use crate::math::factor_of_variance;
+use crate::math::{factor_of_variance, lower_matrix};
 use crate::scene::Values;
 
 /// Faces around a node whose normals have at least this cosine are of one plane.
@@ -171,13 +171,7 @@ impl Change<'_> {
             let [x, y, z] = [variance.x_axis, variance.y_axis, variance.z_axis];
             let lower = factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z])?;
             let kernel = Kernel::new(centre, lower, volume).ok()?;
-            let [l00, l10, l11, l20, l21, l22] = lower;
-            let factor = DMat3::from_cols(
-                DVec3::new(l00, l10, l20),
-                DVec3::new(0.0, l11, l21),
-                DVec3::new(0.0, 0.0, l22),
-            );
-            Some((kernel, edges(&planes, centre, &factor)))
+            Some((kernel, edges(&planes, centre, &lower_matrix(lower))))
         };
         let Some((kernel, own_edges)) = shaped(centre, variance) else {
             return;

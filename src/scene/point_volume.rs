@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::{Boundary, Lattice, LocalModels, TransferFunction, Values};
 use crate::error::{Error, Parameter, Result};
-use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, lower_matrix};
 
 /// A set of particles that emit and absorb light; each is a Gaussian kernel of unit integral
 /// times a mass g = extinction x volume \[length²\].
@@ -171,13 +171,7 @@ impl Particles {
                 0.0,
             ),
             Self::Anisotropic { positions, factors } => {
-                let [l00, l10, l11, l20, l21, l22] = factors[i].map(f64::from);
-                let factor = DMat3::from_cols(
-                    DVec3::new(l00, l10, l20),
-                    DVec3::new(0.0, l11, l21),
-                    DVec3::new(0.0, 0.0, l22),
-                );
-                (positions[i], factor, 0.0)
+                (positions[i], lower_matrix(factors[i].map(f64::from)), 0.0)
             }
             Self::Surfels {
                 positions,

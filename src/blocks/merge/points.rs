@@ -13,7 +13,7 @@ use crate::blocks::overlap::Crowds;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
-use crate::math::{eigen, lower_factor};
+use crate::math::{eigen, lower_factor, lower_matrix, symmetric};
 use crate::scene::{BoundaryPlanes, Colour, LocalModels, Strength, Values, cut_kernel};
 use crate::task::{Stage, Task};
 
@@ -219,7 +219,7 @@ impl Source<'_> {
         if !(strength > 0.0 && strength.is_finite() && has_value) {
             return None;
         }
-        let [l00, l10, l11, l20, l21, l22] = match self.shapes {
+        let lower @ [l00, l10, l11, l20, l21, l22] = match self.shapes {
             Shapes::Spheres(sigmas) => {
                 let l = f64::from(sigmas[i]);
                 [l, 0.0, l, 0.0, 0.0, l]
@@ -243,20 +243,12 @@ impl Source<'_> {
         let Some(planes) = self.boundary.and_then(|b| b.of(i)) else {
             return Some(whole);
         };
-        let factor = DMat3::from_cols(
-            DVec3::new(l00, l10, l20),
-            DVec3::new(0.0, l11, l21),
-            DVec3::new(0.0, 0.0, l22),
-        );
-        let left = cut_kernel(factor, planes)?;
-        let v = left.factor * left.factor.transpose();
+        let left = cut_kernel(lower_matrix(lower), planes)?;
         Some(Member {
             index: i,
             strength: whole.strength * left.share,
             offset: whole.offset + left.shift,
-            variance: [
-                v.x_axis.x, v.x_axis.y, v.x_axis.z, v.y_axis.y, v.y_axis.z, v.z_axis.z,
-            ],
+            variance: symmetric(left.factor * left.factor.transpose()),
             skews: left.skews,
         })
     }

@@ -23,6 +23,7 @@ use glam::{DMat3, DVec3};
 use self::quadratic::Quadratic;
 use super::{SampleOptions, narrowed};
 use crate::error::Result;
+use crate::math::lower_matrix;
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength};
 use crate::task::Task;
 
@@ -51,8 +52,8 @@ pub(super) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Res
 }
 
 /// A lower-triangular factor as a matrix.
-pub(super) fn matrix_of([l00, l10, l11, l20, l21, l22]: [f32; 6]) -> DMat3 {
-    DMat3::from_cols_array(&[l00, l10, l20, 0.0, l11, l21, 0.0, 0.0, l22].map(f64::from))
+pub(super) fn matrix_of(factor: [f32; 6]) -> DMat3 {
+    lower_matrix(factor.map(f64::from))
 }
 
 /// The inverse of a lower-triangular factor; `None` for that of a flat kernel.
