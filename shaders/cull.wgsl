@@ -90,12 +90,20 @@ fn frustum_sees(
     return sees;
 }
 
-// Whether kernels of a block are classified over their extents.
-fn is_spread_block(block: DeviceBlock) -> bool {
-    if !IS_CLASSIFIED || camera.choice.by_extent == 0u {
-        return false;
+// What decides about a block's kernels.
+fn classified_by(block: DeviceBlock) -> u32 {
+    let asked = camera.choice.classified_by;
+    if !IS_CLASSIFIED || asked == BY_VALUE {
+        return BY_VALUE;
     }
-    return block.greatest_spread > lobe_threshold(block.values_around[0], block.values_around[1]);
+    let lo = block.values_around[0];
+    let hi = block.values_around[1];
+    if asked == BY_EXTENT {
+        return select(BY_VALUE, BY_EXTENT, block.greatest_spread > lobe_threshold(lo, hi));
+    }
+    let is_known = is_finite(lo) && is_finite(hi) && lo <= hi;
+    let is_thin = camera.choice.slab_thickness <= THICKEST_SLAB * block.min_sigma;
+    return select(BY_VALUE, BY_NEIGHBOURS, is_known && is_thin);
 }
 
 // The values that classification may ask for.
@@ -143,7 +151,7 @@ fn cull_close(
         return;
     }
     let block = blocks[i];
-    let is_spread = is_spread_block(block);
+    let is_spread = classified_by(block) == BY_EXTENT;
     var state = MERGED_OPEN;
     if IS_CLASSIFIED {
         let values = values_of(block, is_spread);
@@ -224,7 +232,7 @@ fn cull_count(
     var farthest = vec2<u32>(0u);
     if i < arrayLength(&blocks) {
         let block = blocks[i];
-        let is_spread = is_spread_block(block) && !IS_MERGED;
+        let is_spread = classified_by(block) == BY_EXTENT && !IS_MERGED;
         var is_visible = is_drawn(i, block.parent);
         if IS_CLASSIFIED && is_visible {
             is_visible = !is_transparent(values_of(block, is_spread));
@@ -339,10 +347,10 @@ fn cull_emit(
         let block = blocks[i];
         let centre = camera_point(block.origin);
         let origin = narrowed(centre);
-        let is_spread = is_spread_block(block) && !IS_MERGED;
+        let by = select(classified_by(block), BY_VALUE, IS_MERGED);
         var filter_kind = camera.choice.filter_kind;
         if HAS_CHOICE {
-            filter_kind = filter_of(camera.choice, block, is_spread, origin);
+            filter_kind = filter_of(camera.choice, block, by == BY_EXTENT, origin);
         }
         views[groups_seen[index].count + place] = BlockView(
             triple(origin),
@@ -352,7 +360,7 @@ fn cull_emit(
             depth_key(camera_distance(centre)),
             filter_kind,
             block.level,
-            u32(is_spread),
+            by,
         );
         if HAS_CHOICE {
             atomicAdd(&filters_seen[filter_kind], 1u);

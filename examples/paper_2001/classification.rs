@@ -12,6 +12,7 @@
 )]
 
 use ewa_splat::measure::compare;
+use ewa_splat::render::Classification;
 use ewa_splat::scene::{Lighting, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use ewa_splat::{ClassifyAt, Composite};
@@ -69,14 +70,18 @@ fn one(
     let mut renderer = Renderer::new(coarse.scene(None, shells)?)?;
     let thin = Some(0.25);
     let mut pictures = vec![truth.clone()];
-    for (name, classify, thickness, is_lit) in [
-        ("particles", ClassifyAt::Particle, None, false),
-        ("slabs", ClassifyAt::Slab, None, false),
-        ("slabs a quarter thick", ClassifyAt::Slab, thin, false),
-        ("slabs, lit", ClassifyAt::Slab, None, true),
-        ("slabs a quarter thick, lit", ClassifyAt::Slab, thin, true),
+    let (by_value, by_extent) = (Classification::Particle, Classification::Extent);
+    let (kernels, layers) = (ClassifyAt::Particle, ClassifyAt::Slab);
+    for (name, classification, classify, thickness, is_lit) in [
+        ("values", by_value, kernels, None, false),
+        ("extents", by_extent, kernels, None, false),
+        ("slabs", by_value, layers, None, false),
+        ("slabs a quarter thick", by_value, layers, thin, false),
+        ("slabs, lit", by_value, layers, None, true),
+        ("slabs a quarter thick, lit", by_value, layers, thin, true),
     ] {
         let settings = Settings {
+            classify: classification,
             composite: Composite::Slabs {
                 thickness,
                 classify,
@@ -106,8 +111,8 @@ fn one(
         arguments.write(&format!("classified-{file}.png"), &image)?;
         pictures.push(image);
     }
-    // Truth, before and after; after, lit.
-    let row = [0, 1, 3, 5].map(|i| &pictures[i]);
+    // Truth; by values, over extents, slabs a quarter thick.
+    let row = [0, 1, 2, 4].map(|i| &pictures[i]);
     let file = coarse.name.replace(' ', "-");
     arguments.write(
         &format!("classified-{file}.png"),

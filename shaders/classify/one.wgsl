@@ -1,13 +1,10 @@
-// What becomes of a particle where that is one kernel at most. Counting and emitting share `visit`; should a
+// What becomes of a particle where that is one kernel at most; classify/alone.wgsl or classify/neighbours.wgsl has
+// `prepare` and `visit_shown`. Counting and emitting share these; should a
 // compiler round the two differently all the same, a view keeps to its places.
-
-// Nothing is shared by the threads of a view.
-fn prepare(view: BlockView, thread: u32) {
-}
 
 // How many kernels a thread's particle becomes.
 fn kernel_count(view: BlockView, thread: u32) -> u32 {
-    return u32(is_positive(visit(view.block, thread).mass));
+    return u32(is_positive(visit_shown(view, thread).mass));
 }
 
 @compute @workgroup_size(THREADS)
@@ -20,7 +17,11 @@ fn classify_emit(
     let is_view = v < state.view_count && state.classified_count > 0u;
     var particle = Visit(0u, 0.0, vec4<f32>(0.0));
     if is_view {
-        particle = visit(views[v].block, thread);
+        prepare(views[v], thread);
+    }
+    workgroupBarrier();
+    if is_view {
+        particle = visit_shown(views[v], thread);
     }
     let is_visible = is_positive(particle.mass);
     let place = scan_threads(thread, u32(is_visible));

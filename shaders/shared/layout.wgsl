@@ -68,8 +68,8 @@ struct ChoiceUniform {
     low_pass_variance_px2: f32,
     tolerance: f32,
     level_of_detail: u32,
-    by_extent: u32,
-    unused: u32,
+    classified_by: u32,
+    slab_thickness: f32,
 }
 
 struct DeviceBlock {
@@ -153,7 +153,7 @@ struct BlockView {
     key: u32,
     filter_kind: u32,
     level: u32,
-    is_spread: u32,
+    classified_by: u32,
 }
 
 struct ClassifiedParticle {

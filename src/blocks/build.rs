@@ -309,7 +309,7 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
     volumes.extend(levels);
     widen_to_members(&mut volumes);
     if let Some(transfer) = transfer {
-        set_transfer_function(&mut volumes, &transfer);
+        set_transfer_function(&mut volumes, &transfer, None);
     }
     volumes
 }

@@ -133,7 +133,7 @@ pub fn choose(
     views.par_iter_mut().with_min_len(64).for_each(|view| {
         let block = &volume.blocks[view.block as usize];
         let centre = Vec3::from(view.origin_camera);
-        let is_spread = view.is_spread != 0;
+        let is_spread = view.is_spread();
         let filter = filter_of(volume, choice, &rotation, block, is_spread, centre);
         view.filter_kind = filter as u32;
     });

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::choose::merge_fits;
 use super::{Block, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
-use crate::record::{BlockView, ChoiceUniform};
+use crate::record::{BlockView, ChoiceUniform, ClassifiedBy};
 use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, Strength};
 use crate::view::{Camera, Projection};
 
@@ -79,8 +79,8 @@ pub fn cull(
     choice: &ChoiceUniform,
     views: &mut Vec<BlockView>,
 ) {
-    let spread = |block: &Block| visible_spread(volume, choice, block);
-    cull_where(volume, camera, frustum, spread, views);
+    let shown = |block: &Block| shown_by(volume, choice, block);
+    cull_where(volume, camera, frustum, shown, views);
 }
 
 /// Which blocks of a volume and its levels of detail stand for their particles in a frame: the
@@ -112,14 +112,16 @@ pub fn cull_detail(
         // Parents come before their children.
         for ((i, block), bounds) in level.blocks.iter().enumerate().zip(bounds) {
             let is_covered = closed.get(block.parent as usize) == Some(&true);
-            let seen = visible_spread(level, choice, block).filter(|&spread| {
-                !is_covered && frustum.is_none_or(|f| f.sees(camera, block, spread))
+            let seen = shown_by(level, choice, block).filter(|by| {
+                let is_spread = *by == ClassifiedBy::Extent;
+                !is_covered && frustum.is_none_or(|f| f.sees(camera, block, is_spread))
             });
-            let Some(is_spread) = seen else {
+            let Some(by) = seen else {
                 closed[first + i] = true;
                 continue;
             };
-            let view = view_of(camera, i, block, false);
+            let is_spread = by == ClassifiedBy::Extent;
+            let view = view_of(camera, i, block, ClassifiedBy::Value);
             let centre = view.origin_camera.into();
             // Merged particles are classified by their means.
             if !is_spread && merge_fits(level, choice, &rotation, block, bounds, centre) {
@@ -129,17 +131,15 @@ pub fn cull_detail(
         }
     }
     let is_open = |block: &Block| closed.get(block.parent as usize) != Some(&true);
-    let spread = |block: &Block| {
+    let shown = |block: &Block| {
         let is_open = is_open(block);
-        is_open
-            .then(|| visible_spread(base, choice, block))
-            .flatten()
+        is_open.then(|| shown_by(base, choice, block)).flatten()
     };
-    cull_where(base, camera, frustum, spread, base_views);
+    cull_where(base, camera, frustum, shown, base_views);
 }
 
 /// A block as a frame sees it; keys, counts and filters are left to others.
-fn view_of(camera: &Camera, index: usize, block: &Block, is_spread: bool) -> BlockView {
+fn view_of(camera: &Camera, index: usize, block: &Block, by: ClassifiedBy) -> BlockView {
     BlockView {
         origin_camera: camera.camera_point(block.origin).as_vec3().into(),
         block: u32::try_from(index).unwrap_or(u32::MAX),
@@ -148,7 +148,7 @@ fn view_of(camera: &Camera, index: usize, block: &Block, is_spread: bool) -> Blo
         key: 0,
         filter_kind: 0,
         level: block.level,
-        is_spread: is_spread.into(),
+        classified_by: by as u32,
     }
 }
 
@@ -159,16 +159,16 @@ pub fn cull_outside(
     frustum: Option<&Frustum>,
     views: &mut Vec<BlockView>,
 ) {
-    cull_where(volume, camera, frustum, |_| Some(false), views);
+    let shown = |_: &Block| Some(ClassifiedBy::Value);
+    cull_where(volume, camera, frustum, shown, views);
 }
 
-/// - `spread`: of a block that holds something visible whether its kernels are classified over their
-///   extents; `None` of others.
+/// - `shown`: what decides about the kernels of a block that holds something visible; `None` of others.
 fn cull_where(
     volume: &BlockedVolume,
     camera: &Camera,
     frustum: Option<&Frustum>,
-    spread: impl Fn(&Block) -> Option<bool> + Sync,
+    shown: impl Fn(&Block) -> Option<ClassifiedBy> + Sync,
     views: &mut Vec<BlockView>,
 ) {
     views.clear();
@@ -178,28 +178,29 @@ fn cull_where(
             .par_iter()
             .enumerate()
             .filter_map(|(i, block)| {
-                let is_spread = spread(block)?;
+                let by = shown(block)?;
+                let is_spread = by == ClassifiedBy::Extent;
                 if frustum.is_some_and(|f| !f.sees(camera, block, is_spread)) {
                     return None;
                 }
-                Some(view_of(camera, i, block, is_spread))
+                Some(view_of(camera, i, block, by))
             }),
     );
 }
 
-/// Whether kernels of a block are classified over their extents; `None` where the transfer function leaves
-/// nothing of its value range, or of what the extents reach.
-fn visible_spread(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Option<bool> {
-    let is_spread = choice.by_extent != 0 && volume.is_spread(block);
+/// What decides about a block's kernels; `None` where the transfer function leaves nothing of its value range,
+/// or of what their extents reach.
+fn shown_by(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Option<ClassifiedBy> {
+    let by = volume.classified_by(choice, block);
     let (Strength::Classified { .. }, Some(transfer)) =
         (&volume.strength, &volume.transfer_function)
     else {
-        return Some(is_spread);
+        return Some(by);
     };
-    let [lo, hi] = block.classified_range(is_spread);
+    let [lo, hi] = block.classified_range(by == ClassifiedBy::Extent);
     // No value at all (lo > hi): nothing is classified, nothing is visible.
     let is_transparent = lo > hi || transfer.max_extinction(lo, hi) <= 0.0;
-    (!is_transparent).then_some(is_spread)
+    (!is_transparent).then_some(by)
 }
 
 /// Keys from the nearest to the farthest distance: four keys of slack for roundings at either

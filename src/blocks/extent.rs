@@ -1,7 +1,9 @@
 //! Which blocks' kernels are classified over their own extents: those over which the field changes too
 //! much for a lobe of the transfer function that it comes near.
 
+use super::layers::THICKEST_SLAB;
 use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
+use crate::record::{ChoiceUniform, ClassifiedBy};
 use crate::scene::{
     LOBE_REACH, Lobes, LocalModel, LocalModels, Strength, TransferFunction, Values,
 };
@@ -40,6 +42,12 @@ pub(super) fn spread_of(
         }
     }
     (around, greatest)
+}
+
+/// The intervals of values that a function shows, where slabs are classified by it: by the values around them
+/// particles are left out.
+pub(super) fn shown_lobes(volume: &BlockedVolume, shown: &TransferFunction) -> Option<Lobes> {
+    volume.may_have_pieces().then(|| shown.shown())
 }
 
 /// The lobes of a function, if any block of a volume needs them.
@@ -81,6 +89,26 @@ impl BlockedVolume {
             && self.values.is_some()
             && self.merged.is_none()
             && (is_lattice || self.local_models.is_some())
+    }
+
+    /// What decides about a block's kernels where a frame asks for more than their values.
+    #[inline]
+    pub(super) fn classified_by(&self, choice: &ChoiceUniform, block: &Block) -> ClassifiedBy {
+        const BY_EXTENT: u32 = ClassifiedBy::Extent as u32;
+        const BY_NEIGHBOURS: u32 = ClassifiedBy::Neighbours as u32;
+        match choice.classified_by {
+            BY_EXTENT if self.is_spread(block) => ClassifiedBy::Extent,
+            BY_NEIGHBOURS if self.knows_neighbours(block, choice.slab_thickness) => {
+                ClassifiedBy::Neighbours
+            }
+            _ => ClassifiedBy::Value,
+        }
+    }
+
+    /// Whether the values around its particles tell which of them slabs of a thickness show nothing of.
+    fn knows_neighbours(&self, block: &Block, slab_thickness: f32) -> bool {
+        let [lo, hi] = block.values_around;
+        self.lobes.is_some() && lo <= hi && slab_thickness <= THICKEST_SLAB * block.min_sigma
     }
 
     /// Whether kernels of a block (of merged particles: of those that it stands for) are classified over

@@ -40,7 +40,7 @@ pub(crate) const MOST_SLABS: u32 = 4096;
 /// Slabs are no thicker than so many standard deviations of the thinnest kernels, however faint they
 /// are, and (unless they are given) no thinner than a share of the thickest ones: a kernel then reaches
 /// 200 of them, which a GPU keeps.
-const THICKEST: f64 = 2.0;
+pub(crate) const THICKEST_SLAB: f32 = 2.0;
 const THINNEST: f64 = 1.0 / 16.0;
 
 /// What the layers of a frame are.
@@ -193,7 +193,7 @@ impl SlabKernels {
             let by_kernels = (share * sigma / (SLAB_ERROR * kappa)).sqrt();
             wanted = wanted
                 .min(by_kernels.max(share / (MIXED_ERROR * kappa)))
-                .min(THICKEST * sigma);
+                .min(f64::from(THICKEST_SLAB) * sigma);
         }
         let least = THINNEST * self.thickest();
         if self.kernels.is_empty() {

@@ -12,6 +12,7 @@
 //! | `density.rs` | how dense their kernels are |
 //! | `extent.rs` | whose kernels are classified over their extents |
 //! | `halo.rs` | the field around a lattice's cells |
+//! | `neighbours.rs` | beside which particles slabs show anything |
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
@@ -31,6 +32,7 @@ mod extent;
 mod halo;
 mod layers;
 mod merge;
+mod neighbours;
 mod overlap;
 mod rule;
 mod scene;
@@ -55,9 +57,12 @@ pub use cull::{DepthRange, Frustum, cull, cull_detail, cull_outside, distance_in
 pub(crate) use extent::reached;
 pub(crate) use halo::Halo;
 pub(crate) use layers::MOST_SLABS;
+#[cfg(feature = "gpu")]
+pub(crate) use layers::THICKEST_SLAB;
 pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
+pub(crate) use neighbours::Neighbours;
 pub(crate) use rule::Rule;
 pub use scene::{BlockedScene, SceneOptions};
 
@@ -449,8 +454,18 @@ impl BlockedVolume {
 }
 
 /// Gives a volume and its levels of detail another transfer function; no particle is touched.
-pub(crate) fn set_transfer_function(family: &mut [BlockedVolume], transfer: &TransferFunction) {
-    let lobes = extent::required_lobes(&family[0], transfer).map(Arc::new);
+///
+/// - `shown`: what classifies slabs, where particles carry their values under `transfer`.
+pub(crate) fn set_transfer_function(
+    family: &mut [BlockedVolume],
+    transfer: &TransferFunction,
+    shown: Option<&TransferFunction>,
+) {
+    let lobes = match shown {
+        Some(shown) => extent::shown_lobes(&family[0], shown),
+        None => extent::required_lobes(&family[0], transfer),
+    };
+    let lobes = lobes.map(Arc::new);
     let merged = family.get(1).map(|level| {
         let merged = MergedTransfer::new(transfer, weighting(&level.strength));
         Arc::new(merged)

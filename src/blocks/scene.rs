@@ -184,14 +184,12 @@ impl BlockedScene {
             ));
         }
         let family = &mut self.volumes[self.families[volume].clone()];
-        let transfer = if self.carried.is_some() && !family[0].is_surface() {
-            let carrier = transfer.carrier();
+        if self.carried.is_some() && !family[0].is_surface() {
+            set_transfer_function(family, &transfer.carrier(), Some(&transfer));
             self.carried = Some(transfer);
-            carrier
         } else {
-            transfer
-        };
-        set_transfer_function(family, &transfer);
+            set_transfer_function(family, &transfer, None);
+        }
         Ok(())
     }
 
@@ -231,7 +229,8 @@ impl BlockedScene {
         }
         let mut built = kept.with_values(Some(values), None)?;
         if let Some(transfer) = self.volumes[family.start].transfer_function.clone() {
-            set_transfer_function(&mut built, &transfer);
+            let shown = self.carried.as_ref().filter(|_| !built[0].is_surface());
+            set_transfer_function(&mut built, &transfer, shown);
         }
         let (before, after) = (family.len(), built.len());
         self.volumes.splice(family.clone(), built);
@@ -278,12 +277,14 @@ impl BlockedScene {
         let Some(transfer) = own.transfer_function.clone().filter(|_| is_field(own)) else {
             return refuse("masses or colours of its own");
         };
-        if let Some(carried) = self.carried.take() {
-            self.set_transfer_function(volume, carried)?;
-        } else {
-            self.set_transfer_function(volume, transfer.carrier())?;
-            self.carried = Some(transfer);
-        }
+        let own = match self.carried.take() {
+            Some(carried) => carried,
+            None => {
+                self.carried = Some(transfer.clone());
+                transfer
+            }
+        };
+        self.set_transfer_function(volume, own)?;
         Ok(Some(volume))
     }
 }

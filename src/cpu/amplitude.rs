@@ -32,8 +32,8 @@ struct Amplitudes<'a> {
 
 impl Visit for Amplitudes<'_> {
     #[inline]
-    fn visit(&self, block: u32, mut emit: impl FnMut(u32, f32, Carried)) {
-        visit_amplitudes(self.volume, block, |local, amplitude| {
+    fn visit(&self, view: &BlockView, mut emit: impl FnMut(u32, f32, Carried)) {
+        visit_amplitudes(self.volume, view.block, |local, amplitude| {
             let scaled = (amplitude * self.scale) as f32;
             let mass = scaled.abs();
             if mass > 0.0 && mass.is_finite() {

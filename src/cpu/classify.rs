@@ -8,9 +8,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, Neighbours};
 use crate::math::ein_share;
-use crate::record::{BlockView, Carried, ClassifiedParticle};
+use crate::record::{BlockView, Carried, ClassifiedBy, ClassifiedParticle};
 use crate::scene::{Colour, Strength, Values};
 
 /// Views per leaf of the parallel recursion.
@@ -31,7 +31,7 @@ pub fn classify(volume: &BlockedVolume, views: &[BlockView], out: &mut [Classifi
 /// What finds the visible particles of a block: the one loop body of counting and emitting.
 pub(super) trait Visit: Sync {
     /// Calls `emit(local, mass, carried)` for each visible particle of a block, in order.
-    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, Carried));
+    fn visit(&self, view: &BlockView, emit: impl FnMut(u32, f32, Carried));
 }
 
 /// Particles as the transfer function leaves them.
@@ -51,8 +51,18 @@ impl<'a> Classes<'a> {
 
 impl Visit for Classes<'_> {
     #[inline]
-    fn visit(&self, block: u32, emit: impl FnMut(u32, f32, Carried)) {
-        visit(self.volume, &self.table, block, emit);
+    fn visit(&self, view: &BlockView, mut emit: impl FnMut(u32, f32, Carried)) {
+        let (volume, block) = (self.volume, view.block);
+        if view.classified_by != ClassifiedBy::Neighbours as u32 {
+            visit(volume, &self.table, block, emit);
+            return;
+        }
+        let neighbours = Neighbours::new(volume, block);
+        visit(volume, &self.table, block, |local, mass, carried| {
+            if neighbours.show(local) {
+                emit(local, mass, carried);
+            }
+        });
     }
 }
 
@@ -60,7 +70,7 @@ impl Visit for Classes<'_> {
 pub(super) fn count(particles: &impl Visit, views: &mut [BlockView]) -> usize {
     views.par_iter_mut().with_min_len(GRAIN).for_each(|view| {
         let mut count = 0;
-        particles.visit(view.block, |_, _, _| count += 1);
+        particles.visit(view, |_, _, _| count += 1);
         view.count = count;
     });
     let mut first = 0;
@@ -90,7 +100,7 @@ pub(super) fn fill(
     }
     let mut out = out.iter_mut();
     for (v, view) in (first_view..).zip(views) {
-        particles.visit(view.block, |local, mass, carried| {
+        particles.visit(view, |local, mass, carried| {
             if let Some(particle) = out.next() {
                 *particle = ClassifiedParticle {
                     view: v,

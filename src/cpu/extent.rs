@@ -104,8 +104,8 @@ struct Kernels<'a> {
 impl Kernels<'_> {
     /// Calls `emit` for each piece of a block's particles, in order.
     fn visit(&self, view: &BlockView, mut emit: impl FnMut(u32, f32, Carried, PieceTerms)) {
-        if view.is_spread == 0 {
-            self.alone.visit(view.block, |local, mass, carried| {
+        if !view.is_spread() {
+            self.alone.visit(view, |local, mass, carried| {
                 emit(local, mass, carried, PieceTerms::WHOLE);
             });
             return;

@@ -13,8 +13,8 @@ use crate::blocks::{
 use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::record::{
-    BlockView, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT, PieceTerms,
-    SurfelTerms, ViewUniform,
+    BlockView, ClassifiedBy, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT,
+    PieceTerms, SurfelTerms, ViewUniform,
 };
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
@@ -220,7 +220,7 @@ impl CpuFrames {
             .iter()
             .zip(&self.views)
             .flat_map(|(volume, views)| {
-                let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread != 0);
+                let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread());
                 views.iter().map(block)
             })
             .filter(|(block, is_spread)| plan.frustum.sees(camera, block, *is_spread));
@@ -473,7 +473,7 @@ impl CpuFrames {
 /// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
 /// for their values alone somewhere.
 fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
-    plan.choice.by_extent != 0 && volume.lobes.is_some() && volume.merged.is_none()
+    plan.classified_by == ClassifiedBy::Extent && volume.lobes.is_some() && volume.merged.is_none()
 }
 
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.

@@ -18,7 +18,7 @@ use super::shader::{
 };
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
-use crate::record::{BlockView, ClassifiedParticle, PartState, PieceTerms};
+use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, PartState, PieceTerms};
 
 /// From values to masses and colours.
 pub(super) const SHADER: Shader = Shader::new(
@@ -33,6 +33,28 @@ pub(super) const SHADER: Shader = Shader::new(
         EIN,
         include_str!("../../shaders/classify/class.wgsl"),
         include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/alone.wgsl"),
+        include_str!("../../shaders/classify/one.wgsl"),
+    ],
+);
+
+/// From values to masses and what slabs ask for, where anything around is shown.
+pub(super) const NEIGHBOURS: Shader = Shader::new(
+    "classify neighbours",
+    &[
+        DISPATCH,
+        SCAN_THREADS,
+        STRUCTS,
+        EXPONENTIAL,
+        TRANSFER,
+        AVERAGES,
+        LOBES,
+        NORMAL,
+        EIN,
+        include_str!("../../shaders/classify/class.wgsl"),
+        include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/halo.wgsl"),
+        include_str!("../../shaders/classify/neighbours.wgsl"),
         include_str!("../../shaders/classify/one.wgsl"),
     ],
 );
@@ -52,6 +74,7 @@ pub(super) const PIECES: Shader = Shader::new(
         EIN,
         include_str!("../../shaders/classify/class.wgsl"),
         include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/halo.wgsl"),
         include_str!("../../shaders/classify/pieces.wgsl"),
     ],
 );
@@ -66,6 +89,7 @@ pub(super) const AMPLITUDES: Shader = Shader::new(
         F64_ARITHMETIC,
         include_str!("../../shaders/classify/amplitude.wgsl"),
         include_str!("../../shaders/classify.wgsl"),
+        include_str!("../../shaders/classify/alone.wgsl"),
         include_str!("../../shaders/classify/one.wgsl"),
     ],
 );
@@ -110,9 +134,8 @@ pub(super) struct BoundClassify {
 }
 
 impl Classify {
-    /// - `lobes_first`: where the lobes begin in the table, where kernels are classified over their
-    ///   extents.
-    fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool, lobes_first: Option<u32>) -> Self {
+    /// - `lobes`: where the lobes begin in the table, and what they decide, where more than values is asked.
+    fn new(gpu: &Gpu, kinds: &Kinds, is_column: bool, lobes: Option<(u32, ClassifiedBy)>) -> Self {
         use Access::{Read, Uniform, Write};
         let flag = |is: bool| f64::from(u8::from(is));
         let mut constants = vec![
@@ -120,16 +143,18 @@ impl Classify {
             ("STRENGTH", f64::from(kinds.strength as u32)),
             ("IS_LATTICE", flag(kinds.is_lattice())),
         ];
-        let (shader, of_mass) = if is_column {
+        let (shader, of_mass): (&Shader, Access) = if is_column {
             (&AMPLITUDES, Uniform)
         } else {
             constants.push(("COLOUR", f64::from(kinds.colour as u32)));
             constants.push(("HAS_MEMBER_DEPTHS", flag(kinds.has_member_depths)));
-            if let Some(first) = lobes_first {
+            if let Some((first, _)) = lobes {
                 constants.push(("LOBES_FIRST", f64::from(first)));
-                (&PIECES, Read)
-            } else {
-                (&SHADER, Read)
+            }
+            match lobes.map(|(_, by)| by) {
+                None | Some(ClassifiedBy::Value) => (&SHADER, Read),
+                Some(ClassifiedBy::Extent) => (&PIECES, Read),
+                Some(ClassifiedBy::Neighbours) => (&NEIGHBOURS, Read),
             }
         };
         let kernel = |entry, bindings: &[Access]| gpu.kernel(shader, entry, bindings, &constants);
@@ -150,7 +175,7 @@ impl Classify {
 ///
 /// - `amplitudes`: an [`AmplitudeUniform`] of each part, where amplitudes are wanted; masses and colours
 ///   otherwise.
-/// - `by_extent`: whether kernels are classified over their extents, where a part may be.
+/// - `by`: what decides about kernels, where more is known of a part than its values.
 ///
 /// # Errors
 /// No memory for the counts.
@@ -160,15 +185,16 @@ pub(super) fn bind_classify(
     parts: &[&Part],
     buffers: &[PartBuffers],
     amplitudes: Option<&[wgpu::Buffer]>,
-    by_extent: bool,
+    by: ClassifiedBy,
 ) -> Result<Vec<BoundClassify>> {
-    let mut kernels: HashMap<(Kinds, Option<u32>), Classify> = HashMap::new();
+    let mut kernels: HashMap<(Kinds, Option<(u32, ClassifiedBy)>), Classify> = HashMap::new();
     let scan = Scan::new(gpu, (offset_of!(PartState, count_length) / 4) as u32);
     let bind_part = |(i, (part, buffers)): (usize, (&&Part, &PartBuffers))| {
-        let lobes_first = part.lobes_first.filter(|_| by_extent);
+        let lobes = part.lobes_first.filter(|_| by != ClassifiedBy::Value);
+        let lobes = lobes.map(|first| (first, by));
         let kernels = kernels
-            .entry((part.kinds, lobes_first))
-            .or_insert_with(|| Classify::new(gpu, &part.kinds, amplitudes.is_some(), lobes_first));
+            .entry((part.kinds, lobes))
+            .or_insert_with(|| Classify::new(gpu, &part.kinds, amplitudes.is_some(), lobes));
         let Part {
             blocks,
             bricks,
@@ -238,7 +264,7 @@ pub(super) fn upload_views(
     views: &[BlockView],
     capacity: u32,
     part_bytes: u64,
-    by_extent: bool,
+    by: ClassifiedBy,
 ) -> Result<Uploaded> {
     let scene = Scene::new(gpu, std::slice::from_ref(volume), |_| true, part_bytes)?;
     let mut uploaded = Uploaded {
@@ -256,7 +282,7 @@ pub(super) fn upload_views(
                 ..*v
             })
             .collect();
-        let buffers = PartBuffers::new(gpu, part, capacity, by_extent)?;
+        let buffers = PartBuffers::new(gpu, part, capacity, by)?;
         let count = of_part.len() as u32;
         gpu.write(&buffers.views, bytemuck::cast_slice(&of_part));
         let state = PartState {
@@ -300,7 +326,7 @@ pub struct Classified {
 /// - `views`: in the order of their blocks.
 /// - `capacity`: room for particles in each part; a part that needs more has none.
 /// - `part_bytes`: parts of the volume have buffers of at most so many bytes.
-/// - `by_extent`: whether kernels are classified over their extents where their views say so.
+/// - `by`: what decides about kernels where their views say so.
 ///
 /// Twin: [`crate::cpu::count_classified`] and [`crate::cpu::classify()`]; [`crate::cpu::Pieces`].
 ///
@@ -312,12 +338,12 @@ pub fn classify(
     views: &mut [BlockView],
     capacity: u32,
     part_bytes: u64,
-    by_extent: bool,
+    by: ClassifiedBy,
 ) -> Result<Classified> {
-    let uploaded = upload_views(gpu, volume, views, capacity, part_bytes, by_extent)?;
+    let uploaded = upload_views(gpu, volume, views, capacity, part_bytes, by)?;
     let frame = FrameBuffers::new(gpu)?;
     let parts: Vec<_> = uploaded.scene.parts.iter().collect();
-    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers, None, by_extent)?;
+    let bound = bind_classify(gpu, &frame, &parts, &uploaded.buffers, None, by)?;
     gpu.run(|pass| bound.iter().for_each(|part| part.encode(pass)));
     let mut out = Classified {
         particles: Vec::new(),
@@ -335,7 +361,7 @@ pub fn classify(
         }
         let count = state.classified_count as usize;
         let of_part: Vec<ClassifiedParticle> = gpu.read(&buffers.classified, count)?;
-        if part.has_pieces(by_extent) {
+        if part.has_pieces(by) {
             let room = state.capacity as usize;
             let all: Vec<PieceTerms> = gpu.read(&buffers.classified, room + count)?;
             out.terms.extend_from_slice(&all[room..]);

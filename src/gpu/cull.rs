@@ -15,8 +15,8 @@ use super::shader::{
 use crate::blocks::{BlockedVolume, Frustum, Layers, NO_PARENT};
 use crate::error::Result;
 use crate::record::{
-    BlockView, CameraUniform, ChoiceUniform, FrameState, MERGED_OPEN, MergedBlock, PartState,
-    ViewUniform,
+    BlockView, CameraUniform, ChoiceUniform, ClassifiedBy, FrameState, MERGED_OPEN, MergedBlock,
+    PartState, ViewUniform,
 };
 use crate::view::{Camera, Projection};
 
@@ -288,7 +288,7 @@ pub fn cull(
     let buffers = scene
         .parts
         .iter()
-        .map(|part| PartBuffers::new(gpu, part, 1, false))
+        .map(|part| PartBuffers::new(gpu, part, 1, ClassifiedBy::Value))
         .collect::<Result<Vec<_>>>()?;
     let parts: Vec<_> = scene.parts.iter().collect();
     let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers, SeenFor::Picture)?;

@@ -14,7 +14,7 @@ use super::shade::recolour;
 use super::shader::{LIT, NORMAL, Shader, TANGENTS, shaders_of_particles};
 use crate::blocks::BlockedVolume;
 use crate::error::Result;
-use crate::record::{BlockView, ClassifiedParticle, LightingUniform};
+use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, LightingUniform};
 
 /// The stage over each kind of particles, in the order of [`ParticleKind`].
 pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
@@ -117,7 +117,7 @@ pub fn light(
         views,
         classified.len() as u32,
         part_bytes,
-        false,
+        ClassifiedBy::Value,
     )?;
     let frame = FrameBuffers::new(gpu)?;
     gpu.write(&frame.lighting, bytemuck::bytes_of(lighting));

@@ -225,8 +225,8 @@ fn structs_are_laid_out_alike() {
         low_pass_variance_px2,
         tolerance,
         level_of_detail,
-        by_extent,
-        unused,
+        classified_by,
+        slab_thickness,
     });
     check_layout!(LightUniform { direction, colour });
     check_layout!(LightingUniform {
@@ -310,7 +310,7 @@ fn structs_are_laid_out_alike() {
         key,
         filter_kind,
         level,
-        is_spread,
+        classified_by,
     });
     check_layout!(ClassifiedParticle {
         view,

@@ -14,8 +14,8 @@ use crate::blocks::{BlockedParticles, BlockedVolume, MergedTransfer};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Hint, Result};
 use crate::record::{
-    BlockView, BrickUniform, CameraUniform, ClassifiedParticle, FrameState, LightingUniform,
-    PartState, PieceTerms, ViewUniform,
+    BlockView, BrickUniform, CameraUniform, ClassifiedBy, ClassifiedParticle, FrameState,
+    LightingUniform, PartState, PieceTerms, ViewUniform,
 };
 use crate::scene::{
     CLASSIFICATION_TABLE_LEN, Colour, LobeRow, Lobes, LocalModels, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
@@ -59,9 +59,11 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Whether its particles are pieces of kernels in frames that classify them over their extents, or not.
-    pub(super) fn has_pieces(&self, by_extent: bool) -> bool {
-        by_extent && self.lobes_first.is_some()
+    /// Whether its particles are pieces of kernels.
+    ///
+    /// - `by`: what decides about kernels, where more is known than their values.
+    pub(super) fn has_pieces(&self, by: ClassifiedBy) -> bool {
+        by == ClassifiedBy::Extent && self.lobes_first.is_some()
     }
 
     /// Classified particles at most.
@@ -585,16 +587,16 @@ pub(super) struct PartBuffers {
 
 impl PartBuffers {
     /// - `capacity`: room for classified particles; more than [`Part::most_classified`] is never needed.
-    /// - `by_extent`: whether kernels are classified over their extents, where the part's may be: then
-    ///   there is room for as many [`PieceTerms`] after the particles.
+    /// - `by`: what decides about kernels, where more is known than their values: for pieces there is room for
+    ///   as many [`PieceTerms`] after the particles.
     ///
     /// # Errors
     /// No memory.
-    pub(super) fn new(gpu: &Gpu, part: &Part, capacity: u32, by_extent: bool) -> Result<Self> {
+    pub(super) fn new(gpu: &Gpu, part: &Part, capacity: u32, by: ClassifiedBy) -> Result<Self> {
         const {
             assert!(size_of::<PieceTerms>() == size_of::<ClassifiedParticle>());
         }
-        let words = if part.has_pieces(by_extent) { 2 } else { 1 };
+        let words = if part.has_pieces(by) { 2 } else { 1 };
         let state = PartState {
             capacity,
             ..PartState::zeroed()

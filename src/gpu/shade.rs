@@ -15,7 +15,7 @@ use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shader::{DISPATCH, F64_ARITHMETIC, STRUCTS, Shader};
 use crate::blocks::{BlockedVolume, Frustum};
 use crate::error::Result;
-use crate::record::{BlockView, ChoiceUniform, ClassifiedParticle, PartState};
+use crate::record::{BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, PartState};
 use crate::view::Camera;
 
 /// Colours that depend on the view.
@@ -120,7 +120,7 @@ pub fn shade(
         views,
         classified.len() as u32,
         part_bytes,
-        false,
+        ClassifiedBy::Value,
     )?;
     let frame = FrameBuffers::new(gpu)?;
     let uniform = camera_uniform(

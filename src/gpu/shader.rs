@@ -10,7 +10,7 @@ use super::constants::{
 };
 use super::kinds::{ColourKind, StrengthKind, ValueKind};
 use super::packed::words;
-use crate::blocks::{DEPTH_KEY_SPAN, PIECE_REACH};
+use crate::blocks::{DEPTH_KEY_SPAN, PIECE_REACH, THICKEST_SLAB};
 use crate::constants::{
     BRICK, CLIP_SOFTNESS, COVERAGE_FULL, DEPTH_KEY_BITS, EDGE_REACH, EXP2_SERIES, FAINT,
     FRAC_1_SQRT_2PI, LEAST_SLOPE, LEAST_SPREAD, MAX_CLIP_PLANES, MAX_CUTOFF, MAX_LIGHTS,
@@ -22,8 +22,8 @@ use crate::math::{
     HARMONIC_1, HARMONICS_2, HARMONICS_3, NORMAL_STEPS,
 };
 use crate::record::{
-    MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
-    PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, RAY_EDGES,
+    ClassifiedBy, MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
+    PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, RAY_EDGES,
 };
 use crate::scene::{
     CLASSIFICATION_TABLE_LEN, DEPARTURE_BITS, DEPARTURE_STEPS_PER_OCTAVE, DIRECTION_BITS,
@@ -207,6 +207,9 @@ pub fn prelude() -> String {
         ("MERGED_OPEN", MERGED_OPEN),
         ("MERGED_UNSEEN", MERGED_UNSEEN),
         ("MERGED_FITS", MERGED_FITS),
+        ("BY_VALUE", ClassifiedBy::Value as u32),
+        ("BY_EXTENT", ClassifiedBy::Extent as u32),
+        ("BY_NEIGHBOURS", ClassifiedBy::Neighbours as u32),
         ("FILTER_COUNT", Filter::ALL.len() as u32),
         ("MAX_LOBES", MAX_LOBES as u32),
         ("MAX_WINDOWS", MAX_WINDOWS as u32),
@@ -230,6 +233,7 @@ pub fn prelude() -> String {
         ("MAX_CUTOFF", MAX_CUTOFF),
         ("NEAR_MARGIN", NEAR_MARGIN),
         ("PIECE_REACH", PIECE_REACH),
+        ("THICKEST_SLAB", THICKEST_SLAB),
         ("LOBE_REACH", LOBE_REACH),
         ("MAX_PIECE_WIDTH", MAX_PIECE_WIDTH),
         ("LOBE_ROWS_PER_OCTAVE", LOBE_ROWS_PER_OCTAVE),

@@ -20,6 +20,7 @@ impl Shader {
             cull::SHADER,
             classify::SHADER,
             classify::PIECES,
+            classify::NEIGHBOURS,
             classify::AMPLITUDES,
             shade::SHADER,
             radix::SHADER,

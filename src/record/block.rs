@@ -126,8 +126,29 @@ pub struct BlockView {
     pub filter_kind: u32,
     /// Its level of detail: 0 for the data's own particles.
     pub level: u32,
-    /// 1 where its kernels are classified over their extents.
-    pub is_spread: u32,
+    /// What decides about its kernels, as [`ClassifiedBy`] numbers it.
+    pub classified_by: u32,
+}
+
+/// What decides what a transfer function leaves of a kernel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum ClassifiedBy {
+    /// Its value.
+    Value = 0,
+    /// The values over its own extent: it may become several pieces, or none.
+    Extent = 1,
+    /// Slabs are classified, not kernels: one is whole where any of the values around is shown, and is left out
+    /// where none is.
+    Neighbours = 2,
+}
+
+impl BlockView {
+    /// Whether its kernels are classified over their extents.
+    #[inline]
+    pub fn is_spread(&self) -> bool {
+        self.classified_by == ClassifiedBy::Extent as u32
+    }
 }
 
 /// A particle that the transfer function leaves visible.

@@ -33,8 +33,8 @@ mod terms;
 mod view;
 
 pub use block::{
-    BlockView, BrickUniform, ClassifiedParticle, DeviceBlock, LatticeUniform, MERGED_FITS,
-    MERGED_OPEN, MERGED_UNSEEN, MergedBlock,
+    BlockView, BrickUniform, ClassifiedBy, ClassifiedParticle, DeviceBlock, LatticeUniform,
+    MERGED_FITS, MERGED_OPEN, MERGED_UNSEEN, MergedBlock,
 };
 pub use footprint::{
     Carried, Footprint, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL,

@@ -178,8 +178,9 @@ pub struct ChoiceUniform {
     pub tolerance: f32,
     /// 1 where merged particles may stand for their members.
     pub level_of_detail: u32,
-    /// 1 where kernels are classified over their extents.
-    pub by_extent: u32,
-    /// Padding to a pair of words.
-    pub unused: u32,
+    /// What decides about kernels where more than their values must be asked, as
+    /// [`ClassifiedBy`](super::ClassifiedBy) numbers it.
+    pub classified_by: u32,
+    /// World units, of slabs whose mean values are classified.
+    pub slab_thickness: f32,
 }

@@ -5,7 +5,7 @@ use super::settings::{ColumnSettings, Composite, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval};
 use crate::error::Result;
-use crate::record::{ChoiceUniform, LightingUniform, ViewUniform};
+use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
 use crate::scene::{Classification, TransferFunction};
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};
@@ -71,6 +71,8 @@ pub(crate) struct FramePlan {
     /// Whether blocks outside the frustum are left out: uniform scaling enlarges kernels beyond any
     /// reach.
     pub(crate) culls: bool,
+    /// What decides about kernels, where more is known than their values.
+    pub(crate) classified_by: ClassifiedBy,
     /// What blocks are drawn by.
     pub(crate) choice: ChoiceUniform,
     /// Lights as the camera sees them.
@@ -103,8 +105,16 @@ impl FramePlan {
         let surfaces = scene.data().filter(|v| v.is_surface()).count();
         let lighting = lighting_uniform(camera, settings);
         // Where no kernel is too wide for its value alone, nothing is asked for.
-        let by_extent = settings.classify == Classification::Extent
-            && scene.data().any(|volume| volume.lobes.is_some());
+        let classified_by = match settings.classify {
+            _ if scene.data().all(|volume| volume.lobes.is_none()) => ClassifiedBy::Value,
+            // The greatest mean value may be one that is not shown.
+            _ if settings.composite.classifies_slabs() => match settings.composite.accumulate() {
+                Accumulate::Slabs => ClassifiedBy::Neighbours,
+                _ => ClassifiedBy::Value,
+            },
+            Classification::Extent => ClassifiedBy::Extent,
+            Classification::Particle => ClassifiedBy::Value,
+        };
         let shared = Axes {
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
@@ -181,8 +191,10 @@ impl FramePlan {
         Ok(Self {
             frustum: frustum(camera, low_pass).clipped(planes),
             culls: settings.filter != Filter::UniformScaling,
+            classified_by,
             choice: ChoiceUniform {
-                by_extent: u32::from(by_extent),
+                classified_by: classified_by as u32,
+                slab_thickness: thickness(layers.as_ref()),
                 ..choice_uniform(camera, settings)
             },
             lighting,
@@ -231,6 +243,7 @@ impl FramePlan {
         Self {
             frustum,
             culls,
+            classified_by: ClassifiedBy::Value,
             choice: ChoiceUniform {
                 // Merged particles stand for what is composited.
                 level_of_detail: 0,
@@ -305,15 +318,19 @@ fn amplitudes(
     }
 }
 
-/// The optical depth of half a slab, where particles carry values.
+/// Of layers, world units; 0 without.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "stages work in f32 by design"
 )]
+fn thickness(layers: Option<&Layers>) -> f32 {
+    layers.map_or(0.0, |layers| layers.thickness as f32)
+}
+
+/// The optical depth of half a slab, where particles carry values.
 fn least_length(scene: &BlockedScene, layers: Option<&Layers>) -> f32 {
     let extinction = scene.carried().map(TransferFunction::greatest_extinction);
-    let thickness = layers.map(|layers| layers.thickness as f32);
-    0.5 * extinction.unwrap_or(0.0) * thickness.unwrap_or(0.0)
+    0.5 * extinction.unwrap_or(0.0) * thickness(layers)
 }
 
 /// Whether a footprint may be on the exact path.

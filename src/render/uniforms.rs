@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::settings::{Settings, Show};
 use crate::blocks::{Frustum, Layers};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
-use crate::record::{ChoiceUniform, LightingUniform, ViewUniform};
+use crate::record::{ChoiceUniform, ClassifiedBy, LightingUniform, ViewUniform};
 use crate::splat::Filter;
 use crate::view::{Camera, ClipPlane, Projection};
 
@@ -123,8 +123,8 @@ pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
                 && !settings.composite.accumulate().cuts_slabs(),
         ),
         // The plan knows what the scene asks for.
-        by_extent: 0,
-        unused: 0,
+        classified_by: ClassifiedBy::Value as u32,
+        slab_thickness: 0.0,
     }
 }
 

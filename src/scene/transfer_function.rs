@@ -162,6 +162,11 @@ impl TransferFunction {
         Lobes::new(self, sigma)
     }
 
+    /// The intervals of values that it shows, without what they leave of kernels.
+    pub(crate) fn shown(&self) -> Lobes {
+        Lobes::without_tables(self)
+    }
+
     /// The greatest extinction \[1/length\] of any value.
     pub(crate) fn greatest_extinction(&self) -> f32 {
         self.maxima.greatest(0, CLASSIFICATION_TABLE_LEN - 1)

@@ -668,13 +668,13 @@ pub mod frame {
             let mut views = Vec::new();
             let by_extent = settings.classify == Classification::Extent && volume.lobes.is_some();
             let choice = ChoiceUniform {
-                by_extent: by_extent.into(),
+                classified_by: by_extent.into(),
                 ..bytemuck::Zeroable::zeroed()
             };
             cull(&volume, camera, Some(&frustum), &choice, &mut views);
             let interval = |v: &BlockView| {
                 let block = &volume.blocks[v.block as usize];
-                distance_interval(camera, block, v.is_spread != 0)
+                distance_interval(camera, block, v.is_spread())
             };
             let range = DepthRange::of(views.iter().map(interval));
             for v in &mut views {

@@ -7,7 +7,9 @@ use ewa_splat::render::Classification;
 use ewa_splat::scene::{ColourSpace, ControlPoint, Lattice, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume, BrickGrid, Frustum, cull};
 use ewa_splat::stages::cpu;
-use ewa_splat::stages::record::{BlockView, ChoiceUniform, ClassifiedParticle, PieceTerms};
+use ewa_splat::stages::record::{
+    BlockView, ChoiceUniform, ClassifiedBy, ClassifiedParticle, PieceTerms,
+};
 use ewa_splat::view::Camera;
 use ewa_splat::{Renderer, Settings};
 use glam::{DVec3, Vec3};
@@ -74,7 +76,7 @@ pub(super) fn pieces(
     volume: &BlockedVolume,
 ) -> (Vec<BlockView>, Vec<ClassifiedParticle>, Vec<PieceTerms>) {
     let choice = ChoiceUniform {
-        by_extent: 1,
+        classified_by: ClassifiedBy::Extent as u32,
         ..bytemuck::Zeroable::zeroed()
     };
     let mut views = Vec::new();

@@ -16,7 +16,7 @@ use ewa_splat::scene::{
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use ewa_splat::stages::cpu;
 use ewa_splat::stages::gpu::{self, merged_numbers};
-use ewa_splat::stages::record::{BlockView, ClassifiedParticle};
+use ewa_splat::stages::record::{BlockView, ClassifiedBy, ClassifiedParticle};
 use ewa_splat::view::Camera;
 use glam::{DMat3, DVec3, Vec3};
 
@@ -98,7 +98,15 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
     } else {
         (part_bytes / 64).max(256) as u32
     };
-    let out = gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes, false).unwrap();
+    let out = gpu::classify(
+        gpu,
+        volume,
+        &mut on_device,
+        capacity,
+        part_bytes,
+        ClassifiedBy::Value,
+    )
+    .unwrap();
     let mut first = 0;
     for (state, groups) in out.states.iter().zip(&out.groups) {
         let count = state.needed.div_ceil(256);
@@ -531,8 +539,15 @@ fn merged_particles_are_classified_alike() {
             let particles = expected(volume, &mut on_cpu);
             let part_bytes = [u64::MAX, 64 * 256 * 3][case / 8];
             let capacity = volume.particle_count() as u32;
-            let out =
-                gpu::classify(gpu, volume, &mut on_device, capacity, part_bytes, false).unwrap();
+            let out = gpu::classify(
+                gpu,
+                volume,
+                &mut on_device,
+                capacity,
+                part_bytes,
+                ClassifiedBy::Value,
+            )
+            .unwrap();
             assert_eq!(out.particles.len(), particles.len(), "case {case}");
             for (a, b) in out.particles.iter().zip(&particles) {
                 let context = || format!("case {case}: {a:?}, {b:?}");
@@ -666,17 +681,33 @@ fn particles_without_room_are_counted_and_left_out() {
         local_models: None,
     });
     let mut seen = views(&volume);
-    let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX, false).unwrap();
+    let out = gpu::classify(gpu, &volume, &mut seen, 999, u64::MAX, ClassifiedBy::Value).unwrap();
     assert!(out.particles.is_empty());
     let state = out.states[0];
     assert_eq!((state.needed, state.classified_count), (1_000, 0));
-    let out = gpu::classify(gpu, &volume, &mut seen, 1_000, u64::MAX, false).unwrap();
+    let out = gpu::classify(
+        gpu,
+        &volume,
+        &mut seen,
+        1_000,
+        u64::MAX,
+        ClassifiedBy::Value,
+    )
+    .unwrap();
     assert_eq!(out.particles.len(), 1_000);
     // The parts that have room keep their particles, one after another.
     let counts: Vec<u32> = volume.blocks.iter().map(|b| b.count).collect();
     let [least, greatest] = [*counts.iter().min().unwrap(), *counts.iter().max().unwrap()];
     assert!(least < greatest, "{counts:?}");
-    let out = gpu::classify(gpu, &volume, &mut seen, greatest - 1, 1, false).unwrap();
+    let out = gpu::classify(
+        gpu,
+        &volume,
+        &mut seen,
+        greatest - 1,
+        1,
+        ClassifiedBy::Value,
+    )
+    .unwrap();
     let mut first = 0;
     for (state, &needed) in out.states.iter().zip(&counts) {
         let classified = if needed < greatest { needed } else { 0 };

@@ -160,8 +160,8 @@ impl Shot {
                 low_pass_variance_px2: 1.0,
                 tolerance: 1.0 / 255.0,
                 level_of_detail: 0,
-                by_extent: 0,
-                unused: 0,
+                classified_by: 0,
+                slab_thickness: 0.0,
             },
         }
     }
@@ -207,7 +207,7 @@ fn expected(
         .iter()
         .zip(&views)
         .flat_map(|(volume, views)| {
-            let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread != 0);
+            let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread());
             views.iter().map(block)
         })
         .filter(|(block, is_spread)| frustum.sees(camera, block, *is_spread));
@@ -238,7 +238,7 @@ struct Tally {
 fn check(volumes: &[BlockedVolume], frames: &[(Camera, bool)], part_bytes: u64) -> Vec<usize> {
     // Kernels classified over their extents where any are too wide for their values alone.
     let shot = |(camera, rejects): &(Camera, bool)| {
-        Shot::new(camera, *rejects).with(|choice| choice.by_extent = 1)
+        Shot::new(camera, *rejects).with(|choice| choice.classified_by = 1)
     };
     let shots: Vec<_> = frames.iter().map(shot).collect();
     check_shots(volumes, &shots, part_bytes).views
@@ -268,7 +268,7 @@ fn check_shots(volumes: &[BlockedVolume], shots: &[Shot], part_bytes: u64) -> Ta
             v.key,
             v.filter_kind,
             v.level,
-            v.is_spread,
+            v.classified_by,
         )
     };
     let mut tally = Tally::default();

@@ -6,6 +6,7 @@ use ewa_splat::scene::{
     Values,
 };
 use ewa_splat::stages::blocks::BlockedVolume;
+use ewa_splat::stages::record::ClassifiedBy;
 use ewa_splat::{Backend, Renderer};
 use glam::{DMat3, DVec3};
 
@@ -130,7 +131,12 @@ fn both_back_ends_classify_alike() {
             let mut seen = views.clone();
             let capacity = 16 * blocked.particle_count() as u32;
             let found = ewa_splat::stages::gpu::classify(
-                gpu, &blocked, &mut seen, capacity, part_bytes, true,
+                gpu,
+                &blocked,
+                &mut seen,
+                capacity,
+                part_bytes,
+                ClassifiedBy::Extent,
             )
             .unwrap();
             let flips = particles.len().abs_diff(found.particles.len());

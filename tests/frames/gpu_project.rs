@@ -683,7 +683,7 @@ impl Scene {
                 key: (random.bits() >> 33) as u32,
                 filter_kind: self.filter as u32,
                 level: 0,
-                is_spread: 0,
+                classified_by: 0,
             });
             blocks.push(block(first, size));
         }
@@ -872,7 +872,7 @@ fn lattice_input(random: &mut Random, grid: BlockedVolume, filter: Filter) -> In
             key: 1 << 30,
             filter_kind: filter as u32,
             level: block.level,
-            is_spread: 0,
+            classified_by: 0,
         });
     }
     let view = Scene::new(Kind::Spheres, filter, false).view();
@@ -1038,7 +1038,7 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                         key: 7,
                         filter_kind: filter as u32,
                         level: 0,
-                        is_spread: 0,
+                        classified_by: 0,
                     })
                     .collect(),
                 classified: (0..count)

@@ -52,6 +52,37 @@ pub(in crate::cpu) fn cdf<const FMA: bool>(x: f32) -> f32 {
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 
+/// Phi(x) = 1/2 + x P(u) with u = 2 (x/5)² - 1 for |x| <= 5, beyond as there: minimax, monomials in u.
+const CDF_SERIES: [f32; 13] = [
+    0.141_363_78,
+    -0.070_296_28,
+    0.051_520_523,
+    -0.040_442_61,
+    0.031_442_173,
+    -0.023_268_653,
+    0.016_402_174,
+    -0.011_164_339,
+    0.006_410_51,
+    -0.002_685_575,
+    0.001_722_799_5,
+    -0.001_613_265_1,
+    0.000_608_727_3,
+];
+
+/// Phi(x) within 3e-7, in a third of the time of [`cdf`]: where it is a difference that counts, not a tail.
+#[inline(always)]
+pub(in crate::cpu) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
+    const REACH: f32 = 5.0;
+    let x = x.clamp(-REACH, REACH);
+    let u = madd::<FMA>(x * x, 2.0 / (REACH * REACH), -1.0);
+    let [lower @ .., last] = CDF_SERIES;
+    let series = lower
+        .iter()
+        .rev()
+        .fold(last, |sum, c| madd::<FMA>(sum, u, *c));
+    madd::<FMA>(x, series, 0.5)
+}
+
 /// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau: no cancellation, because
 /// 2^n (2^f - 1) and 2^n - 1 are each exact where tau is small (n = 0).
 #[inline(always)]
@@ -64,6 +95,21 @@ pub(in crate::cpu) fn opacity<const FMA: bool>(tau: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_short_integral_holds_its_error() {
+        for i in 0..=400_000 {
+            let x = i as f32 * (16.0 / 400_000.0) - 8.0;
+            let ([_], [exact]) = crate::math::normal_density_and_cdf([f64::from(x)]);
+            for found in [cdf_near::<false>(x), cdf_near::<true>(x)] {
+                let error = (f64::from(found) - exact).abs();
+                // 1.6e-7 of the series, 2.9e-7 of what lies beyond, a rounding or two.
+                assert!(error < 4e-7 && (0.0..=1.0).contains(&found), "{x}: {error}");
+            }
+        }
+        assert!(cdf_near::<true>(f32::NAN).is_nan());
+        assert!(cdf_near::<true>(f32::NEG_INFINITY) < 3e-7);
+    }
 
     #[test]
     fn exponentials_hold_their_relative_error() {

@@ -92,7 +92,7 @@ impl PassFrame {
         let buffers = FrameBuffers::new(gpu)?;
         let parts = drawn.iter().zip(&capacities);
         let parts = parts
-            .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity, kind.by_extent))
+            .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity, kind.classified_by))
             .collect::<Result<Vec<_>>>()?;
         let seen_for = if kind.is_column() {
             SeenFor::Column
@@ -106,7 +106,14 @@ impl PassFrame {
         });
         let amplitudes = amplitudes.transpose()?;
         let amplitudes_of = amplitudes.as_deref();
-        let classify = bind_classify(gpu, &buffers, &drawn, &parts, amplitudes_of, kind.by_extent)?;
+        let classify = bind_classify(
+            gpu,
+            &buffers,
+            &drawn,
+            &parts,
+            amplitudes_of,
+            kind.classified_by,
+        )?;
         // Signs of amplitudes lie where colours do otherwise.
         let shade = drawn.iter().zip(&parts).filter(|_| !kind.is_column());
         let shade = shade.filter_map(|(part, b)| bind_shade(gpu, &buffers, part, b));
@@ -139,7 +146,7 @@ impl PassFrame {
         for ((part, of_part), classified) in drawn.iter().zip(&parts).zip(&capacities) {
             let mut spec =
                 ProjectSpec::new(&part.kinds, view, [is_cut, has_edges], CLASSIFIED_COUNT);
-            spec.has_pieces = part.has_pieces(kind.by_extent);
+            spec.has_pieces = part.has_pieces(kind.classified_by);
             let bytes = |each: usize| u64::from(*classified) * each as u64;
             let own = gpu.buffer("footprints", bytes(size_of::<Footprint>()))?;
             let exact = spec.has_terms().then_some(bytes(size_of::<ExactTerms>()));

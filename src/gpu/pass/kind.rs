@@ -1,5 +1,6 @@
 //! What makes the passes of frames differ: their buffers and pipelines are made for it.
 
+use crate::record::ClassifiedBy;
 use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 
@@ -11,8 +12,8 @@ pub(in crate::gpu) struct PassKind {
     orthographic: u32,
     /// Whether merged particles may be drawn.
     pub(super) detail: bool,
-    /// Whether kernels are classified over their extents.
-    pub(super) by_extent: bool,
+    /// What decides about kernels, where more is known than their values.
+    pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
     pub(super) axes: Axes,
 }
@@ -24,7 +25,7 @@ impl PassKind {
             filter: pass.view.filter_kind,
             orthographic: pass.view.orthographic,
             detail: plan.has_detail(),
-            by_extent: plan.choice.by_extent != 0,
+            classified_by: plan.classified_by,
             lights_particles: pass.lights_particles,
             axes: pass.axes,
         }

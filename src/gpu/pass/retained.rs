@@ -71,7 +71,7 @@ impl Pass {
         };
         let parts = self.scene.drawn(0.., kind.detail).zip(&seen.parts);
         let pieces = self.scene.drawn(0.., kind.detail).zip(&seen.parts);
-        let pieces = pieces.filter(|((part, _), _)| part.has_pieces(kind.by_extent));
+        let pieces = pieces.filter(|((part, _), _)| part.has_pieces(kind.classified_by));
         counts.pieces += pieces
             .map(|(_, state)| state.classified_count as usize)
             .sum::<usize>();

@@ -27,7 +27,7 @@
 mod table;
 mod windows;
 
-use super::{CLASSIFICATION_TABLE_LEN, TransferFunction};
+use super::{CLASSIFICATION_TABLE_LEN, TransferFunction, entry_value};
 pub(crate) use table::Row;
 pub(crate) use windows::Shape;
 
@@ -139,6 +139,20 @@ impl Lobes {
         table::build(transfer, &runs, f64::from(sigma))
     }
 
+    /// The lobes alone, of which no piece is asked.
+    pub(super) fn without_tables(transfer: &TransferFunction) -> Self {
+        let runs = runs(transfer.table());
+        Self {
+            lobes: runs.iter().map(|run| Lobe::of(transfer, *run)).collect(),
+            windows: Vec::new(),
+            shapes: Vec::new(),
+            origin: f64::from(transfer.range[0]),
+            scale: f64::from(transfer.scale),
+            rows: Vec::new(),
+            cells: Vec::new(),
+        }
+    }
+
     /// The lobes in the order of their values, and what each looks up.
     pub fn lobes(&self) -> &[Lobe] {
         &self.lobes
@@ -158,6 +172,12 @@ impl Lobes {
         let shapes = &self.shapes[first..first + lobe.window_count as usize];
         let place = (value - self.origin) * self.scale;
         windows::weights(shapes, place, spread * self.scale)
+    }
+
+    /// Whether any of the values `lo..=hi` has an extinction.
+    #[inline]
+    pub(crate) fn show(&self, lo: f32, hi: f32) -> bool {
+        self.lobes.iter().any(|lobe| lobe.meets(lo, hi))
     }
 
     /// The greatest spread of values w at which every lobe that meets `lo..=hi` takes kernels at their
@@ -241,6 +261,22 @@ impl Lobes {
 }
 
 impl Lobe {
+    /// Of a run of entries, without its tables.
+    fn of(transfer: &TransferFunction, run: Run) -> Self {
+        let entries = &transfer.table()[run.first..=run.last];
+        // Extinctions of entries are above 0 at an end only where the function ends there.
+        let ends = [entries[0][3], entries[entries.len() - 1][3]];
+        Self {
+            interval: [run.first, run.last].map(|i| entry_value(transfer.range, i)),
+            beyond: ends,
+            threshold: 0.0,
+            peak: entries.iter().fold(0.0, |peak, entry| entry[3].max(peak)),
+            first_window: 0,
+            window_count: 0,
+            first_spread: 1.0,
+        }
+    }
+
     /// Whether a value has an extinction of the lobe.
     #[inline]
     pub fn holds(&self, value: f32) -> bool {

@@ -93,6 +93,7 @@ impl LayeredTile<'_, '_> {
                 spans,
                 layers: [first, last],
                 has_surface,
+                has_values: self.post.is_some(),
                 has_slopes: self.post.is_some_and(|post| post.lighting.is_some()),
                 count,
             })

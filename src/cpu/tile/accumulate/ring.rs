@@ -10,7 +10,7 @@ use crate::record::{Footprint, ViewUniform};
 #[repr(align(64))]
 pub(super) struct Layer {
     pub(super) tau: Plane,
-    /// Optical depth times linear colour.
+    /// Optical depth times linear colour; of values times these, in `red`.
     pub(super) red: Plane,
     pub(super) green: Plane,
     pub(super) blue: Plane,
@@ -20,6 +20,15 @@ pub(super) struct Layer {
     pub(super) slopes: Option<Box<Slopes>>,
     /// Whether anything was added since it was cleared.
     pub(super) is_used: bool,
+}
+
+/// What is summed besides optical depths and values.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wants {
+    /// Three colours; otherwise what the first of them carries.
+    pub(super) colour: bool,
+    /// Depths.
+    pub(super) depth: bool,
 }
 
 impl Default for Layer {
@@ -68,21 +77,23 @@ impl Layer {
 
     /// Adds optical depths to the pixels from `first` on.
     ///
-    /// - `has_depth`: whether depths are wanted.
+    /// - `wants`: what of.
     #[inline(always)]
     pub(super) fn add(
         &mut self,
         first: usize,
         taus: &RowOf<f32>,
         footprint: &Footprint,
-        has_depth: bool,
+        wants: Wants,
     ) {
         let [red, green, blue] = footprint.carried.colour();
         add_scaled(&mut self.tau, first, taus, 1.0);
         add_scaled(&mut self.red, first, taus, red);
-        add_scaled(&mut self.green, first, taus, green);
-        add_scaled(&mut self.blue, first, taus, blue);
-        if has_depth {
+        if wants.colour {
+            add_scaled(&mut self.green, first, taus, green);
+            add_scaled(&mut self.blue, first, taus, blue);
+        }
+        if wants.depth {
             add_scaled(&mut self.depth, first, taus, footprint.depth);
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Twin: `shaders/tile/accumulate/sheets.wgsl`.
 
-use super::ring::Ring;
+use super::ring::{Ring, Wants};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::Spans;
 use crate::cpu::tile::interval::{between, shares_up_to, whole};
@@ -22,21 +22,25 @@ pub(in crate::cpu::tile) struct IntoSheet<'a> {
 impl IntoSheet<'_> {
     #[inline(always)]
     pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
-        let (first, has_depth) = (row.first(), self.has_depth);
+        let first = row.first();
+        let wants = Wants {
+            colour: true,
+            depth: self.has_depth,
+        };
         if let Some(tile) = &mut self.count {
             count_row(tile, first, &row.inside);
         }
         let footprint = evaluate.footprint();
         let layer = self.ring.layer(self.layer);
         let Some(spans) = self.spans else {
-            layer.add(first, &whole(row), footprint, has_depth);
+            layer.add(first, &whole(row), footprint, wants);
             return;
         };
         let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
             .map(|plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]));
         let in_front = between(row, &near, &middle);
-        layer.add(first, &in_front, footprint, has_depth);
+        layer.add(first, &in_front, footprint, wants);
         let behind = between(row, &middle, &far);
-        self.ring.divided.add(first, &behind, footprint, has_depth);
+        self.ring.divided.add(first, &behind, footprint, wants);
     }
 }

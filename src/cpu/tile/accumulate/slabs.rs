@@ -2,9 +2,9 @@
 //!
 //! Twin: `shaders/tile/accumulate/slabs.wgsl`.
 
-use super::ring::{Ring, layer_end, layer_start};
+use super::ring::{Ring, Wants, layer_end, layer_start};
 use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::cdf;
+use crate::cpu::tile::arithmetic::{cdf, cdf_near};
 use crate::cpu::tile::classify::slab::RowEdge;
 use crate::cpu::tile::evaluate::{Along, Evaluate, Row, RowSlope};
 use crate::cpu::tile::interval::cut::Spans;
@@ -22,14 +22,16 @@ pub(in crate::cpu::tile) struct IntoSlabs<'a> {
     pub(super) layers: [u32; 2],
     /// Whether a surface divides them.
     pub(super) has_surface: bool,
+    /// Whether kernels carry values, and not colours.
+    pub(super) has_values: bool,
     /// Whether light asks how layers change.
     pub(super) has_slopes: bool,
     /// Where pixels count kernels.
     pub(super) count: Option<&'a mut Tile>,
 }
 
-/// A slab's depth is its own.
-const HAS_DEPTH: bool = false;
+/// Up to this optical depth what [`cdf_near`] errs by is nothing: 2.4e-6.
+const MOST_NEAR: f32 = 8.0;
 
 impl IntoSlabs<'_> {
     #[inline(always)]
@@ -51,6 +53,12 @@ impl IntoSlabs<'_> {
         let (view, first) = (self.view, row.first());
         let footprint = evaluate.footprint();
         let is_gaussian = evaluate.along() == Along::Gaussian;
+        let is_thin = row.tau.iter().fold(0.0, |most: f32, tau| most.max(*tau)) <= MOST_NEAR;
+        let wants = Wants {
+            colour: !self.has_values,
+            // A slab's depth is its own.
+            depth: false,
+        };
         let [nearest, last] = self.layers;
         let share_of = |plane: &Plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]);
         let [begins, ends] = row.domain.unwrap_or([[0.0; TILE_SIZE], [1.0; TILE_SIZE]]);
@@ -69,6 +77,9 @@ impl IntoSlabs<'_> {
                     shares_up_to::<FMA>(evaluate, row, &until)
                 }
                 None if number == last => ends,
+                None if is_gaussian && is_thin && row.domain.is_none() => {
+                    std::array::from_fn(|lane| cdf_near::<FMA>(row.ahead(lane, end)))
+                }
                 None if is_gaussian && row.domain.is_none() => {
                     std::array::from_fn(|lane| cdf::<FMA>(row.ahead(lane, end)))
                 }
@@ -84,12 +95,10 @@ impl IntoSlabs<'_> {
                     }
                 }
                 let behind = between(row, &own_end, &above);
-                self.ring.divided.add(first, &behind, footprint, HAS_DEPTH);
+                self.ring.divided.add(first, &behind, footprint, wants);
             }
             let own = between(row, &below, &own_end);
-            self.ring
-                .layer(number)
-                .add(first, &own, footprint, HAS_DEPTH);
+            self.ring.layer(number).add(first, &own, footprint, wants);
             below = above;
         }
     }

@@ -399,10 +399,7 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
             threshold,
             shapes,
         } = &source;
-        let beyond = [0, run.last].map(|i| {
-            let is_open = extinction.is_open[usize::from(i > 0)];
-            if is_open { transfer.table[i][3] } else { 0.0 }
-        });
+        let lobe = Lobe::of(transfer, *run);
         let tables: Vec<TableOf> = source.tables().collect();
         let rows: Vec<Vec<Vec<[f32; 4]>>> = tables
             .par_iter()
@@ -413,13 +410,11 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
             })
             .collect();
         out.lobes.push(Lobe {
-            interval: [run.first, run.last].map(|i| entry_value(transfer.range, i)),
-            beyond,
             threshold: (threshold * per_entry) as f32,
-            peak: extinction.values.iter().copied().fold(0.0, f64::max) as f32,
             first_window: out.windows.len() as u32,
             window_count: tables.len() as u32,
             first_spread: (widths.first().map_or(1.0, |w| w * per_entry)) as f32,
+            ..lobe
         });
         for (table, rows) in tables.iter().zip(rows) {
             let is_at_end = [table.from <= extinction.first, table.to >= extinction.last];
@@ -433,7 +428,13 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
             };
             out.windows.push(Window {
                 interval: [table.from, table.to].map(value),
-                beyond: [0, 1].map(|end| if is_at_end[end] { beyond[end] } else { 0.0 }),
+                beyond: [0, 1].map(|end| {
+                    if is_at_end[end] {
+                        lobe.beyond[end]
+                    } else {
+                        0.0
+                    }
+                }),
                 reach: table.reach.map(|reach| reach as f32),
                 first_row: out.rows.len() as u32,
                 row_count: rows.len() as u32,
