@@ -64,10 +64,10 @@ fn one(
     // As long as it is for the coarse one.
     let of_fine = shells.clone().with_unit_distance(scale)?;
     let truth = {
-        let mut renderer = Renderer::new(fine.scene(None, &of_fine)?)?;
+        let mut renderer = Renderer::new(fine.scene(&of_fine)?)?;
         renderer.render(&camera(scale), &slabs)?.clone()
     };
-    let mut renderer = Renderer::new(coarse.scene(None, shells)?)?;
+    let mut renderer = Renderer::new(coarse.scene(shells)?)?;
     let thin = Some(0.25);
     let mut pictures = vec![truth.clone()];
     let (by_value, by_extent) = (Classification::Particle, Classification::Extent);

@@ -1,12 +1,14 @@
 //! Figure 9 of volumes: an iso-surface by volume kernels, whose transfer function shows a band of
-//! values or all from the value on, against kernels flattened onto it. Claim (section 5): flattening
+//! values or all from the value on, classified at their values and over their extents, against kernels flattened
+//! onto it. Claim (section 5): flattening
 //! along the gradient makes iso-surfaces more precise. On a ball whose place is known, and on an
 //! engine.
 #![allow(clippy::cast_possible_truncation, reason = "values are stored in f32")]
 
 use std::f64::consts::TAU;
 
-use ewa_splat::scene::{PointVolume, TransferFunction, Values};
+use ewa_splat::render::Classification;
+use ewa_splat::scene::{Lighting, TransferFunction, Values};
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::{DVec2, DVec3};
@@ -42,24 +44,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     );
     println!("{:>26} {:>8} {:>8} {:>8}", "", "radius", "strays", "edge");
     let slope = SLOPE as f32;
-    for (name, scene) in [
-        (
-            "a band of one cell",
-            volume(&ball, &band(ON_BALL, 0.5 * slope, OPACITY)?)?,
-        ),
-        (
-            "a band of three cells",
-            volume(&ball, &band(ON_BALL, 1.5 * slope, OPACITY)?)?,
-        ),
-        (
-            "all from the value on",
-            volume(&ball, &solid(ON_BALL, OPACITY)?)?,
-        ),
-        ("flattened", surface(&ball, ON_BALL, OPACITY)?),
+    let narrow = || ball.scene(&band(ON_BALL, 0.5 * slope, OPACITY)?);
+    let wide = || ball.scene(&band(ON_BALL, 1.5 * slope, OPACITY)?);
+    let all = || ball.scene(&solid(ON_BALL, OPACITY)?);
+    let (by_value, by_extent) = (Classification::Particle, Classification::Extent);
+    for (name, scene, classify, top) in [
+        ("a band of one cell", narrow()?, by_value, OPACITY),
+        ("a band of three cells", wide()?, by_value, OPACITY),
+        ("all from the value on", all()?, by_value, OPACITY),
+        ("one cell, over extents", narrow()?, by_extent, OPACITY),
+        ("three, over extents", wide()?, by_extent, OPACITY),
+        ("all, over extents", all()?, by_extent, OPACITY),
+        ("flattened", ball.surface(ON_BALL.into())?, by_extent, 1.0),
     ] {
         let mut renderer = Renderer::new(scene)?;
-        let image = renderer.render(&camera, &Settings::default())?;
-        let [radius, strays, edge] = rim(image).map(|r| r * pixel);
+        let settings = Settings {
+            classify,
+            ..Settings::default()
+        };
+        let image = renderer.render(&camera, &settings)?;
+        let [radius, strays, edge] = rim(image, top).map(|r| r * pixel);
         println!("{name:>26} {radius:>8.3} {strays:>8.3} {edge:>8.3}");
         arguments.write(&format!("ball-{}.png", name.replace(' ', "-")), image)?;
     }
@@ -70,9 +74,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         None => (head(arguments.size), 150.0),
     };
     let mut row = Vec::new();
-    for scene in [
-        volume(&data, &band(value, 0.1 * value, 0.2)?)?,
-        surface(&data, value, 0.2)?,
+    let shown = band(value, 0.1 * value, 0.2)?;
+    for (scene, classify) in [
+        (data.scene(&shown)?, by_value),
+        (data.scene(&shown)?, by_extent),
+        (data.surface(value.into())?, by_extent),
     ] {
         let mut renderer = Renderer::new(scene)?;
         let Some(camera) = fitted_camera(&renderer, arguments.size) else {
@@ -80,26 +86,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         };
         let settings = Settings {
             background: Some([0.0; 3]),
+            classify,
+            lighting: Some(Lighting::default()),
             ..Settings::default()
         };
         row.push(renderer.render(&camera, &settings)?.clone());
     }
     println!(
-        "{}: iso-surface.png, value {value}, a band of volume kernels and flattened ones",
+        "{}: iso-surface.png, value {value}: a band by values, over extents, the surface",
         data.name
     );
     arguments.write("iso-surface.png", &table_of(&[row.iter().collect()]))
-}
-
-/// The volume's kernels, none flattened.
-fn volume(data: &Volume, transfer: &TransferFunction) -> Result<Vec<PointVolume>> {
-    data.scene(None, transfer)
-}
-
-/// The iso-surface of `value` alone.
-fn surface(data: &Volume, value: f32, opacity: f32) -> Result<Vec<PointVolume>> {
-    let mut volumes = data.scene(Some(f64::from(value)), &solid(value - 1.0, opacity)?)?;
-    Ok(volumes.split_off(1))
 }
 
 /// Shown where the value is less than `reach` off.
@@ -133,8 +130,8 @@ fn ball() -> Volume {
 
 /// The silhouette of a ball around the middle of the picture, pixels: the mean radius at which its
 /// opacity crosses a half, how far that strays (root mean square), and over how many pixels the
-/// opacity falls from 90 % to 10 %.
-fn rim(image: &Image) -> [f64; 3] {
+/// opacity falls from 90 % of `top`, what it is at most, to 10 %.
+fn rim(image: &Image, top: f32) -> [f64; 3] {
     const SIDES: u32 = 720;
     const PER_PIXEL: u32 = 8;
     let centre = DVec2::new(image.width as f64, image.height as f64) / 2.0;
@@ -155,7 +152,7 @@ fn rim(image: &Image) -> [f64; 3] {
         let half = reach(0.5);
         sum += half;
         squares += half * half;
-        edges += reach(0.1) - reach(0.9 * f64::from(OPACITY));
+        edges += reach(0.1) - reach(0.9 * f64::from(top));
     }
     let sides = f64::from(SIDES);
     let mean = sum / sides;

@@ -1,11 +1,11 @@
-//! Figure 10: a CT of which one iso-surface is drawn by flattened kernels, all the rest by volume
+//! Figure 10: a CT of which one iso-surface is drawn by flattened kernels, translucent, what is softer by volume
 //! kernels, under a series of transfer functions. Claim: semi-transparent objects are rendered
 //! correctly. A piece of the volume is held against the true integral, which knows neither
 //! footprints nor an order.
 
 use ewa_splat::measure::compare;
 use ewa_splat::reference::{Integrator, PixelFilter, ReferenceSettings};
-use ewa_splat::scene::TransferFunction;
+use ewa_splat::scene::{Colour, PointVolume, Strength, TransferFunction};
 use ewa_splat::view::Camera;
 use ewa_splat::{Image, Renderer, Result, Settings};
 use glam::DVec3;
@@ -17,6 +17,9 @@ use crate::papers::{Arguments, fitted_camera};
 /// Voxels along each side of the piece, pixels of its picture.
 const PIECE: usize = 16;
 const PIECE_PX: usize = 40;
+const BONE: [f32; 3] = [1.0, 0.75, 0.35];
+/// Optical depth of the surface: an opacity of .8.
+const SURFACE_DEPTH: f32 = 1.609;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     // The surface, and where the piece begins: it holds the surface and what lies around it.
@@ -41,15 +44,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     );
     let series = series(value)?;
     // The same for all: what the fullest shows.
-    let fullest = Renderer::new(data.scene(None, &series[2].2)?)?;
+    let fullest = Renderer::new(scene(&data, None, &series[2].2)?)?;
     let Some(camera) = fitted_camera(&fullest, arguments.size) else {
         println!("nothing to see");
         return Ok(());
     };
     let mut pictures = Vec::new();
-    for (name, flatten, transfer) in series {
-        let flatten = flatten.then_some(f64::from(value));
-        let scene = data.scene(flatten, &transfer)?;
+    for (name, is_surface, transfer) in series {
+        let on_surface = is_surface.then_some(f64::from(value));
+        let scene = scene(&data, on_surface, &transfer)?;
         let surfels = scene.get(1).map_or(0, |surface| surface.particles.len());
         let mut renderer = Renderer::new(scene)?;
         let settings = Settings {
@@ -58,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         };
         let image = renderer.render(&camera, &settings)?.clone();
         let (counts, ms) = (renderer.counts(), renderer.times().frame);
-        let (truth, drawn) = true_piece(&piece, flatten, &transfer)?;
+        let (truth, drawn) = true_piece(&piece, on_surface, &transfer)?;
         let errors = compare(&drawn, &truth)?;
         let opacity =
             truth.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>() / truth.pixels.len() as f64;
@@ -74,11 +77,33 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.write("semi-transparent.png", &table_of(&rows))
 }
 
-/// From the surface alone to everything; whether the surface is flattened.
+/// The volume's kernels, and its iso-surface as translucent surfels.
+fn scene(
+    data: &Volume,
+    on_surface: Option<f64>,
+    transfer: &TransferFunction,
+) -> Result<Vec<PointVolume>> {
+    let mut volumes = data.scene(transfer)?;
+    let Some(value) = on_surface else {
+        return Ok(volumes);
+    };
+    for mut surface in data.surface(value)? {
+        if let Strength::Surface(areas) = surface.strength {
+            let depths = areas.iter().map(|area| SURFACE_DEPTH * area);
+            surface.strength = Strength::Translucent(depths.collect());
+        }
+        surface.colour = Colour::Uniform(BONE);
+        volumes.push(surface);
+    }
+    Ok(volumes)
+}
+
+/// From the surface alone to everything; whether the surface is drawn by surfels.
 fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
-    let (bone, flesh, haze) = ([1.0, 0.75, 0.35], [0.15, 0.35, 0.8], [0.3, 0.6, 0.4]);
+    let (bone, flesh, haze) = (BONE, [0.15, 0.35, 0.8], [0.3, 0.6, 0.4]);
     let (below, rise) = (0.92 * value, 0.05 * value);
     let hard = |opacity| [(below, bone, 0.0), (below + rise, bone, opacity)];
+    let nothing = [(0.0, bone, 0.0)];
     let soft = |opacity| {
         [
             (0.25 * value, haze, 0.0),
@@ -87,10 +112,11 @@ fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
         ]
     };
     let all = |a, b| [soft(a).as_slice(), hard(b).as_slice()].concat();
+    let soft_alone = |a| [soft(a).as_slice(), &[(below, flesh, 0.0)]].concat();
     Ok([
-        ("surface alone", true, transfer(&hard(0.8))?),
-        ("in a haze", true, transfer(&all(0.006, 0.8))?),
-        ("in denser flesh", true, transfer(&all(0.04, 0.8))?),
+        ("surface alone", true, transfer(&nothing)?),
+        ("in a haze", true, transfer(&soft_alone(0.006))?),
+        ("in denser flesh", true, transfer(&soft_alone(0.04))?),
         (
             "translucent, no surface",
             false,
@@ -103,10 +129,10 @@ fn series(value: f32) -> Result<[(&'static str, bool, TransferFunction); 4]> {
 /// in both, so that what differs is the order and the overlap of kernels.
 fn true_piece(
     piece: &Volume,
-    flatten: Option<f64>,
+    on_surface: Option<f64>,
     transfer: &TransferFunction,
 ) -> Result<(Image, Image)> {
-    let scene = piece.scene(flatten, transfer)?;
+    let scene = scene(piece, on_surface, transfer)?;
     let eye = DVec3::new(1.6, -2.6, 1.7) * PIECE as f64;
     let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 30.0, [PIECE_PX; 2]);
     let settings = ReferenceSettings {

@@ -36,7 +36,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     )];
     for (volume, transfer) in volumes(arguments.size)? {
         let side = volume.dims.into_iter().max().unwrap_or(1) as f64;
-        scenes.push((volume.name, volume.scene(None, &transfer)?, side));
+        scenes.push((volume.name, volume.scene(&transfer)?, side));
     }
     for (name, scene, side) in &scenes {
         on_processor(name, scene, *side, arguments)?;

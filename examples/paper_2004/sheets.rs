@@ -48,7 +48,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     );
     let mut rows = Vec::new();
     for (name, transfer) in series()? {
-        let mut renderer = Renderer::new(data.scene(None, &transfer)?)?;
+        let mut renderer = Renderer::new(data.scene(&transfer)?)?;
         let boxes = renderer.visible_boxes();
         let camera = |azimuth_deg: f64| {
             let view = Viewpoint {

@@ -67,7 +67,7 @@ fn views(renderer: &Renderer, size: usize) -> Vec<(&'static str, Camera)> {
 }
 
 fn measure(volume: &Volume, transfer: &TransferFunction, arguments: &Arguments) -> Result<()> {
-    let mut renderer = Renderer::new(volume.scene(None, transfer)?)?;
+    let mut renderer = Renderer::new(volume.scene(transfer)?)?;
     let of = |filter, thresholds| Settings {
         filter,
         thresholds,

@@ -40,21 +40,24 @@ impl Volume {
         )
     }
 
-    /// Its volume kernels, and, where `flatten` names an iso-surface, that as surfels; classified by
-    /// `transfer`.
+    /// Its iso-surface at a value, as opaque surfels.
     ///
     /// # Errors
     /// Those of the sampler.
-    pub(crate) fn scene(
-        &self,
-        flatten: Option<f64>,
-        transfer: &TransferFunction,
-    ) -> Result<Vec<PointVolume>> {
+    pub(crate) fn surface(&self, value: f64) -> Result<Vec<PointVolume>> {
         let options = SampleOptions {
-            flatten,
+            flatten: Some(value),
             ..SampleOptions::default()
         };
-        let mut volumes = scene(self.dataset(), &options)?.volumes;
+        Ok(scene(self.dataset(), &options)?.volumes)
+    }
+
+    /// Its volume kernels, classified by `transfer`.
+    ///
+    /// # Errors
+    /// Those of the sampler.
+    pub(crate) fn scene(&self, transfer: &TransferFunction) -> Result<Vec<PointVolume>> {
+        let mut volumes = scene(self.dataset(), &SampleOptions::default())?.volumes;
         for volume in &mut volumes {
             volume.transfer_function = Some(transfer.clone());
         }

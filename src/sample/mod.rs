@@ -10,9 +10,9 @@ mod even;
 mod even_grid;
 mod factor;
 mod fit;
-mod flatten;
 mod gradient;
 mod incidence;
+mod iso_surface;
 mod kernels;
 mod lattice;
 mod left_out;
@@ -85,9 +85,9 @@ pub struct SampleOptions {
     /// Whether column densities are wanted: particles with nothing but positions then show their
     /// number density itself, whose columns count particles, instead of its logarithm.
     pub for_columns: bool,
-    /// A value of the field whose iso-surface is drawn by surfels ([`scene`]): the samples of a
-    /// lattice through whose cells it passes, where the gradient is strong, are flattened along
-    /// the gradient.
+    /// A value of the field whose iso-surface is drawn, opaque, in place of the volume ([`scene`]): of each kernel over
+    /// whose extent the field has it the disc in which it does, a surfel. Of lattices, grids, cells and particles
+    /// with a field.
     pub flatten: Option<f64>,
     /// Whether light is to fall on the volume: then each sample gets the direction of its field's
     /// gradient ([`PointVolume::normals`]), four bytes more.
@@ -182,8 +182,7 @@ pub struct Sampled {
 /// The volumes of a data set and how they came about.
 #[derive(Debug, Clone)]
 pub struct SampledScene {
-    /// At least one; a mesh gives one for each kind of surface it has, a flattened lattice a second
-    /// one.
+    /// At least one; a mesh gives one for each kind of surface it has.
     pub volumes: Vec<PointVolume>,
     /// What was chosen and what was left out.
     pub report: SampleReport,
@@ -196,12 +195,13 @@ pub struct SampledScene {
 /// Those of the two.
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
     let Geometry::Mesh(mesh) = &dataset.geometry else {
+        let path = dataset.path.clone();
         let Sampled { mut volume, report } = volume(dataset, options)?;
-        let surface = match options.flatten {
-            Some(value) => flatten::take_surface(&mut volume, value, options.task.as_ref())?,
-            None => None,
-        };
-        let volumes = std::iter::once(volume).chain(surface).collect();
+        if let Some(value) = options.flatten {
+            let surface = iso_surface::iso_surface(&volume, value, options.task.as_ref());
+            volume = surface.map_err(|error| error.in_file(&path))?;
+        }
+        let volumes = vec![volume];
         return Ok(SampledScene { volumes, report });
     };
     let mesh_options = MeshOptions {

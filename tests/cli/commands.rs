@@ -237,7 +237,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
     let nan = write("nan.csv", b"x,y,z,sigma,mass\nnan,0,0,1,1\n");
     let table = write("bad.csv", b"x,y,z,sigma,mass\n0,0,0,one,1\n1,0,0,1,1\n");
     let transfer = write("bad.json", br#"{"range": [0, 1], "points": []}"#);
-    let cases: [(&[&str], &str); 11] = [
+    let cases: [(&[&str], &str); 13] = [
         (&[&truncated], "bytes"),
         (&[&empty], "empty"),
         (&[&huge], "error"),
@@ -248,6 +248,11 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         (&[&wake, "--transfer-function", "rainbow"], "viridis"),
         (&[&wake, "--transfer-function", &transfer], "bad.json"),
         (&[&wake, "--solution", &particles], "particles.csv: line 1"),
+        (&[&wake, "--flatten", "6"], "has, from 0.37"),
+        (
+            &[&wake, "--flatten", ".6", "--unit-distance", "2"],
+            "--unit-distance",
+        ),
         (&[&wake, "--out", "no/folder.png"], "folder"),
     ];
     for (arguments, says) in cases {
@@ -289,6 +294,15 @@ fn bad_usage_is_status_2() {
             "--show",
             "count",
             "--reference",
+        ],
+        &[
+            "render",
+            &wake,
+            "--out",
+            "a.npy",
+            "--column-density",
+            "--flatten",
+            ".6",
         ],
         &["paint"],
     ] {
@@ -1013,6 +1027,10 @@ fn light_changes_colours_and_nothing_else() {
         one,
         draw("e.npy", &["--light", "-1,0,2", "--light", "0,1,0,0.5,0,0"])
     );
+    // A surface is seen by its light.
+    let surface = draw("f.npy", &["--flatten", ".6"]);
+    assert_eq!(surface, draw("g.npy", &["--flatten", ".6", "--lit"]));
+    assert_ne!(surface, lit);
     let refused = |status: i32, more: &[&str]| {
         let arguments = ["render", &wake, "--out", "no.png"];
         let output = run(folder.path(), &[&arguments[..], more].concat());

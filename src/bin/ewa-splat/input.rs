@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use ewa_splat::error::{Hint, Parameter};
 use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -57,7 +58,7 @@ pub(crate) struct DataOptions {
     /// faces [default: sharp where the transfer function shows any of the boundary; column densities: soft]
     #[arg(long, value_name = "HOW", value_enum)]
     pub(crate) boundary: Option<BoundaryName>,
-    /// Grids: draw the iso-surface of this value by surfels, kernels flattened along the gradient
+    /// Show the iso-surface of this value alone, opaque and lit, in the transfer function's colour there
     #[arg(long, value_name = "VALUE", value_parser = parse::finite, allow_hyphen_values = true)]
     pub(crate) flatten: Option<f64>,
     /// Raw volume: samples along x, y, z
@@ -242,6 +243,7 @@ impl DataOptions {
             let field = sampled.report.field;
             scene.fields.resize(scene.volumes.len(), field);
         }
+        self.check_surface(&scene)?;
         Ok(scene)
     }
 
@@ -260,6 +262,25 @@ impl DataOptions {
             volumes.extend(ewa_splat::sample::scene(self.open(path)?, &options)?.volumes);
         }
         Ok(volumes)
+    }
+
+    /// Refuses to show a value of meshes alone, and beside options that say nothing then.
+    fn check_surface(&self, scene: &Scene) -> Result<()> {
+        if self.flatten.is_none() {
+            return Ok(());
+        }
+        let refuse = |expected, found| {
+            let advice = Hint::LeaveOut(Parameter::Flatten);
+            let error = Error::invalid(Parameter::Flatten, "data", expected, found, advice);
+            Err(error)
+        };
+        if scene.fields.iter().all(Option::is_none) {
+            return refuse("a field", "none");
+        }
+        if self.unit_distance.is_some() {
+            return refuse("an opaque surface", "--unit-distance beside it");
+        }
+        Ok(())
     }
 
     /// Standard deviation of a kernel over the spacing.

@@ -15,6 +15,7 @@ use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
+use ewa_splat::scene::Lighting;
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
@@ -134,7 +135,7 @@ struct Method {
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
-    #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth",
+    #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
                                       "transfer_function", "show", "sub_pixel_opacity"])]
     column_density: bool,
 }
@@ -243,7 +244,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     let backend = arguments.backend();
-    if let Some(lighting) = arguments.light.lighting() {
+    if let Some(lighting) = arguments.lighting() {
         lighting.validate()?;
     }
     arguments.check_legend()?;
@@ -258,7 +259,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
         // Slabs that are classified have slopes of their own.
-        normals: arguments.light.lighting().is_some() && !arguments.method.post_classification,
+        normals: arguments.lighting().is_some() && !arguments.method.post_classification,
         task: task.clone(),
         ..arguments.data.sample_options()
     };
@@ -522,10 +523,19 @@ impl Arguments {
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             simd: defaults.simd,
-            lighting: self.light.lighting(),
+            lighting: self.lighting(),
             sub_pixel_opacity: self.method.sub_pixel_opacity,
             task: None,
         }
+    }
+}
+
+impl Arguments {
+    /// How the scene is lit; an iso-surface is, unless its true image is wanted.
+    fn lighting(&self) -> Option<Lighting> {
+        let is_surface = self.data.flatten.is_some() && self.method.reference.is_none();
+        let of_surface = || is_surface.then(Lighting::default);
+        self.light.lighting().or_else(of_surface)
     }
 }
 

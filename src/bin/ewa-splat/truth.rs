@@ -75,13 +75,13 @@ impl Truth {
             let advice = "integrate one file, or the kernels of all: --reference kernels";
             return refuse("inputs", "one file with a grid", found, advice);
         };
+        if data.flatten.is_some() {
+            let advice = "leave --flatten out, or take --reference kernels";
+            let found = "the surface of --flatten".into();
+            return refuse("scene", "a volume", found, advice);
+        }
         let dataset = data.open(input)?;
         let ([volume], [Some(field)]) = (scene, fields) else {
-            if data.flatten.is_some() {
-                let advice = "leave --flatten out, or take --reference kernels";
-                let found = "a surface of --flatten beside it".into();
-                return refuse("scene", "one volume and no surface", found, advice);
-            }
             let found = format!("{} ({})", input.display(), dataset.format);
             let advice = "take --reference kernels";
             return refuse("scene", "a grid with a field", found, advice);
