@@ -12,8 +12,12 @@ use crate::task::Task;
 use crate::view::Bounds;
 
 /// How a scene is made ready.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SceneOptions {
+    /// Whether levels of detail are made, by which [`Settings::level_of_detail`](crate::Settings::level_of_detail) draws
+    /// what lies far below a pixel. Column densities, slabs, and filters that are asked for never use them; making them
+    /// takes most of the time that a scene takes.
+    pub level_of_detail: bool,
     /// Whether all is kept that does not depend on values, so that these can be exchanged while places and
     /// shapes stay (the next time step): once more the memory of the data.
     pub keep_shapes: bool,
@@ -21,6 +25,17 @@ pub struct SceneOptions {
     pub keep_indices: bool,
     /// Is told how far the work is, and may cancel it.
     pub task: Option<Task>,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self {
+            level_of_detail: true,
+            keep_shapes: false,
+            keep_indices: false,
+            task: None,
+        }
+    }
 }
 
 /// The volumes of a scene in blocks.
@@ -64,7 +79,7 @@ impl BlockedScene {
         let mut families = Vec::new();
         let mut exchangeable = Vec::new();
         let build_options = BuildOptions {
-            detail: true,
+            detail: options.level_of_detail,
             indices: options.keep_indices,
         };
         let task = options.task.as_ref();

@@ -91,6 +91,16 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Whether frames draw merged particles where they fit: a scene that is drawn in no other way needs its levels of
+    /// detail ([`SceneOptions::level_of_detail`](crate::SceneOptions::level_of_detail)).
+    pub fn draws_merged(&self) -> bool {
+        // Slabs cut kernels that stand for many as if these were one.
+        self.level_of_detail
+            && self.filter == Filter::Adaptive
+            && self.thresholds.is_none()
+            && !self.composite.accumulate().cuts_slabs()
+    }
+
     /// What lies behind what is shown. Numbers of kernels have black there: it adds nothing to them
     /// and makes them opaque.
     pub(crate) fn shown_background(&self) -> Option<[f32; 3]> {

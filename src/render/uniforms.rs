@@ -115,13 +115,7 @@ pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
-        level_of_detail: u32::from(
-            // Slabs cut kernels that stand for many as if these were one.
-            is_adaptive
-                && !by_hand
-                && settings.level_of_detail
-                && !settings.composite.accumulate().cuts_slabs(),
-        ),
+        level_of_detail: u32::from(settings.draws_merged()),
         // The plan knows what the scene asks for.
         classified_by: ClassifiedBy::Value as u32,
         slab_thickness: 0.0,

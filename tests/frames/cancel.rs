@@ -247,6 +247,7 @@ fn blocks_and_levels() {
         for keep_shapes in [false, true] {
             check("levels", expected, |task| {
                 let options = SceneOptions {
+                    level_of_detail: true,
                     keep_shapes,
                     keep_indices: true,
                     task,

@@ -16,6 +16,7 @@ use crate::common::Random;
 use crate::common::scene::camera;
 
 const KEEP: SceneOptions = SceneOptions {
+    level_of_detail: true,
     keep_shapes: true,
     keep_indices: false,
     task: None,

@@ -16,6 +16,7 @@ use crate::common::Random;
 use crate::common::scene::{Particle, camera, volume};
 
 const KEEP: SceneOptions = SceneOptions {
+    level_of_detail: true,
     keep_shapes: false,
     keep_indices: true,
     task: None,

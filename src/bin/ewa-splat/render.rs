@@ -260,6 +260,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         for_columns: arguments.method.column_density,
         // Slabs that are classified have slopes of their own.
         normals: arguments.lighting().is_some() && !arguments.method.post_classification,
+        local_models: arguments.asks_models(),
         task: task.clone(),
         ..arguments.data.sample_options()
     };
@@ -291,7 +292,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     };
     let truth = truth.map(|truth| truth.clipped(&arguments.clip_planes()));
+    let draws_merged = arguments.settings(0.0).draws_merged();
     let scene_options = SceneOptions {
+        level_of_detail: draws_merged && !is_column && truth.is_none(),
         task: task.clone(),
         ..SceneOptions::default()
     };
@@ -531,6 +534,13 @@ impl Arguments {
 }
 
 impl Arguments {
+    /// Whether anything asks how the field runs over kernels: what classifies these, and a surface.
+    fn asks_models(&self) -> bool {
+        let by_extent = self.method.classify == ClassifyName::Extent;
+        let classifies = by_extent || self.method.post_classification;
+        self.data.flatten.is_some() || (classifies && !self.method.column_density)
+    }
+
     /// How the scene is lit; an iso-surface is, unless its true image is wanted.
     fn lighting(&self) -> Option<Lighting> {
         let is_surface = self.data.flatten.is_some() && self.method.reference.is_none();
