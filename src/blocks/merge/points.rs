@@ -297,11 +297,14 @@ pub(in crate::blocks) fn merge_points(
                 let run = tree.run(subtree);
                 let count = run.len().div_ceil(members);
                 let clusters = tree.clusters(subtree, count);
-                let clusters = clusters.iter().map(|&node| &order[tree.run(node)]);
+                let clusters: Vec<&[u32]> = clusters
+                    .iter()
+                    .map(|&node| &order[tree.run(node)])
+                    .collect();
                 // A block's clusters are as many as fit its particles, the widest cut first: in
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
-                let block = MergedBlock::new(source, &order[run.clone()], run.start, clusters);
+                let block = MergedBlock::new(source, &order[run.clone()], run.start, &clusters);
                 stage.advance(1);
                 MergedBlock { crowding, ..block }
             })
@@ -322,6 +325,9 @@ pub(in crate::blocks) struct MergedPoints {
     levels: Vec<Vec<MergedBlock>>,
 }
 
+/// Particles that a task merges at least.
+const TASK: usize = 8192;
+
 /// A block of merged particles.
 #[derive(Debug)]
 struct MergedBlock {
@@ -336,24 +342,27 @@ struct MergedBlock {
 }
 
 impl MergedBlock {
-    fn new<'a>(
-        source: &Source<'_>,
-        members: &[u32],
-        start: usize,
-        clusters: impl Iterator<Item = &'a [u32]>,
-    ) -> Self {
-        let (lower, upper) = members.iter().fold(
-            (DVec3::INFINITY, DVec3::NEG_INFINITY),
-            |(lower, upper), &i| {
-                let p = source.positions[i as usize];
-                (lower.min(p), upper.max(p))
-            },
-        );
+    fn new(source: &Source<'_>, members: &[u32], start: usize, clusters: &[&[u32]]) -> Self {
+        // The coarsest blocks are few and have millions: they are shared among all processors, too.
+        let chunks = members.par_chunks(TASK);
+        let (lower, upper, narrowest) = chunks
+            .map(|members| {
+                let mut lower = DVec3::INFINITY;
+                let mut upper = DVec3::NEG_INFINITY;
+                let mut narrowest = f32::INFINITY;
+                for &i in members {
+                    let p = source.positions[i as usize];
+                    lower = lower.min(p);
+                    upper = upper.max(p);
+                    narrowest = narrowest.min(source.sigmas[i as usize][0]);
+                }
+                (lower, upper, narrowest)
+            })
+            .reduce(
+                || (DVec3::INFINITY, DVec3::NEG_INFINITY, f32::INFINITY),
+                |a, b| (a.0.min(b.0), a.1.max(b.1), a.2.min(b.2)),
+            );
         let origin = (lower + upper) / 2.0;
-        let narrowest = members
-            .iter()
-            .map(|&i| source.sigmas[i as usize][0])
-            .fold(f32::INFINITY, f32::min);
         let mut block = Self {
             start,
             origin,
@@ -365,10 +374,13 @@ impl MergedBlock {
         };
         let mut third_squares = 0.0;
         let mut uneven_squares = 0.0;
-        for cluster in clusters {
-            let Some((particle, bounds, sigma)) = merge(source, origin, narrowest, cluster) else {
-                continue;
-            };
+        let each = members.len() / clusters.len().max(1);
+        let merged: Vec<_> = clusters
+            .par_iter()
+            .with_min_len((TASK / each.max(1)).max(1))
+            .map(|cluster| merge(source, origin, narrowest, cluster))
+            .collect();
+        for (particle, bounds, sigma) in merged.into_iter().flatten() {
             third_squares += f64::from(bounds.third).powi(6);
             uneven_squares += f64::from(bounds.uneven).powi(2);
             block.bounds = block.bounds.max(bounds);
