@@ -5,6 +5,8 @@ use std::fmt::Debug;
 use super::plan::FramePlan;
 use crate::blocks::BlockedScene;
 use crate::error::Result;
+#[cfg(feature = "gpu")]
+use crate::gpu::{AdapterChoice, Gpu};
 use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Camera, Projection};
@@ -21,6 +23,43 @@ pub enum Backend {
     Gpu,
     /// The processor.
     Cpu,
+}
+
+/// A back end that is ready to take scenes.
+#[derive(Debug, Clone)]
+pub struct OpenBackend {
+    /// The device, and whether the caller asked for one.
+    #[cfg(feature = "gpu")]
+    pub(super) gpu: Option<(Gpu, bool)>,
+}
+
+impl Backend {
+    /// Looks for its device: loading the drivers takes as long as reading a small file does, and may be done
+    /// meanwhile, in another thread.
+    ///
+    /// # Errors
+    /// No adapter where one is asked for.
+    pub fn open(self) -> Result<OpenBackend> {
+        #[cfg(feature = "gpu")]
+        {
+            let is_asked_for = self == Self::Gpu || Gpu::is_adapter_named();
+            let gpu = match self {
+                Self::Cpu => None,
+                _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
+                _ => Gpu::open(AdapterChoice::Hardware).ok(),
+            };
+            Ok(OpenBackend {
+                gpu: gpu.map(|gpu| (gpu, is_asked_for)),
+            })
+        }
+        #[cfg(not(feature = "gpu"))]
+        {
+            if self == Self::Gpu {
+                return Err(crate::error::Error::without_gpu());
+            }
+            Ok(OpenBackend {})
+        }
+    }
 }
 
 /// What of a scene has changed since it was uploaded.

@@ -30,7 +30,7 @@ pub use crate::scene::Classification;
 pub use crate::simd::SimdLevel;
 pub use crate::splat::Filter;
 pub use crate::stats::{FrameCounts, StageTimes};
-pub use backend::Backend;
+pub use backend::{Backend, OpenBackend};
 pub use pick::Picked;
 pub use renderer::Renderer;
 pub use settings::{ClassifyAt, ColumnSettings, Composite, Settings, Show};

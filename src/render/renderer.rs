@@ -2,7 +2,7 @@
 
 #[cfg(not(feature = "gpu"))]
 use super::backend::NoDevice as Device;
-use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images};
+use super::backend::{Backend, DrawFrames, Edit, FrameReport, Images, OpenBackend};
 use super::check::{check, check_scene};
 use super::plan::FramePlan;
 use super::settings::Settings;
@@ -15,7 +15,7 @@ use crate::constants::{
 use crate::cpu::CpuFrames;
 use crate::error::Result;
 #[cfg(feature = "gpu")]
-use crate::gpu::{AdapterChoice, DeviceScene as Device, Gpu};
+use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::scene::{PointVolume, Requirements, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
@@ -108,25 +108,29 @@ impl Renderer {
     /// # Errors
     /// No adapter where one is asked for, or too little memory on it.
     pub fn on_backend(self, backend: Backend) -> Result<Self> {
+        self.on_open(backend.open()?)
+    }
+
+    /// As [`Renderer::on_backend`], of a back end that is open.
+    ///
+    /// # Errors
+    /// Too little memory on a device that was asked for.
+    #[cfg_attr(
+        not(feature = "gpu"),
+        expect(clippy::needless_pass_by_value, reason = "a device is taken")
+    )]
+    pub fn on_open(self, backend: OpenBackend) -> Result<Self> {
         #[cfg(feature = "gpu")]
         {
-            let is_asked_for = backend == Backend::Gpu || Gpu::is_adapter_named();
-            let gpu = match backend {
-                Backend::Cpu => None,
-                _ if is_asked_for => Some(Gpu::open(AdapterChoice::Any)?),
-                _ => Gpu::open(AdapterChoice::Hardware).ok(),
-            };
-            match gpu {
+            match backend.gpu {
                 None => Ok(self),
-                Some(gpu) if is_asked_for => self.on(gpu),
-                Some(gpu) => Ok(self.on_if_it_can(gpu)),
+                Some((gpu, true)) => self.on(gpu),
+                Some((gpu, false)) => Ok(self.on_if_it_can(gpu)),
             }
         }
         #[cfg(not(feature = "gpu"))]
         {
-            if backend == Backend::Gpu {
-                return Err(crate::error::Error::without_gpu());
-            }
+            let OpenBackend {} = backend;
             Ok(self)
         }
     }

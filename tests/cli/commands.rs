@@ -102,6 +102,7 @@ fn renders_every_output_and_says_what_it_did() {
         "/times_ms/rasterise",
         "/times_ms/resolve",
         "/times_ms/frame",
+        "/time_to_picture_ms",
         "/frames",
     ] {
         assert!(
