@@ -17,7 +17,7 @@ use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::scene::{PointVolume, Requirements, TransferFunction, Values};
+use crate::scene::{PointVolume, Requirements, Strength, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
@@ -347,9 +347,12 @@ impl Renderer {
         let is_flat = |volume: &BlockedVolume| {
             volume.is_of_splats() || matches!(volume.particles, BlockedParticles::Surfels { .. })
         };
+        let is_of_field = |volume: &BlockedVolume| {
+            matches!(volume.strength, Strength::Classified { .. }) && volume.values.is_some()
+        };
         if self.scene.data().any(is_flat) {
             DEFAULT_LOW_PASS_VARIANCE_PX2
-        } else if self.scene.data().all(BlockedVolume::may_have_pieces) {
+        } else if self.scene.data().all(is_of_field) {
             FIELD_LOW_PASS_VARIANCE_PX2
         } else {
             PARTICLE_LOW_PASS_VARIANCE_PX2

@@ -13,7 +13,7 @@ use ewa_splat::scene::{
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume, NO_PARENT};
 use ewa_splat::stages::splat::budget::{MERGE_FOURTH, MERGE_THIRD};
 use ewa_splat::view::Camera;
-use ewa_splat::{Renderer, Settings};
+use ewa_splat::{ColumnSettings, Renderer, SceneOptions, Settings};
 use glam::DVec3;
 
 /// Spheres with masses and colours, in clumps.
@@ -271,6 +271,46 @@ fn columns_of_clusters_are_within_their_bound() {
 
 /// One particle without a finite shape or colour among many far below a pixel: its cluster is never
 /// merged, where NaN would have passed every comparison.
+#[test]
+fn scenes_without_levels_draw_all_and_sum_the_same_columns() {
+    // Faint: what is opaque and many-coloured is not merged.
+    let scene = || {
+        let mut volume = spheres(6_000);
+        volume.strength = Strength::Mass(vec![1e-6; 6_000]);
+        vec![volume]
+    };
+    let options = SceneOptions {
+        level_of_detail: false,
+        ..SceneOptions::default()
+    };
+    let mut plain = Renderer::with_options(scene(), &options).unwrap();
+    let mut with_levels = Renderer::new(scene()).unwrap();
+    let merged = |renderer: &Renderer| renderer.volumes().iter().any(|v| v.merged.is_some());
+    assert!(merged(&with_levels) && !merged(&plain));
+    assert!(plain.bytes_per_particle() < with_levels.bytes_per_particle());
+    // From afar, where all of it is merged.
+    let middle = DVec3::splat(1e4 + 2.0);
+    let eye = middle - DVec3::Y * 4e3;
+    let camera = Camera::perspective(eye, middle, DVec3::Z, 20.0, [48, 48]);
+    let settings = Settings::default();
+    let all = plain.render(&camera, &settings).unwrap().clone();
+    assert_eq!(plain.counts().classified, 6_000);
+    let exactly = Settings {
+        level_of_detail: false,
+        ..settings.clone()
+    };
+    assert!(settings.draws_merged() && !exactly.draws_merged());
+    assert_eq!(&all, with_levels.render(&camera, &exactly).unwrap());
+    with_levels.render(&camera, &settings).unwrap();
+    assert!(with_levels.counts().blocks_merged > 0);
+    let columns = ColumnSettings::default();
+    let sums = plain.column_density(&camera, &columns).unwrap().clone();
+    assert_eq!(
+        &sums,
+        with_levels.column_density(&camera, &columns).unwrap()
+    );
+}
+
 #[test]
 fn what_is_no_number_is_not_merged() {
     let camera = Camera::orthographic(

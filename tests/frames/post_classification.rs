@@ -567,6 +567,16 @@ fn colours_come_back() {
 }
 
 #[test]
+fn the_low_pass_filter_suits_a_field_however_much_is_known_of_it() {
+    let suits = |volume: PointVolume| Renderer::new(vec![volume]).unwrap().suitable_low_pass_px2();
+    let of_field = suits(field(gentle, even()));
+    assert_eq!(of_field, suits(spheres(gentle, even())));
+    assert_eq!(of_field, suits(spheres_with_models(even())));
+    let bare = volume(&[Particle::sphere(DVec3::Z * MIDDLE, 1.0, 4.0)]);
+    assert!(of_field < suits(bare));
+}
+
+#[test]
 fn what_has_no_one_field_is_refused() {
     let camera = eye(Projection::Perspective, 8);
     let one = || field(|x| 0.5 + x.x / 16.0, step());
