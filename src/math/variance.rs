@@ -162,21 +162,19 @@ pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
         DVec3::new(xz, yz, zz),
     );
     // Cyclic Jacobi (Golub and Van Loan, Matrix Computations, 8.5); quadratic, so that eight
-    // sweeps leave rounding only.
+    // sweeps leave rounding only, and four or five as a rule. What is beside the diagonal is nothing where it is
+    // rounding of what it lies between: small eigenvalues keep their digits.
     let mut axes = DMat3::IDENTITY;
     for _ in 0..8 {
-        let beside = v.y_axis.x.abs() + v.z_axis.x.abs() + v.z_axis.y.abs();
-        if beside <= f64::MIN_POSITIVE {
-            break;
-        }
+        let mut is_diagonal = true;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            let beside = v.col(q)[p];
-            if beside.abs() <= f64::MIN_POSITIVE {
+            let (beside, above, below) = (v.col(q)[p], v.col(p)[p], v.col(q)[q]);
+            let rounding = f64::EPSILON * (above * below).abs().sqrt();
+            if beside.abs() <= rounding.max(f64::MIN_POSITIVE) {
                 continue;
             }
-            let zeta = (v.col(q)[q] - v.col(p)[p]) / (2.0 * beside);
-            let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
-            let c = 1.0 / t.hypot(1.0);
+            is_diagonal = false;
+            let (t, c) = rotation_of((below - above) / (2.0 * beside));
             let s = t * c;
             let mut rotation = DMat3::IDENTITY;
             rotation.col_mut(p)[p] = c;
@@ -186,8 +184,19 @@ pub(crate) fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> (DVec3, DMat3) {
             v = rotation.transpose() * v * rotation;
             axes *= rotation;
         }
+        if is_diagonal {
+            break;
+        }
     }
     (DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z), axes)
+}
+
+/// Tangent and cosine of the smaller of the two turns that make a pair perpendicular, `zeta` the cotangent of
+/// twice their angle.
+fn rotation_of(zeta: f64) -> (f64, f64) {
+    // Where the square overflows, t is below all rounding.
+    let t = zeta.signum() / (zeta.abs() + (zeta * zeta + 1.0).sqrt());
+    (t, 1.0 / (t * t + 1.0).sqrt())
 }
 
 /// axes diag(eigenvalues) axesᵀ as xx, xy, xz, yy, yz, zz.
@@ -224,17 +233,21 @@ pub(crate) fn principal_axes(f: DMat3) -> [DVec3; 3] {
     let mut columns = [f.x_axis, f.y_axis, f.z_axis];
     // Converges quadratically; six sweeps leave rounding only.
     for _ in 0..6 {
+        let mut is_done = true;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let (a, b) = (columns[p], columns[q]);
             let dot = a.dot(b);
-            if dot.abs() <= f64::EPSILON * a.length() * b.length() {
+            let (aa, bb) = (a.length_squared(), b.length_squared());
+            if dot.abs() <= f64::EPSILON * (aa * bb).sqrt() {
                 continue;
             }
-            let zeta = (b.length_squared() - a.length_squared()) / (2.0 * dot);
-            let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
-            let c = 1.0 / t.hypot(1.0);
+            is_done = false;
+            let (t, c) = rotation_of((bb - aa) / (2.0 * dot));
             columns[p] = (a - b * t) * c;
             columns[q] = (a * t + b) * c;
+        }
+        if is_done {
+            break;
         }
     }
     columns.sort_unstable_by(|a, b| b.length().total_cmp(&a.length()));
