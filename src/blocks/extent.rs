@@ -94,15 +94,13 @@ impl BlockedVolume {
     /// What decides about a block's kernels where a frame asks for more than their values.
     #[inline]
     pub(super) fn classified_by(&self, choice: &ChoiceUniform, block: &Block) -> ClassifiedBy {
-        const BY_EXTENT: u32 = ClassifiedBy::Extent as u32;
-        const BY_NEIGHBOURS: u32 = ClassifiedBy::Neighbours as u32;
-        match choice.classified_by {
-            BY_EXTENT if self.is_spread(block) => ClassifiedBy::Extent,
-            BY_NEIGHBOURS if self.knows_neighbours(block, choice.slab_thickness) => {
-                ClassifiedBy::Neighbours
-            }
-            _ => ClassifiedBy::Value,
-        }
+        let asked = ClassifiedBy::of(choice.classified_by);
+        let is_known = match asked {
+            ClassifiedBy::Value => true,
+            ClassifiedBy::Extent => self.is_spread(block),
+            ClassifiedBy::Neighbours => self.knows_neighbours(block, choice.slab_thickness),
+        };
+        if is_known { asked } else { ClassifiedBy::Value }
     }
 
     /// Whether the values around its particles tell which of them slabs of a thickness show nothing of.

@@ -473,7 +473,9 @@ impl CpuFrames {
 /// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
 /// for their values alone somewhere.
 fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
-    plan.classified_by == ClassifiedBy::Extent && volume.lobes.is_some() && volume.merged.is_none()
+    plan.classified_by() == ClassifiedBy::Extent
+        && volume.lobes.is_some()
+        && volume.merged.is_none()
 }
 
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.

@@ -38,46 +38,40 @@ pub(super) const SHADER: Shader = Shader::new(
     ],
 );
 
+/// The stage where more is asked than a particle's own value: a name, and the files that say what.
+macro_rules! with_neighbours {
+    ($name:literal, $($file:literal),+) => {
+        Shader::new(
+            $name,
+            &[
+                DISPATCH,
+                SCAN_THREADS,
+                STRUCTS,
+                EXPONENTIAL,
+                TRANSFER,
+                AVERAGES,
+                LOBES,
+                NORMAL,
+                EIN,
+                include_str!("../../shaders/classify/class.wgsl"),
+                include_str!("../../shaders/classify.wgsl"),
+                include_str!("../../shaders/classify/halo.wgsl"),
+                $(include_str!($file)),+
+            ],
+        )
+    };
+}
+
 /// From values to masses and what slabs ask for, where anything around is shown.
-pub(super) const NEIGHBOURS: Shader = Shader::new(
+pub(super) const NEIGHBOURS: Shader = with_neighbours!(
     "classify neighbours",
-    &[
-        DISPATCH,
-        SCAN_THREADS,
-        STRUCTS,
-        EXPONENTIAL,
-        TRANSFER,
-        AVERAGES,
-        LOBES,
-        NORMAL,
-        EIN,
-        include_str!("../../shaders/classify/class.wgsl"),
-        include_str!("../../shaders/classify.wgsl"),
-        include_str!("../../shaders/classify/halo.wgsl"),
-        include_str!("../../shaders/classify/neighbours.wgsl"),
-        include_str!("../../shaders/classify/one.wgsl"),
-    ],
+    "../../shaders/classify/neighbours.wgsl",
+    "../../shaders/classify/one.wgsl"
 );
 
 /// From values to masses, colours and pieces, over kernels' extents.
-pub(super) const PIECES: Shader = Shader::new(
-    "classify extents",
-    &[
-        DISPATCH,
-        SCAN_THREADS,
-        STRUCTS,
-        EXPONENTIAL,
-        TRANSFER,
-        AVERAGES,
-        LOBES,
-        NORMAL,
-        EIN,
-        include_str!("../../shaders/classify/class.wgsl"),
-        include_str!("../../shaders/classify.wgsl"),
-        include_str!("../../shaders/classify/halo.wgsl"),
-        include_str!("../../shaders/classify/pieces.wgsl"),
-    ],
-);
+pub(super) const PIECES: Shader =
+    with_neighbours!("classify extents", "../../shaders/classify/pieces.wgsl");
 
 /// From values to signed amplitudes.
 pub(super) const AMPLITUDES: Shader = Shader::new(

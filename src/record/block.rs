@@ -143,6 +143,20 @@ pub enum ClassifiedBy {
     Neighbours = 2,
 }
 
+impl ClassifiedBy {
+    /// That of a number.
+    #[inline]
+    pub(crate) fn of(number: u32) -> Self {
+        const EXTENT: u32 = ClassifiedBy::Extent as u32;
+        const NEIGHBOURS: u32 = ClassifiedBy::Neighbours as u32;
+        match number {
+            EXTENT => Self::Extent,
+            NEIGHBOURS => Self::Neighbours,
+            _ => Self::Value,
+        }
+    }
+}
+
 impl BlockView {
     /// Whether its kernels are classified over their extents.
     #[inline]

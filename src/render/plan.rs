@@ -71,8 +71,6 @@ pub(crate) struct FramePlan {
     /// Whether blocks outside the frustum are left out: uniform scaling enlarges kernels beyond any
     /// reach.
     pub(crate) culls: bool,
-    /// What decides about kernels, where more is known than their values.
-    pub(crate) classified_by: ClassifiedBy,
     /// What blocks are drawn by.
     pub(crate) choice: ChoiceUniform,
     /// Lights as the camera sees them.
@@ -104,17 +102,6 @@ impl FramePlan {
         let layers = layers.transpose()?;
         let surfaces = scene.data().filter(|v| v.is_surface()).count();
         let lighting = lighting_uniform(camera, settings);
-        // Where no kernel is too wide for its value alone, nothing is asked for.
-        let classified_by = match settings.classify {
-            _ if scene.data().all(|volume| volume.lobes.is_none()) => ClassifiedBy::Value,
-            // The greatest mean value may be one that is not shown.
-            _ if settings.composite.classifies_slabs() => match settings.composite.accumulate() {
-                Accumulate::Slabs => ClassifiedBy::Neighbours,
-                _ => ClassifiedBy::Value,
-            },
-            Classification::Extent => ClassifiedBy::Extent,
-            Classification::Particle => ClassifiedBy::Value,
-        };
         let shared = Axes {
             linear_opacity: settings.linear_opacity,
             depth: settings.depth,
@@ -191,9 +178,8 @@ impl FramePlan {
         Ok(Self {
             frustum: frustum(camera, low_pass).clipped(planes),
             culls: settings.filter != Filter::UniformScaling,
-            classified_by,
             choice: ChoiceUniform {
-                classified_by: classified_by as u32,
+                classified_by: classified_by(scene, settings) as u32,
                 slab_thickness: thickness(layers.as_ref()),
                 ..choice_uniform(camera, settings)
             },
@@ -243,7 +229,6 @@ impl FramePlan {
         Self {
             frustum,
             culls,
-            classified_by: ClassifiedBy::Value,
             choice: ChoiceUniform {
                 // Merged particles stand for what is composited.
                 level_of_detail: 0,
@@ -266,6 +251,11 @@ impl FramePlan {
             Carries::Amplitude { per_mass, .. } => Some((&pass.view, per_mass)),
             _ => None,
         })
+    }
+
+    /// What decides about kernels, where more is known than their values.
+    pub(crate) fn classified_by(&self) -> ClassifiedBy {
+        ClassifiedBy::of(self.choice.classified_by)
     }
 
     /// Whether merged particles may stand for their members.
@@ -315,6 +305,21 @@ fn amplitudes(
         // A scene without any amplitude is drawn as nothing.
         scale: if largest == 0.0 { 0.0 } else { unit / largest },
         per_mass: largest / unit,
+    }
+}
+
+/// What decides about a picture's kernels.
+fn classified_by(scene: &BlockedScene, settings: &Settings) -> ClassifiedBy {
+    // Where no kernel is too wide for its value alone, nothing is asked for.
+    if scene.data().all(|volume| volume.lobes.is_none()) {
+        return ClassifiedBy::Value;
+    }
+    match (settings.composite.classifies_slabs(), settings.classify) {
+        // The greatest mean value may be one that is not shown.
+        (true, _) if settings.composite.accumulate() == Accumulate::Maximum => ClassifiedBy::Value,
+        (true, _) => ClassifiedBy::Neighbours,
+        (false, Classification::Extent) => ClassifiedBy::Extent,
+        (false, Classification::Particle) => ClassifiedBy::Value,
     }
 }
 

@@ -12,11 +12,10 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::local_models::matrix_of;
 use super::narrowed;
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::tangents_of;
-use crate::scene::{Colour, Lattice, LocalModels, Particles, PointVolume, Strength, Values};
+use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::{Stage, Task};
 
 /// Kernels whose middle is farther from the surface, deviations of the field's values over them, have no disc: a
@@ -31,12 +30,10 @@ struct Disc {
     area: f32,
 }
 
-/// A kernel and the field over it.
-struct Kernel {
-    position: DVec3,
-    factor: DMat3,
-    volume: f64,
-    gradient: DVec3,
+/// The field over a kernel of variance L Lᵀ.
+struct Over {
+    /// Lᵀ g \[value units\].
+    slope: DVec3,
     /// Where the value lies, deviations of the field's values over the kernel from its middle.
     away: f64,
 }
@@ -80,26 +77,28 @@ pub(super) fn iso_surface(
     if !(lo <= value && value <= hi) {
         return absent(format!("one that the field has, from {lo} to {hi}"));
     }
-    let kernel = |i: usize| match (&volume.particles, &volume.local_models) {
-        (
-            Particles::Lattice {
-                lattice,
-                kernel_width,
-            },
-            _,
-        ) => of_lattice(lattice, *kernel_width, values, i, value),
-        (Particles::Surfels { .. }, _) | (_, None) => None,
-        (particles, Some(models)) => {
-            let kernel = of_points(particles, models, values, i, value)?;
-            let volume = f64::from(volumes[i]);
-            Some(Kernel { volume, ..kernel })
-        }
+    let particles = &volume.particles;
+    let found = |i: usize| {
+        let over = match (particles, &volume.local_models) {
+            (
+                Particles::Lattice {
+                    lattice,
+                    kernel_width,
+                },
+                _,
+            ) => over_lattice(lattice.dims, *kernel_width, values, i, value)?,
+            (_, Some(models)) => over_point(models, values, i, value)?,
+            (_, None) => return None,
+        };
+        let (position, factor, cell) = particles.shape(i);
+        let volume = volumes.get(i).map_or(cell, |&volume| f64::from(volume));
+        disc(position, factor, volume, &over)
     };
     let stage = Stage::new(task, "finding the surface", values.len());
     let discs: Vec<Disc> = (0..values.len())
         .into_par_iter()
         .filter(|i| stage.counts(*i))
-        .filter_map(|i| disc(&kernel(i)?))
+        .filter_map(found)
         .collect();
     stage.check()?;
     if discs.is_empty() {
@@ -122,25 +121,20 @@ pub(super) fn iso_surface(
     })
 }
 
-fn disc(kernel: &Kernel) -> Option<Disc> {
-    let Kernel {
-        position,
-        factor,
-        volume,
-        gradient,
-        away,
-    } = kernel;
-    let slope = factor.transpose() * *gradient;
+/// - `volume`: that the kernel stands for.
+fn disc(position: DVec3, factor: DMat3, volume: f64, over: &Over) -> Option<Disc> {
+    let Over { slope, away } = *over;
     let spread = slope.length();
     // Phrased so that NaN, and a field that is the same all over, have none.
     if !(spread > 0.0 && away.abs() <= REACH) {
         return None;
     }
+    let gradient = factor.inverse().transpose() * slope;
     let steepness = gradient.length();
     // The front faces lower values.
-    let [a, b] = tangents_of(*factor, -*gradient / steepness);
+    let [a, b] = tangents_of(factor, -gradient / steepness);
     let tangents = [a.x, a.y, a.z, b.x, b.y, b.z].map(narrowed);
-    let position = *position + *factor * slope * (away / spread);
+    let position = position + factor * slope * (away / spread);
     let density = (-0.5 * away * away).exp() / TAU.sqrt();
     let area = narrowed(COMPLETE * volume * density * (steepness / spread));
     let is_finite = position.is_finite() && tangents.iter().all(|t| t.is_finite());
@@ -151,14 +145,8 @@ fn disc(kernel: &Kernel) -> Option<Disc> {
     })
 }
 
-/// Sample `i` of points, without its volume; `None` where the values around stay to one side.
-fn of_points(
-    particles: &Particles,
-    models: &LocalModels,
-    values: &Values,
-    i: usize,
-    value: f64,
-) -> Option<Kernel> {
+/// The field over point `i`; `None` where the values around stay to one side.
+fn over_point(models: &LocalModels, values: &Values, i: usize, value: f64) -> Option<Over> {
     let model = models.get(i);
     let own = f64::from(values.get(i));
     let (below, above) = (f64::from(model.below), f64::from(model.above));
@@ -166,34 +154,24 @@ fn of_points(
     if !(own - below <= value && value <= own + above) {
         return None;
     }
-    let (position, factor) = match particles {
-        Particles::Isotropic { positions, sigmas } => {
-            let sigma = DVec3::splat(f64::from(sigmas[i]));
-            (positions[i], DMat3::from_diagonal(sigma))
-        }
-        Particles::Anisotropic { positions, factors } => (positions[i], matrix_of(factors[i])),
-        Particles::Lattice { .. } | Particles::Surfels { .. } => return None,
-    };
-    Some(Kernel {
-        position,
-        factor,
-        volume: 0.0,
-        gradient: factor.inverse().transpose() * model.slope.as_dvec3(),
-        away: (value - own - f64::from(model.departure)) / f64::from(model.slope.length()),
+    let slope = model.slope.as_dvec3();
+    Some(Over {
+        slope,
+        away: (value - own - f64::from(model.departure)) / slope.length(),
     })
 }
 
-/// Sample `i` of a lattice: its model from its neighbours, as frames make it; `None` where the values of two rings
-/// around stay to one side.
-fn of_lattice(
-    lattice: &Lattice,
+/// The field over sample `i` of a lattice, from its neighbours, as frames have it; `None` where the values of two
+/// rings around stay to one side.
+fn over_lattice(
+    dims: [usize; 3],
     kernel_width: f64,
     values: &Values,
     i: usize,
     value: f64,
-) -> Option<Kernel> {
+) -> Option<Over> {
     const RINGS: usize = 2;
-    let [nx, ny, nz] = lattice.dims;
+    let [nx, ny, _] = dims;
     let cell = [i % nx, i / nx % ny, i / (nx * ny)];
     let at = |[x, y, z]: [usize; 3]| f64::from(values.get((z * ny + y) * nx + x));
     let own = at(cell);
@@ -207,7 +185,7 @@ fn of_lattice(
         neighbour[axis] = cell[axis].wrapping_sub(1);
         let below = (cell[axis] > 0).then(|| own - at(neighbour));
         neighbour[axis] = cell[axis] + 1;
-        let above = (neighbour[axis] < lattice.dims[axis]).then(|| at(neighbour) - own);
+        let above = (neighbour[axis] < dims[axis]).then(|| at(neighbour) - own);
         let [below, above] = [below, above].map(|change| change.filter(|c| c.is_finite()));
         changes[axis] = match (below, above) {
             (Some(below), Some(above)) => 0.5 * (below + above),
@@ -223,8 +201,7 @@ fn of_lattice(
     if !((value - own).abs() <= REACH * spread) {
         return None;
     }
-    let around =
-        |axis: usize, n: usize| n.saturating_sub(RINGS)..=(n + RINGS).min([nx, ny, nz][axis] - 1);
+    let around = |axis: usize, n: usize| n.saturating_sub(RINGS)..=(n + RINGS).min(dims[axis] - 1);
     let (mut lowest, mut highest) = (own, own);
     for z in around(2, cell[2]) {
         for y in around(1, cell[1]) {
@@ -238,12 +215,8 @@ fn of_lattice(
     if !(lowest <= value && value <= highest) {
         return None;
     }
-    let step = lattice.step(cell);
-    Some(Kernel {
-        position: lattice.position(cell),
-        factor: step * kernel_width,
-        volume: step.determinant().abs(),
-        gradient: step.inverse().transpose() * changes,
+    Some(Over {
+        slope: kernel_width * changes,
         away: (value - own) / spread,
     })
 }
@@ -255,7 +228,7 @@ mod tests {
     use super::*;
     use crate::io::{Association, Dataset, Field, FieldSource, Geometry};
     use crate::sample::{SampleOptions, grid, scene, volume};
-    use crate::scene::{LatticeSpacing, TransferDefaults, TransferFunction};
+    use crate::scene::{Lattice, LatticeSpacing, TransferDefaults, TransferFunction};
 
     const RADIUS: f64 = 0.7;
 
@@ -276,26 +249,13 @@ mod tests {
         let centre = lattice.position([13, 11, 12]);
         let cells = (0..lattice.len()).map(|i| [i % 26, i / 26 % 22, i / 572]);
         let values = cells.map(|cell| narrowed((lattice.position(cell) - centre).length()));
-        let values = Values::F32(values.collect());
+        let values: Vec<f32> = values.collect();
         let defaults = TransferDefaults {
             range: [0.0, 2.0],
             unit_distance: 1.0,
         };
-        let volume = PointVolume {
-            particles: Particles::Lattice {
-                lattice,
-                kernel_width: 0.6,
-            },
-            strength: Strength::Classified {
-                volumes: Vec::new(),
-            },
-            colour: Colour::Classified,
-            values: Some(values),
-            transfer_function: TransferFunction::named("viridis", &defaults).ok(),
-            boundary: None,
-            normals: None,
-            local_models: None,
-        };
+        let viridis = TransferFunction::named("viridis", &defaults).unwrap();
+        let volume = PointVolume::lattice(lattice, values, viridis);
         (volume, centre)
     }
 

@@ -10,7 +10,6 @@ use ewa_splat::Filter;
 use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
-    Values,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{ClassifyAt, Composite, Image, Renderer, Settings, Show};
@@ -275,19 +274,8 @@ fn scene() -> Vec<PointVolume> {
     let transfer = TransferFunction::from_curves(colours, |_| 0.4, [0.0, 1.0], 1.0).unwrap();
     let normals = vec![0x4000_2000_u32; values.len()];
     let field = PointVolume {
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: 0.6,
-        },
-        strength: Strength::Classified {
-            volumes: Vec::new(),
-        },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer),
-        boundary: None,
         normals: Some(normals),
-        local_models: None,
+        ..PointVolume::lattice(lattice, values, transfer)
     };
     let (mut positions, mut tangents, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     let (step, s) = (0.15, 0.09_f32);

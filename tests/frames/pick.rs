@@ -6,7 +6,7 @@
 )]
 
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction, Values,
+    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, TransferFunction,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Composite, Renderer, SceneOptions, Settings};
@@ -49,21 +49,7 @@ fn lattice(random: &mut Random) -> PointVolume {
         },
     };
     let values = (0..lattice.len()).map(|_| random.range(0.0, 1.0) as f32);
-    PointVolume {
-        values: Some(Values::F32(values.collect())),
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: 0.6,
-        },
-        strength: Strength::Classified {
-            volumes: Vec::new(),
-        },
-        colour: Colour::Classified,
-        transfer_function: Some(transfer()),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::lattice(lattice, values.collect::<Vec<f32>>(), transfer())
 }
 
 /// A wall across the left half of the picture, tilted.

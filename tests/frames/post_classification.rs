@@ -39,24 +39,10 @@ fn field(of: impl Fn(DVec3) -> f64, transfer: TransferFunction) -> PointVolume {
         spacing: LatticeSpacing::Uniform { origin, step },
     };
     let nodes = (0..lattice.len()).map(|i| [i % NODES, i / NODES % NODES, i / (NODES * NODES)]);
-    let values = nodes
+    let values: Vec<f32> = nodes
         .map(|cell| of(lattice.position(cell)) as f32)
         .collect();
-    PointVolume {
-        particles: Particles::Lattice {
-            lattice,
-            kernel_width: 0.6,
-        },
-        strength: Strength::Classified {
-            volumes: Vec::new(),
-        },
-        colour: Colour::Classified,
-        values: Some(Values::F32(values)),
-        transfer_function: Some(transfer),
-        boundary: None,
-        normals: None,
-        local_models: None,
-    }
+    PointVolume::lattice(lattice, values, transfer)
 }
 
 /// The same as spheres one by one, shaken off their nodes.

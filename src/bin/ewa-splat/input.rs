@@ -154,6 +154,11 @@ pub(crate) enum Endian {
     Big,
 }
 
+fn refused_surface(expected: &'static str, found: &'static str) -> Error {
+    let advice = Hint::LeaveOut(Parameter::Flatten);
+    Error::invalid(Parameter::Flatten, "data", expected, found, advice)
+}
+
 impl DataOptions {
     pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
         self.check_spacing()?;
@@ -216,6 +221,7 @@ impl DataOptions {
         options: &SampleOptions,
         progress: &ProgressBar,
     ) -> Result<Scene> {
+        self.check_surface()?;
         let mut scene = Scene {
             volumes: Vec::new(),
             fields: Vec::new(),
@@ -243,7 +249,9 @@ impl DataOptions {
             let field = sampled.report.field;
             scene.fields.resize(scene.volumes.len(), field);
         }
-        self.check_surface(&scene)?;
+        if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
+            return Err(refused_surface("a field", "none"));
+        }
         Ok(scene)
     }
 
@@ -264,21 +272,11 @@ impl DataOptions {
         Ok(volumes)
     }
 
-    /// Refuses to show a value of meshes alone, and beside options that say nothing then.
-    fn check_surface(&self, scene: &Scene) -> Result<()> {
-        if self.flatten.is_none() {
-            return Ok(());
-        }
-        let refuse = |expected, found| {
-            let advice = Hint::LeaveOut(Parameter::Flatten);
-            let error = Error::invalid(Parameter::Flatten, "data", expected, found, advice);
-            Err(error)
-        };
-        if scene.fields.iter().all(Option::is_none) {
-            return refuse("a field", "none");
-        }
-        if self.unit_distance.is_some() {
-            return refuse("an opaque surface", "--unit-distance beside it");
+    /// Refuses to show a value beside options that say nothing then.
+    fn check_surface(&self) -> Result<()> {
+        if self.flatten.is_some() && self.unit_distance.is_some() {
+            let found = "--unit-distance beside it";
+            return Err(refused_surface("an opaque surface", found));
         }
         Ok(())
     }

@@ -301,8 +301,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
-        // Slabs that are classified have slopes of their own.
-        normals: arguments.lighting().is_some() && !arguments.method.post_classification,
+        normals: arguments.asks_normals(),
         local_models: arguments.asks_models(),
         task: task.clone(),
         ..arguments.data.sample_options()
@@ -584,6 +583,12 @@ impl Arguments {
         let by_extent = self.method.classify == ClassifyName::Extent;
         let classifies = by_extent || self.method.post_classification;
         self.data.flatten.is_some() || (classifies && !self.method.column_density)
+    }
+
+    /// Whether light asks volumes for normals: slabs that are classified have slopes of their own, and so has a surface.
+    fn asks_normals(&self) -> bool {
+        let has_own = self.method.post_classification || self.data.flatten.is_some();
+        self.lighting().is_some() && !has_own
     }
 
     /// How the scene is lit; an iso-surface is, unless its true image is wanted.

@@ -25,7 +25,7 @@ impl PassKind {
             filter: pass.view.filter_kind,
             orthographic: pass.view.orthographic,
             detail: plan.has_detail(),
-            classified_by: plan.classified_by,
+            classified_by: plan.classified_by(),
             lights_particles: pass.lights_particles,
             axes: pass.axes,
         }

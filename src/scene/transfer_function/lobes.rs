@@ -144,6 +144,13 @@ impl Lobes {
         let runs = runs(transfer.table());
         Self {
             lobes: runs.iter().map(|run| Lobe::of(transfer, *run)).collect(),
+            ..Self::none_of(transfer)
+        }
+    }
+
+    fn none_of(transfer: &TransferFunction) -> Self {
+        Self {
+            lobes: Vec::new(),
             windows: Vec::new(),
             shapes: Vec::new(),
             origin: f64::from(transfer.range[0]),

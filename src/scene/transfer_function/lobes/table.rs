@@ -383,15 +383,7 @@ pub(super) fn build(transfer: &TransferFunction, runs: &[Run], sigma: f64) -> Lo
         }
         jumps.pop();
     };
-    let mut out = Lobes {
-        lobes: Vec::with_capacity(runs.len()),
-        windows: Vec::new(),
-        shapes: Vec::new(),
-        origin: f64::from(transfer.range[0]),
-        scale,
-        rows: Vec::new(),
-        cells: Vec::new(),
-    };
+    let mut out = Lobes::none_of(transfer);
     for (source, widths) in sources.into_iter().zip(&widths) {
         let Source {
             run,
