@@ -10,8 +10,8 @@ use crate::common::Random;
 use crate::common::scene::{Particle, camera, difference, volume};
 use ewa_splat::render::Classification;
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Light, LightFrame, Lighting, LocalModel, LocalModels,
-    Particles, PointVolume, Strength, TransferFunction, Values,
+    Lattice, LatticeSpacing, Light, LightFrame, Lighting, LocalModel, LocalModels, Particles,
+    PointVolume, Strength, TransferFunction, Values,
 };
 use ewa_splat::stages::cpu::{Sides, SimdLevel, lit};
 use ewa_splat::stages::record::LightingUniform;
@@ -420,6 +420,8 @@ fn what_nothing_around_shows_is_left_out_and_not_missed() {
 #[test]
 #[cfg(feature = "gpu")]
 fn twins_classify_alike() {
+    use ewa_splat::scene::Colour;
+
     let Some(gpu) = crate::common::gpu::gpu() else {
         return;
     };
