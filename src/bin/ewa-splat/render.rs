@@ -1,8 +1,6 @@
 //! `ewa-splat render`
 
-use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
-use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
@@ -14,7 +12,7 @@ use ewa_splat::io::{
 use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::median_times;
 use ewa_splat::reference::ReferenceSettings;
-use ewa_splat::render::{Classification, ClassifyAt, Composite, OpenBackend};
+use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::Lighting;
@@ -142,43 +140,6 @@ struct Method {
     column_density: bool,
 }
 
-/// A back end that is opened while files are read.
-struct Opening {
-    /// `None` of the processor.
-    thread: Option<JoinHandle<Result<OpenBackend>>>,
-}
-
-impl Opening {
-    fn of(backend: Backend) -> Self {
-        let is_device = backend != Backend::Cpu;
-        Self {
-            thread: is_device.then(|| thread::spawn(move || backend.open())),
-        }
-    }
-
-    /// # Errors
-    /// No adapter where one is asked for.
-    ///
-    /// # Panics
-    /// Where opening does.
-    fn join(mut self) -> Result<OpenBackend> {
-        match self.thread.take().map(JoinHandle::join) {
-            Some(Ok(opened)) => opened,
-            Some(Err(panic)) => resume_unwind(panic),
-            None => Backend::Cpu.open(),
-        }
-    }
-}
-
-impl Drop for Opening {
-    /// The program does not end while drivers are loaded.
-    fn drop(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
 /// Milliseconds before the first frame.
 #[derive(Clone, Copy)]
 pub(crate) struct Prepared {
@@ -297,7 +258,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
     let task = task_of(&progress);
 
-    let opening = Opening::of(backend);
     let read_start = Instant::now();
     let options = SampleOptions {
         for_columns: arguments.method.column_density,
@@ -341,7 +301,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..SceneOptions::default()
     };
     let renderer = Renderer::with_options(scene, &scene_options)?;
-    let mut renderer = renderer.on_open(opening.join()?)?;
+    let mut renderer = renderer.on_backend(backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
 
     let prepared = Prepared {
