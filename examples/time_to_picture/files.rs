@@ -1,4 +1,8 @@
 //! The data that are timed: made once, kept in one folder.
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "data are made in f64 and kept in what their formats have"
+)]
 
 use std::fs::File;
 use std::io::{BufWriter, Result, Write};
@@ -45,7 +49,7 @@ fn table(
         out.write_all(b"\x93NUMPY\x01\x00")?;
         let length = u16::try_from(padded).expect("a short header");
         out.write_all(&length.to_le_bytes())?;
-        write!(out, "{header:<width$}\n", width = padded - 1)?;
+        writeln!(out, "{header:<width$}", width = padded - 1)?;
         let mut values = Vec::new();
         for _ in 0..count {
             values.clear();

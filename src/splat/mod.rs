@@ -42,7 +42,7 @@ pub use edges::Edges;
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::Filter;
 pub use footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
-pub use near::{evaluate_near, half_line_terms, near_share, near_terms};
+pub use near::{evaluate_near, half_line_terms, misses_near, near_terms};
 pub(crate) use outline::{KernelOutline, Outline, PlaneOutline};
 #[cfg(feature = "gpu")]
 pub(crate) use peak::JACOBIAN_MARGIN;

@@ -8,6 +8,7 @@ use std::f32::consts::TAU;
 use glam::{Vec2, Vec3};
 
 use super::footprint::Kernel;
+use crate::constants::MAX_CUTOFF;
 use crate::math::normal_cdf;
 use crate::record::{NearTerms, ViewUniform};
 
@@ -99,18 +100,39 @@ fn minors_along(terms: &NearTerms, direction: Vec3) -> (f32, f32) {
     (across, along)
 }
 
-/// Of what [`evaluate_near`] finds in front of the eye: the share up to the depth z = `at`.
-pub fn near_share(terms: &NearTerms, direction: Vec3, at: f32) -> f32 {
-    let (across, along) = minors_along(terms, direction);
-    let per_sigma = across.sqrt() / terms.sigma.max(f32::MIN_POSITIVE);
-    let mean = along / across;
-    let behind_eye = normal_cdf(-mean * per_sigma);
-    let up_to = normal_cdf((at / terms.unit - mean) * per_sigma);
-    let share = (up_to - behind_eye) / (1.0 - behind_eye);
-    if share.is_nan() {
-        return 0.0;
+/// Whether no ray of a rectangle of directions meets the kernel within its cut-off and in front of the
+/// eye, as far as bounds tell: D = `middle` + (x, y, 0), |x| <= `half.x`, |y| <= `half.y`.
+///
+/// |F D| is no less, |M D| no more than at the middle by what `half` adds to its length; F the misses, M the
+/// minors of Q = |F D|² / |M D|². Behind the eye is what lies there by [`MAX_CUTOFF`] standard deviations,
+/// 1e-12 of its optical depth.
+pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: f32) -> bool {
+    // Of |A D|, A of rows `rows`: at the middle, and how far it may be from there.
+    let length = |rows: &[[f32; 3]]| {
+        let (mut at, mut x, mut y) = (0.0, 0.0, 0.0);
+        for row in rows {
+            let along = middle.dot(Vec3::from(*row));
+            at += along * along;
+            x += row[0] * row[0];
+            y += row[1] * row[1];
+        }
+        (at.sqrt(), half.x * x.sqrt() + half.y * y.sqrt())
+    };
+    let (miss, miss_slack) = length(&terms.misses);
+    let (root, root_slack) = length(&terms.minors);
+    let greatest = root + root_slack;
+    // A hair of slack for roundings; NaN misses nothing.
+    if (miss - miss_slack) * (1.0 - 1e-4) > cutoff_squared.sqrt() * greatest {
+        return true;
     }
-    share.clamp(0.0, 1.0)
+    let axis: Vec3 = terms
+        .minors
+        .iter()
+        .zip(terms.minor_depths)
+        .map(|(minor, depth)| Vec3::from(*minor) * depth)
+        .sum();
+    let along = axis.dot(middle) + half.dot(axis.truncate().abs());
+    along < -(1.0 + 1e-4) * MAX_CUTOFF * greatest * terms.sigma
 }
 
 /// For an orthographic camera: the kernel's depth along the ray at offset d is

@@ -23,11 +23,11 @@ pub(super) struct Row {
     pub(super) y: usize,
     /// Optical depths; 0 outside.
     pub(super) tau: RowOf<f32>,
-    /// The footprint's depth.
+    /// The footprint's depth; the eye's, zero, of near kernels.
     pub(super) depth: f32,
-    /// How far the kernel's mean z along each ray lies beyond that; not of near kernels.
+    /// How far the kernel's mean z along each ray lies beyond that.
     pub(super) beyond: RowOf<f32>,
-    /// One over the standard deviation of z; not of near kernels.
+    /// One over the standard deviation of z.
     pub(super) per_sigma: RowOf<f32>,
     /// 1 within the cut-off.
     pub(super) inside: RowOf<u32>,
@@ -188,7 +188,7 @@ impl<'a> Evaluate<'a> {
         match self {
             Self::Affine(walk, terms) => affine::row::<FMA>(walk, terms, y),
             Self::Exact(walk, terms) => exact::row::<FMA>(walk, terms, y, ray_length),
-            Self::Near(walk) => walk.row(y),
+            Self::Near(walk) => walk.row::<FMA>(y),
         }
     }
 

@@ -1,17 +1,15 @@
-//! Kernels that cross the plane of the eye: the line integral along the half line in front of it, one
-//! pixel at a time. They are rare.
+//! Kernels that cross the plane of the eye: the line integral along the half line in front of it.
 //!
 //! Twin: `shaders/tile/evaluate/near.wgsl`.
 
 use glam::Vec2;
 
 use super::{Row, depth_reach};
-use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::cdf;
+use crate::constants::{MAX_CUTOFF, TILE_SIZE};
+use crate::cpu::tile::arithmetic::{cdf, exp_minus_half, madd};
 use crate::cpu::tile::pixels::{Patch, RowOf, TilePlace, ray};
-use crate::math::normal_cdf;
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_HALF_LINE, PATH_NEAR};
-use crate::splat::{evaluate_near, near_share};
+use crate::splat::misses_near;
 
 /// A near kernel on its way through the rows of a tile.
 pub(in crate::cpu::tile) struct NearWalk<'a> {
@@ -22,40 +20,127 @@ pub(in crate::cpu::tile) struct NearWalk<'a> {
 }
 
 impl<'a> NearWalk<'a> {
+    /// Without rows where no ray through the tile meets the kernel: the box of a kernel that lies aside is
+    /// far larger than what it covers.
     pub(super) fn new(
         place: &TilePlace<'a>,
         footprint: &'a Footprint,
         terms: &'a NearTerms,
     ) -> Self {
+        let mut patch = place.patch(footprint);
+        if footprint.path & 3 == PATH_NEAR && !patch.is_empty() {
+            let middle = [0, 1].map(|i| place.px(i, 0) + 0.5 * (TILE_SIZE - 1) as f32);
+            let half = Vec2::splat(0.5 * (TILE_SIZE - 1) as f32) / Vec2::from(place.view.focal_px);
+            let middle = ray(place.view, middle.into());
+            if misses_near(terms, middle, half, footprint.cutoff_squared) {
+                patch.rows = [0; 2];
+            }
+        }
         Self {
             place: *place,
             footprint,
             terms,
-            patch: place.patch(footprint),
+            patch,
         }
     }
 
-    /// Row `y`: optical depths alone.
-    pub(super) fn row(&self, y: usize) -> Row {
+    /// Row `y`: depths are those along the whole line, behind the eye too.
+    #[inline(always)]
+    pub(super) fn row<const FMA: bool>(&self, y: usize) -> Row {
         let mut row = Row::new(self.footprint, y);
-        for x in self.patch.columns[0]..self.patch.columns[1] {
-            let tau = self.tau(self.place.centre(x, y));
-            if tau > 0.0 {
-                row.tau[x] = tau;
-                row.inside[x] = 1;
-                row.count += 1;
-            }
+        row.depth = 0.0;
+        let mut limits = [-1.0; TILE_SIZE];
+        limits[self.patch.columns[0]..self.patch.columns[1]].fill(self.footprint.cutoff_squared);
+        let (q, tau) = if self.footprint.path & 3 == PATH_NEAR {
+            self.on_rays::<FMA>(&mut row)
+        } else {
+            self.on_parallel_rays::<FMA>(&mut row)
+        };
+        for lane in 0..TILE_SIZE {
+            // What lies behind the eye by as much as a kernel can reach is left out: Phi's tail in f32 is
+            // 1e-12, which times a great depth would be seen.
+            let behind = row.ahead(lane, 0.0);
+            let is_ahead = behind < MAX_CUTOFF;
+            let tau = tau[lane] * exp_minus_half::<FMA>(q[lane]) * cdf::<FMA>(-behind);
+            // NaN compares false: outside.
+            let is_inside = is_ahead & (q[lane] <= limits[lane]) & (tau > 0.0);
+            row.tau[lane] = if is_inside { tau } else { 0.0 };
+            row.inside[lane] = u32::from(is_inside);
         }
+        row.count = row.inside.iter().sum();
         row
     }
 
-    /// The share of what a row's pixels see that lies in front of a depth of their own.
-    pub(in crate::cpu::tile) fn shares_up_to(&self, row: &Row, depths: &RowOf<f32>) -> RowOf<f32> {
-        let mut shares = [0.0; TILE_SIZE];
-        for (x, share) in shares.iter_mut().enumerate() {
-            if row.inside[x] != 0 {
-                *share = self.share_up_to(self.place.centre(x, row.y), depths[x]);
+    /// Q, and the optical depth where it is zero and all lies in front; fills how depths are spread along
+    /// the rays.
+    #[inline(always)]
+    fn on_rays<const FMA: bool>(&self, row: &mut Row) -> (RowOf<f32>, RowOf<f32>) {
+        let terms = self.terms;
+        let Vec2 { x: first, y: slope } =
+            ray(self.place.view, self.place.centre(0, row.y)).truncate();
+        let step = 1.0 / self.place.view.focal_px[0];
+        let x: RowOf<f32> = std::array::from_fn(|lane| first + lane as f32 * step);
+        let (mut miss, mut across, mut along) =
+            ([0.0; TILE_SIZE], [0.0; TILE_SIZE], [0.0; TILE_SIZE]);
+        for [of_x, of_y, of_z] in terms.misses {
+            let base = madd::<FMA>(of_y, slope, of_z);
+            for lane in 0..TILE_SIZE {
+                let m = madd::<FMA>(of_x, x[lane], base);
+                miss[lane] = madd::<FMA>(m, m, miss[lane]);
             }
+        }
+        for ([of_x, of_y, of_z], depth) in terms.minors.into_iter().zip(terms.minor_depths) {
+            let base = madd::<FMA>(of_y, slope, of_z);
+            for lane in 0..TILE_SIZE {
+                let m = madd::<FMA>(of_x, x[lane], base);
+                across[lane] = madd::<FMA>(m, m, across[lane]);
+                along[lane] = madd::<FMA>(m, depth, along[lane]);
+            }
+        }
+        let (mut q, mut tau) = ([0.0; TILE_SIZE], [0.0; TILE_SIZE]);
+        // A flat kernel lies wholly on one side.
+        let sigma = terms.sigma.max(f32::MIN_POSITIVE);
+        for lane in 0..TILE_SIZE {
+            let root = across[lane].sqrt();
+            q[lane] = miss[lane] / across[lane];
+            let length = madd::<FMA>(x[lane], x[lane], madd::<FMA>(slope, slope, 1.0)).sqrt();
+            tau[lane] = self.footprint.tau * length / root;
+            row.beyond[lane] = along[lane] / across[lane] * terms.unit;
+            row.per_sigma[lane] = root / sigma / terms.unit;
+        }
+        (q, tau)
+    }
+
+    /// The same of an orthographic camera.
+    #[inline(always)]
+    fn on_parallel_rays<const FMA: bool>(&self, row: &mut Row) -> (RowOf<f32>, RowOf<f32>) {
+        let Self {
+            footprint, terms, ..
+        } = self;
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        let [gx, gy, z] = terms.half_line;
+        let [cx, cy] = footprint.centre_px;
+        let (first, dy) = (self.place.px(0, 0) - cx, self.place.px(1, row.y) - cy);
+        let mut q = [0.0; TILE_SIZE];
+        for lane in 0..TILE_SIZE {
+            let dx = first + lane as f32;
+            let (p, r) = (madd::<FMA>(px, dx, py * dy), madd::<FMA>(rx, dx, ry * dy));
+            q[lane] = madd::<FMA>(p, p, r * r);
+            row.beyond[lane] = z + gx * dx + gy * dy;
+            row.per_sigma[lane] = 1.0 / terms.sigma.max(f32::MIN_POSITIVE);
+        }
+        (q, [footprint.tau; TILE_SIZE])
+    }
+
+    /// The share of what a row's pixels see that lies in front of a depth of their own.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn shares_up_to<const FMA: bool>(
+        row: &Row,
+        depths: &RowOf<f32>,
+    ) -> RowOf<f32> {
+        let mut shares = [0.0; TILE_SIZE];
+        for lane in 0..TILE_SIZE {
+            shares[lane] = share_up_to::<FMA>(row, lane, depths[lane]);
         }
         shares
     }
@@ -64,84 +149,42 @@ impl<'a> NearWalk<'a> {
         self.terms
     }
 
-    /// The shares at which the ray through a pixel enters a plane's half-space and leaves it.
-    pub(in crate::cpu::tile) fn edge_share<const FMA: bool>(
+    /// The shares at which the rays through a row's pixels enter a plane's half-space and leave it.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn edge_shares<const FMA: bool>(
         &self,
-        x: usize,
-        y: usize,
+        row: &Row,
         [ex, ey, ez, side]: [f32; 4],
-    ) -> [f32; 2] {
-        let pixel = self.place.centre(x, y);
-        if self.footprint.path & 3 == PATH_NEAR {
-            let direction = ray(self.place.view, pixel);
-            let per_depth = ex * direction.x + ey * direction.y + ez;
-            // The eye is inside or not, and the plane lies ahead or not.
-            return match (side > 0.0, per_depth > 0.0) {
-                (true, true) => [0.0, self.share_up_to(pixel, 1.0 / per_depth)],
-                (true, false) => [0.0, 1.0],
-                (false, true) => [self.share_up_to(pixel, 1.0 / per_depth), 1.0],
-                (false, false) => [1.0, 0.0],
-            };
+    ) -> [RowOf<f32>; 2] {
+        let (mut from, mut to) = ([0.0; TILE_SIZE], [1.0; TILE_SIZE]);
+        let is_inside = side > 0.0;
+        let on_rays = self.footprint.path & 3 == PATH_NEAR;
+        for lane in 0..TILE_SIZE {
+            let pixel = self.place.centre(lane, row.y);
+            if on_rays {
+                let direction = ray(self.place.view, pixel);
+                let per_depth = ex * direction.x + ey * direction.y + ez;
+                let share = share_up_to::<FMA>(row, lane, 1.0 / per_depth);
+                // The eye is inside or not, and the plane lies ahead or not.
+                [from[lane], to[lane]] = match (is_inside, per_depth > 0.0) {
+                    (true, true) => [0.0, share],
+                    (true, false) => [0.0, 1.0],
+                    (false, true) => [share, 1.0],
+                    (false, false) => [1.0, 0.0],
+                };
+            } else {
+                let d = pixel - Vec2::from(self.footprint.centre_px);
+                let deviations = ez + (ex * d.x + ey * d.y);
+                let share =
+                    share_at::<FMA>(row, lane, if is_inside { -deviations } else { deviations });
+                if is_inside {
+                    from[lane] = share;
+                } else {
+                    to[lane] = share;
+                }
+            }
         }
-        let d = pixel - Vec2::from(self.footprint.centre_px);
-        let deviations = ez + (ex * d.x + ey * d.y);
-        let [gx, gy, z] = self.terms.half_line;
-        let sigma = self.terms.sigma.max(f32::MIN_POSITIVE);
-        let behind_eye = normal_cdf(-(z + gx * d.x + gy * d.y) / sigma);
-        let in_front = |share: f32| {
-            let share = (share - behind_eye) / (1.0 - behind_eye);
-            // NaN leaves nothing.
-            if share > 0.0 { share.min(1.0) } else { 0.0 }
-        };
-        if side > 0.0 {
-            [in_front(cdf::<FMA>(-deviations)), 1.0]
-        } else {
-            [0.0, in_front(cdf::<FMA>(deviations))]
-        }
-    }
-
-    /// Optical depth at a point of the image.
-    fn tau(&self, pixel: Vec2) -> f32 {
-        let Self {
-            footprint, terms, ..
-        } = self;
-        if footprint.path & 3 == PATH_NEAR {
-            let direction = ray(self.place.view, pixel);
-            return evaluate_near(terms, footprint.tau, direction, footprint.cutoff_squared);
-        }
-        let d = pixel - Vec2::from(footprint.centre_px);
-        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
-        let q = (px * d.x + py * d.y).powi(2) + (rx * d.x + ry * d.y).powi(2);
-        if !(q <= footprint.cutoff_squared) {
-            return 0.0;
-        }
-        let [gx, gy, z] = terms.half_line;
-        let z = z + gx * d.x + gy * d.y;
-        let in_front = normal_cdf(z / terms.sigma.max(f32::MIN_POSITIVE));
-        footprint.tau * (-0.5 * q).exp() * in_front
-    }
-
-    /// Of what lies in front of the eye: the share that lies in front of a depth, too.
-    fn share_up_to(&self, pixel: Vec2, at: f32) -> f32 {
-        if at == f32::INFINITY {
-            return 1.0;
-        }
-        let Self {
-            footprint, terms, ..
-        } = self;
-        if footprint.path & 3 == PATH_NEAR {
-            return near_share(terms, ray(self.place.view, pixel), at);
-        }
-        let d = pixel - Vec2::from(footprint.centre_px);
-        let [gx, gy, z] = terms.half_line;
-        let z = z + gx * d.x + gy * d.y;
-        let sigma = terms.sigma.max(f32::MIN_POSITIVE);
-        let behind_eye = normal_cdf(-z / sigma);
-        let share = (normal_cdf((at - z) / sigma) - behind_eye) / (1.0 - behind_eye);
-        if share.is_nan() {
-            return 0.0;
-        }
-        share.clamp(0.0, 1.0)
+        [from, to]
     }
 
     /// How far it reaches along z on either side of its centre.
@@ -157,4 +200,19 @@ impl<'a> NearWalk<'a> {
         };
         depth_reach(self.footprint, &as_exact)
     }
+}
+
+/// Of what lies in front of the eye: the share that lies in front of a depth, too.
+#[inline(always)]
+fn share_up_to<const FMA: bool>(row: &Row, lane: usize, depth: f32) -> f32 {
+    share_at::<FMA>(row, lane, row.ahead(lane, depth))
+}
+
+/// The same, `ahead` standard deviations beyond the mean: 1 - Phi(-ahead) / Phi(-eye). Tails alone, which
+/// have a small relative error.
+#[inline(always)]
+fn share_at<const FMA: bool>(row: &Row, lane: usize, ahead: f32) -> f32 {
+    let share = 1.0 - cdf::<FMA>(-ahead) / cdf::<FMA>(-row.ahead(lane, 0.0));
+    // NaN leaves nothing.
+    if share > 0.0 { share } else { 0.0 }
 }

@@ -98,17 +98,18 @@ fn exact<const FMA: bool>(walk: &Walk<'_>, edges: &NearTerms, row: &Row) -> [Row
 }
 
 /// Of what lies in front of the eye.
+#[inline(always)]
 fn near<const FMA: bool>(walk: &NearWalk<'_>, row: &Row) -> Option<[RowOf<f32>; 2]> {
     let edges = planes(walk.terms());
     if edges.is_empty() {
         return None;
     }
     let [mut from, mut to] = WHOLE;
-    for lane in (0..TILE_SIZE).filter(|&lane| row.inside[lane] != 0) {
-        for &edge in edges {
-            let [begin, end] = walk.edge_share::<FMA>(lane, row.y, edge);
-            from[lane] = from[lane].max(begin);
-            to[lane] = to[lane].min(end);
+    for &edge in edges {
+        let [begin, end] = walk.edge_shares::<FMA>(row, edge);
+        for lane in 0..TILE_SIZE {
+            from[lane] = from[lane].max(begin[lane]);
+            to[lane] = to[lane].min(end[lane]);
         }
     }
     Some([from, to])

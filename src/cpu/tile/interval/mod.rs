@@ -8,6 +8,7 @@ pub(super) mod domain;
 pub(super) mod edges;
 
 use super::arithmetic::cdf;
+use super::evaluate::near::NearWalk;
 use super::evaluate::{Along, Evaluate, Row};
 use super::pixels::RowOf;
 use crate::constants::TILE_SIZE;
@@ -23,10 +24,11 @@ pub(super) fn shares_up_to<const FMA: bool>(
     let Some(depths) = depths.first_chunk::<TILE_SIZE>() else {
         return shares;
     };
-    if let Evaluate::Near(walk) = evaluate {
-        return within_domain(row, walk.shares_up_to(row, depths));
+    let along = evaluate.along();
+    if along == Along::HalfGaussian {
+        return within_domain(row, NearWalk::shares_up_to::<FMA>(row, depths));
     }
-    let is_point = evaluate.along() == Along::Point;
+    let is_point = along == Along::Point;
     for lane in 0..TILE_SIZE {
         let ahead = row.ahead(lane, depths[lane]);
         let share = if is_point {
