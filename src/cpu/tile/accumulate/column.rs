@@ -21,9 +21,9 @@ use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::affine::RowForm;
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, depth_reach};
-use crate::cpu::tile::interval::cut::{Side, Spans};
+use crate::cpu::tile::interval::cut::{Cut, Side, Spans};
 use crate::cpu::tile::interval::domain::domain_of;
-use crate::cpu::tile::interval::{between, shares_up_to, whole};
+use crate::cpu::tile::interval::{between, shares_at, whole};
 use crate::cpu::tile::pixels::{Patch, TilePlace, prefetch, ray};
 use crate::record::{
     ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
@@ -479,9 +479,9 @@ impl<'a> ColumnTile<'a> {
                 let evaluate = Evaluate::new(&place, footprint, exact, self.input.near);
                 let spans = self.spans.get(part);
                 let side = spans.map_or(Side::Front, |spans| spans.side(&evaluate, false));
-                let spans = match side {
+                let cut = match side {
                     Side::Front => None,
-                    Side::Cut => spans,
+                    Side::Cut(meets) => spans.map(|spans| Cut { spans, meets }),
                     Side::Hidden | Side::Behind => continue,
                 };
                 for y in evaluate.rows() {
@@ -498,10 +498,9 @@ impl<'a> ColumnTile<'a> {
                     }
                     row.domain = domain_of::<FMA>(&evaluate, &row);
                     let mut taus = whole(&row);
-                    if let Some(spans) = spans {
-                        let [near, far] = [&spans.near, &spans.far].map(|plane| {
-                            shares_up_to::<FMA>(&evaluate, &row, &plane[row.first()..])
-                        });
+                    if let Some(Cut { spans, meets }) = cut {
+                        let near = shares_at::<FMA>(&evaluate, &row, &spans.near, meets.near, 0.0);
+                        let far = shares_at::<FMA>(&evaluate, &row, &spans.far, meets.far, 1.0);
                         taus = between(&row, &near, &far);
                     }
                     let first = (part_y * TILE_SIZE + y) * SIZE + part_x * TILE_SIZE;

@@ -21,7 +21,7 @@ use crate::cpu::tile::arithmetic::opacity;
 use crate::cpu::tile::classify::slab::PostClassification;
 use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::Evaluate;
-use crate::cpu::tile::interval::cut::{CutTile, Side};
+use crate::cpu::tile::interval::cut::{Cut, CutTile, Meets, Side};
 use crate::cpu::tile::interval::within;
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
 use crate::record::{ExactTerms, Footprint, NearTerms};
@@ -81,7 +81,13 @@ impl LayeredTile<'_, '_> {
             self.ring.layer(layer).is_used = true;
         }
         let has_cut = side != Side::Front;
-        let spans = self.cut.as_ref().filter(|_| has_cut).map(|cut| cut.spans);
+        let cut = self.cut.as_ref().filter(|_| has_cut).map(|cut| Cut {
+            spans: cut.spans,
+            meets: match side {
+                Side::Cut(meets) => meets,
+                _ => Meets::ALL,
+            },
+        });
         let has_surface = self.cut.as_ref().is_some_and(CutTile::has_surface);
         self.ring.divided.is_used |= has_surface && has_cut;
         let ring = &mut *self.ring;
@@ -90,7 +96,7 @@ impl LayeredTile<'_, '_> {
             Into::Slabs(IntoSlabs {
                 view,
                 ring,
-                spans,
+                cut,
                 layers: [first, last],
                 has_surface,
                 has_values: self.post.is_some(),
@@ -100,7 +106,7 @@ impl LayeredTile<'_, '_> {
         } else {
             Into::Sheet(IntoSheet {
                 ring,
-                spans,
+                cut,
                 layer: first,
                 has_depth: self.axes.depth,
                 count,

@@ -12,8 +12,8 @@ use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
-use crate::cpu::tile::interval::cut::{CutTile, Side, Spans};
-use crate::cpu::tile::interval::{between, shares_up_to, whole, within};
+use crate::cpu::tile::interval::cut::{Cut, CutTile, Side};
+use crate::cpu::tile::interval::{between, shares_at, whole, within};
 use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
 use crate::simd::SimdLevel;
@@ -46,7 +46,7 @@ impl OverTile<'_, '_> {
             }
             let evaluate = Evaluate::new(&self.place, footprint, terms, near);
             let into = IntoOver {
-                spans: None,
+                cut: None,
                 front,
                 behind: None,
                 light: Light::new(&self.axes, footprint),
@@ -60,21 +60,24 @@ impl OverTile<'_, '_> {
         };
         let evaluate = Evaluate::new(&self.place, footprint, terms, near);
         let side = cut.side(&evaluate);
-        let (spans, into, behind) = match side {
+        let (of_kernel, into, behind) = match side {
             Side::Hidden => return 0,
             Side::Front => (None, front, None),
             Side::Behind => (None, &mut *cut.behind, None),
-            Side::Cut => (
-                Some(cut.spans),
+            Side::Cut(meets) => (
+                Some(Cut {
+                    spans: cut.spans,
+                    meets,
+                }),
                 front,
                 cut.is_partial.then_some(&mut *cut.behind),
             ),
         };
-        if let (None, Some(fused)) = (spans, Fused::of(&self.axes, footprint, terms)) {
+        if let (None, Some(fused)) = (of_kernel, Fused::of(&self.axes, footprint, terms)) {
             return fused.add(self.level, &self.place, self.rays, into);
         }
         let into = IntoOver {
-            spans,
+            cut: of_kernel,
             front: into,
             behind,
             light: Light::new(&self.axes, footprint),
@@ -129,7 +132,7 @@ impl Light {
 /// Rows on their way into a tile.
 pub(in crate::cpu::tile) struct IntoOver<'a> {
     /// Where the kernel may be cut.
-    spans: Option<&'a Spans>,
+    cut: Option<Cut<'a>>,
     front: &'a mut Tile,
     /// Where it is seen through the surface.
     behind: Option<&'a mut Tile>,
@@ -139,18 +142,20 @@ pub(in crate::cpu::tile) struct IntoOver<'a> {
 impl IntoOver<'_> {
     #[inline(always)]
     pub(super) fn take<const FMA: bool>(&mut self, evaluate: &Evaluate<'_>, row: &Row) {
-        let (first, depth) = (row.first(), self.light.depth);
-        let Some(spans) = self.spans else {
+        let depth = self.light.depth;
+        let Some(Cut { spans, meets }) = self.cut else {
             put::<FMA>(self.front, row, &whole(row), &self.light, |_| depth);
             return;
         };
-        let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
-            .map(|plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]));
+        // Three calls: a closure would be compiled without the level's features.
+        let near = shares_at::<FMA>(evaluate, row, &spans.near, meets.near, 0.0);
+        let middle = shares_at::<FMA>(evaluate, row, &spans.middle, meets.middle, 1.0);
         let in_front = between(row, &near, &middle);
         put::<FMA>(self.front, row, &in_front, &self.light, |i| {
             within(depth, [spans.near[i], spans.middle[i]])
         });
         if let (Some(behind), false) = (&mut self.behind, self.light.is_count) {
+            let far = shares_at::<FMA>(evaluate, row, &spans.far, meets.far, 1.0);
             let beyond = between(row, &middle, &far);
             put::<FMA>(behind, row, &beyond, &self.light, |i| {
                 within(depth, [spans.middle[i], spans.far[i]])

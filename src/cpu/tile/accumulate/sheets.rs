@@ -4,15 +4,15 @@
 
 use super::ring::{Ring, Wants};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
-use crate::cpu::tile::interval::cut::Spans;
-use crate::cpu::tile::interval::{between, shares_up_to, whole};
+use crate::cpu::tile::interval::cut::Cut;
+use crate::cpu::tile::interval::{between, shares_at, whole};
 use crate::cpu::tile::pixels::{Tile, count_row};
 
 /// Rows on their way into a layer.
 pub(in crate::cpu::tile) struct IntoSheet<'a> {
     pub(super) ring: &'a mut Ring,
     /// Where the kernel may be cut.
-    pub(super) spans: Option<&'a Spans>,
+    pub(super) cut: Option<Cut<'a>>,
     pub(super) layer: u32,
     pub(super) has_depth: bool,
     /// Where pixels count kernels.
@@ -32,12 +32,13 @@ impl IntoSheet<'_> {
         }
         let footprint = evaluate.footprint();
         let layer = self.ring.layer(self.layer);
-        let Some(spans) = self.spans else {
+        let Some(Cut { spans, meets }) = self.cut else {
             layer.add(first, &whole(row), footprint, wants);
             return;
         };
-        let [near, middle, far] = [&spans.near, &spans.middle, &spans.far]
-            .map(|plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]));
+        let near = shares_at::<FMA>(evaluate, row, &spans.near, meets.near, 0.0);
+        let middle = shares_at::<FMA>(evaluate, row, &spans.middle, meets.middle, 1.0);
+        let far = shares_at::<FMA>(evaluate, row, &spans.far, meets.far, 1.0);
         let in_front = between(row, &near, &middle);
         layer.add(first, &in_front, footprint, wants);
         let behind = between(row, &middle, &far);

@@ -7,8 +7,8 @@ use crate::constants::TILE_SIZE;
 use crate::cpu::tile::arithmetic::{cdf, cdf_near};
 use crate::cpu::tile::classify::slab::RowEdge;
 use crate::cpu::tile::evaluate::{Along, Evaluate, Row, RowSlope};
-use crate::cpu::tile::interval::cut::Spans;
-use crate::cpu::tile::interval::{between, shares_up_to};
+use crate::cpu::tile::interval::cut::{Cut, Spans};
+use crate::cpu::tile::interval::{between, shares_at, shares_up_to};
 use crate::cpu::tile::pixels::{Plane, Tile, count_row};
 use crate::record::ViewUniform;
 
@@ -17,7 +17,7 @@ pub(in crate::cpu::tile) struct IntoSlabs<'a> {
     pub(super) view: &'a ViewUniform,
     pub(super) ring: &'a mut Ring,
     /// Where the kernel may be cut.
-    pub(super) spans: Option<&'a Spans>,
+    pub(super) cut: Option<Cut<'a>>,
     /// The first and the last layer that it reaches.
     pub(super) layers: [u32; 2],
     /// Whether a surface divides them.
@@ -60,33 +60,41 @@ impl IntoSlabs<'_> {
             depth: false,
         };
         let [nearest, last] = self.layers;
-        let share_of = |plane: &Plane| shares_up_to::<FMA>(evaluate, row, &plane[first..]);
         let [begins, ends] = row.domain.unwrap_or([[0.0; TILE_SIZE], [1.0; TILE_SIZE]]);
-        let mut below = self.spans.map_or(begins, |s| share_of(&s.near));
-        let divide_at = self.spans.map_or([1.0; TILE_SIZE], |s| share_of(&s.middle));
+        // No closures: they would be compiled without the level's features.
+        let (mut below, mut divide_at) = (begins, [1.0; TILE_SIZE]);
+        if let Some(Cut { spans, meets }) = self.cut {
+            below = shares_at::<FMA>(evaluate, row, &spans.near, meets.near, 0.0);
+            divide_at = shares_at::<FMA>(evaluate, row, &spans.middle, meets.middle, 1.0);
+        }
         for number in nearest..=last {
             let start = layer_start(view, number);
             let end = layer_end(view, number, last);
             let mut until = [end; TILE_SIZE];
-            let above = match self.spans {
-                Some(spans) => {
+            let mut above = ends;
+            match self.cut {
+                Some(Cut { spans, .. }) => {
                     let of_rays = spans.near[first..].iter().zip(&spans.far[first..]);
                     for (end, (near, far)) in until.iter_mut().zip(of_rays) {
                         *end = end.max(*near).min(*far);
                     }
-                    shares_up_to::<FMA>(evaluate, row, &until)
+                    above = shares_up_to::<FMA>(evaluate, row, &until);
                 }
-                None if number == last => ends,
+                None if number == last => {}
                 None if is_gaussian && is_thin && row.domain.is_none() => {
-                    std::array::from_fn(|lane| cdf_near::<FMA>(row.ahead(lane, end)))
+                    for (lane, share) in above.iter_mut().enumerate() {
+                        *share = cdf_near::<FMA>(row.ahead(lane, end));
+                    }
                 }
                 None if is_gaussian && row.domain.is_none() => {
-                    std::array::from_fn(|lane| cdf::<FMA>(row.ahead(lane, end)))
+                    for (lane, share) in above.iter_mut().enumerate() {
+                        *share = cdf::<FMA>(row.ahead(lane, end));
+                    }
                 }
-                None => shares_up_to::<FMA>(evaluate, row, &until),
-            };
+                None => above = shares_up_to::<FMA>(evaluate, row, &until),
+            }
             let mut own_end = above;
-            if let Some(spans) = self.spans.filter(|_| self.has_surface) {
+            if let Some(Cut { spans, .. }) = self.cut.filter(|_| self.has_surface) {
                 own_end = divide_at;
                 for lane in 0..TILE_SIZE {
                     // A layer behind the surface is all behind it.
@@ -112,8 +120,8 @@ impl IntoSlabs<'_> {
         let carried = evaluate.footprint().carried.value();
         let of_rays = |plane: fn(&Spans) -> &Plane| {
             let spans = self
-                .spans
-                .and_then(|s| plane(s)[first..].first_chunk::<TILE_SIZE>());
+                .cut
+                .and_then(|cut| plane(cut.spans)[first..].first_chunk::<TILE_SIZE>());
             spans.copied()
         };
         let nears = of_rays(|s| &s.near).unwrap_or(NONE.map(|x| -x));

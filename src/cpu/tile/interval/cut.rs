@@ -76,7 +76,7 @@ impl Spans {
             ..
         } = self;
         if let Evaluate::Near(_) = evaluate {
-            return Side::Cut;
+            return Side::Cut(Meets::ALL);
         }
         let (depth, reach) = (evaluate.footprint().depth, evaluate.depth_reach());
         let (first, last) = (depth - reach, depth + reach);
@@ -94,7 +94,12 @@ impl Spans {
                 return Side::Behind;
             }
         }
-        Side::Cut
+        // Phrased so that NaN meets all.
+        Side::Cut(Meets {
+            near: !(first >= nears[1]),
+            middle: !(last <= middles[0]),
+            far: !(last <= fars[0]),
+        })
     }
 }
 
@@ -147,7 +152,34 @@ pub(in crate::cpu::tile) enum Side {
     /// Where nothing is seen.
     Hidden,
     /// Maybe cut.
-    Cut,
+    Cut(Meets),
+}
+
+/// Which ends of the parts of a tile's rays a kernel reaches: beyond the others it has nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::cpu::tile) struct Meets {
+    /// Where they begin.
+    pub(in crate::cpu::tile) near: bool,
+    /// Where the surface divides them.
+    pub(in crate::cpu::tile) middle: bool,
+    /// Where they end.
+    pub(in crate::cpu::tile) far: bool,
+}
+
+impl Meets {
+    /// Maybe all.
+    pub(in crate::cpu::tile) const ALL: Self = Self {
+        near: true,
+        middle: true,
+        far: true,
+    };
+}
+
+/// What is drawn of the rays of a tile's pixels, and which of its ends a kernel reaches.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::cpu::tile) struct Cut<'a> {
+    pub(in crate::cpu::tile) spans: &'a Spans,
+    pub(in crate::cpu::tile) meets: Meets,
 }
 
 impl<'a> CutTile<'a> {

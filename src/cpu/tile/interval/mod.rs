@@ -10,7 +10,7 @@ pub(super) mod edges;
 use super::arithmetic::cdf;
 use super::evaluate::near::NearWalk;
 use super::evaluate::{Along, Evaluate, Row};
-use super::pixels::RowOf;
+use super::pixels::{Plane, RowOf};
 use crate::constants::TILE_SIZE;
 
 /// The share of each pixel's optical depth that lies in front of a depth of its own.
@@ -40,6 +40,23 @@ pub(super) fn shares_up_to<const FMA: bool>(
         shares[lane] = if share > 0.0 { share } else { 0.0 };
     }
     within_domain(row, shares)
+}
+
+/// The shares that lie in front of where the rays of a tile begin (`unmet` 0), are divided or end (1): no
+/// question where the kernel does not reach that far.
+#[inline(always)]
+pub(super) fn shares_at<const FMA: bool>(
+    evaluate: &Evaluate<'_>,
+    row: &Row,
+    plane: &Plane,
+    meets: bool,
+    unmet: f32,
+) -> RowOf<f32> {
+    if meets {
+        shares_up_to::<FMA>(evaluate, row, &plane[row.first()..])
+    } else {
+        within_domain(row, [unmet; TILE_SIZE])
+    }
 }
 
 /// Shares held to the part of a kernel that lies in the domain of its data.
