@@ -67,7 +67,8 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
 ///
 /// tau = g |D| / (2 pi sqrt(DᵀKD)) exp(-Q/2) Phi(z*/sigma_z), K = adj(V). Q and DᵀKD are sums of
 /// squares of one dot product per column and pair of columns of the factor: with V or K formed,
-/// the error would grow with the square of the axis ratio.
+/// the error would grow with the square of the axis ratio. Nothing where the line's mean depth lies
+/// [`MAX_CUTOFF`] standard deviations behind the eye: what is in front is 1e-12 of the line's.
 #[inline]
 pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squared: f32) -> f32 {
     let (across, along) = minors_along(terms, direction);
@@ -84,6 +85,9 @@ pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squ
     let root = across.sqrt();
     // z*/sigma_z = (along / across) / (sigma / root); a flat kernel lies wholly on one side.
     let behind = along / (root * terms.sigma).max(f32::MIN_POSITIVE);
+    if behind < -MAX_CUTOFF {
+        return 0.0;
+    }
     weight * direction.length() / root * (-0.5 * q).exp() * normal_cdf(behind)
 }
 
@@ -101,11 +105,9 @@ fn minors_along(terms: &NearTerms, direction: Vec3) -> (f32, f32) {
 }
 
 /// Whether no ray of a rectangle of directions meets the kernel within its cut-off and in front of the
-/// eye, as far as bounds tell: D = `middle` + (x, y, 0), |x| <= `half.x`, |y| <= `half.y`.
-///
-/// |F D| is no less, |M D| no more than at the middle by what `half` adds to its length; F the misses, M the
-/// minors of Q = |F D|² / |M D|². Behind the eye is what lies there by [`MAX_CUTOFF`] standard deviations,
-/// 1e-12 of its optical depth.
+/// eye, where [`evaluate_near`] is nothing: D = `middle` + (x, y, 0), |x| <= `half.x`, |y| <= `half.y`. As far
+/// as bounds tell: |F D| is no less, |M D| no more than at the middle by what `half` adds to its length, F the
+/// misses and M the minors of Q = |F D|² / |M D|².
 pub fn misses_near(terms: &NearTerms, middle: Vec3, half: Vec2, cutoff_squared: f32) -> bool {
     // Of |A D|, A of rows `rows`: at the middle, and how far it may be from there.
     let length = |rows: &[[f32; 3]]| {

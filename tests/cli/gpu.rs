@@ -164,6 +164,10 @@ fn the_back_end_is_chosen_as_asked() {
     assert_eq!(stats(folder, "s.json")["backend"], hardware);
     succeed(folder, &options);
     assert_eq!(stats(folder, "s.json")["backend"], hardware, "the default");
+    // Drawn before a driver would be loaded.
+    let output = render(folder, "particles.csv", None, &options);
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(stats(folder, "s.json")["backend"], "cpu", "a small scene");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use crate::common::Random;
 use crate::common::depth_of;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, volume};
-use ewa_splat::constants::TERMINATION_SHARE;
+use ewa_splat::constants::{MAX_CUTOFF, TERMINATION_SHARE};
 use ewa_splat::scene::{Colour, PointVolume, Strength};
 use ewa_splat::stages::cpu::{self, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::record::{
@@ -75,6 +75,18 @@ fn evaluate(frame: &Frame, f: &Footprint, terms: Option<&ExactTerms>, pixel: DVe
         let z = z + gx * d.x + gy * d.y;
         let size = z.abs() + (gx * d.x).abs() + (gy * d.y).abs();
         let sigma = f64::from(near.sigma.max(f32::MIN_POSITIVE));
+        let behind = z / sigma + f64::from(MAX_CUTOFF);
+        if behind.abs() < 1e-3 {
+            // Counted or not: 1e-12 of a depth.
+            return Depth {
+                tau: 0.0,
+                error: 0.0,
+                edge: tau * 1e-11,
+            };
+        }
+        if behind < 0.0 {
+            tau = 0.0;
+        }
         tau *= f64::from(ewa_splat::math::normal_cdf((z / sigma) as f32));
         // The slope of the normal distribution is below .4; its own error is 3e-7.
         relative += 1e-6;
@@ -593,7 +605,7 @@ fn count(frame: &Frame, x: usize, y: usize) -> (usize, usize) {
     let (mut inside, mut edges) = (0, 0);
     for i in (0..frame.footprints.len()).filter(|&i| frame.footprints[i].is_visible()) {
         let depth = depth_at(frame, i, [x, y]);
-        // Behind the eye a kernel counts until its depth underflows.
+        // A depth that underflows counts or not.
         let is_edge = depth.edge > 0.0 || (depth.tau > 0.0 && depth.tau < 1e-30);
         edges += usize::from(is_edge);
         inside += usize::from(!is_edge && depth.tau > 0.0);

@@ -25,8 +25,11 @@ fn near_depth(footprint: TileFootprint, pixel: vec2<f32>) -> f32 {
     }
     let half_line = near.terms[at].half_line;
     let z = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
-    let in_front = normal_cdf(z / max(near.terms[at].sigma, SMALLEST));
-    return footprint.peak * exp_minus_half(q) * in_front;
+    let behind = z / max(near.terms[at].sigma, SMALLEST);
+    if behind < -MAX_CUTOFF {
+        return 0.0;
+    }
+    return footprint.peak * exp_minus_half(q) * normal_cdf(behind);
 }
 
 // DᵀKD, and its product with the mean depth z*.
@@ -57,6 +60,9 @@ fn evaluate_near(at: u32, weight: f32, direction: vec3<f32>, cutoff_squared: f32
     }
     let root = sqrt(across);
     let behind = along / max(root * near.terms[at].sigma, SMALLEST);
+    if behind < -MAX_CUTOFF {
+        return 0.0;
+    }
     return weight * sqrt(dot3(direction, direction)) / root * exp_minus_half(q) * normal_cdf(behind);
 }
 
@@ -85,9 +91,8 @@ fn near_share(footprint: TileFootprint, pixel: vec2<f32>, depth: f32) -> f32 {
         mean = half_line[2] + half_line[0] * d.x + half_line[1] * d.y;
         per_sigma = 1.0 / max(near.terms[at].sigma, SMALLEST);
     }
-    let behind_eye = normal_cdf(-mean * per_sigma);
-    let up_to = normal_cdf((at_depth - mean) * per_sigma);
-    let share = (up_to - behind_eye) / (1.0 - behind_eye);
+    // Tails alone, which have a small relative error.
+    let share = 1.0 - normal_cdf((mean - at_depth) * per_sigma) / normal_cdf(mean * per_sigma);
     if is_nan(share) {
         return 0.0;
     }

@@ -65,7 +65,8 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum BackendName {
-    /// A hardware GPU where there is one or EWA_ADAPTER names one, the CPU otherwise
+    /// A hardware GPU where there is one or EWA_ADAPTER names one; the CPU otherwise, and for scenes that it
+    /// draws before a driver is loaded
     Auto,
     /// A GPU, or a software adapter where there is no other; the environment variable EWA_ADAPTER
     /// chooses one by a part of its name
@@ -246,7 +247,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.stats.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
-    let backend = arguments.backend();
     if let Some(lighting) = arguments.lighting() {
         lighting.validate()?;
     }
@@ -301,15 +301,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..SceneOptions::default()
     };
     let renderer = Renderer::with_options(scene, &scene_options)?;
-    let mut renderer = renderer.on_backend(backend)?;
-    let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
-
-    let prepared = Prepared {
-        begun,
-        read_ms,
-        prepare_ms,
-    };
-
     let (all, lens) = if is_column {
         (renderer.boxes(), Lens::OrthoHeight(None))
     } else {
@@ -320,6 +311,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let camera = arguments
         .camera
         .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
+    let backend = arguments.backend(&renderer, &camera);
+    let mut renderer = renderer.on_backend(backend)?;
+    let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
+    let prepared = Prepared {
+        begun,
+        read_ms,
+        prepare_ms,
+    };
     if is_column {
         return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
     }
@@ -451,10 +450,19 @@ impl Arguments {
         Ok(())
     }
 
-    /// The true image is summed in f64, by the CPU.
-    fn backend(&self) -> Backend {
+    /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
+    /// loaded, whose picture is the same.
+    fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
+        /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, in a hundredth or
+        /// less as a rule: about what loading drivers takes.
+        const SMALL: f64 = 1e8;
+        let pixels = camera.width as f64 * camera.height as f64;
+        let frames = 1.0 + f64::from(self.output.frames.unwrap_or(0));
+        let is_small = renderer.particle_count() as f64 * pixels * frames <= SMALL;
+        let is_named = std::env::var_os("EWA_ADAPTER").is_some_and(|name| !name.is_empty());
         match self.backend {
             _ if self.method.reference.is_some() => Backend::Cpu,
+            BackendName::Auto if is_small && !is_named => Backend::Cpu,
             BackendName::Auto => Backend::Auto,
             BackendName::Gpu => Backend::Gpu,
             BackendName::Cpu => Backend::Cpu,

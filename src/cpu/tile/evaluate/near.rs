@@ -57,10 +57,10 @@ impl<'a> NearWalk<'a> {
             self.on_parallel_rays::<FMA>(&mut row)
         };
         for lane in 0..TILE_SIZE {
-            // What lies behind the eye by as much as a kernel can reach is left out: Phi's tail in f32 is
-            // 1e-12, which times a great depth would be seen.
+            // Nothing where the line lies behind the eye by as much as a kernel can reach: Phi's tail ends
+            // at 1e-12, which times a great depth would be seen.
             let behind = row.ahead(lane, 0.0);
-            let is_ahead = behind < MAX_CUTOFF;
+            let is_ahead = behind <= MAX_CUTOFF;
             let tau = tau[lane] * exp_minus_half::<FMA>(q[lane]) * cdf::<FMA>(-behind);
             // NaN compares false: outside.
             let is_inside = is_ahead & (q[lane] <= limits[lane]) & (tau > 0.0);
