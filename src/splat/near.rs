@@ -148,3 +148,79 @@ pub fn half_line_terms(kernel: &Kernel, slope: Vec2, sigma: f32) -> NearTerms {
         ..NearTerms::default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Factor;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn no_rectangle_of_rays_that_meets_a_kernel_is_left_out() {
+        let view = ViewUniform {
+            focal_px: [100.0; 2],
+            low_pass_variance_px2: 0.3,
+            ..ViewUniform::zeroed()
+        };
+        let mut state = 11_u64;
+        let mut within = |least: f32, greatest: f32| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            least + (greatest - least) * (state >> 40) as f32 / 16_777_216.0
+        };
+        const CUTOFF_SQUARED: f32 = 11.0;
+        let (mut met, mut left_out, mut kept) = (0, 0, 0);
+        for _ in 0..400 {
+            // About the plane of the eye, before and behind it, from balls to needles.
+            let centre = Vec3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-0.2, 0.2));
+            let size = 10_f32.powf(within(-3.0, -0.5));
+            let mut row = || Vec3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0));
+            let kernel = Kernel {
+                centre,
+                factor: Factor {
+                    x: row() * size,
+                    y: row() * size,
+                    z: row() * size,
+                },
+                mass: 1.0,
+            };
+            let Some((terms, weight)) = near_terms(&view, &kernel) else {
+                continue;
+            };
+            for _ in 0..40 {
+                // Tiles of a wide view.
+                let half = Vec2::splat(within(0.01, 0.2));
+                let middle = Vec3::new(within(-10.0, 10.0), within(-10.0, 10.0), 1.0);
+                let steps = (-16..=16_i8).map(|i| f32::from(i) / 16.0);
+                let meets = steps.clone().any(|x| {
+                    steps.clone().any(|y| {
+                        let ray = middle + (half * Vec2::new(x, y)).extend(0.0);
+                        evaluate_near(&terms, weight, ray, CUTOFF_SQUARED) > 0.0
+                    })
+                });
+                let misses = misses_near(&terms, middle, half, CUTOFF_SQUARED);
+                assert!(!(meets && misses), "{kernel:?}, {middle} by {half}");
+                met += usize::from(meets);
+                left_out += usize::from(misses);
+                kept += usize::from(!meets && !misses);
+            }
+        }
+        println!("{met} met, {left_out} left out, {kept} kept for nothing");
+        assert!(met > 500 && left_out > 5000);
+        // A bound that keeps everything would pass, too.
+        assert!(kept * 4 < left_out);
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_not_left_out() {
+        let terms = NearTerms {
+            sigma: f32::NAN,
+            misses: [[f32::NAN; 3]; 5],
+            minors: [[f32::NAN; 3]; 10],
+            minor_depths: [f32::NAN; 10],
+            ..NearTerms::default()
+        };
+        assert!(!misses_near(&terms, Vec3::Z, Vec2::splat(0.1), 9.0));
+    }
+}
