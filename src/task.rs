@@ -119,6 +119,9 @@ pub(crate) struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
+    /// Items that are counted at a time: few enough for a counter that all threads share.
+    pub(crate) const GRAIN: usize = 1024;
+
     /// Tells that it begins.
     pub(crate) fn new(task: Option<&'a Task>, name: &'static str, steps: usize) -> Self {
         let stage = Self {
@@ -152,13 +155,11 @@ impl<'a> Stage<'a> {
     /// is still to be done.
     #[inline]
     pub(crate) fn counts(&self, i: usize) -> bool {
-        /// Few enough for a counter that all threads share.
-        const GRAIN: usize = 1024;
         let Some(task) = self.task else {
             return true;
         };
-        if i.is_multiple_of(GRAIN) {
-            self.advance(GRAIN.min(self.steps - i.min(self.steps)));
+        if i.is_multiple_of(Self::GRAIN) {
+            self.advance(Self::GRAIN.min(self.steps - i.min(self.steps)));
         }
         !task.is_cancelled()
     }
@@ -220,6 +221,28 @@ pub(crate) fn collect<T: Send>(
     Ok(all)
 }
 
+/// Fills an array in parallel: `fill` is given pieces of it, and the place of the first entry of each. A stage of as
+/// many steps as there are entries.
+///
+/// # Errors
+/// Cancelled.
+pub(crate) fn fill<T: Send>(
+    task: Option<&Task>,
+    name: &'static str,
+    entries: &mut [T],
+    fill: impl Fn(usize, &mut [T]) + Sync,
+) -> Result<()> {
+    let stage = Stage::new(task, name, entries.len());
+    let pieces = entries.par_chunks_mut(Stage::GRAIN).enumerate();
+    pieces.for_each(|(n, piece)| {
+        let first = n * Stage::GRAIN;
+        if stage.counts(first) {
+            fill(first, piece);
+        }
+    });
+    stage.check()
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Mutex;
@@ -262,5 +285,22 @@ mod tests {
         assert_eq!(asked.load(Ordering::Relaxed), 8192);
         assert_eq!(task, task.clone());
         assert_ne!(task, Task::new());
+    }
+
+    #[test]
+    fn arrays_are_filled_in_pieces() {
+        let mut entries = vec![0; 5000];
+        let task = Task::new();
+        let number = |first: usize, piece: &mut [usize]| {
+            for (i, entry) in piece.iter_mut().enumerate() {
+                *entry = first + i;
+            }
+        };
+        fill(Some(&task), "numbers", &mut entries, number).unwrap();
+        assert_eq!(entries, (0..5000).collect::<Vec<_>>());
+        task.cancel();
+        let nothing = |_: usize, _: &mut [usize]| panic!("it was cancelled");
+        let result = fill(Some(&task), "numbers", &mut entries, nothing);
+        assert!(matches!(result, Err(Error::Cancelled)));
     }
 }

@@ -18,6 +18,11 @@ pub(crate) struct Blanking {
 }
 
 impl Blanking {
+    pub(crate) const NONE: Self = Self {
+        nodes: None,
+        cells: None,
+    };
+
     pub(crate) fn of(dataset: &Dataset) -> Result<Self> {
         let mut blanking = Self::default();
         for field in &dataset.fields {

@@ -26,6 +26,7 @@ pub use harmonics::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics, harmonics_count
 pub(crate) use harmonics::{HARMONIC_1, HARMONICS_2, HARMONICS_3};
 pub(crate) use normal::ERFC_SERIES;
 pub(crate) use normal::FRAC_1_SQRT_TAU;
+pub(crate) use normal::small_exp;
 pub use normal::{normal_cdf, normal_density_and_cdf};
 pub(crate) use truncated::Truncated;
 pub use variance::{Variance, lower_factor};

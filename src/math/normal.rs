@@ -80,7 +80,7 @@ pub(crate) const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 /// exp(x) for -700 <= x <= 0, to two units in the last place: 2^k exp(r), |r| <= ln(2)/2, by
 /// Taylor's series to r^13, whose remainder is 4e-18.
 #[inline(always)]
-fn small_exp<const N: usize>(x: [f64; N]) -> [f64; N] {
+pub(crate) fn small_exp<const N: usize>(x: [f64; N]) -> [f64; N] {
     /// Adding it rounds to an integer and leaves that integer in the lowest bits.
     const ROUND: f64 = 1.5 * (1_u64 << 52) as f64;
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;

@@ -29,6 +29,7 @@ pub fn lower_factor(f: DMat3) -> [f64; 6] {
 }
 
 /// Reflects so that row `k` has nothing beyond its element `k`; elements before `k` stay.
+#[inline(always)]
 fn reflect_tail(rows: &mut [DVec3; 3], k: usize) {
     let mut v = rows[k];
     if k > 0 {

@@ -16,10 +16,10 @@ use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::local_models;
 use super::sharp::{apply, even_out};
-use super::sharp_cells::sharp_cells;
+use super::sharp_cells::{DrawnCells, Surface, sharp_cells};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, gradient,
-    keep, nothing_left, take_scalar,
+    nothing_left, take_scalar,
 };
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, Dataset, Geometry};
@@ -154,46 +154,60 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         }
         None => None,
     };
-    let changes = (options.is_sharp() && of_nodes).then(|| {
-        let kept = &kernels.kept;
-        let particle = |node: u32| kept.binary_search(&node).ok();
-        let values = keep(taken.values.clone(), kept);
-        let is_drawn = |cell: usize| !blanking.cell(cell);
-        sharp_cells(
-            mesh,
-            &duals,
-            is_drawn,
-            particle,
-            &values,
-            options.kernel_width,
-        )
-    });
-    // The mesh has done its work.
-    drop(around);
-    drop(dataset);
-    drop(duals);
+    let kept = if options.is_sharp() && of_nodes {
+        kernels.kept.clone()
+    } else {
+        Vec::new()
+    };
     let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
-    if let Some((changes, reentrant)) = changes {
-        let Sampled { volume, report } = &mut sampled;
-        report.note(
-            reentrant.len(),
-            "nodes",
-            "on edges where the boundary goes in: not cut there",
-        );
-        if let Some(ghosts) = apply(volume, report, changes, options) {
-            even_out(volume, &ghosts, |kernels, volumes| {
-                let mut sums = kernels.sums(volumes, task)?;
-                // Beside them something is missing.
-                if let Some(sums) = &mut sums {
-                    for i in reentrant {
-                        sums[i] = f64::NAN;
-                    }
+    if kept.is_empty() {
+        return Ok(sampled);
+    }
+    let particle = |node: u32| kept.binary_search(&node).ok();
+    let cells = DrawnCells {
+        mesh,
+        duals: &duals,
+        blanking: &blanking,
+    };
+    let surface = Surface::new(&cells);
+    // Most of what is transparent there needs no more than this.
+    let on_boundary = surface.nodes().iter().filter_map(|&node| particle(node));
+    if !options.cuts(&sampled.volume, on_boundary) {
+        return Ok(sampled);
+    }
+    let Sampled { volume, report } = &mut sampled;
+    let Some(values) = &volume.values else {
+        return Ok(sampled);
+    };
+    let around = around.unwrap_or_else(|| CellsAround::new(mesh, &duals.first));
+    let (changes, reentrant) = sharp_cells(
+        &cells,
+        &surface,
+        &around,
+        particle,
+        values,
+        options.kernel_width,
+    );
+    report.note(
+        reentrant.len(),
+        "nodes",
+        "on edges where the boundary goes in: not cut there",
+    );
+    // The mesh has done its work.
+    drop((surface, around, duals, dataset));
+    if let Some(ghosts) = apply(volume, report, vec![changes], options) {
+        even_out(volume, &ghosts, |kernels, volumes| {
+            let mut sums = kernels.sums(volumes, task)?;
+            // Beside them something is missing.
+            if let Some(sums) = &mut sums {
+                for i in reentrant {
+                    sums[i] = f64::NAN;
                 }
-                Ok(sums)
-            })?;
-        }
+            }
+            Ok(sums)
+        })?;
     }
     Ok(sampled)
 }

@@ -1,7 +1,7 @@
 //! Curvilinear grids: one anisotropic kernel per node or cell.
 //!
 //! V = kernel_width² F Fᵀ with F = ∂x/∂(i, j, k), mass from the volume of the node's own part of
-//! the grid: the eighths of the cells around it ([`Grid::node_part`]).
+//! the grid: the eighths of the cells around it ([`Grid::node_parts`]).
 //!
 //! A kernel lies at the centroid of its part, not at the node. Measured in one dimension at
 //! width .6, as the rms error of a uniform density from .6 spacings inside the boundary on: half
@@ -18,8 +18,9 @@ use super::gradient::Samples;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
 use super::local_models;
+use super::local_models::grid::{GridKernel, RUN, Run};
 use super::sharp::sharpen_grids;
-use super::structured::{CellCounts, Grid};
+use super::structured::{CellCounts, Grid, Part};
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, classified_kernels, nothing_left,
     take_scalar,
@@ -27,8 +28,8 @@ use super::{
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
 use crate::math::{lower_factor, normal_code};
-use crate::scene::{LocalModel, LocalModels};
-use crate::task::collect;
+use crate::scene::{LocalModel, LocalModels, Values};
+use crate::task::fill;
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
@@ -63,16 +64,14 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mut counts = CellCounts::default();
     let (mut first_node, mut first_cell, mut first_sample) = (0, 0, 0);
     for block in blocks {
-        let mut grid = Grid {
-            dims: block.dims,
-            nodes: &block.nodes,
-            periodic: [false; 3],
-            handedness: 1.0,
-            blanking: &blanking,
+        let grid = Grid::new(
+            block.dims,
+            &block.nodes,
+            &blanking,
             first_node,
             first_cell,
-        };
-        grid.look_around(&mut counts);
+            &mut counts,
+        );
         samples.push((first_sample, grid));
         first_node += block.nodes.len();
         first_cell += block.dims_of(Association::Cells).iter().product::<usize>();
@@ -84,62 +83,87 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         Association::Nodes => "nodes",
         Association::Cells => "cells",
     };
-    let kernels = Kernels::collect(
+    // The grid of a sample, and where its samples begin.
+    let of_sample = |i: usize| &samples[samples.partition_point(|(first, _)| *first <= i) - 1];
+    let kernel = |i: usize, part: Result<Part, LeftOut>| {
+        let part = part?;
+        if !taken.values.get(i).is_finite() {
+            return Err(LeftOut::Value);
+        }
+        let factor = lower_factor(part.jacobian * options.kernel_width);
+        Kernel::new(part.centroid, factor, part.volume)
+    };
+    let kernels = Kernels::collect_runs(
         sample_count,
         &mut report,
         noun,
         options.task.as_ref(),
-        |i| {
-            let block = samples.partition_point(|(first, _)| *first <= i) - 1;
-            let (first, grid) = &samples[block];
-            let part = match taken.association {
-                Association::Nodes => grid.node_part(i - first),
-                Association::Cells => grid.cell_part(i - first),
-            }?;
-            if !taken.values.get(i).is_finite() {
-                return Err(LeftOut::Value);
+        |mut rest, each| {
+            while !rest.is_empty() {
+                let (first, grid) = of_sample(rest.start);
+                let count: usize = grid.dims_of(taken.association).iter().product();
+                let end = rest.end.min(first + count);
+                let of_grid = rest.start - first..end - first;
+                let mut each = |i, part| each(first + i, kernel(first + i, part));
+                match taken.association {
+                    Association::Nodes => grid.node_parts(of_grid, each),
+                    Association::Cells => of_grid.for_each(|i| each(i, grid.cell_part(i))),
+                }
+                rest.start = end;
             }
-            let factor = lower_factor(part.jacobian * options.kernel_width);
-            Kernel::new(part.centroid, factor, part.volume)
         },
     )?;
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
     }
-    // The grid of a kept sample, its number there, and the values there.
-    let values = &taken.values;
-    let of_kept = |kernel: usize| {
-        let i = kernels.kept[kernel] as usize;
-        let block = samples.partition_point(|(first, _)| *first <= i) - 1;
-        let (first, grid) = &samples[block];
-        let value = move |local: usize| values.get(first + local);
-        (grid, i - first, value)
+    let known = if options.normals || options.local_models {
+        known_values(&samples, taken.association, &taken.values)
+    } else {
+        Vec::new()
     };
     let normals = options.normals.then(|| {
-        let normal = |kernel: usize| {
-            let (grid, sample, value) = of_kept(kernel);
-            let samples = grid.samples(taken.association, value);
-            normal_code(samples.gradient(samples.indices(sample)))
+        let normal = |&sample: &u32| {
+            let (first, grid) = of_sample(sample as usize);
+            let samples = grid.samples(taken.association, &known[*first..]);
+            normal_code(samples.gradient(samples.indices(sample as usize - first)))
         };
-        let count = kernels.kept.len();
-        (0..count).into_par_iter().map(normal).collect()
+        kernels.kept.par_iter().map(normal).collect()
     });
     let local_models = if options.local_models {
-        let model = |kernel: usize| {
-            let (grid, sample, value) = of_kept(kernel);
-            let of_grid = local_models::grid::GridKernel {
-                centre: kernels.positions[kernel],
-                factor: kernels.factors[kernel],
-                width: options.kernel_width,
-            };
-            grid.local_model(taken.association, sample, &of_grid, value)
-        };
-        let (task, count) = (options.task.as_ref(), kernels.kept.len());
-        let models = collect(task, local_models::STAGE, count, model)?;
+        let mut models = vec![LocalModel::NONE; kernels.kept.len()];
+        let task = options.task.as_ref();
+        fill(task, local_models::STAGE, &mut models, |begin, models| {
+            let mut rest = &mut *models;
+            let mut kernel = begin;
+            while !rest.is_empty() {
+                let sample = kernels.kept[kernel] as usize;
+                let (first, grid) = of_sample(sample);
+                let of_grid = grid.samples(taken.association, &known[*first..]);
+                let start = of_grid.indices(sample - first);
+                // As many as the same row has, within a run.
+                let end = sample + RUN.min(of_grid.dims[0] - start[0]);
+                let members = &kernels.kept[kernel..kernel + rest.len().min(RUN)];
+                let count = members.partition_point(|&member| (member as usize) < end);
+                let run_length = members[count - 1] as usize + 1 - sample;
+                let run = Run::new(&of_grid, &known[*first..], start, run_length);
+                let (own, others) = rest.split_at_mut(count);
+                for (model, member) in own.iter_mut().zip(members) {
+                    let of_kernel = GridKernel {
+                        centre: kernels.positions[kernel],
+                        factor: kernels.factors[kernel],
+                        width: options.kernel_width,
+                    };
+                    *model = run.model(*member as usize - sample, &of_kernel);
+                    kernel += 1;
+                }
+                rest = others;
+            }
+        })?;
         Some(LocalModels::new(&models))
     } else {
         None
     };
+    drop(known);
     let is_sharp = options.is_sharp() && taken.association == Association::Nodes;
     let kept = if is_sharp {
         kernels.kept.clone()
@@ -156,23 +180,53 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     Ok(sampled)
 }
 
+/// The values of all samples, NaN where they are hidden or not finite.
+fn known_values(
+    samples: &[(usize, Grid<'_>)],
+    association: Association,
+    values: &Values,
+) -> Vec<f32> {
+    let mut known = Vec::with_capacity(values.len());
+    for (first, grid) in samples {
+        let count = grid.dims_of(association).iter().product::<usize>();
+        known.par_extend((0..count).into_par_iter().map(|i| {
+            let is_hidden = match association {
+                Association::Nodes => grid.blanking.node(grid.first_node + i),
+                Association::Cells => grid.blanking.cell(grid.first_cell + i),
+            };
+            let value = values.get(first + i);
+            if value.is_finite() && !is_hidden {
+                value
+            } else {
+                f32::NAN
+            }
+        }));
+    }
+    known
+}
+
 impl Grid<'_> {
-    /// A field's samples, `value` by their numbers within the grid. Gradients are those between
-    /// samples, not at the kernels' centroids: there the chain rule is exact.
+    /// A field's samples with a position and a `known` value, that of the grid's first sample first. Gradients are
+    /// those between samples, not at the kernels' centroids: there the chain rule is exact.
     fn samples(
         &self,
         association: Association,
-        value: impl Fn(usize) -> f32,
+        known: &[f32],
     ) -> Samples<impl Fn([usize; 3]) -> Option<(DVec3, f64)>> {
         let dims = self.dims_of(association);
         let at = move |ijk: [usize; 3]| {
-            let position = match association {
-                Association::Nodes => self.nodes[self.node_index(ijk)],
-                Association::Cells => self.cell_corners(ijk).iter().sum::<DVec3>() / 8.0,
+            let (position, value) = match association {
+                Association::Nodes => {
+                    let node = self.node_index(ijk);
+                    (self.nodes[node], known[node])
+                }
+                Association::Cells => {
+                    let middle = self.cell_corners(ijk).iter().sum::<DVec3>() / 8.0;
+                    (middle, known[self.cell_index(ijk)])
+                }
             };
-            let value = f64::from(self.known(association, ijk, &value));
-            let is_known = position.is_finite() && value.is_finite();
-            is_known.then_some((position, value))
+            let is_known = position.is_finite() && !value.is_nan();
+            is_known.then_some((position, f64::from(value)))
         };
         // The last plane of nodes is the first.
         let periods = [0, 1, 2].map(|d| self.periodic[d].then(|| self.dims[d] - 1));
@@ -184,38 +238,5 @@ impl Grid<'_> {
             Association::Nodes => self.dims,
             Association::Cells => self.dims.map(|n| n - 1),
         }
-    }
-
-    /// The value of a sample, NaN where it is hidden.
-    fn known(
-        &self,
-        association: Association,
-        ijk: [usize; 3],
-        value: impl Fn(usize) -> f32,
-    ) -> f32 {
-        let (index, is_hidden) = match association {
-            Association::Nodes => {
-                let node = self.node_index(ijk);
-                (node, self.blanking.node(self.first_node + node))
-            }
-            Association::Cells => {
-                let cell = self.cell_index(ijk);
-                (cell, self.blanking.cell(self.first_cell + cell))
-            }
-        };
-        if is_hidden { f32::NAN } else { value(index) }
-    }
-
-    /// The local model of a field at one of its samples, `value` by their numbers within the grid.
-    fn local_model(
-        &self,
-        association: Association,
-        sample: usize,
-        kernel: &local_models::grid::GridKernel,
-        value: impl Fn(usize) -> f32,
-    ) -> LocalModel {
-        let samples = self.samples(association, &value);
-        let known = |ijk| self.known(association, ijk, &value);
-        local_models::grid::model(&samples, samples.indices(sample), kernel, known)
     }
 }

@@ -8,6 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::kernel_sums::Summand;
 use super::narrowed;
 use super::neighbours::PointIndex;
 use crate::error::Result;
@@ -44,17 +45,17 @@ impl CutKernels<'_> {
         self.factors[kernel].map(f64::from)
     }
 
-    /// Whether a place lies inside the planes that cut a kernel.
-    pub(super) fn holds(&self, kernel: usize, at: DVec3) -> bool {
-        let Some(planes) = self.boundary.of(kernel) else {
-            return true;
-        };
+    /// Where a kernel is cut, what says whether an offset from its centre lies inside the planes that cut it.
+    pub(super) fn cut(&self, kernel: usize) -> Option<impl Fn(DVec3) -> bool> {
+        let planes = self.boundary.of(kernel)?;
         let transposed = lower_matrix(self.factor(kernel)).transpose();
-        let offset = at - self.positions[kernel];
-        planes.iter().all(|&[x, y, z, distance]| {
+        let planes = planes.map(|[x, y, z, distance]| {
             let n = DVec3::new(x.into(), y.into(), z.into());
-            distance == f32::INFINITY
-                || f64::from(distance) + n.dot(offset) >= -SLACK * (transposed * n).length()
+            (n, f64::from(distance) + SLACK * (transposed * n).length())
+        });
+        Some(move |offset: DVec3| {
+            let is_inside = |&(n, distance): &(DVec3, f64)| distance + n.dot(offset) >= 0.0;
+            planes.iter().all(is_inside)
         })
     }
 
@@ -67,13 +68,16 @@ impl CutKernels<'_> {
         let kernel = |j: usize| {
             let factor = self.factor(j);
             let sigma = principal_sigmas(factor)[0];
-            Some((factor, sigma, f64::from(volumes[j])))
+            Some(Summand {
+                factor,
+                sigma,
+                amplitude: f64::from(volumes[j]),
+            })
         };
         if index.mean_reach(kernel) > MOST_REACHED {
             return Ok(None);
         }
-        let reaches = |j: usize, i: usize| self.holds(j, self.positions[i]);
-        index.kernel_sums(task, kernel, reaches).map(Some)
+        index.kernel_sums(task, kernel, |j| self.cut(j)).map(Some)
     }
 
     /// Divides volumes by sums, and scales all so that what lies inside is the volume of the data.

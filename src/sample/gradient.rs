@@ -114,18 +114,19 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
     }
 
     /// The sample some steps away, fewer along a closed index than it has samples, if there is one.
-    pub(super) fn stepped(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<[usize; 3]> {
-        let mut other = sample;
-        for axis in 0..3 {
-            let (own, step) = (sample[axis], steps[axis]);
-            other[axis] = match self.periods[axis] {
-                Some(period) => (own + period).checked_add_signed(step)? % period,
-                None => own
-                    .checked_add_signed(step)
-                    .filter(|&i| i < self.dims[axis])?,
-            };
+    fn stepped(&self, sample: [usize; 3], steps: [isize; 3]) -> Option<[usize; 3]> {
+        let along = |axis: usize| self.along(axis, sample[axis], steps[axis]);
+        Some([along(0)?, along(1)?, along(2)?])
+    }
+
+    /// The same along one index.
+    pub(super) fn along(&self, axis: usize, own: usize, step: isize) -> Option<usize> {
+        match self.periods[axis] {
+            Some(period) => Some((own + period).checked_add_signed(step)? % period),
+            None => own
+                .checked_add_signed(step)
+                .filter(|&i| i < self.dims[axis]),
         }
-        Some(other)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Arrays of anisotropic kernels, filled in parallel.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -49,15 +51,30 @@ pub(super) struct Kernels {
 
 impl Kernels {
     /// Asks `kernel_of` for the kernels of samples 0 to `count`, and reports those without.
-    ///
-    /// Written in place and closed up afterwards: a second copy of a great grid's kernels may be
-    /// more than there is memory.
     pub(super) fn collect(
         count: usize,
         report: &mut SampleReport,
         noun: &'static str,
         task: Option<&Task>,
         kernel_of: impl Fn(usize) -> Result<Kernel, LeftOut> + Sync,
+    ) -> Result<Self> {
+        Self::collect_runs(count, report, noun, task, |samples, each| {
+            for i in samples {
+                each(i, kernel_of(i));
+            }
+        })
+    }
+
+    /// The same of kernels that `kernels_of` gives for the samples of a range at a time.
+    ///
+    /// Written in place and closed up afterwards: a second copy of a great grid's kernels may be
+    /// more than there is memory.
+    pub(super) fn collect_runs(
+        count: usize,
+        report: &mut SampleReport,
+        noun: &'static str,
+        task: Option<&Task>,
+        kernels_of: impl Fn(Range<usize>, &mut dyn FnMut(usize, Result<Kernel, LeftOut>)) + Sync,
     ) -> Result<Self> {
         let stage = Stage::new(task, "shaping kernels", count);
         let mut all = Self {
@@ -68,24 +85,28 @@ impl Kernels {
         };
         let mut faults: Vec<Option<LeftOut>> = vec![None; count];
         (
-            &mut all.positions,
-            &mut all.factors,
-            &mut all.volumes,
-            &mut faults,
+            all.positions.par_chunks_mut(Stage::GRAIN),
+            all.factors.par_chunks_mut(Stage::GRAIN),
+            all.volumes.par_chunks_mut(Stage::GRAIN),
+            faults.par_chunks_mut(Stage::GRAIN),
         )
             .into_par_iter()
             .enumerate()
-            .for_each(|(i, (position, factor, volume, fault))| {
-                if !stage.counts(i) {
+            .for_each(|(n, (positions, factors, volumes, faults))| {
+                let first = n * Stage::GRAIN;
+                if !stage.counts(first) {
                     return;
                 }
-                match kernel_of(i) {
-                    Ok(kernel) => {
-                        (*position, *factor, *volume) =
-                            (kernel.position, kernel.factor, kernel.volume);
+                kernels_of(first..first + faults.len(), &mut |i, kernel| {
+                    let i = i - first;
+                    match kernel {
+                        Ok(kernel) => {
+                            (positions[i], factors[i], volumes[i]) =
+                                (kernel.position, kernel.factor, kernel.volume);
+                        }
+                        Err(reason) => faults[i] = Some(reason),
                     }
-                    Err(reason) => *fault = Some(reason),
-                }
+                });
             });
         stage.check()?;
         LeftOut::report(report, noun, faults.iter().copied().flatten());

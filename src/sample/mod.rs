@@ -13,6 +13,7 @@ mod fit;
 mod gradient;
 mod incidence;
 mod iso_surface;
+mod kernel_sums;
 mod kernels;
 mod lattice;
 mod left_out;

@@ -11,7 +11,7 @@ use super::index_u32;
 use super::positions::{is_same, sort_by_position};
 use crate::error::Result;
 use crate::math::{NO_NORMAL, normal_code};
-use crate::task::{Stage, Task, collect};
+use crate::task::{Task, collect};
 
 /// Neighbours that shapes are taken from: enough to average, few enough to stay local.
 pub(super) const NEIGHBOUR_COUNT: usize = 14;
@@ -20,16 +20,6 @@ pub(super) const NEIGHBOUR_COUNT: usize = 14;
 /// is too small or too great by a sixth on regular sets, whose neighbours come in shells; their
 /// mean is within 2 % on a cubic lattice.
 const SPACING_NEIGHBOURS: [usize; 2] = [7, 18];
-
-/// Kernels end here in [`PointIndex::kernel_sums`], standard deviations; .1 % of a kernel lies
-/// beyond.
-const SUM_CUTOFF: f64 = 4.0;
-
-/// Terms that [`PointIndex::kernel_sums`] holds at a time, more or less.
-const SUM_TERMS: usize = 1 << 22;
-
-/// Kernels of its first batch, before it knows how many terms they have.
-const SUM_BATCH: usize = 1 << 10;
 
 /// Neighbours that kernels may have on average: a hundred times what smoothing asks for.
 pub(super) const MOST_NEIGHBOURS: usize = 8192;
@@ -123,6 +113,23 @@ impl<'a> PointIndex<'a> {
         let begun = |start: &u32| *start as usize <= place;
         let group = self.starts.partition_point(begun) - 1;
         (self.order[place], group)
+    }
+
+    /// What `of` makes of each finite point and its place relative to the origin, in an order in which what is near
+    /// follows soon.
+    pub(super) fn map_in_order<T: Send>(&self, of: impl Fn(usize, DVec3) -> T + Sync) -> Vec<T> {
+        let at = |&i: &u32| of(i as usize, self.positions[i as usize] - self.origin);
+        self.order.par_iter().map(at).collect()
+    }
+
+    /// A point's position.
+    pub(super) fn position(&self, i: u32) -> DVec3 {
+        self.positions[i as usize]
+    }
+
+    /// How many points there are, finite or not.
+    pub(super) fn point_count(&self) -> usize {
+        self.positions.len()
     }
 
     /// Relative to the origin.
@@ -312,79 +319,6 @@ impl<'a> PointIndex<'a> {
             }
         }
     }
-
-    /// How many points some of the kernels reach on average: a sum over them takes as many terms for each.
-    pub(super) fn mean_reach(
-        &self,
-        kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
-    ) -> usize {
-        /// Kernels looked at.
-        const SAMPLE: usize = 256;
-        let step = self.order.len().div_ceil(SAMPLE).max(1);
-        let some: Vec<u32> = self.order.iter().copied().step_by(step).collect();
-        let reached: usize = some
-            .par_iter()
-            .filter_map(|&j| {
-                let (_, sigma, _) = kernel(j as usize)?;
-                let mut count = 0;
-                let at = self.positions[j as usize];
-                self.for_each_within(at, SUM_CUTOFF * sigma, |_, _| count += 1);
-                Some(count)
-            })
-            .sum();
-        reached / some.len().max(1)
-    }
-
-    /// At each point the sum over kernels j of amplitude x Gaussian. `kernel(j)` gives the
-    /// lower-triangular factor, the greatest standard deviation and the amplitude of the kernel at
-    /// point j, or `None`; `reaches(j, i)` whether it counts at point i. 0 for points that are not finite.
-    ///
-    /// The terms are summed in the order of the points, whatever the number of threads.
-    pub(super) fn kernel_sums(
-        &self,
-        task: Option<&Task>,
-        kernel: impl Fn(usize) -> Option<([f64; 6], f64, f64)> + Sync,
-        reaches: impl Fn(usize, usize) -> bool + Sync,
-    ) -> Result<Vec<f64>> {
-        let stage = Stage::new(task, "summing kernels", self.order.len());
-        let mut sums = vec![0.0; self.positions.len()];
-        let mut rest = self.order.as_slice();
-        let mut batch_size = SUM_BATCH;
-        while !rest.is_empty() {
-            stage.check()?;
-            let (batch, others) = rest.split_at(batch_size.min(rest.len()));
-            rest = others;
-            let terms: Vec<Vec<(u32, f64)>> = batch
-                .par_chunks(batch_size.div_ceil(64))
-                .map(|chunk| {
-                    let mut terms = Vec::new();
-                    for &j in chunk {
-                        let j = j as usize;
-                        let Some((factor, sigma, amplitude)) = kernel(j) else {
-                            continue;
-                        };
-                        self.for_each_within(self.positions[j], SUM_CUTOFF * sigma, |i, d| {
-                            let term = amplitude * gaussian(factor, d);
-                            // A flat kernel has no density.
-                            if term.is_finite() && reaches(j, i as usize) {
-                                terms.push((i, term));
-                            }
-                        });
-                    }
-                    terms
-                })
-                .collect();
-            for (i, term) in terms.iter().flatten() {
-                sums[*i as usize] += term;
-            }
-            let count: usize = terms.iter().map(Vec::len).sum();
-            // Grows slowly, shrinks at once.
-            let fitting = batch.len() * SUM_TERMS / count.max(1);
-            batch_size = fitting.clamp(64, 2 * batch_size);
-            stage.advance(batch.len());
-        }
-        Ok(sums)
-    }
 }
 
 /// x xᵀ as xx, xy, xz, yy, yz, zz.
@@ -443,15 +377,6 @@ fn morton(p: DVec3) -> u32 {
     spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
-/// The Gaussian of unit integral with variance L Lᵀ at offset `d`.
-fn gaussian([l00, l10, l11, l20, l21, l22]: [f64; 6], d: DVec3) -> f64 {
-    let x = d.x / l00;
-    let y = (d.y - l10 * x) / l11;
-    let z = (d.z - l20 * x - l21 * y) / l22;
-    let volume = std::f64::consts::TAU.powf(1.5) * l00 * l11 * l22;
-    (-0.5 * (x * x + y * y + z * z)).exp() / volume
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -496,20 +421,6 @@ mod tests {
         assert!(neighbour_volumes(&plane).unwrap().iter().all(|v| *v > 0.0));
         let line: Vec<DVec3> = (0..5000).map(|i| DVec3::X * f64::from(i)).collect();
         assert!(neighbour_volumes(&line).unwrap().iter().all(|v| *v > 0.0));
-    }
-
-    #[test]
-    fn kernels_of_unit_cells_add_up_to_one() {
-        let points = lattice(9, 100.0);
-        let index = PointIndex::new(&points).unwrap();
-        let sigma = 0.7;
-        let kernel = |_| Some(([sigma, 0.0, sigma, 0.0, 0.0, sigma], sigma, 1.0));
-        let sums = index.kernel_sums(None, kernel, |_, _| true).unwrap();
-        // Within the cut-off's .1 % and the ripple of sigma .7, .04 %.
-        let centre = sums[4 + 9 * (4 + 9 * 4)];
-        assert!((centre - 1.0).abs() < 1.5e-3, "{centre}");
-        // An eighth of the kernels at a corner, more than that of their sum.
-        assert!(sums[0] > 0.2 && sums[0] < 0.6, "{}", sums[0]);
     }
 
     #[test]

@@ -13,11 +13,10 @@ use super::even::CutKernels;
 use super::even_grid::GridNodes;
 use super::kernels::Kernel;
 use super::local_models::matrix_of;
-use super::structured::Grid;
+use super::structured::{Grid, Part};
 use super::{SampleOptions, SampleReport, index_u32, narrowed};
 use crate::constants::{EDGE_REACH, MOST_EDGES};
 use crate::error::Result;
-use crate::io::Blanking;
 use crate::math::lower_factor;
 use crate::scene::{
     Boundary, BoundaryPlanes, LocalModel, LocalModels, NO_EDGE, Particles, PointVolume, Strength,
@@ -33,16 +32,24 @@ const FARTHEST: usize = 6;
 /// Two tangents whose angle has a lesser sine span no face.
 const LEAST_SINE: f64 = 1e-6;
 
-/// What a node beside the boundary, or a ghost, becomes.
-struct SharpNode {
-    /// Which node of the grid, continued by [`LAYERS`], it is.
-    place: usize,
-    /// The node itself, or the one nearest to the ghost; then the one as far behind that.
-    sources: [usize; 2],
-    is_ghost: bool,
-    /// Of a ghost, and of a node on the boundary.
-    kernel: Option<Kernel>,
-    edges: Option<[[f32; 4]; MOST_EDGES]>,
+/// The nodes on a face of a grid and the ghosts beyond it, in a layer each between two layers of others.
+struct Face {
+    axis: usize,
+    /// The first node's indices.
+    first: [isize; 3],
+    dims: [usize; 3],
+    parts: Vec<Option<Part>>,
+}
+
+impl Face {
+    /// The part of a node of the two layers, if it has one.
+    fn part(&self, ijk: [isize; 3]) -> Option<Part> {
+        let [i, j, k] = [0, 1, 2].map(|a| usize::try_from(ijk[a] - self.first[a]).ok());
+        let at = [i?, j?, k?];
+        let is_of_face = at[self.axis] == 1 || at[self.axis] == 2;
+        let [i, j, k] = at;
+        is_of_face.then(|| self.parts[i + self.dims[0] * (j + self.dims[1] * k)])?
+    }
 }
 
 impl Grid<'_> {
@@ -131,40 +138,89 @@ impl Grid<'_> {
             && cells.into_iter().all(|cell| !self.blanking.cell(cell))
     }
 
-    /// Nodes beside the boundary, and ghosts.
-    fn sharp_nodes(&self, kernel_width: f64) -> Vec<SharpNode> {
+    /// What changes at nodes beside the boundary, and ghosts, row by row; which nodes of the grid continued by
+    /// [`LAYERS`] these are.
+    ///
+    /// - `particle`: which particle a node is, if it is any; `kernel`: that one's centre and factor.
+    fn sharp_nodes(
+        &self,
+        kernel_width: f64,
+        particle: impl Fn(usize) -> Option<usize> + Sync,
+        kernel: impl Fn(usize) -> (DVec3, DMat3) + Sync,
+    ) -> Vec<(Vec<usize>, Vec<SharpParticle>)> {
         let layers = self.layers();
         let dims = [0, 1, 2].map(|a| self.dims[a] + 2 * layers[a]);
-        let at = |n: usize| [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
-        let own = |ijk: [usize; 3]| [0, 1, 2].map(|a| ijk[a] as isize - layers[a] as isize);
-        let nodes: Vec<DVec3> = (0..dims.iter().product())
-            .into_par_iter()
-            .map(|n| self.continued(own(at(n))))
+        let faces: Vec<Face> = (0..3)
+            .filter(|&a| !self.periodic[a])
+            .flat_map(|a| [false, true].map(|is_upper| self.face(a, is_upper, dims)))
             .collect();
-        let nothing = Blanking::default();
-        let wide = Grid {
-            dims,
-            nodes: &nodes,
-            periodic: self.periodic,
-            handedness: self.handedness,
-            blanking: &nothing,
-            first_node: 0,
-            first_cell: 0,
+        let last = self.dims.map(|n| n as isize - 1);
+        let is_near = |ijk: [isize; 3], a: usize| {
+            !self.periodic[a] && ijk[a].min(last[a] - ijk[a]) <= FARTHEST as isize
         };
-        (0..nodes.len())
-            .into_par_iter()
-            .filter_map(|n| self.sharp_node(&wide, n, own(at(n)), kernel_width))
-            .collect()
+        let of_row = |row: usize| {
+            let [j, k] = [row % dims[1], row / dims[1]];
+            let of_row = [0, j, k];
+            let ijk = [0, 1, 2].map(|a| of_row[a] as isize - layers[a] as isize);
+            let is_beside = is_near(ijk, 1) || is_near(ijk, 2);
+            let change = |i: usize| {
+                let ijk = [i as isize - layers[0] as isize, ijk[1], ijk[2]];
+                let is_beside = is_beside || is_near(ijk, 0);
+                let change = || self.sharp_node(&faces, ijk, kernel_width, &particle, &kernel);
+                Some((row * dims[0] + i, is_beside.then(change)??))
+            };
+            (0..dims[0]).filter_map(change).unzip()
+        };
+        (0..dims[1] * dims[2]).into_par_iter().map(of_row).collect()
     }
 
-    /// - `wide`: the grid continued; `n`: a node of it; `ijk`: the same, counted from the grid's own.
+    /// The nodes on a face and the ghosts beyond it.
+    ///
+    /// - `dims`: of the grid continued along each index.
+    fn face(&self, a: usize, is_upper: bool, dims: [usize; 3]) -> Face {
+        let layers = self.layers();
+        let mut first = layers.map(|n| -(n as isize));
+        if is_upper {
+            first[a] = self.dims[a] as isize - 2;
+        }
+        let mut dims = dims;
+        dims[a] = 2 * LAYERS;
+        let at = |n: usize| [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+        let nodes: Vec<DVec3> = (0..dims.iter().product())
+            .into_par_iter()
+            .map(|n| {
+                let at = at(n);
+                self.continued([0, 1, 2].map(|a| first[a] + at[a] as isize))
+            })
+            .collect();
+        let grid = Grid::like(self, dims, &nodes);
+        let mut parts = vec![None; nodes.len()];
+        parts
+            .par_chunks_mut(dims[0])
+            .enumerate()
+            .for_each(|(row, parts)| {
+                let start = row * dims[0];
+                grid.node_parts(start..start + dims[0], |n, part| {
+                    parts[n - start] = part.ok();
+                });
+            });
+        Face {
+            axis: a,
+            first,
+            dims,
+            parts,
+        }
+    }
+
+    /// - `ijk`: a node of the grid continued, counted from the grid's own.
     fn sharp_node(
         &self,
-        wide: &Grid<'_>,
-        n: usize,
+        faces: &[Face],
         ijk: [isize; 3],
         kernel_width: f64,
-    ) -> Option<SharpNode> {
+        particle: impl Fn(usize) -> Option<usize>,
+        kernel: impl Fn(usize) -> (DVec3, DMat3),
+    ) -> Option<SharpParticle> {
         let last = self.dims.map(|n| n as isize - 1);
         let nearest = [0, 1, 2].map(|a| ijk[a].clamp(0, last[a]));
         let beyond = [0, 1, 2].map(|a| ijk[a] - nearest[a]);
@@ -178,6 +234,7 @@ impl Grid<'_> {
         if !self.is_clear(node) {
             return None;
         }
+        let own = particle(self.node_index(node))?;
         let is_ghost = beyond != [0; 3];
         let mut planes = Vec::with_capacity(MOST_EDGES);
         let mut is_on_boundary = false;
@@ -197,28 +254,27 @@ impl Grid<'_> {
         if planes.is_empty() || (is_ghost && !is_whole) {
             return None;
         }
-        let part = if is_whole && (is_ghost || is_on_boundary) {
-            wide.node_part(n).ok()?
+        let (centre, factor, changed) = if is_whole && (is_ghost || is_on_boundary) {
+            let part = faces.iter().find_map(|face| face.part(ijk))?;
+            let factor = part.jacobian * kernel_width;
+            let kernel = Kernel::new(part.centroid, lower_factor(factor), part.volume).ok()?;
+            (part.centroid, factor, Some(kernel))
         } else {
-            self.node_part(self.node_index(node)).ok()?
+            let (centre, factor) = kernel(own);
+            (centre, factor, None)
         };
-        let factor = part.jacobian * kernel_width;
-        let edges = edges(&planes, part.centroid, &factor);
-        let kernel = if is_whole && (is_ghost || is_on_boundary) {
-            Some(Kernel::new(part.centroid, lower_factor(factor), part.volume).ok()?)
-        } else {
-            None
-        };
+        let edges = edges(&planes, centre, &factor);
         // Of no consequence.
-        if kernel.is_none() && edges.is_none() {
+        if changed.is_none() && edges.is_none() {
             return None;
         }
         let behind = to_index([0, 1, 2].map(|a| (nearest[a] - beyond[a]).clamp(0, last[a])));
-        Some(SharpNode {
-            place: n,
-            sources: [self.node_index(node), self.node_index(behind)],
+        let behind = particle(self.node_index(behind)).unwrap_or(own);
+        Some(SharpParticle {
+            sources: [own, behind],
             is_ghost,
-            kernel,
+            kernel: changed,
+            value: None,
             edges,
         })
     }
@@ -276,7 +332,14 @@ pub(super) fn sharpen_grids(
     kept: &[u32],
     options: &SampleOptions,
 ) -> Result<()> {
-    let particle = |node: usize| kept.binary_search(&index_u32(node)).ok();
+    let node_count: usize = grids.iter().map(|(_, grid)| grid.nodes.len()).sum();
+    let particle = |node: usize| {
+        if kept.len() == node_count {
+            Some(node)
+        } else {
+            kept.binary_search(&index_u32(node)).ok()
+        }
+    };
     // Before the grids are continued: most of what is transparent there needs no more than this.
     let on_faces = grids
         .iter()
@@ -288,30 +351,21 @@ pub(super) fn sharpen_grids(
     let mut all_nodes = Vec::with_capacity(grids.len());
     let mut ghost = kept.len();
     for (first, grid) in grids {
-        let mut nodes = GridNodes::new(grid, grid.layers());
         let members = kept.partition_point(|&node| (node as usize) < *first)
             ..kept.partition_point(|&node| (node as usize) < first + grid.nodes.len());
-        for i in members {
-            nodes.set(nodes.place_of(kept[i] as usize - first), index_u32(i));
-        }
-        for node in grid.sharp_nodes(options.kernel_width) {
-            let Some(nearest) = particle(first + node.sources[0]) else {
-                continue;
-            };
-            if node.is_ghost {
-                nodes.set(node.place, index_u32(ghost));
+        let own = members.map(|i| (kept[i] as usize - first, index_u32(i)));
+        let mut nodes = GridNodes::new(grid, grid.layers(), own);
+        let of_grid = |node: usize| particle(first + node);
+        let kernel = |particle: usize| {
+            let (centre, factor, _) = volume.particles.shape(particle);
+            (centre, factor)
+        };
+        for (places, of_row) in grid.sharp_nodes(options.kernel_width, of_grid, kernel) {
+            for (place, _) in places.into_iter().zip(&of_row).filter(|(_, c)| c.is_ghost) {
+                nodes.set(place, index_u32(ghost));
                 ghost += 1;
             }
-            changes.push(SharpParticle {
-                sources: [
-                    nearest,
-                    particle(first + node.sources[1]).unwrap_or(nearest),
-                ],
-                is_ghost: node.is_ghost,
-                kernel: node.kernel,
-                value: None,
-                edges: node.edges,
-            });
+            changes.push(of_row);
         }
         all_nodes.push(nodes);
     }
@@ -319,9 +373,9 @@ pub(super) fn sharpen_grids(
         return Ok(());
     };
     even_out(volume, &ghosts, |kernels, volumes| {
-        let mut inverses = None;
+        let mut densities = None;
         let of_grid = |nodes: &GridNodes<'_, '_>| {
-            nodes.sums(kernels, volumes, &mut inverses, options.kernel_width)
+            nodes.sums(kernels, volumes, &mut densities, options.kernel_width)
         };
         let found: Vec<(usize, f64)> = all_nodes.iter().flat_map(of_grid).collect();
         if found.is_empty() {
@@ -372,13 +426,16 @@ pub(super) struct Ghosts {
 }
 
 /// Changes and adds the particles of a boundary, where the options want it sharp.
+///
+/// - `changes`: in pieces, which are dropped one after the other.
 pub(super) fn apply(
     volume: &mut PointVolume,
     report: &mut SampleReport,
-    changes: Vec<SharpParticle>,
+    changes: Vec<Vec<SharpParticle>>,
     options: &SampleOptions,
 ) -> Option<Ghosts> {
-    let on_boundary = changes.iter().filter(|c| c.kernel.is_some() && !c.is_ghost);
+    let all = || changes.iter().flatten();
+    let on_boundary = all().filter(|c| c.kernel.is_some() && !c.is_ghost);
     if !options.cuts(volume, on_boundary.map(|c| c.sources[0])) {
         return None;
     }
@@ -389,25 +446,41 @@ pub(super) fn apply(
     };
     let inside = volumes.iter().copied().map(f64::from).sum();
     // The gradient stays, over another kernel; what the samples' centroids did to values goes with them.
-    let models = volume.local_models.take();
-    let of_sources = factors.clone();
-    let over = |source: usize, factor: &[f32; 6]| {
-        let model = models.as_ref()?.get(source);
-        let gradient = matrix_of(of_sources[source]).transpose().inverse() * model.slope.as_dvec3();
+    let over = |models: &LocalModels, source: usize, factor: &[f32; 6]| {
+        let model = models.get(source);
+        let gradient = matrix_of(factors[source]).transpose().inverse() * model.slope.as_dvec3();
         let slope = (matrix_of(*factor).transpose() * gradient).as_vec3();
-        Some(LocalModel {
+        LocalModel {
             slope: if slope.is_finite() { slope } else { Vec3::ZERO },
             departure: 0.0,
             ..model
-        })
+        }
     };
-    let mut changed = Vec::new();
+    if let Some(models) = volume.local_models.take() {
+        let changed: Vec<(Option<usize>, LocalModel)> = changes
+            .par_iter()
+            .flatten()
+            .filter_map(|change| {
+                let own = change.sources[0];
+                let model = over(&models, own, &change.kernel?.factor);
+                Some(((!change.is_ghost).then_some(own), model))
+            })
+            .collect();
+        volume.local_models = Some(models.changed(&changed));
+    }
+    let ghost_count = all().filter(|c| c.is_ghost).count();
+    let cut_count = all().filter(|c| c.edges.is_some()).count();
+    // Exactly: they are the volume's largest arrays.
+    positions.reserve_exact(ghost_count);
+    factors.reserve_exact(ghost_count);
+    volumes.reserve_exact(ghost_count);
     let mut boundary = BoundaryPlanes {
-        of_particle: vec![0; positions.len()],
-        edges: Vec::new(),
+        of_particle: Vec::with_capacity(positions.len() + ghost_count),
+        edges: Vec::with_capacity(cut_count),
     };
-    let mut sources = Vec::new();
-    for change in changes {
+    boundary.of_particle.resize(positions.len(), 0);
+    let mut sources = Vec::with_capacity(ghost_count);
+    for change in changes.into_iter().flatten() {
         let mut word = 0;
         if let Some(edges) = change.edges {
             boundary.edges.push(edges);
@@ -416,7 +489,6 @@ pub(super) fn apply(
         let [own, _] = change.sources;
         match change.kernel {
             Some(kernel) if change.is_ghost => {
-                changed.push((positions.len(), over(own, &kernel.factor)));
                 positions.push(kernel.position);
                 factors.push(kernel.factor);
                 volumes.push(kernel.volume);
@@ -425,7 +497,6 @@ pub(super) fn apply(
                 continue;
             }
             Some(kernel) => {
-                changed.push((own, over(own, &kernel.factor)));
                 positions[own] = kernel.position;
                 factors[own] = kernel.factor;
                 volumes[own] = kernel.volume;
@@ -443,29 +514,9 @@ pub(super) fn apply(
         }
     }
     report.particle_count = positions.len();
-    if let Some(models) = models {
-        let mut all: Vec<LocalModel> = (0..models.len()).map(|i| models.get(i)).collect();
-        for (i, model) in changed {
-            let model = model.unwrap_or(NO_MODEL);
-            match all.get_mut(i) {
-                Some(own) => *own = model,
-                // Ghosts come in the order of their places.
-                None => all.push(model),
-            }
-        }
-        volume.local_models = Some(LocalModels::new(&all));
-    }
     volume.boundary = Some(Boundary::Planes(boundary));
     Some(Ghosts {
         sources: sources.iter().map(|([nearest, _], _)| *nearest).collect(),
         inside,
     })
 }
-
-/// Of a field that is the same everywhere.
-const NO_MODEL: LocalModel = LocalModel {
-    slope: Vec3::ZERO,
-    departure: 0.0,
-    below: 0.0,
-    above: 0.0,
-};

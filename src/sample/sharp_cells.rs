@@ -10,16 +10,16 @@
 //! The planes of one kernel bound a convex piece. At an edge that goes in, as that of an L, the domain is
 //! none: nodes there keep their own dual cells and are cut by nothing.
 
-use std::collections::HashMap;
-
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 use super::duals::Duals;
+use super::incidence::CellsAround;
 use super::index_u32;
 use super::kernels::Kernel;
 use super::sharp::{SharpParticle, edges};
 use crate::constants::EDGE_REACH;
-use crate::io::{CellMesh, polyhedron_faces};
+use crate::io::{Blanking, CellMesh, polyhedron_faces};
 use crate::math::{factor_of_variance, lower_matrix};
 use crate::scene::Values;
 
@@ -40,7 +40,7 @@ const GHOST_REACH: f64 = 3.5;
 const RINGS: usize = 2;
 
 /// A tangent plane of the boundary at one of its nodes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Tangent {
     /// Into the domain.
     normal: DVec3,
@@ -54,59 +54,99 @@ struct Face {
     middle: DVec3,
 }
 
+/// The cells of a mesh that are drawn and have a volume.
+pub(super) struct DrawnCells<'a> {
+    pub(super) mesh: &'a CellMesh,
+    pub(super) duals: &'a Duals,
+    pub(super) blanking: &'a Blanking,
+}
+
 /// The boundary of a mesh.
-struct Surface {
+pub(super) struct Surface {
     faces: Vec<Face>,
-    /// The faces around each boundary node.
-    around: HashMap<u32, Vec<u32>>,
+    /// The nodes of the boundary, ascending.
+    nodes: Vec<u32>,
+    /// Where the faces around each of them begin in `around`; one more at the end.
+    starts: Vec<usize>,
+    around: Vec<u32>,
+}
+
+/// Tangent planes of nodes, by their numbers.
+struct Tangents {
+    /// Which list is a node's; `NONE` where it has none.
+    place_of: Vec<u32>,
+    lists: Vec<Vec<Tangent>>,
+}
+
+impl Tangents {
+    const NONE: u32 = u32::MAX;
+
+    fn of(&self, node: u32) -> Option<&[Tangent]> {
+        let place = self.place_of[node as usize];
+        (place != Self::NONE).then(|| self.lists[place as usize].as_slice())
+    }
+
+    fn set(&mut self, node: u32, tangents: Vec<Tangent>) {
+        let place = &mut self.place_of[node as usize];
+        if *place == Self::NONE {
+            *place = index_u32(self.lists.len());
+            self.lists.push(tangents);
+        } else {
+            self.lists[*place as usize] = tangents;
+        }
+    }
 }
 
 /// What changes at the boundary, and which particles lie on edges that go in, ascending.
 ///
-/// - `is_drawn`: whether a cell is.
+/// - `around`: which cells meet at which nodes.
 /// - `particle`: which particle a node is, if it is any.
+/// - `values`: of the particles.
 pub(super) fn sharp_cells(
-    mesh: &CellMesh,
-    duals: &Duals,
-    is_drawn: impl Fn(usize) -> bool,
-    particle: impl Fn(u32) -> Option<usize>,
+    cells: &DrawnCells<'_>,
+    surface: &Surface,
+    around: &CellsAround,
+    particle: impl Fn(u32) -> Option<usize> + Sync,
     values: &Values,
     kernel_width: f64,
 ) -> (Vec<SharpParticle>, Vec<usize>) {
-    let surface = Surface::new(mesh, duals, &is_drawn);
+    let mesh = cells.mesh;
+    let of_surface = |n: usize| surface.planes(mesh, n);
+    let planes: Vec<Option<Vec<Tangent>>> = (0..surface.nodes.len())
+        .into_par_iter()
+        .map(of_surface)
+        .collect();
     let mut reentrant = Vec::new();
-    let mut own: HashMap<u32, Vec<Tangent>> = HashMap::with_capacity(surface.around.len());
-    for &node in surface.around.keys() {
-        let planes = surface.planes(mesh, node);
+    let mut own = Tangents {
+        place_of: vec![Tangents::NONE; mesh.nodes.len()],
+        lists: Vec::with_capacity(planes.len()),
+    };
+    for (&node, planes) in surface.nodes.iter().zip(planes) {
         if planes.is_none() {
             reentrant.extend(particle(node));
         }
-        own.insert(node, planes.unwrap_or_default());
+        own.set(node, planes.unwrap_or_default());
     }
     reentrant.sort_unstable();
-    let beside = beside(mesh, duals, &is_drawn, &own);
-    let mut nodes: Vec<u32> = beside.keys().copied().collect();
-    nodes.sort_unstable();
-    let mut changes = Vec::new();
-    for node in nodes {
-        let Some(index) = particle(node) else {
-            continue;
-        };
-        let near = &beside[&node];
-        let incident = own.get(&node).map_or(&[][..], Vec::as_slice);
-        if own.contains_key(&node) && incident.is_empty() {
-            // On an edge that goes in.
-            continue;
+    let beside = beside(cells, around, &own, &surface.nodes);
+    let change = |&(node, ref near): &(u32, Vec<Tangent>)| {
+        let mut changes = Vec::new();
+        let incident = own.of(node);
+        // Not on an edge that goes in.
+        if let Some(index) = particle(node).filter(|_| incident != Some(&[])) {
+            let change = Change {
+                mesh,
+                surface,
+                values,
+                kernel_width,
+                index,
+            };
+            let incident = incident.unwrap_or(&[]);
+            change.of_node(cells.duals, node, incident, near, &particle, &mut changes);
         }
-        let change = Change {
-            mesh,
-            surface: &surface,
-            values,
-            kernel_width,
-            index,
-        };
-        change.of_node(duals, node, incident, near, &particle, &mut changes);
-    }
+        changes
+    };
+    let changes = beside.par_iter().flat_map_iter(change).collect();
     (changes, reentrant)
 }
 
@@ -224,113 +264,197 @@ fn mirror(n: DVec3) -> DMat3 {
     DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
 }
 
-/// Calls `each` for the nodes of every face of a cell, the first of those at one position.
-fn each_face(mesh: &CellMesh, duals: &Duals, cell: usize, mut each: impl FnMut(&[u32])) {
-    let entries = mesh.cell(cell);
-    let mut nodes = Vec::with_capacity(8);
-    if let Some(faces) = mesh.kinds[cell].faces() {
-        for face in faces {
-            nodes.clear();
-            nodes.extend(
-                face.iter()
-                    .map(|&i| duals.first_of(entries[usize::from(i)])),
-            );
-            each(&nodes);
+/// The three lowest nodes of a face, which tell it from others; `None` where it has fewer.
+fn key(face: &[u32]) -> Option<[u32; 3]> {
+    let mut lowest = [u32::MAX; 3];
+    for &node in face {
+        let mut moved = node;
+        for low in &mut lowest {
+            if moved == *low {
+                break;
+            }
+            if moved < *low {
+                std::mem::swap(low, &mut moved);
+            }
         }
-    } else {
-        for face in polyhedron_faces(entries) {
+    }
+    (lowest[2] != u32::MAX).then_some(lowest)
+}
+
+impl DrawnCells<'_> {
+    fn is_drawn(&self, cell: usize) -> bool {
+        self.mesh.kinds[cell].is_solid() && !self.blanking.cell(cell)
+    }
+
+    /// Calls `each` for the nodes of every face of a cell, the first of those at one position. `nodes` holds them in
+    /// between.
+    fn each_face(&self, cell: usize, nodes: &mut Vec<u32>, mut each: impl FnMut(&[u32])) {
+        let entries = self.mesh.cell(cell);
+        let mut visit = |face: &mut dyn Iterator<Item = u32>| {
             nodes.clear();
-            nodes.extend(face.iter().map(|&n| duals.first_of(n)));
-            each(&nodes);
+            nodes.extend(face.map(|n| self.duals.first_of(n)));
+            each(nodes);
+        };
+        match self.mesh.kinds[cell].faces() {
+            Some(faces) => {
+                for face in faces {
+                    visit(&mut face.iter().map(|&i| entries[usize::from(i)]));
+                }
+            }
+            None => {
+                for face in polyhedron_faces(entries) {
+                    visit(&mut face.iter().copied());
+                }
+            }
         }
+    }
+
+    /// The corners of a cell, ascending.
+    fn corners(&self, cell: usize, corners: &mut Vec<u32>) {
+        let entries = self.mesh.cell(cell);
+        let first_of = |&n: &u32| self.duals.first_of(n);
+        corners.clear();
+        match self.mesh.kinds[cell].faces() {
+            Some(faces) => {
+                // They come before the other nodes of a cell of higher order.
+                let places = faces.iter().flat_map(|face| face.iter());
+                let count = places.max().map_or(0, |&last| usize::from(last) + 1);
+                corners.extend(entries[..count].iter().map(first_of));
+            }
+            None => corners.extend(polyhedron_faces(entries).flatten().map(first_of)),
+        }
+        corners.sort_unstable();
+        corners.dedup();
+    }
+
+    /// The faces that one cell alone has, by that cell, ascending.
+    fn outer_faces(&self) -> Vec<(u32, [u32; 3])> {
+        let mesh = self.mesh;
+        let each_key = |visit: &mut dyn FnMut([u32; 3], usize)| {
+            let mut nodes = Vec::new();
+            for cell in (0..mesh.cell_count()).filter(|&cell| self.is_drawn(cell)) {
+                self.each_face(cell, &mut nodes, |face| {
+                    if let Some(key) = key(face) {
+                        visit(key, cell);
+                    }
+                });
+            }
+        };
+        // Sorted by the lowest node at first: what is left is short.
+        let mut starts = vec![0; mesh.nodes.len() + 1];
+        each_key(&mut |[a, ..], _| starts[a as usize + 1] += 1);
+        for node in 0..mesh.nodes.len() {
+            starts[node + 1] += starts[node];
+        }
+        let mut next = starts.clone();
+        let mut faces = vec![[0; 3]; starts[mesh.nodes.len()]];
+        each_key(&mut |[a, b, c], cell| {
+            let next = &mut next[a as usize];
+            faces[*next] = [b, c, index_u32(cell)];
+            *next += 1;
+        });
+        drop(next);
+        let mut rest = faces.as_mut_slice();
+        let mut of_nodes = Vec::with_capacity(mesh.nodes.len());
+        for node in 0..mesh.nodes.len() {
+            let (own, others) = rest.split_at_mut(starts[node + 1] - starts[node]);
+            of_nodes.push((index_u32(node), own));
+            rest = others;
+        }
+        let alone = |(node, faces): (u32, &mut [[u32; 3]])| {
+            faces.sort_unstable();
+            let alone = faces
+                .chunk_by(|x, y| x[..2] == y[..2])
+                .filter(|same| same.len() == 1);
+            let alone = alone.map(|same| (same[0][2], [node, same[0][0], same[0][1]]));
+            alone.collect::<Vec<_>>()
+        };
+        let mut outer: Vec<(u32, [u32; 3])> =
+            of_nodes.into_par_iter().flat_map_iter(alone).collect();
+        outer.par_sort_unstable();
+        outer
     }
 }
 
 impl Surface {
     /// The faces that one drawn cell has.
-    fn new(mesh: &CellMesh, duals: &Duals, is_drawn: impl Fn(usize) -> bool) -> Self {
-        let drawn = || (0..mesh.cell_count()).filter(|&c| mesh.kinds[c].is_solid() && is_drawn(c));
-        let mut keys: Vec<([u32; 3], u32)> = Vec::new();
-        for cell in drawn() {
-            each_face(mesh, duals, cell, |face| {
-                let mut sorted = face.to_vec();
-                sorted.sort_unstable();
-                sorted.dedup();
-                if let [a, b, c, ..] = *sorted {
-                    keys.push(([a, b, c], index_u32(cell)));
-                }
-            });
-        }
-        keys.sort_unstable();
-        let once = |key: [u32; 3]| {
-            let at = keys.partition_point(|(k, _)| *k < key);
-            keys.get(at + 1).is_none_or(|(k, _)| *k != key)
+    pub(super) fn new(cells: &DrawnCells<'_>) -> Self {
+        let node = |n: u32| cells.mesh.nodes[n as usize];
+        let middle_of = |nodes: &[u32]| {
+            nodes.iter().map(|&n| node(n)).sum::<DVec3>() / nodes.len().max(1) as f64
         };
-        let mut cells: Vec<u32> = keys
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|same| same.len() == 1)
-            .map(|same| same[0].1)
-            .collect();
-        cells.sort_unstable();
-        cells.dedup();
-        let mut surface = Self {
-            faces: Vec::new(),
-            around: HashMap::new(),
-        };
-        for cell in cells {
-            let mut all: Vec<Vec<u32>> = Vec::new();
-            each_face(mesh, duals, cell as usize, |face| all.push(face.to_vec()));
-            let node = |n: u32| mesh.nodes[n as usize];
-            let corners: Vec<u32> = all.iter().flatten().copied().collect();
-            let middle_of = |nodes: &[u32]| {
-                nodes.iter().map(|&n| node(n)).sum::<DVec3>() / nodes.len().max(1) as f64
-            };
+        let (mut nodes, mut corners) = (Vec::new(), Vec::new());
+        let mut faces: Vec<Face> = Vec::new();
+        for of_cell in cells.outer_faces().chunk_by(|x, y| x.0 == y.0) {
+            let cell = of_cell[0].0 as usize;
+            corners.clear();
+            cells.each_face(cell, &mut nodes, |face| corners.extend_from_slice(face));
             let inner = middle_of(&corners);
-            for nodes in all {
-                let mut sorted = nodes.clone();
-                sorted.sort_unstable();
-                sorted.dedup();
-                let [a, b, c, ..] = *sorted else {
-                    continue;
-                };
-                if !once([a, b, c]) {
-                    continue;
+            cells.each_face(cell, &mut nodes, |face| {
+                let is_outer = |key: [u32; 3]| of_cell.iter().any(|(_, outer)| *outer == key);
+                if !key(face).is_some_and(is_outer) {
+                    return;
                 }
-                let middle = middle_of(&nodes);
-                let turned = (0..nodes.len()).map(|i| {
-                    let (p, q) = (node(nodes[i]), node(nodes[(i + 1) % nodes.len()]));
+                let middle = middle_of(face);
+                let turned = (0..face.len()).map(|i| {
+                    let (p, q) = (node(face[i]), node(face[(i + 1) % face.len()]));
                     (p - middle).cross(q - middle)
                 });
                 let area = turned.sum::<DVec3>() * 0.5;
                 let normal = area * area.dot(inner - middle).signum();
-                if !(normal.is_finite() && normal.length() > 0.0) {
-                    continue;
+                if normal.is_finite() && normal.length() > 0.0 {
+                    faces.push(Face {
+                        nodes: face.to_vec(),
+                        normal,
+                        middle,
+                    });
                 }
-                let place = index_u32(surface.faces.len());
-                for &n in &nodes {
-                    surface.around.entry(n).or_default().push(place);
-                }
-                surface.faces.push(Face {
-                    nodes,
-                    normal,
-                    middle,
-                });
-            }
+            });
         }
+        let with_nodes = |(place, face): (usize, &Face)| {
+            let place = index_u32(place);
+            face.nodes
+                .iter()
+                .map(move |&n| (n, place))
+                .collect::<Vec<_>>()
+        };
+        let mut pairs: Vec<(u32, u32)> = faces.iter().enumerate().flat_map(with_nodes).collect();
+        pairs.sort_unstable();
+        let mut surface = Self {
+            faces,
+            nodes: Vec::new(),
+            starts: Vec::new(),
+            around: Vec::with_capacity(pairs.len()),
+        };
+        for (node, face) in pairs {
+            if surface.nodes.last() != Some(&node) {
+                surface.nodes.push(node);
+                surface.starts.push(surface.around.len());
+            }
+            surface.around.push(face);
+        }
+        surface.starts.push(surface.around.len());
         surface
     }
 
-    /// The tangent planes at a boundary node; `None` where they bound no convex piece.
-    fn planes(&self, mesh: &CellMesh, node: u32) -> Option<Vec<Tangent>> {
+    /// The nodes of the boundary, ascending.
+    pub(super) fn nodes(&self) -> &[u32] {
+        &self.nodes
+    }
+
+    /// The faces around the `n`-th node.
+    fn faces_around(&self, n: usize) -> impl Iterator<Item = &Face> {
+        let around = &self.around[self.starts[n]..self.starts[n + 1]];
+        around.iter().map(|&face| &self.faces[face as usize])
+    }
+
+    /// The tangent planes at the `n`-th boundary node; `None` where they bound no convex piece.
+    fn planes(&self, mesh: &CellMesh, n: usize) -> Option<Vec<Tangent>> {
+        let node = self.nodes[n];
         let origin = mesh.nodes[node as usize];
         // Sums of normals and of the faces' middles, both weighted by area.
         let mut groups: Vec<(DVec3, DVec3)> = Vec::new();
-        let mut faces: Vec<&Face> = self
-            .around
-            .get(&node)?
-            .iter()
-            .map(|&f| &self.faces[f as usize])
-            .collect();
+        let mut faces: Vec<&Face> = self.faces_around(n).collect();
         faces.sort_by(|a, b| b.normal.length().total_cmp(&a.normal.length()));
         for face in faces {
             let unit = face.normal.normalize_or_zero();
@@ -375,8 +499,8 @@ impl Surface {
     ) -> Option<f64> {
         let at = |n: u32| mesh.nodes[n as usize];
         let mut best: Option<(f64, [(u32, f64); 3])> = None;
-        for &face in self.around.get(&node)? {
-            let nodes = &self.faces[face as usize].nodes;
+        for face in self.faces_around(self.nodes.binary_search(&node).ok()?) {
+            let nodes = &face.nodes;
             for i in 1..nodes.len().saturating_sub(1) {
                 let corners = [nodes[0], nodes[i], nodes[i + 1]];
                 let [a, b, c] = corners.map(at);
@@ -409,55 +533,94 @@ impl Surface {
     }
 }
 
-/// The tangent planes beside each node that is few edges from the boundary, those of the nearest nodes
-/// first.
+/// The nodes that are few edges from the boundary, ascending, and the tangent planes beside each, those of the nearest
+/// nodes first.
+///
+/// - `own`: the planes of the boundary's own nodes, `on_boundary`.
 fn beside(
-    mesh: &CellMesh,
-    duals: &Duals,
-    is_drawn: impl Fn(usize) -> bool,
-    own: &HashMap<u32, Vec<Tangent>>,
-) -> HashMap<u32, Vec<Tangent>> {
-    let mut found = own.clone();
+    cells: &DrawnCells<'_>,
+    around: &CellsAround,
+    own: &Tangents,
+    on_boundary: &[u32],
+) -> Vec<(u32, Vec<Tangent>)> {
+    let mesh = cells.mesh;
+    let drawn = |node: u32| {
+        let cells_of = around.of(node).iter().map(|&cell| cell as usize);
+        cells_of.filter(|&cell| cells.is_drawn(cell))
+    };
+    let mut found = Tangents {
+        place_of: own.place_of.clone(),
+        lists: own.lists.clone(),
+    };
+    let mut reached = on_boundary.to_vec();
     for _ in 0..RINGS {
-        let mut next: HashMap<u32, Vec<Tangent>> = HashMap::new();
-        for cell in (0..mesh.cell_count()).filter(|&c| mesh.kinds[c].is_solid() && is_drawn(c)) {
-            let mut corners = Vec::with_capacity(8);
-            each_face(mesh, duals, cell, |face| corners.extend_from_slice(face));
-            corners.sort_unstable();
-            corners.dedup();
-            let known: Vec<Tangent> = corners
-                .iter()
-                .filter_map(|n| found.get(n))
-                .flatten()
-                .copied()
-                .collect();
-            if known.is_empty() {
-                continue;
-            }
-            for corner in corners {
-                next.entry(corner).or_default().extend_from_slice(&known);
+        let mut is_reached = vec![false; mesh.nodes.len()];
+        let mut corners = Vec::new();
+        // Nodes without a plane add none.
+        let with_planes = |node: &&u32| found.of(**node).is_some_and(|planes| !planes.is_empty());
+        for cell in reached
+            .iter()
+            .filter(with_planes)
+            .flat_map(|&node| drawn(node))
+        {
+            cells.corners(cell, &mut corners);
+            for &corner in &corners {
+                is_reached[corner as usize] = true;
             }
         }
-        for (node, mut tangents) in next {
-            let at = mesh.nodes[node as usize];
-            let distance = |t: &Tangent| mesh.nodes[t.node as usize].distance_squared(at);
-            tangents.sort_by(|a, b| {
-                distance(a)
-                    .total_cmp(&distance(b))
-                    .then(a.node.cmp(&b.node))
-            });
-            let mut kept: Vec<Tangent> = Vec::new();
-            for tangent in tangents {
-                // The nearest node's of each plane.
-                if !kept
-                    .iter()
-                    .any(|t| t.normal.dot(tangent.normal) > SAME_PLANE)
-                {
-                    kept.push(tangent);
+        let next: Vec<u32> = (0..mesh.nodes.len())
+            .filter(|&node| is_reached[node])
+            .map(index_u32)
+            .collect();
+        let tangents = |&node: &u32| {
+            let mut corners = Vec::new();
+            let mut sources = Vec::new();
+            for cell in drawn(node) {
+                cells.corners(cell, &mut corners);
+                if corners.binary_search(&node).is_ok() {
+                    sources.extend_from_slice(&corners);
                 }
             }
-            found.insert(node, kept);
+            nearest(mesh, node, &once_each(sources), &found)
+        };
+        let lists: Vec<Vec<Tangent>> = next.par_iter().map(tangents).collect();
+        for (&node, list) in next.iter().zip(lists) {
+            found.set(node, list);
+        }
+        reached.extend(next);
+        reached.sort_unstable();
+        reached.dedup();
+    }
+    let taken = |node: u32| (node, found.of(node).unwrap_or(&[]).to_vec());
+    reached.into_iter().map(taken).collect()
+}
+
+/// The same without repetitions, in the order in which they come first.
+fn once_each(nodes: Vec<u32>) -> Vec<u32> {
+    let mut places: Vec<(u32, u32)> = nodes.into_iter().zip(0..).collect();
+    places.sort_unstable();
+    places.dedup_by_key(|(node, _)| *node);
+    places.sort_unstable_by_key(|(_, place)| *place);
+    places.into_iter().map(|(node, _)| node).collect()
+}
+
+/// The tangent planes that some nodes have `found`, from near a node to far, of each plane the nearest one's.
+fn nearest(mesh: &CellMesh, node: u32, sources: &[u32], found: &Tangents) -> Vec<Tangent> {
+    let at = mesh.nodes[node as usize];
+    let planes = sources.iter().filter_map(|&source| found.of(source));
+    let mut tangents: Vec<(f64, Tangent)> = planes
+        .flatten()
+        .map(|t| (mesh.nodes[t.node as usize].distance_squared(at), *t))
+        .collect();
+    tangents.sort_by(|(a, t), (b, u)| a.total_cmp(b).then(t.node.cmp(&u.node)));
+    let mut kept: Vec<Tangent> = Vec::new();
+    for (_, tangent) in tangents {
+        if !kept
+            .iter()
+            .any(|t| t.normal.dot(tangent.normal) > SAME_PLANE)
+        {
+            kept.push(tangent);
         }
     }
-    found
+    kept
 }

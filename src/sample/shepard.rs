@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::factor::sphere;
+use super::kernel_sums::{Summand, everywhere};
 use super::narrowed;
 use super::neighbours::PointIndex;
 use crate::error::Result;
@@ -41,9 +42,13 @@ pub(super) fn even_out(volume: &mut PointVolume, passes: u32, task: Option<&Task
     for _ in 0..passes {
         let kernel = |j: usize| {
             let factor = factor(j);
-            Some((factor, principal_sigmas(factor)[0], f64::from(volumes[j])))
+            Some(Summand {
+                factor,
+                sigma: principal_sigmas(factor)[0],
+                amplitude: f64::from(volumes[j]),
+            })
         };
-        let sums = index.kernel_sums(task, kernel, |_, _| true)?;
+        let sums = index.kernel_sums(task, kernel, everywhere)?;
         volumes
             .par_iter_mut()
             .zip(&sums)

@@ -57,6 +57,16 @@ pub struct LocalModel {
     pub above: f32,
 }
 
+impl LocalModel {
+    /// Of a field that is the same everywhere.
+    pub(crate) const NONE: Self = Self {
+        slope: Vec3::ZERO,
+        departure: 0.0,
+        below: 0.0,
+        above: 0.0,
+    };
+}
+
 /// Local models of a volume's particles, six bytes each; the head of this file has their bits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalModels {
@@ -69,17 +79,55 @@ impl LocalModels {
     /// Encodes one model for each particle. Slopes and departures that are not finite become zero,
     /// ranges that are not become [`NO_BOUND`].
     pub fn new(models: &[LocalModel]) -> Self {
+        let mut encoded = Self::scaled(models);
+        encoded.codes = models.par_iter().map(|m| encoded.code(m)).collect();
+        encoded
+    }
+
+    /// None yet, with the scales of these.
+    fn scaled(models: &[LocalModel]) -> Self {
         let greatest = |of: &(dyn Fn(&LocalModel) -> f32 + Sync)| {
             let finite = models.par_iter().map(of).filter(|x| x.is_finite());
             finite.reduce(|| 0.0, f32::max)
         };
-        let mut encoded = Self {
+        Self {
             codes: Vec::new(),
             greatest_slope: greatest(&|model| length_of(model.slope)),
             greatest_departure: greatest(&|model| model.departure.abs()),
-        };
-        encoded.codes = models.par_iter().map(|m| encoded.code(m)).collect();
-        encoded
+        }
+    }
+
+    /// The same with some models changed, and others behind them.
+    ///
+    /// - `changes`: which particle's, ascending or not, or none of those that are there; and its model.
+    pub(crate) fn changed(mut self, changes: &[(Option<usize>, LocalModel)]) -> Self {
+        let models: Vec<LocalModel> = changes.iter().map(|(_, model)| *model).collect();
+        let Self {
+            greatest_slope,
+            greatest_departure,
+            ..
+        } = Self::scaled(&models);
+        if greatest_slope <= self.greatest_slope && greatest_departure <= self.greatest_departure {
+            let codes: Vec<[u16; 3]> = models.par_iter().map(|m| self.code(m)).collect();
+            for ((i, _), code) in changes.iter().zip(codes) {
+                match i {
+                    Some(i) => self.codes[*i] = code,
+                    None => self.codes.push(code),
+                }
+            }
+            return self;
+        }
+        let mut all: Vec<LocalModel> = (0..self.len())
+            .into_par_iter()
+            .map(|i| self.get(i))
+            .collect();
+        for (i, model) in changes {
+            match i {
+                Some(i) => all[*i] = *model,
+                None => all.push(*model),
+            }
+        }
+        Self::new(&all)
     }
 
     /// How many there are.
@@ -222,8 +270,14 @@ fn length_code(length: f32, [most, per_octave]: Scale, greatest: f32) -> u32 {
 /// How many steps reach as far as `range`.
 fn range_code(range: f32, step: f32) -> u32 {
     let reaches = |steps: &u32| range <= *steps as f32 * step;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "casts saturate, and NaN gives 0"
+    )]
+    let below = ((range / step) as u32).saturating_sub(1);
     // NaN is reached by none.
-    (0..MOST_RANGE_STEPS)
+    (below..MOST_RANGE_STEPS)
         .find(reaches)
         .unwrap_or(MOST_RANGE_STEPS)
 }
@@ -366,6 +420,49 @@ mod tests {
             assert_eq!(gathered.get(place), coded.get(i));
         }
         assert!(LocalModels::new(&[]).is_empty());
+    }
+
+    #[test]
+    fn changed_models_read_as_if_all_were_new() {
+        let of = |scale: f32| {
+            let models = (0..30).map(|i| {
+                let x = scale * i as f32;
+                model(Vec3::new(x, 2.0 - x, 0.5), 3.0 - x, 0.2 * x, x)
+            });
+            models.collect::<Vec<_>>()
+        };
+        let all = of(1.0);
+        let some = model(Vec3::new(0.1, -0.4, 0.2), -0.7, 0.3, 0.1);
+        // Within the scales of the others, and beyond them.
+        for other in [
+            some,
+            model(Vec3::Y * 90.0, 2.0, 0.0, 0.0),
+            model(Vec3::X, -99.0, 1.0, 0.0),
+        ] {
+            let changes = [
+                (Some(4), other),
+                (None, some),
+                (Some(0), some),
+                (None, other),
+            ];
+            let changed = LocalModels::new(&all).changed(&changes);
+            let mut truth = all.clone();
+            (truth[4], truth[0]) = (other, some);
+            truth.extend([some, other]);
+            let scales = LocalModels::new(&truth).scales();
+            for (a, b) in changed.scales().into_iter().zip(scales) {
+                assert!(is_within(a, b, 0.0), "{a} {b}");
+            }
+            assert_eq!(changed.len(), 32);
+            for (i, truth) in truth.iter().enumerate() {
+                let read = changed.get(i);
+                // Coded twice where scales grow.
+                let off = (read.slope - truth.slope).length();
+                assert!(off <= 2.0 * (LENGTH + DIRECTION) * truth.slope.length());
+                assert!(is_within(read.departure, truth.departure, 2.0 * HEIGHT));
+                assert!(read.below >= truth.below && read.above >= truth.above);
+            }
+        }
     }
 
     /// The bits as the head of the file has them: what shaders read.

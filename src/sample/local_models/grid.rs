@@ -8,12 +8,19 @@
 use glam::{DMat3, DVec3, DVec4, Vec4Swizzles as _};
 
 use super::super::gradient::{SPANNING, Samples};
+use super::super::narrowed;
 use super::quadratic::{Quadratic, fit};
 use super::{Range, local_model};
 use crate::scene::LocalModel;
 
 /// How far the range of values reaches along each index.
-const RINGS: isize = 2;
+const RINGS: usize = 2;
+
+/// Samples of a run at most.
+pub(in crate::sample) const RUN: usize = 32;
+
+/// Those of a run, and [`RINGS`] at either end.
+const WIDE: usize = RUN + 2 * RINGS;
 
 /// A kernel of one sample.
 pub(in crate::sample) struct GridKernel {
@@ -25,67 +32,155 @@ pub(in crate::sample) struct GridKernel {
     pub(in crate::sample) width: f64,
 }
 
-/// The local model of a sample; `value`: of any sample, NaN if unknown.
-pub(in crate::sample) fn model<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
-    samples: &Samples<F>,
-    sample: [usize; 3],
-    kernel: &GridKernel,
-    value: impl Fn([usize; 3]) -> f32,
-) -> LocalModel {
-    let own_value = value(sample);
-    let mut range = Range::of(own_value);
-    let steps = || -RINGS..=RINGS;
-    for k in steps() {
-        for j in steps() {
-            for i in steps() {
-                if let Some(other) = samples.stepped(sample, [i, j, k]) {
-                    range = range.and(Range::of(value(other)));
+/// Samples one after the other along i, with those around them.
+pub(in crate::sample) struct Run {
+    /// Positions and values in the nine rows around, one sample more at either end; NaN where unknown.
+    rows: [[DVec4; RUN + 2]; 9],
+    /// Of the values within [`RINGS`] steps along each index.
+    ranges: [Range; RUN],
+}
+
+impl Run {
+    /// - `values`: of all samples, NaN if unknown.
+    /// - `first`: the run's first sample; `count`: how many it has, [`RUN`] at most.
+    pub(in crate::sample) fn new<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
+        samples: &Samples<F>,
+        values: &[f32],
+        [first, j, k]: [usize; 3],
+        count: usize,
+    ) -> Self {
+        let columns: [Option<usize>; WIDE] = std::array::from_fn(|n| {
+            let step = n as isize - RINGS as isize;
+            let is_near = n < count + 2 * RINGS;
+            is_near.then(|| samples.along(0, first, step)).flatten()
+        });
+        let row = |j_step: isize, k_step: isize| {
+            Some([samples.along(1, j, j_step)?, samples.along(2, k, k_step)?])
+        };
+        let mut rows = [[DVec4::NAN; RUN + 2]; 9];
+        for (n, places) in rows.iter_mut().enumerate() {
+            let Some([j, k]) = row((n % 3) as isize - 1, (n / 3) as isize - 1) else {
+                continue;
+            };
+            for (place, column) in places.iter_mut().zip(&columns[RINGS - 1..]) {
+                let known = column.and_then(|i| (samples.at)([i, j, k]));
+                if let Some((position, value)) = known {
+                    *place = position.extend(value);
                 }
             }
         }
+        let [ni, nj, _] = samples.dims;
+        let near = || -(RINGS as isize)..=RINGS as isize;
+        let wide_rows = near().flat_map(|k_step| near().map(move |j_step| [j_step, k_step]));
+        let lines = wide_rows.filter_map(|[j_step, k_step]| {
+            let [j, k] = row(j_step, k_step)?;
+            Some(&values[ni * (j + nj * k)..][..ni])
+        });
+        let ranges = pulp::Arch::new().dispatch(Ranges { lines, columns });
+        Self { rows, ranges }
     }
-    let factor = super::matrix_of(kernel.factor);
-    let Some((place, _)) = (samples.at)(sample) else {
-        let nothing = Quadratic::default();
-        return local_model(&nothing, factor, DVec3::ZERO, own_value, range, 1.0);
-    };
-    let offset = kernel.centre - place;
-    // A quadratic that is linear along an index has the spread of its neighbours at most as its change
-    // along each index.
-    let steepest = (3.0_f64.sqrt() * kernel.width).max(1.0);
-    match by_differences(samples, sample) {
-        Some(quadratic) => local_model(&quadratic, factor, offset, own_value, range, steepest),
-        None => {
-            let inverse = super::inverse_of(factor);
-            let (turned, factor) = match inverse {
-                Some(inverse) => (inverse, DMat3::IDENTITY),
-                None => (DMat3::IDENTITY, factor),
-            };
-            let quadratic = by_least_squares(samples, sample, turned);
-            local_model(
-                &quadratic,
-                factor,
-                turned * offset,
-                own_value,
-                range,
-                steepest,
-            )
+
+    /// The local model of the run's `n`-th sample.
+    pub(in crate::sample) fn model(&self, n: usize, kernel: &GridKernel) -> LocalModel {
+        let range = self.ranges[n];
+        let factor = super::matrix_of(kernel.factor);
+        let own = self.rows[4][n + 1];
+        let value = narrowed(own.w);
+        if own.w.is_nan() {
+            let nothing = Quadratic::default();
+            return local_model(&nothing, factor, DVec3::ZERO, value, range, 1.0);
+        }
+        // Position and value relative to the sample's own.
+        let at = |[i, j, k]: [isize; 3]| {
+            let row = 4_usize.checked_add_signed(j + 3 * k)?;
+            let other = self.rows[row][(n + 1).checked_add_signed(i)?];
+            (!other.w.is_nan()).then(|| other - own)
+        };
+        let offset = kernel.centre - own.xyz();
+        // A quadratic that is linear along an index has the spread of its neighbours at most as its change
+        // along each index.
+        let steepest = (3.0_f64.sqrt() * kernel.width).max(1.0);
+        match by_differences(at) {
+            Some(quadratic) => local_model(&quadratic, factor, offset, value, range, steepest),
+            None => {
+                let inverse = super::inverse_of(factor);
+                let (turned, factor) = match inverse {
+                    Some(inverse) => (inverse, DMat3::IDENTITY),
+                    None => (DMat3::IDENTITY, factor),
+                };
+                let quadratic = by_least_squares(at, turned);
+                local_model(&quadratic, factor, turned * offset, value, range, steepest)
+            }
         }
     }
 }
 
-/// `None` where the differences of positions do not span space: on singular lines, in single layers,
-/// beside missing samples.
-fn by_differences<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
-    samples: &Samples<F>,
-    sample: [usize; 3],
-) -> Option<Quadratic> {
-    let (place, value) = (samples.at)(sample)?;
-    // Position and value relative to the sample's own.
-    let at = |steps: [isize; 3]| {
-        let (position, other) = samples.neighbour(sample, steps)?;
-        Some((position - place).extend(other - value))
-    };
+/// Of the values within [`RINGS`] steps of each sample of a run: work that is compiled for the processor's vectors.
+struct Ranges<L> {
+    /// The values of the rows within as many steps along j and k.
+    lines: L,
+    /// Where the run lies in them, with [`RINGS`] samples at either end.
+    columns: [Option<usize>; WIDE],
+}
+
+impl<'a, L: Iterator<Item = &'a [f32]>> pulp::NullaryFnOnce for Ranges<L> {
+    type Output = [Range; RUN];
+
+    #[inline(always)]
+    fn call(self) -> [Range; RUN] {
+        ranges(self.lines, &self.columns)
+    }
+}
+
+#[inline(always)]
+fn ranges<'a>(
+    lines: impl Iterator<Item = &'a [f32]>,
+    columns: &[Option<usize>; WIDE],
+) -> [Range; RUN] {
+    // In one piece but where an index closes within the run.
+    let begin = columns.iter().take_while(|column| column.is_none()).count();
+    let piece = &columns[begin..];
+    let length = piece.iter().take_while(|column| column.is_some()).count();
+    let from = piece.first().copied().flatten().unwrap_or(0);
+    let is_one = (from..)
+        .zip(&piece[..length])
+        .all(|(i, column)| *column == Some(i));
+    let (mut least, mut greatest) = ([f32::INFINITY; WIDE], [f32::NEG_INFINITY; WIDE]);
+    for line in lines {
+        let mut values = [f32::NAN; WIDE];
+        if is_one {
+            values[begin..begin + length].copy_from_slice(&line[from..from + length]);
+        } else {
+            for (value, column) in values.iter_mut().zip(columns) {
+                *value = column.map_or(f32::NAN, |i| line[i]);
+            }
+        }
+        for n in 0..WIDE {
+            // NaN is neither less nor greater.
+            least[n] = if values[n] < least[n] {
+                values[n]
+            } else {
+                least[n]
+            };
+            greatest[n] = if values[n] > greatest[n] {
+                values[n]
+            } else {
+                greatest[n]
+            };
+        }
+    }
+    std::array::from_fn(|n| {
+        let near = (n..=n + 2 * RINGS).map(|n| Range {
+            least: least[n],
+            greatest: greatest[n],
+        });
+        near.fold(Range::EMPTY, Range::and)
+    })
+}
+
+/// From the differences of position and value some steps away, where known. `None` where those of positions do not
+/// span space: on singular lines, in single layers, beside missing samples.
+fn by_differences(at: impl Fn([isize; 3]) -> Option<DVec4>) -> Option<Quadratic> {
     let step = |axis: usize, by: isize| {
         let mut steps = [0; 3];
         steps[axis] = by;
@@ -137,18 +232,10 @@ fn by_differences<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
 }
 
 /// From all 26 around, in coordinates `turned` * world.
-fn by_least_squares<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
-    samples: &Samples<F>,
-    sample: [usize; 3],
-    turned: DMat3,
-) -> Quadratic {
-    let Some((place, value)) = (samples.at)(sample) else {
-        return Quadratic::default();
-    };
+fn by_least_squares(at: impl Fn([isize; 3]) -> Option<DVec4>, turned: DMat3) -> Quadratic {
     let around = (0..27_usize).filter_map(|n| {
-        let steps = [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1);
-        let (position, other) = samples.neighbour(sample, steps)?;
-        Some((turned * (position - place), other - value))
+        let other = at([n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1))?;
+        Some((turned * other.xyz(), other.w))
     });
     fit(&around.collect::<Vec<_>>()).quadratic
 }
@@ -157,7 +244,6 @@ fn by_least_squares<F: Fn([usize; 3]) -> Option<(DVec3, f64)>>(
 mod tests {
     use super::*;
     use crate::math::lower_factor;
-    use crate::sample::narrowed;
 
     const WIDTH: f64 = 0.8;
     const SLOPE: DVec3 = DVec3::new(0.3, -1.7, 0.9);
@@ -203,8 +289,15 @@ mod tests {
                 factor,
                 width: WIDTH,
             };
-            let value = |s| at(s).map_or(f32::NAN, |(_, v)| narrowed(v));
-            let model = model(&samples, sample, &kernel, value);
+            let [ni, nj, nk] = self.dims;
+            let value = |n: usize| at([n % ni, n / ni % nj, n / (ni * nj)]);
+            let values: Vec<f32> = (0..ni * nj * nk)
+                .map(|n| value(n).map_or(f32::NAN, |(_, v)| narrowed(v)))
+                .collect();
+            // As the sample of a run of several.
+            let before = sample[0].min(5);
+            let first = [sample[0] - before, sample[1], sample[2]];
+            let model = Run::new(&samples, &values, first, before + 1).model(before, &kernel);
             (model, super::super::matrix_of(factor))
         }
     }

@@ -44,6 +44,23 @@ pub(super) struct Fitted {
 /// Nine unknowns, weights 1/distance². With fewer neighbours or some in special places, the least
 /// second derivatives (in the coordinates of the offsets) that fit; zero without neighbours.
 pub(super) fn fit(neighbours: &[(DVec3, f64)]) -> Fitted {
+    pulp::Arch::new().dispatch(Fit(neighbours))
+}
+
+/// [`fitted`], as work that is compiled for the processor's vectors.
+struct Fit<'a>(&'a [(DVec3, f64)]);
+
+impl pulp::NullaryFnOnce for Fit<'_> {
+    type Output = Fitted;
+
+    #[inline(always)]
+    fn call(self) -> Fitted {
+        fitted(self.0)
+    }
+}
+
+#[inline(always)]
+fn fitted(neighbours: &[(DVec3, f64)]) -> Fitted {
     let known = || {
         neighbours
             .iter()
@@ -117,6 +134,7 @@ pub(super) fn fit(neighbours: &[(DVec3, f64)]) -> Fitted {
 
 /// The Cholesky factor of a matrix with `damping` on its diagonal, its own diagonal inverted, and
 /// whether all columns are independent.
+#[inline(always)]
 fn factorise(matrix: &[[f64; 9]; 9], damping: impl Fn(usize) -> f64) -> ([[f64; 9]; 9], bool) {
     let mut factor = [[0.0; 9]; 9];
     let mut is_determined = true;
@@ -134,6 +152,7 @@ fn factorise(matrix: &[[f64; 9]; 9], damping: impl Fn(usize) -> f64) -> ([[f64; 
     (factor, is_determined)
 }
 
+#[inline(always)]
 fn solve(factor: &[[f64; 9]; 9], mut x: [f64; 9]) -> [f64; 9] {
     for i in 0..9 {
         let sum: f64 = (0..i).map(|k| factor[i][k] * x[k]).sum();

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::factor::{factor_of_scales, sphere};
+use super::super::kernel_sums::{Summand, everywhere};
 use super::super::left_out::LeftOut;
 use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
@@ -152,7 +153,11 @@ impl<'a> Columns<'a> {
         };
         let kernel = |j: usize| {
             let s = sigma(j);
-            (s > 0.0 && s.is_finite()).then_some((sphere(s), s, 1.0))
+            (s > 0.0 && s.is_finite()).then_some(Summand {
+                factor: sphere(s),
+                sigma: s,
+                amplitude: 1.0,
+            })
         };
         let average = index.as_ref().map_or(0, |index| index.mean_reach(kernel));
         if average > MOST_NEIGHBOURS {
@@ -166,7 +171,7 @@ impl<'a> Columns<'a> {
         }
         let volumes = match index.filter(|_| crowded && !known) {
             Some(index) => {
-                let sums = index.kernel_sums(options.task.as_ref(), kernel, |_, _| true)?;
+                let sums = index.kernel_sums(options.task.as_ref(), kernel, everywhere)?;
                 Some(sums.into_iter().map(|sum| 1.0 / sum).collect())
             }
             None => None,
