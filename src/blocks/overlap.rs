@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::merge::Tree;
+use super::tree::Tree;
 use crate::splat::budget::OVERLAP;
 
 /// Kernels whose centres fit into a box of this diagonal, in units of the standard deviation that at least
@@ -23,57 +23,53 @@ pub(in crate::blocks) struct Crowds {
 impl Crowds {
     /// Finds them.
     ///
-    /// - `order`: the particles in block order.
-    /// - `tree`: over that order; empty where all are in one block.
+    /// - `tree`: over the particles in their order; empty where all are in one block.
+    /// - `positions`, and what follows: in block order.
     /// - `sigmas`: least and greatest standard deviation of each particle; the least counts.
     /// - `strengths`: as stored ([`Strength::stored`](crate::scene::Strength::stored)); particles of none
     ///   draw nothing, and add to no crowd.
     pub(super) fn new(
-        order: &[u32],
         tree: &Tree,
         positions: &[DVec3],
         sigmas: &[[f32; 2]],
         strengths: &[f32],
     ) -> Self {
         // The least standard deviation, of what draws anything.
-        let width = |i: u32| {
-            let [least, greatest] = sigmas[i as usize];
+        let width = |i: usize| {
+            let [least, greatest] = sigmas[i];
             let is_drawn = least >= 0.0 && greatest.is_finite() && {
-                let strength = strengths[i as usize];
+                let strength = strengths[i];
                 strength > 0.0 && strength.is_finite()
             };
             is_drawn.then_some(f64::from(least))
         };
-        let at = |i: u32| positions[i as usize];
+        let at = |i: usize| positions[i];
         let mut runs = Vec::new();
         if tree.is_empty() {
-            let drawn: Vec<u32> = order
-                .iter()
-                .copied()
+            let drawn: Vec<usize> = (0..positions.len())
                 .filter(|&i| width(i).is_some())
                 .collect();
-            let beside = |&i: &u32| {
+            let beside = |&i: &usize| {
                 // A wide kernel is no place of many narrow ones.
-                let reach = |i: u32| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
-                let is_near = |&&j: &&u32| at(i).distance(at(j)) <= reach(i).min(reach(j));
+                let reach = |i: usize| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
+                let is_near = |&&j: &&usize| at(i).distance(at(j)) <= reach(i).min(reach(j));
                 drawn.iter().filter(is_near).count()
             };
             let count = drawn.iter().map(beside).max().unwrap_or(0);
             if is_crowd(count) {
-                runs.push((0..order.len(), count));
+                runs.push((0..positions.len(), count));
             }
             return Self { runs };
         }
         // Up to each particle: how many are drawn, and the sum of their widths.
-        let mut sums = Vec::with_capacity(order.len() + 1);
+        let mut sums = Vec::with_capacity(positions.len() + 1);
         sums.push((0, 0.0));
-        for &i in order {
+        for i in 0..positions.len() {
             let (count, sum) = sums[sums.len() - 1];
             sums.push(width(i).map_or((count, sum), |w| (count + 1, sum + w)));
         }
         let is_one_place = |run: &Range<usize>| {
-            let members = order[run.clone()].iter();
-            let drawn = members.filter_map(|&i| Some((at(i), width(i)?)));
+            let drawn = run.clone().filter_map(|i| Some((at(i), width(i)?)));
             let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
             let (lower, upper) = drawn
                 .clone()

@@ -21,7 +21,7 @@ use super::{Block, BlockedVolume};
 use crate::scene::{Averages, Slopes, Strength, TransferFunction, Values, Weighting};
 
 pub(super) use lattice::merge_lattice;
-pub(super) use points::{Shapes, Source, Tree, merge_points};
+pub(super) use points::{Shapes, Source, merge_points};
 
 /// Particles in a cluster of the first level, and clusters in one of the next.
 pub(super) const MERGE_RATIO: usize = 16;

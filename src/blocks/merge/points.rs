@@ -1,15 +1,13 @@
 //! Clusters of a point set: subtrees of the BVH that its blocks are subtrees of.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
-use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
 
 use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
 use crate::blocks::overlap::Crowds;
+use crate::blocks::tree::Tree;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -17,168 +15,7 @@ use crate::math::{eigen, lower_factor, lower_matrix, symmetric};
 use crate::scene::{BoundaryPlanes, Colour, LocalModels, Strength, Values, cut_kernel};
 use crate::task::{Stage, Task};
 
-/// By how much less than its box the particles of a subtree may span, in units of the box: each is
-/// moved by a millionth along each axis, either way, and rounded.
-const SLACK: f64 = 4e-6;
-
-/// A BVH whose subtrees are runs of particles in block order.
-#[derive(Debug, Clone, Default)]
-pub(in crate::blocks) struct Tree {
-    /// The root first, children after their parents; empty where there are no particles.
-    nodes: Vec<Node>,
-    /// World units in the units of its boxes.
-    unit: f64,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    /// Its first particle in block order.
-    start: u32,
-    /// How many it has.
-    count: u32,
-    /// The first of its two children; 0 for a leaf.
-    child: u32,
-    /// Squared diagonal of its box, in units of its own.
-    size: f32,
-}
-
-impl Tree {
-    /// A tree, and the order of particles in which its subtrees are runs.
-    ///
-    /// - `unit`: world units in the units of its boxes.
-    pub(in crate::blocks) fn new(bvh: &Bvh2, unit: f64) -> (Self, Vec<u32>) {
-        let mut nodes: Vec<Node> = bvh
-            .nodes
-            .iter()
-            .map(|node| Node {
-                start: 0,
-                count: node.prim_count,
-                child: if node.is_leaf() { 0 } else { node.first_index },
-                size: (node.aabb().max - node.aabb().min).length_squared(),
-            })
-            .collect();
-        for i in (0..nodes.len()).rev() {
-            let child = nodes[i].child as usize;
-            if child > 0 {
-                nodes[i].count = nodes[child].count + nodes[child + 1].count;
-            }
-        }
-        let total = nodes.first().map_or(0, |root| root.count as usize);
-        let mut order = vec![0; total];
-        for i in 0..nodes.len() {
-            let Node { start, child, .. } = nodes[i];
-            let child = child as usize;
-            if child > 0 {
-                nodes[child].start = start;
-                nodes[child + 1].start = start + nodes[child].count;
-            } else {
-                let leaf = &bvh.nodes[i];
-                let first = leaf.first_index as usize;
-                let members = &bvh.primitive_indices[first..first + leaf.prim_count as usize];
-                order[start as usize..start as usize + members.len()].copy_from_slice(members);
-            }
-        }
-        (Self { nodes, unit }, order)
-    }
-
-    /// Whether it has no particles.
-    pub(in crate::blocks) fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
-    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
-    /// says so, in block order. The diagonal of its box is a lower bound, world units.
-    pub(in crate::blocks) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
-        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
-        while let Some(i) = stack.pop() {
-            let node = &self.nodes[i];
-            let diagonal = (f64::from(node.size).sqrt() - SLACK).max(0.0) * self.unit;
-            if each(self.run(i), diagonal) && node.child > 0 {
-                stack.extend([node.child as usize + 1, node.child as usize]);
-            }
-        }
-    }
-
-    /// The largest subtrees with at most `capacity` particles, in block order.
-    pub(in crate::blocks) fn subtrees(&self, capacity: usize) -> Vec<usize> {
-        let mut found = Vec::new();
-        let mut stack = vec![0];
-        while let Some(i) = stack.pop() {
-            let Some(node) = self.nodes.get(i) else {
-                break;
-            };
-            if node.count as usize <= capacity || node.child == 0 {
-                found.push(i);
-            } else {
-                stack.extend([node.child as usize + 1, node.child as usize]);
-            }
-        }
-        found
-    }
-
-    /// The particles of a subtree: a run of block order.
-    pub(in crate::blocks) fn run(&self, subtree: usize) -> Range<usize> {
-        let node = &self.nodes[subtree];
-        node.start as usize..(node.start + node.count) as usize
-    }
-
-    /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
-    /// what merging leaves out is even.
-    fn clusters(&self, subtree: usize, count: usize) -> Vec<usize> {
-        let mut widest = BinaryHeap::from([Widest {
-            size: self.nodes[subtree].size,
-            node: subtree,
-        }]);
-        let mut leaves = Vec::new();
-        while widest.len() + leaves.len() < count {
-            let Some(Widest { node, .. }) = widest.pop() else {
-                break;
-            };
-            let child = self.nodes[node].child as usize;
-            if child == 0 {
-                leaves.push(node);
-                continue;
-            }
-            widest.extend([child, child + 1].map(|node| Widest {
-                size: self.nodes[node].size,
-                node,
-            }));
-        }
-        leaves.extend(widest.into_iter().map(|w| w.node));
-        leaves.sort_unstable_by_key(|&node| self.nodes[node].start);
-        leaves
-    }
-}
-
-/// A subtree in the order of sizes.
-#[derive(Debug, Clone, Copy)]
-struct Widest {
-    size: f32,
-    node: usize,
-}
-
-impl PartialEq for Widest {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Widest {}
-
-impl PartialOrd for Widest {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Widest {
-    fn cmp(&self, other: &Self) -> Ordering {
-        let by_size = self.size.total_cmp(&other.size);
-        by_size.then(other.node.cmp(&self.node))
-    }
-}
-
-/// The particles that are merged, in their own order.
+/// The particles that are merged, in block order.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) positions: &'a [DVec3],
@@ -274,14 +111,13 @@ struct Particle {
 pub(in crate::blocks) fn merge_points(
     source: &Source<'_>,
     tree: &Tree,
-    order: &[u32],
     crowds: &Crowds,
     task: Option<&Task>,
 ) -> Result<Option<MergedPoints>> {
     let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
         && !matches!(source.colour, Colour::Harmonics { .. })
         && source.values.is_none_or(|v| !v.has_infinite());
-    if !is_mergeable || order.len() <= BLOCK_CAPACITY {
+    if !is_mergeable || source.positions.len() <= BLOCK_CAPACITY {
         return Ok(None);
     }
     let mut levels: Vec<Vec<MergedBlock>> = Vec::new();
@@ -296,15 +132,12 @@ pub(in crate::blocks) fn merge_points(
             .map(|&subtree| {
                 let run = tree.run(subtree);
                 let count = run.len().div_ceil(members);
-                let clusters = tree.clusters(subtree, count);
-                let clusters: Vec<&[u32]> = clusters
-                    .iter()
-                    .map(|&node| &order[tree.run(node)])
-                    .collect();
+                let clusters = tree.clusters(subtree, count).into_iter();
+                let clusters: Vec<_> = clusters.map(|node| tree.run(node)).collect();
                 // A block's clusters are as many as fit its particles, the widest cut first: in
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
-                let block = MergedBlock::new(source, &order[run.clone()], run.start, &clusters);
+                let block = MergedBlock::new(source, run, &clusters);
                 stage.advance(1);
                 MergedBlock { crowding, ..block }
             })
@@ -342,19 +175,20 @@ struct MergedBlock {
 }
 
 impl MergedBlock {
-    fn new(source: &Source<'_>, members: &[u32], start: usize, clusters: &[&[u32]]) -> Self {
+    fn new(source: &Source<'_>, run: Range<usize>, clusters: &[Range<usize>]) -> Self {
         // The coarsest blocks are few and have millions: they are shared among all processors, too.
-        let chunks = members.par_chunks(TASK);
-        let (lower, upper, narrowest) = chunks
-            .map(|members| {
+        let positions = source.positions[run.clone()].par_chunks(TASK);
+        let sigmas = source.sigmas[run.clone()].par_chunks(TASK);
+        let (lower, upper, narrowest) = positions
+            .zip(sigmas)
+            .map(|(positions, sigmas)| {
                 let mut lower = DVec3::INFINITY;
                 let mut upper = DVec3::NEG_INFINITY;
                 let mut narrowest = f32::INFINITY;
-                for &i in members {
-                    let p = source.positions[i as usize];
+                for (&p, &[sigma, _]) in positions.iter().zip(sigmas) {
                     lower = lower.min(p);
                     upper = upper.max(p);
-                    narrowest = narrowest.min(source.sigmas[i as usize][0]);
+                    narrowest = narrowest.min(sigma);
                 }
                 (lower, upper, narrowest)
             })
@@ -364,7 +198,7 @@ impl MergedBlock {
             );
         let origin = (lower + upper) / 2.0;
         let mut block = Self {
-            start,
+            start: run.start,
             origin,
             half_extent: (upper - lower) / 2.0,
             bounds: MergeBounds::default(),
@@ -374,11 +208,11 @@ impl MergedBlock {
         };
         let mut third_squares = 0.0;
         let mut uneven_squares = 0.0;
-        let each = members.len() / clusters.len().max(1);
+        let each = run.len() / clusters.len().max(1);
         let merged: Vec<_> = clusters
             .par_iter()
             .with_min_len((TASK / each.max(1)).max(1))
-            .map(|cluster| merge(source, origin, narrowest, cluster))
+            .map(|cluster| merge(source, origin, narrowest, cluster.clone()))
             .collect();
         for (particle, bounds, sigma) in merged.into_iter().flatten() {
             third_squares += f64::from(bounds.third).powi(6);
@@ -400,12 +234,9 @@ fn merge(
     source: &Source<'_>,
     origin: DVec3,
     narrowest: f32,
-    members: &[u32],
+    members: Range<usize>,
 ) -> Option<(Particle, MergeBounds, f32)> {
-    let visible: Vec<Member> = members
-        .iter()
-        .filter_map(|&i| source.member(i as usize, origin))
-        .collect();
+    let visible: Vec<Member> = members.filter_map(|i| source.member(i, origin)).collect();
     let total: f64 = visible.iter().map(|m| m.strength).sum();
     if !(total > 0.0 && total.is_finite()) {
         return None;
