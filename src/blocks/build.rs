@@ -191,14 +191,14 @@ fn build_ordered(
         local_models,
     };
     let rest = rest.gather(&order);
-    let sigma_ranges = sigma_ranges(&sigmas, sides.is_some());
+    let principal = principal_ranges(&sigmas, sides.is_some());
     let source = Source {
         positions: &positions,
         shapes: match &sigmas {
             Ok(sigmas) => Shapes::Spheres(sigmas),
             Err(factors) => Shapes::Factors(factors),
         },
-        sigmas: &sigma_ranges,
+        principal: &principal,
         strength: &rest.strength,
         colour: &rest.colour,
         values: rest.values.as_ref(),
@@ -206,7 +206,7 @@ fn build_ordered(
         boundary: rest.boundary.as_ref(),
     };
     // Surfels are not merged: a cluster of them need not lie in a plane.
-    let crowds = Crowds::new(&tree, &positions, &sigma_ranges, rest.strength.stored());
+    let crowds = Crowds::new(&tree, &source);
     let merged = if detail && sides.is_none() {
         merge_points(&source, &tree, &crowds, task)?
     } else {
@@ -221,7 +221,7 @@ fn build_ordered(
     // Within their blocks, particles have an order of their own.
     let mut places: Vec<u32> = (0..order.len() as u32).collect();
     let runs = without_outliers(&mut places, runs, &positions, &|i| {
-        sigma_ranges[i as usize][1]
+        source.sigmas(i as usize)[1]
     });
     if let Some(values) = &rest.values {
         sort_by_value(&mut places, &runs, values);
@@ -240,7 +240,7 @@ fn build_ordered(
         }
     }
     let coarse = merged.map(|merged| merged.into_volume(&source));
-    drop(sigma_ranges);
+    drop(principal);
     let offsets: Vec<[f32; 3]> = blocks
         .par_iter()
         .zip(&runs)
@@ -366,10 +366,10 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
     volumes
 }
 
-/// Least and greatest standard deviation of each kernel, rounded outwards.
-fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
+/// Least and greatest standard deviation of each kernel that is no sphere, rounded outwards.
+fn principal_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
     match sigmas {
-        Ok(sigmas) => sigmas.iter().map(|&sigma| [sigma; 2]).collect(),
+        Ok(_) => Vec::new(),
         Err(tangents) if are_surfels => tangents
             .par_iter()
             .map(|tangents| outwards(0.0, widest_tangent(tangents.map(f64::from))))
@@ -466,7 +466,7 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
         let p = source.positions[i as usize];
         (lower.min(p), upper.max(p))
     });
-    let sigmas = members.iter().map(|&i| source.sigmas[i as usize]);
+    let sigmas = members.iter().map(|&i| source.sigmas(i as usize));
     let [min_sigma, max_sigma] = sigmas.fold([f32::INFINITY, 0.0], |[least, greatest], [a, b]| {
         [least.min(a), greatest.max(b)]
     });

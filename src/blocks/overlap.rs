@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
+use super::merge::Source;
 use super::tree::Tree;
 use crate::splat::budget::OVERLAP;
 
@@ -12,6 +13,9 @@ use crate::splat::budget::OVERLAP;
 /// half of them have, lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
 /// twelfth and a thirtieth do: as much of the edge that they would have together is left.
 const DIAGONAL: f64 = 1.0;
+
+/// Particles from one sum that is kept to the next.
+const STEP: usize = 8;
 
 /// The places of a point set where more than [`OVERLAP`] kernels lie.
 #[derive(Debug, Default)]
@@ -23,20 +27,14 @@ pub(in crate::blocks) struct Crowds {
 impl Crowds {
     /// Finds them.
     ///
-    /// - `tree`: over the particles in their order; empty where all are in one block.
-    /// - `positions`, and what follows: in block order.
-    /// - `sigmas`: least and greatest standard deviation of each particle; the least counts.
-    /// - `strengths`: as stored ([`Strength::stored`](crate::scene::Strength::stored)); particles of none
-    ///   draw nothing, and add to no crowd.
-    pub(super) fn new(
-        tree: &Tree,
-        positions: &[DVec3],
-        sigmas: &[[f32; 2]],
-        strengths: &[f32],
-    ) -> Self {
+    /// Least standard deviations count; particles of no strength draw nothing, and add to no crowd.
+    ///
+    /// - `tree`: over the particles; empty where all are in one block.
+    pub(super) fn new(tree: &Tree, source: &Source<'_>) -> Self {
+        let (positions, strengths) = (source.positions, source.strength.stored());
         // The least standard deviation, of what draws anything.
         let width = |i: usize| {
-            let [least, greatest] = sigmas[i];
+            let [least, greatest] = source.sigmas(i);
             let is_drawn = least >= 0.0 && greatest.is_finite() && {
                 let strength = strengths[i];
                 strength > 0.0 && strength.is_finite()
@@ -61,13 +59,18 @@ impl Crowds {
             }
             return Self { runs };
         }
-        // Up to each particle: how many are drawn, and the sum of their widths.
-        let mut sums = Vec::with_capacity(positions.len() + 1);
-        sums.push((0, 0.0));
+        // Up to a particle: how many are drawn, and the sum of their widths. Every so many are kept.
+        let add = |(count, sum), i| width(i).map_or((count, sum), |w| (count + 1, sum + w));
+        let mut kept = Vec::with_capacity(positions.len() / STEP + 1);
+        let mut sums = (0, 0.0);
         for i in 0..positions.len() {
-            let (count, sum) = sums[sums.len() - 1];
-            sums.push(width(i).map_or((count, sum), |w| (count + 1, sum + w)));
+            if i % STEP == 0 {
+                kept.push(sums);
+            }
+            sums = add(sums, i);
         }
+        kept.push(sums);
+        let before = |place: usize| (place / STEP * STEP..place).fold(kept[place / STEP], add);
         let is_one_place = |run: &Range<usize>| {
             let drawn = run.clone().filter_map(|i| Some((at(i), width(i)?)));
             let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -81,8 +84,11 @@ impl Crowds {
             2 * wide >= all
         };
         tree.visit(|run, diagonal| {
-            let ((before, sum_before), (after, sum)) = (sums[run.start], sums[run.end]);
-            let count = after - before;
+            if !is_crowd(run.len()) {
+                return false;
+            }
+            let ((earlier, sum_before), (later, sum)) = (before(run.start), before(run.end));
+            let count = later - earlier;
             if !is_crowd(count) {
                 return false;
             }

@@ -11,6 +11,7 @@
 //! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
 
 mod lattice;
+mod moments;
 mod points;
 
 use std::sync::Arc;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::moments::{Moments, Symmetric, Tensors};
 use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
 use crate::blocks::overlap::Crowds;
 use crate::blocks::tree::Tree;
@@ -20,8 +21,8 @@ use crate::task::{Stage, Task};
 pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) positions: &'a [DVec3],
     pub(in crate::blocks) shapes: Shapes<'a>,
-    /// Least and greatest standard deviation of each.
-    pub(in crate::blocks) sigmas: &'a [[f32; 2]],
+    /// Least and greatest standard deviation of each that is no sphere.
+    pub(in crate::blocks) principal: &'a [[f32; 2]],
     pub(in crate::blocks) strength: &'a Strength,
     pub(in crate::blocks) colour: &'a Colour,
     pub(in crate::blocks) values: Option<&'a Values>,
@@ -49,13 +50,33 @@ struct Member {
 }
 
 impl Source<'_> {
-    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
-    fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+    /// Least and greatest standard deviation of a particle.
+    #[inline]
+    pub(in crate::blocks) fn sigmas(&self, i: usize) -> [f32; 2] {
+        match self.shapes {
+            Shapes::Spheres(sigmas) => [sigmas[i]; 2],
+            Shapes::Factors(_) => self.principal[i],
+        }
+    }
+
+    /// The strength of a whole particle; `None` where it has none that draws anything, or no value.
+    fn whole_strength(&self, i: usize) -> Option<f64> {
         let strength = self.strength.stored()[i];
         let has_value = self.values.is_none_or(|v| !v.get(i).is_nan());
-        if !(strength > 0.0 && strength.is_finite() && has_value) {
-            return None;
+        (strength > 0.0 && strength.is_finite() && has_value).then_some(f64::from(strength))
+    }
+
+    /// What the domain leaves of it.
+    fn strength_left(&self, i: usize) -> Option<f64> {
+        match self.boundary.and_then(|b| b.of(i)) {
+            None => self.whole_strength(i),
+            Some(_) => self.member(i, self.positions[i]).map(|m| m.strength),
         }
+    }
+
+    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
+    fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+        let strength = self.whole_strength(i)?;
         let lower @ [l00, l10, l11, l20, l21, l22] = match self.shapes {
             Shapes::Spheres(sigmas) => {
                 let l = f64::from(sigmas[i]);
@@ -65,7 +86,7 @@ impl Source<'_> {
         };
         let whole = Member {
             index: i,
-            strength: f64::from(strength),
+            strength,
             offset: self.positions[i] - origin,
             variance: [
                 l00 * l00,
@@ -121,12 +142,17 @@ pub(in crate::blocks) fn merge_points(
         return Ok(None);
     }
     let mut levels: Vec<Vec<MergedBlock>> = Vec::new();
+    let mut clusters: Vec<Cluster> = Vec::new();
     let mut members = 1;
     loop {
         members *= MERGE_RATIO;
         let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
         let stage = Stage::new(task, "levels of detail", subtrees.len());
-        let level: Vec<MergedBlock> = subtrees
+        let finer = Finer {
+            blocks: levels.last().map_or(&[], Vec::as_slice),
+            clusters: &clusters,
+        };
+        let level: Vec<(MergedBlock, Vec<Cluster>)> = subtrees
             .par_iter()
             .filter(|_| stage.goes_on())
             .map(|&subtree| {
@@ -137,12 +163,17 @@ pub(in crate::blocks) fn merge_points(
                 // A block's clusters are as many as fit its particles, the widest cut first: in
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
-                let block = MergedBlock::new(source, run, &clusters);
+                let (block, mut clusters) = MergedBlock::new(source, finer, run, clusters);
+                if members < KEPT_MEMBERS {
+                    clusters = Vec::new();
+                }
                 stage.advance(1);
-                MergedBlock { crowding, ..block }
+                (MergedBlock { crowding, ..block }, clusters)
             })
             .collect();
         stage.check()?;
+        let (level, of_level): (Vec<_>, Vec<_>) = level.into_iter().unzip();
+        clusters = of_level.into_iter().flatten().collect();
         let is_last = level.len() == 1 && level[0].particles.len() <= LAST_LEVEL;
         levels.push(level);
         if is_last {
@@ -150,6 +181,31 @@ pub(in crate::blocks) fn merge_points(
         }
     }
     Ok(Some(MergedPoints { levels }))
+}
+
+/// Clusters of so many members keep their sums for the next level: for smaller ones these would take as much
+/// memory as the particles do, and reading the particles twice takes less.
+const KEPT_MEMBERS: usize = MERGE_RATIO * MERGE_RATIO;
+
+/// The level before, from which a level is made.
+#[derive(Debug, Clone, Copy)]
+struct Finer<'a> {
+    /// Empty for the first level.
+    blocks: &'a [MergedBlock],
+    /// In block order; empty where they were not kept.
+    clusters: &'a [Cluster],
+}
+
+impl<'a> Finer<'a> {
+    /// The clusters that a run of particles consists of; `None` where it is a part of one, or none are kept.
+    fn clusters(&self, run: &Range<usize>) -> Option<&'a [Cluster]> {
+        // Both are subtrees of one tree: one holds the other, or they have nothing in common.
+        let first = self.clusters.partition_point(|c| c.run.end <= run.start);
+        let count = self.clusters[first..].partition_point(|c| c.run.end <= run.end);
+        let own = &self.clusters[first..first + count];
+        own.first().filter(|c| c.run.start == run.start)?;
+        Some(own)
+    }
 }
 
 /// The levels of a point set, the finest first.
@@ -166,8 +222,8 @@ const TASK: usize = 8192;
 struct MergedBlock {
     /// Where its members begin in block order.
     start: usize,
-    origin: DVec3,
-    half_extent: DVec3,
+    lower: DVec3,
+    upper: DVec3,
     bounds: MergeBounds,
     sigmas: [f32; 2],
     crowding: f32,
@@ -175,46 +231,59 @@ struct MergedBlock {
 }
 
 impl MergedBlock {
-    fn new(source: &Source<'_>, run: Range<usize>, clusters: &[Range<usize>]) -> Self {
-        // The coarsest blocks are few and have millions: they are shared among all processors, too.
-        let positions = source.positions[run.clone()].par_chunks(TASK);
-        let sigmas = source.sigmas[run.clone()].par_chunks(TASK);
-        let (lower, upper, narrowest) = positions
-            .zip(sigmas)
-            .map(|(positions, sigmas)| {
-                let mut lower = DVec3::INFINITY;
-                let mut upper = DVec3::NEG_INFINITY;
-                let mut narrowest = f32::INFINITY;
-                for (&p, &[sigma, _]) in positions.iter().zip(sigmas) {
-                    lower = lower.min(p);
-                    upper = upper.max(p);
-                    narrowest = narrowest.min(sigma);
-                }
-                (lower, upper, narrowest)
-            })
-            .reduce(
-                || (DVec3::INFINITY, DVec3::NEG_INFINITY, f32::INFINITY),
-                |a, b| (a.0.min(b.0), a.1.max(b.1), a.2.min(b.2)),
-            );
-        let origin = (lower + upper) / 2.0;
+    /// A block, and its clusters as the next level takes them.
+    fn new(
+        source: &Source<'_>,
+        finer: Finer<'_>,
+        run: Range<usize>,
+        clusters: Vec<Range<usize>>,
+    ) -> (Self, Vec<Cluster>) {
         let mut block = Self {
             start: run.start,
-            origin,
-            half_extent: (upper - lower) / 2.0,
+            lower: DVec3::INFINITY,
+            upper: DVec3::NEG_INFINITY,
             bounds: MergeBounds::default(),
-            sigmas: [narrowest, 0.0],
+            sigmas: [f32::INFINITY, 0.0],
             crowding: 1.0,
             particles: Vec::new(),
         };
+        let mut extend = |lower, upper, sigma| {
+            block.lower = block.lower.min(lower);
+            block.upper = block.upper.max(upper);
+            block.sigmas[0] = block.sigmas[0].min(sigma);
+        };
+        if finer.blocks.is_empty() {
+            for i in run.clone() {
+                let at = source.positions[i];
+                extend(at, at, source.sigmas(i)[0]);
+            }
+        } else {
+            let first = finer.blocks.partition_point(|b| b.start < run.start);
+            let own = finer.blocks[first..].iter();
+            for b in own.take_while(|b| b.start < run.end) {
+                extend(b.lower, b.upper, b.sigmas[0]);
+            }
+        }
+        let origin = block.origin();
         let mut third_squares = 0.0;
         let mut uneven_squares = 0.0;
         let each = run.len() / clusters.len().max(1);
-        let merged: Vec<_> = clusters
-            .par_iter()
+        let clusters: Vec<(Cluster, Option<_>)> = clusters
+            .into_par_iter()
             .with_min_len((TASK / each.max(1)).max(1))
-            .map(|cluster| merge(source, origin, narrowest, cluster.clone()))
+            .map(|run| {
+                let sums = match finer.clusters(&run) {
+                    Some(parts) => Sums::of_parts(parts),
+                    None => Sums::of_members(source, origin, run.clone()),
+                };
+                let sums = sums.map(Box::new);
+                let merged = sums
+                    .as_ref()
+                    .map(|sums| sums.merged(source, &run, origin, block.sigmas[0]));
+                (Cluster { run, sums }, merged)
+            })
             .collect();
-        for (particle, bounds, sigma) in merged.into_iter().flatten() {
+        for (particle, bounds, sigma) in clusters.iter().filter_map(|(_, merged)| *merged) {
             third_squares += f64::from(bounds.third).powi(6);
             uneven_squares += f64::from(bounds.uneven).powi(2);
             block.bounds = block.bounds.max(bounds);
@@ -224,86 +293,164 @@ impl MergedBlock {
         let count = block.particles.len().max(1) as f64;
         block.bounds.third_mean = (third_squares / count).powf(1.0 / 6.0) as f32;
         block.bounds.uneven = (uneven_squares / count).sqrt() as f32;
-        block
+        let clusters = clusters.into_iter().map(|(cluster, _)| cluster).collect();
+        (block, clusters)
+    }
+
+    fn origin(&self) -> DVec3 {
+        (self.lower + self.upper) / 2.0
     }
 }
 
-/// One cluster as a particle, what that leaves out, and its greatest standard deviation; `None`
-/// where no member has any strength.
-fn merge(
-    source: &Source<'_>,
-    origin: DVec3,
-    narrowest: f32,
-    members: Range<usize>,
-) -> Option<(Particle, MergeBounds, f32)> {
-    let visible: Vec<Member> = members.filter_map(|i| source.member(i, origin)).collect();
-    let total: f64 = visible.iter().map(|m| m.strength).sum();
-    if !(total > 0.0 && total.is_finite()) {
-        return None;
+/// A run of particles that became one.
+#[derive(Debug)]
+struct Cluster {
+    run: Range<usize>,
+    /// `None` where no member has any strength.
+    sums: Option<Box<Sums>>,
+}
+
+/// What a cluster knows of its members, enough to be one of a larger cluster's parts. Means are weighted by
+/// strength.
+#[derive(Debug, Clone, Default)]
+struct Sums {
+    /// Of all members together.
+    strength: f64,
+    /// World units.
+    centre: DVec3,
+    moments: Tensors,
+    /// Means of values, of their squares, of colours and of their squared lengths.
+    value: f64,
+    square: f64,
+    colour: DVec3,
+    colour_square: f64,
+    /// Sum of strength² over the least area of the kernel.
+    depth: f64,
+    /// Sum of the kernels' own volumes.
+    overlap: f64,
+}
+
+impl Sums {
+    /// Over particles. `None` where none has any strength.
+    ///
+    /// - `origin`: near them, so that their places keep their digits.
+    fn of_members(source: &Source<'_>, origin: DVec3, members: Range<usize>) -> Option<Self> {
+        let visible: Vec<Member> = members.filter_map(|i| source.member(i, origin)).collect();
+        let strength: f64 = visible.iter().map(|m| m.strength).sum();
+        if !(strength > 0.0 && strength.is_finite()) {
+            return None;
+        }
+        let share = |m: &Member| m.strength / strength;
+        let centre: DVec3 = visible.iter().map(|m| m.offset * share(m)).sum();
+        let mut sums = Self {
+            strength,
+            centre: origin + centre,
+            ..Self::default()
+        };
+        let mut moments = Moments::default();
+        for m in &visible {
+            let (i, w) = (m.index, share(m));
+            moments.add(w, m.offset - centre, &m.variance);
+            for skew in &m.skews {
+                moments.add_skew(w, *skew);
+            }
+            if let Some(values) = source.values {
+                let v = f64::from(values.get(i));
+                sums.value += w * v;
+                sums.square += w * v * v;
+            }
+            if let Colour::PerParticle(colours) = source.colour {
+                let c = DVec3::from(colours[i].map(f64::from));
+                sums.colour += c * w;
+                sums.colour_square += w * c.length_squared();
+            }
+            let [least, greatest] = source.sigmas(i).map(f64::from);
+            sums.depth += m.strength.powi(2) / (std::f64::consts::TAU * least * greatest);
+            sums.overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
+        }
+        sums.moments = moments.tensors();
+        Some(sums)
     }
-    let share = |m: &Member| m.strength / total;
-    let centre: DVec3 = visible.iter().map(|m| m.offset * share(m)).sum();
-    let common = f64::from(narrowest).powi(2);
-    let mut moments = Moments::default();
-    let (mut value, mut square, mut colour, mut colour_square) = (0.0, 0.0, DVec3::ZERO, 0.0);
-    let mut member_depth = 0.0;
-    let mut overlap = 0.0;
-    for m in &visible {
-        let (i, w) = (m.index, share(m));
-        moments.add(w, m.offset - centre, &m.variance);
-        for skew in &m.skews {
-            moments.add_skew(w, *skew);
+
+    /// Over clusters. `None` where none has any strength.
+    fn of_parts(parts: &[Cluster]) -> Option<Self> {
+        let parts = || parts.iter().filter_map(|part| part.sums.as_deref());
+        let strength: f64 = parts().map(|part| part.strength).sum();
+        let near = parts().next()?.centre;
+        let shares = || parts().map(|part| (part.strength / strength, part));
+        let centre: DVec3 = shares().map(|(w, part)| (part.centre - near) * w).sum();
+        let mut sums = Self {
+            strength,
+            centre: near + centre,
+            ..Self::default()
+        };
+        for (w, part) in shares() {
+            sums.moments
+                .add(w, part.centre - near - centre, &part.moments);
+            sums.value += w * part.value;
+            sums.square += w * part.square;
+            sums.colour += part.colour * w;
+            sums.colour_square += w * part.colour_square;
+            sums.depth += part.depth;
+            sums.overlap += part.overlap;
         }
-        if let Some(values) = source.values {
-            let v = f64::from(values.get(i));
-            value += w * v;
-            square += w * v * v;
-        }
-        if let Colour::PerParticle(colours) = source.colour {
-            let c = DVec3::from(colours[i].map(f64::from));
-            colour += c * w;
-            colour_square += w * c.length_squared();
-        }
-        let [least, greatest] = source.sigmas[i].map(f64::from);
-        member_depth += w * w / (std::f64::consts::TAU * least * greatest);
-        overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
+        Some(sums)
     }
-    let variance = moments.second();
-    let (eigenvalues, axes) = eigen(variance);
-    let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
-    let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
-    let trace = variance[0] + variance[3] + variance[5];
-    let particle = Particle {
-        centre,
-        factor: factor.map(|l| l as f32),
-        strength: total as f32,
-        colour: colour.as_vec3().into(),
-        value: value as f32,
+
+    /// The cluster as a particle, what that leaves out, and its greatest standard deviation.
+    ///
+    /// - `members`: whose sums these are.
+    /// - `origin`: of their block.
+    /// - `narrowest`: the least standard deviation in the block.
+    fn merged(
+        &self,
+        source: &Source<'_>,
+        members: &Range<usize>,
+        origin: DVec3,
+        narrowest: f32,
+    ) -> (Particle, MergeBounds, f32) {
+        let common = f64::from(narrowest).powi(2);
+        let variance = self.moments.second;
+        let (eigenvalues, axes) = eigen(variance);
+        let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
+        let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
+        let trace = variance[0] + variance[3] + variance[5];
         // Even over an interval of this half width, the values have this variance.
-        spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
-        member_depth: (member_depth * lone_share(overlap, sigmas)) as f32,
-    };
-    let spread = (3.0 * (square - value * value).max(0.0)).sqrt();
-    let uneven = source.values.map_or(0.0, |values| {
-        let of = |m: &Member| (share(m), f64::from(values.get(m.index)));
-        unevenness(visible.iter().map(of), value, spread)
-    });
-    let colour_variance = colour_square - colour.length_squared();
-    let mut bounds = MergeBounds {
-        third_mean: 0.0,
-        third: moments.third_norm().cbrt() as f32,
-        fourth: moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
-        second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
-        spread: particle.spread,
-        colour: colour_variance.max(0.0).sqrt() as f32,
-        uneven: uneven as f32,
-    };
-    if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
-        // Members without a finite shape or colour are never merged: `max` would forget a NaN.
-        bounds.third = f32::INFINITY;
+        let spread = (3.0 * (self.square - self.value * self.value).max(0.0)).sqrt();
+        let member_depth = self.depth / self.strength.powi(2);
+        let particle = Particle {
+            centre: self.centre - origin,
+            factor: factor.map(|l| l as f32),
+            strength: self.strength as f32,
+            colour: self.colour.as_vec3().into(),
+            value: self.value as f32,
+            spread: spread as f32,
+            member_depth: (member_depth * lone_share(self.overlap, sigmas)) as f32,
+        };
+        let uneven = source.values.map_or(0.0, |values| {
+            let of = |i| {
+                let strength = source.strength_left(i)?;
+                Some((strength / self.strength, f64::from(values.get(i))))
+            };
+            unevenness(members.clone().filter_map(of), self.value, spread)
+        });
+        let colour_variance = self.colour_square - self.colour.length_squared();
+        let mut bounds = MergeBounds {
+            third_mean: 0.0,
+            third: self.moments.third_norm().cbrt() as f32,
+            fourth: self.moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
+            second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
+            spread: particle.spread,
+            colour: colour_variance.max(0.0).sqrt() as f32,
+            uneven: uneven as f32,
+        };
+        if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
+            // Members without a finite shape or colour are never merged: `max` would forget a NaN.
+            bounds.third = f32::INFINITY;
+        }
+        let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
+        (particle, bounds, greatest)
     }
-    let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
-    Some((particle, bounds, greatest))
 }
 
 /// How much of their opacity the kernels of a cluster have each by itself: 1 where they lie far
@@ -319,145 +466,6 @@ fn lone_share(overlap: f64, sigmas: DVec3) -> f64 {
     } else {
         0.0
     }
-}
-
-/// A symmetric matrix: xx, xy, xz, yy, yz, zz.
-type Symmetric = [f64; 6];
-
-/// Where a [`Symmetric`] has the element of two axes.
-const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
-
-/// Central moments of a mixture of Gaussians, as sums of products of places and variances: the
-/// tensors are put together at the end.
-#[derive(Debug, Clone, Copy, Default)]
-struct Moments {
-    /// d dᵀ and V.
-    places: Symmetric,
-    variances: Symmetric,
-    /// d to the powers of [`THIRD`], and d V.
-    third: [f64; 10],
-    third_mixed: [Symmetric; 3],
-    /// d to the powers of [`FOURTH`], d dᵀ V and V V.
-    fourth: [f64; 15],
-    fourth_mixed: [Symmetric; 6],
-    fourth_own: [Symmetric; 6],
-}
-
-/// Which axes the distinct elements of a symmetric tensor of third order belong to, and how many
-/// elements are equal to each.
-const THIRD: [([usize; 3], f64); 10] = [
-    ([0, 0, 0], 1.0),
-    ([1, 1, 1], 1.0),
-    ([2, 2, 2], 1.0),
-    ([0, 0, 1], 3.0),
-    ([0, 0, 2], 3.0),
-    ([1, 1, 0], 3.0),
-    ([1, 1, 2], 3.0),
-    ([2, 2, 0], 3.0),
-    ([2, 2, 1], 3.0),
-    ([0, 1, 2], 6.0),
-];
-
-/// The same of fourth order.
-const FOURTH: [([usize; 4], f64); 15] = [
-    ([0, 0, 0, 0], 1.0),
-    ([1, 1, 1, 1], 1.0),
-    ([2, 2, 2, 2], 1.0),
-    ([0, 0, 0, 1], 4.0),
-    ([0, 0, 0, 2], 4.0),
-    ([1, 1, 1, 0], 4.0),
-    ([1, 1, 1, 2], 4.0),
-    ([2, 2, 2, 0], 4.0),
-    ([2, 2, 2, 1], 4.0),
-    ([0, 0, 1, 1], 6.0),
-    ([0, 0, 2, 2], 6.0),
-    ([1, 1, 2, 2], 6.0),
-    ([0, 0, 1, 2], 12.0),
-    ([1, 1, 0, 2], 12.0),
-    ([2, 2, 0, 1], 12.0),
-];
-
-impl Moments {
-    /// Adds a kernel of variance `own` at `d` from the centre, with weight `w`.
-    fn add(&mut self, w: f64, d: DVec3, own: &Symmetric) {
-        let d = d.to_array();
-        let outer = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(a, b)| d[a] * d[b]);
-        let add = |sums: &mut Symmetric, factor: f64, of: &Symmetric| {
-            for (sum, x) in sums.iter_mut().zip(of) {
-                *sum += factor * x;
-            }
-        };
-        add(&mut self.places, w, &outer);
-        add(&mut self.variances, w, own);
-        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
-            *sum += w * d[a] * outer[PAIR[b][c]];
-        }
-        for (sums, d) in self.third_mixed.iter_mut().zip(d) {
-            add(sums, w * d, own);
-        }
-        for (sum, ([a, b, c, e], _)) in self.fourth.iter_mut().zip(FOURTH) {
-            *sum += w * outer[PAIR[a][b]] * outer[PAIR[c][e]];
-        }
-        for (i, (mixed, both)) in self
-            .fourth_mixed
-            .iter_mut()
-            .zip(&mut self.fourth_own)
-            .enumerate()
-        {
-            add(mixed, w * outer[i], own);
-            add(both, w * own[i], own);
-        }
-    }
-
-    /// Adds third central moments of a kernel's own: the third power of a vector.
-    fn add_skew(&mut self, w: f64, skew: DVec3) {
-        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
-            *sum += w * skew[a] * skew[b] * skew[c];
-        }
-    }
-
-    /// The variance.
-    fn second(&self) -> Symmetric {
-        let mut second = self.places;
-        for (sum, v) in second.iter_mut().zip(self.variances) {
-            *sum += v;
-        }
-        second
-    }
-
-    /// Frobenius norm of the third moments.
-    fn third_norm(&self) -> f64 {
-        let squares = self
-            .third
-            .iter()
-            .zip(THIRD)
-            .map(|(places, ([a, b, c], n))| {
-                let mixed = |a: usize, b: usize, c: usize| self.third_mixed[a][PAIR[b][c]];
-                let moment = places + mixed(a, b, c) + mixed(b, a, c) + mixed(c, a, b);
-                n * moment * moment
-            });
-        squares.sum::<f64>().sqrt()
-    }
-
-    /// Frobenius norm of the fourth cumulants: of what the fourth moments differ from a Gaussian's.
-    fn fourth_cumulant_norm(&self) -> f64 {
-        let second = self.second();
-        let squares = self.fourth.iter().zip(FOURTH).map(|(places, (axes, n))| {
-            let mixed = pairs(axes, |i, j| self.fourth_mixed[i][j])
-                + pairs(axes, |i, j| self.fourth_mixed[j][i]);
-            let own = pairs(axes, |i, j| self.fourth_own[i][j]);
-            let gaussian = pairs(axes, |i, j| second[i] * second[j]);
-            let cumulant = places + mixed + own - gaussian;
-            n * cumulant * cumulant
-        });
-        squares.sum::<f64>().sqrt()
-    }
-}
-
-/// The sum over the three ways to pair four axes of what two pairs have; of a variance's products it
-/// is a Gaussian's fourth moment.
-fn pairs([a, b, c, e]: [usize; 4], of: impl Fn(usize, usize) -> f64) -> f64 {
-    of(PAIR[a][b], PAIR[c][e]) + of(PAIR[a][c], PAIR[b][e]) + of(PAIR[a][e], PAIR[b][c])
 }
 
 impl MergedPoints {
@@ -494,8 +502,9 @@ impl MergedPoints {
             for block in of_level {
                 let strongest = block.particles.iter().map(|p| p.strength);
                 blocks.push(Block {
-                    origin: block.origin,
-                    half_extent: block.half_extent.as_vec3() * (1.0 + f32::EPSILON),
+                    origin: block.origin(),
+                    half_extent: ((block.upper - block.lower) / 2.0).as_vec3()
+                        * (1.0 + f32::EPSILON),
                     max_sigma: block.sigmas[1],
                     min_sigma: block.sigmas[0],
                     max_strength: strongest.fold(0.0, f32::max),
@@ -548,72 +557,5 @@ impl MergedPoints {
             boundary: None,
             merged: Some(merged),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Numbers without a pattern, -1 to 1.
-    fn number(n: usize) -> f64 {
-        ((n as f64 * 12.9898).sin() * 43_758.547).fract()
-    }
-
-    #[test]
-    fn moments_are_those_of_a_mixture() {
-        let mut moments = Moments::default();
-        let members: Vec<(f64, DVec3, DVec3)> = (0..9)
-            .map(|n| {
-                let at = |k: usize| number(7 * n + k);
-                let d = DVec3::new(at(0), at(1), at(2));
-                let v = DVec3::new(at(3).abs(), at(4).abs(), at(5).abs());
-                (1.0 / 9.0, d, v)
-            })
-            .collect();
-        let mean: DVec3 = members.iter().map(|(w, d, _)| *d * *w).sum();
-        for (w, d, v) in &members {
-            moments.add(*w, *d - mean, &[v.x, 0.0, 0.0, v.y, 0.0, v.z]);
-        }
-        // By Gauss and Hermite's rule of three points per axis: exact to the fifth power.
-        let root = 3.0_f64.sqrt();
-        let rule = [(-root, 1.0 / 6.0), (0.0, 2.0 / 3.0), (root, 1.0 / 6.0)];
-        let expect = |of: &dyn Fn(DVec3) -> f64| {
-            let mut sum = 0.0;
-            for (w, d, v) in &members {
-                for (x, wx) in rule {
-                    for (y, wy) in rule {
-                        for (z, wz) in rule {
-                            let spread = DVec3::new(v.x.sqrt() * x, v.y.sqrt() * y, v.z.sqrt() * z);
-                            sum += w * wx * wy * wz * of(*d - mean + spread);
-                        }
-                    }
-                }
-            }
-            sum
-        };
-        let second = moments.second();
-        for a in 0..3 {
-            for b in a..3 {
-                let expected = expect(&|p| p[a] * p[b]);
-                assert!((second[PAIR[a][b]] - expected).abs() < 1e-14);
-            }
-        }
-        let third: f64 = THIRD
-            .iter()
-            .map(|([a, b, c], n)| n * expect(&|p| p[*a] * p[*b] * p[*c]).powi(2))
-            .sum();
-        // Some hundred roundings of f64.
-        assert!((moments.third_norm() - third.sqrt()).abs() < 1e-13);
-        let fourth: f64 = FOURTH
-            .iter()
-            .map(|(axes, n)| {
-                let [a, b, c, e] = *axes;
-                let moment = expect(&|p| p[a] * p[b] * p[c] * p[e]);
-                n * (moment - pairs(*axes, |i, j| second[i] * second[j])).powi(2)
-            })
-            .sum();
-        assert!((moments.fourth_cumulant_norm() - fourth.sqrt()).abs() < 1e-13);
-        assert!(third.sqrt() > 0.01 && fourth.sqrt() > 0.01);
     }
 }
