@@ -220,7 +220,7 @@ fn build_ordered(
         .collect();
     // Within their blocks, particles have an order of their own.
     let mut places: Vec<u32> = (0..order.len() as u32).collect();
-    let runs = without_outliers(&mut places, runs, &positions, &|i| {
+    let runs = without_outliers(&mut places, &runs, &positions, &|i| {
         source.sigmas(i as usize)[1]
     });
     if let Some(values) = &rest.values {
@@ -400,12 +400,26 @@ const WIDEST_BLOCK: f64 = 16_384.0;
 /// the far ones would take the bits of the near ones' offsets.
 fn without_outliers(
     order: &mut [u32],
-    runs: Vec<Range<usize>>,
+    runs: &[Range<usize>],
+    positions: &[DVec3],
+    sigma: &(impl Fn(u32) -> f32 + Sync),
+) -> Vec<Range<usize>> {
+    let blocks = members_of(order, runs).into_par_iter().zip(runs);
+    let kept = blocks.flat_map_iter(|(members, run)| {
+        let parts = dense_parts(members, positions, sigma).into_iter();
+        parts.map(|part| run.start + part.start..run.start + part.end)
+    });
+    kept.collect()
+}
+
+/// The parts of a block that no far particle stretches.
+fn dense_parts(
+    order: &mut [u32],
     positions: &[DVec3],
     sigma: &impl Fn(u32) -> f32,
 ) -> Vec<Range<usize>> {
-    let mut kept = Vec::with_capacity(runs.len());
-    let mut rest: Vec<_> = runs.into_iter().rev().collect();
+    let mut kept = Vec::new();
+    let mut rest: Vec<Range<usize>> = std::iter::once(0..order.len()).collect();
     while let Some(run) = rest.pop() {
         let members = &mut order[run.clone()];
         let (lower, upper) = members.iter().fold(
@@ -440,17 +454,21 @@ fn without_outliers(
     kept
 }
 
+/// Each block's part of the order.
+fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mut [u32]> {
+    let mut blocks = Vec::with_capacity(runs.len());
+    for run in runs {
+        let (members, others) = order.split_at_mut(run.len());
+        blocks.push(members);
+        order = others;
+    }
+    blocks
+}
+
 /// Orders the particles of each run by their values, NaN last: those of an interval of values are
 /// a run of their own.
 fn sort_by_value(order: &mut [u32], runs: &[Range<usize>], values: &Values) {
-    let mut rest = order;
-    let mut blocks = Vec::with_capacity(runs.len());
-    for run in runs {
-        let (members, others) = rest.split_at_mut(run.len());
-        blocks.push(members);
-        rest = others;
-    }
-    blocks.into_par_iter().for_each(|members| {
+    members_of(order, runs).into_par_iter().for_each(|members| {
         members.sort_unstable_by(|&a, &b| {
             let (v, w) = (values.get(a as usize), values.get(b as usize));
             // Zeros of either sign are the same.

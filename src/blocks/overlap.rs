@@ -63,11 +63,13 @@ impl Crowds {
         let add = |(count, sum), i| width(i).map_or((count, sum), |w| (count + 1, sum + w));
         let mut kept = Vec::with_capacity(positions.len() / STEP + 1);
         let mut sums = (0, 0.0);
+        let mut widest = 0.0_f64;
         for i in 0..positions.len() {
             if i % STEP == 0 {
                 kept.push(sums);
             }
             sums = add(sums, i);
+            widest = widest.max(width(i).unwrap_or(0.0));
         }
         kept.push(sums);
         let before = |place: usize| (place / STEP * STEP..place).fold(kept[place / STEP], add);
@@ -87,16 +89,19 @@ impl Crowds {
             if !is_crowd(run.len()) {
                 return false;
             }
+            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
+            // so do differences of sums: particles are asked where it may be.
+            let reach = |mean: f64| (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
+            if diagonal > reach(widest) {
+                return true;
+            }
             let ((earlier, sum_before), (later, sum)) = (before(run.start), before(run.end));
             let count = later - earlier;
             if !is_crowd(count) {
                 return false;
             }
             let mean = (sum - sum_before) / count as f64;
-            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
-            // so do differences of sums: particles are asked where it may be.
-            let may_be = diagonal <= (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
-            let is_found = may_be && is_one_place(&run);
+            let is_found = diagonal <= reach(mean) && is_one_place(&run);
             if is_found {
                 runs.push((run.clone(), count));
             }

@@ -336,3 +336,116 @@ impl Ord for Widest {
         by_size.then(other.node.cmp(&self.node))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern, 0 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
+    }
+
+    fn scattered(count: usize) -> Vec<DVec3> {
+        let at = |n: usize| DVec3::new(number(3 * n), number(3 * n + 1), number(3 * n + 2));
+        (0..count).map(at).collect()
+    }
+
+    /// Several chunks: scattered ones; many in one place; a dense cluster far narrower than a cell, and far away.
+    fn sets() -> [Vec<DVec3>; 3] {
+        let mut crowd = scattered(3_000);
+        crowd.resize(CHUNK + 5_000, DVec3::new(0.3, 0.4, 0.5));
+        let mut cluster: Vec<DVec3> = scattered(2 * CHUNK).iter().map(|p| *p * 1e-6).collect();
+        cluster.extend(scattered(1_000).iter().map(|p| *p * 1e3 - 7.0));
+        [scattered(2 * CHUNK), crowd, cluster]
+    }
+
+    #[test]
+    fn chunks_are_all_points_and_small_where_these_lie_apart() {
+        for (set, positions) in sets().into_iter().enumerate() {
+            let (members, chunks) = chunks(&positions);
+            let mut sorted = members.clone();
+            sorted.sort_unstable();
+            assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
+            let mut runs = chunks.clone();
+            runs.sort_unstable_by_key(|run| run.start);
+            assert!(runs[0].start == 0 && runs[runs.len() - 1].end == members.len());
+            assert!(runs.windows(2).all(|w| w[0].end == w[1].start));
+            for run in &runs {
+                let first = positions[members[run.start] as usize];
+                let is_one_place = || {
+                    members[run.clone()]
+                        .iter()
+                        .all(|&i| positions[i as usize] == first)
+                };
+                assert!(run.len() <= CHUNK || set == 1 && is_one_place());
+            }
+            // Cells of an octree do not overlap: their boxes' volumes are no more than that of all.
+            let volumes = runs.iter().map(|run| {
+                let points = members[run.clone()]
+                    .par_iter()
+                    .map(|&i| &positions[i as usize]);
+                let (lower, upper) = bounds(points);
+                (upper - lower).element_product()
+            });
+            let (lower, upper) = bounds(positions.par_iter());
+            assert!(volumes.sum::<f64>() <= (upper - lower).element_product() * (1.0 + 1e-9));
+        }
+    }
+
+    #[test]
+    fn subtrees_are_runs_in_boxes_of_their_size() {
+        for positions in sets() {
+            let (tree, order) = Tree::over(&positions);
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
+            assert_eq!(tree.nodes.len(), 2 * positions.len() - 1);
+            assert_eq!(tree.run(0), 0..positions.len());
+            let mut children = vec![0; tree.nodes.len()];
+            for (i, node) in tree.nodes.iter().enumerate() {
+                let child = node.child as usize;
+                if child == 0 {
+                    assert_eq!(node.count, 1);
+                    continue;
+                }
+                assert!(child > i);
+                let (own, first, second) = (tree.run(i), tree.run(child), tree.run(child + 1));
+                assert!(
+                    own.start == first.start && first.end == second.start && second.end == own.end
+                );
+                children[child] += 1;
+                children[child + 1] += 1;
+            }
+            assert!(children[0] == 0 && children[1..].iter().all(|&n| n == 1));
+            // Every particle moved by a millionth, and rounded: of the widest extent, either way.
+            let (lower, upper) = bounds(positions.par_iter());
+            let slack = 2.0 * SLACK * (upper - lower).max_element();
+            for i in (0..tree.nodes.len()).step_by(97) {
+                let members = order[tree.run(i)]
+                    .par_iter()
+                    .map(|&i| &positions[i as usize]);
+                let (lower, upper) = bounds(members);
+                let size = f64::from(tree.nodes[i].size).sqrt() * tree.unit;
+                assert!(((upper - lower).length() - size).abs() <= slack);
+            }
+        }
+    }
+
+    #[test]
+    fn trees_do_not_depend_on_threads() {
+        let [positions, ..] = sets();
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let (tree, order) = pool.unwrap().install(|| Tree::over(&positions));
+            let nodes: Vec<_> = tree
+                .nodes
+                .iter()
+                .map(|n| (n.start, n.count, n.child, n.size.to_bits()))
+                .collect();
+            (nodes, order)
+        };
+        let one = with(1);
+        assert!([2, 5].into_iter().all(|threads| with(threads) == one));
+    }
+}

@@ -559,3 +559,111 @@ impl MergedPoints {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern, 0 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
+    }
+
+    /// Crowded towards a corner, and some far away: clusters of a level then lie within one of the level before, or
+    /// hold several.
+    #[test]
+    fn sums_of_clusters_are_those_of_their_members() {
+        const COUNT: usize = 40_000;
+        let at = |n: usize| {
+            let p = [3 * n, 3 * n + 1, 3 * n + 2].map(|n| number(n).powi(3));
+            DVec3::from(p) * if n % 500 == 0 { 40.0 } else { 1.0 }
+        };
+        let scattered: Vec<DVec3> = (0..COUNT).map(at).collect();
+        let (tree, order) = Tree::over(&scattered);
+        let positions: Vec<DVec3> = order.iter().map(|&i| scattered[i as usize]).collect();
+        let of = |k: usize| (0..COUNT).map(move |n| number(5 * n + k) as f32);
+        let factors: Vec<[f32; 6]> = of(0)
+            .zip(of(1))
+            .map(|(a, b)| [a, b, b, 0.1, a - b, 0.2].map(|l| 0.01 * l))
+            .collect();
+        let strength = Strength::Classified {
+            // Every seventh draws nothing.
+            volumes: of(2)
+                .enumerate()
+                .map(|(n, v)| if n % 7 == 0 { 0.0 } else { v })
+                .collect(),
+        };
+        let colour = Colour::PerParticle(of(3).map(|c| [c, 1.0 - c, 0.5]).collect());
+        let values = Values::F32(of(4).collect());
+        let source = Source {
+            positions: &positions,
+            shapes: Shapes::Factors(&factors),
+            principal: &vec![[0.001, 0.02]; COUNT],
+            strength: &strength,
+            colour: &colour,
+            values: Some(&values),
+            models: None,
+            boundary: None,
+        };
+        let tree = &tree;
+        let clusters_of = |members: usize| {
+            let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
+            let clusters = subtrees.into_iter().flat_map(move |subtree| {
+                let count = tree.run(subtree).len().div_ceil(members);
+                tree.clusters(subtree, count)
+            });
+            clusters.map(|node| tree.run(node))
+        };
+        let clusters: Vec<Cluster> = clusters_of(16)
+            .map(|run| Cluster {
+                sums: Sums::of_members(&source, DVec3::ZERO, run.clone()).map(Box::new),
+                run,
+            })
+            .collect();
+        let finer = Finer {
+            blocks: &[],
+            clusters: &clusters,
+        };
+        let (mut of_several, mut within) = (0, 0);
+        for run in clusters_of(256) {
+            let Some(parts) = finer.clusters(&run) else {
+                within += 1;
+                assert!(
+                    clusters
+                        .iter()
+                        .any(|c| c.run.start <= run.start && run.end <= c.run.end)
+                );
+                continue;
+            };
+            of_several += usize::from(parts.len() > 1);
+            let direct = Sums::of_members(&source, positions[run.start], run.clone());
+            let (Some(sums), Some(direct)) = (Sums::of_parts(parts), direct) else {
+                assert!(parts.iter().all(|part| part.sums.is_none()));
+                continue;
+            };
+            // Some hundred roundings of f64, of places up to 40 among clusters far narrower.
+            let width =
+                direct.moments.second[0] + direct.moments.second[3] + direct.moments.second[5];
+            let near = |a: f64, b: f64, unit: f64| (a - b).abs() <= 1e-9 * unit;
+            assert!(near(sums.strength, direct.strength, direct.strength));
+            assert!((sums.centre - direct.centre).length() <= 1e-9 * width.sqrt());
+            for (a, b) in sums.moments.second.iter().zip(&direct.moments.second) {
+                assert!(near(*a, *b, width));
+            }
+            let (a, b) = (&sums.moments, &direct.moments);
+            assert!(near(a.third_norm(), b.third_norm(), width.powf(1.5)));
+            assert!(near(
+                a.fourth_cumulant_norm(),
+                b.fourth_cumulant_norm(),
+                10.0 * width.powi(2)
+            ));
+            assert!(near(sums.value, direct.value, 1.0));
+            assert!(near(sums.square, direct.square, 1.0));
+            assert!((sums.colour - direct.colour).length() <= 1e-9);
+            assert!(near(sums.colour_square, direct.colour_square, 1.0));
+            assert!(near(sums.depth, direct.depth, direct.depth));
+            assert!(near(sums.overlap, direct.overlap, direct.overlap));
+        }
+        assert!(of_several > 50 && within > 0, "{of_several} {within}");
+    }
+}
