@@ -2,15 +2,14 @@
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3A};
-use obvhs::aabb::Aabb;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::brick::outwards;
 use super::extent::spread_of;
-use super::merge::{Shapes, Source, Tree, merge_lattice, merge_points, widen_to_members};
+use super::merge::{Shapes, Source, merge_lattice, merge_points, widen_to_members};
 use super::overlap::Crowds;
+use super::tree::Tree;
 use super::{
     Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, NO_PARENT,
     set_transfer_function, value_range,
@@ -18,7 +17,9 @@ use super::{
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{harmonics_count, principal_sigmas};
-use crate::scene::{Boundary, Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{
+    Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength, Values,
+};
 use crate::task::{Stage, Task};
 
 /// How a volume becomes blocks.
@@ -120,7 +121,7 @@ fn build_ordered(
     // Merged particles reflect like none of their members; see `PointVolume::normals`.
     let detail = options.detail && normals.is_none();
     let mut sides = None;
-    let (positions, sigmas) = match particles {
+    let (positions, shapes) = match particles {
         Particles::Lattice {
             lattice,
             kernel_width,
@@ -168,36 +169,46 @@ fn build_ordered(
             (positions, Err(tangents))
         }
     };
-    let Ordered {
-        mut order,
-        runs,
-        tree,
-    } = match ordered {
+    let Ordered { order, runs, tree } = match ordered {
         Some(ordered) => ordered,
         None => finite_block_order(&positions, task)?,
     };
-    let sigma_ranges = sigma_ranges(&sigmas, sides.is_some());
+    // In the order of the tree from here on: what reads runs of it again and again finds them together.
+    let positions = pick(positions, &order);
+    let sigmas = match shapes {
+        Ok(sigmas) => Ok(pick(sigmas, &order)),
+        Err(factors) => Err(pick(factors, &order)),
+    };
+    let rest = Rest {
+        strength,
+        colour,
+        values,
+        boundary: match boundary {
+            Some(Boundary::Planes(planes)) => Some(planes),
+            Some(Boundary::Lattice) | None => None,
+        },
+        normals,
+        local_models,
+    };
+    let rest = rest.gather(&order);
+    let principal = principal_ranges(&sigmas, sides.is_some());
     let source = Source {
         positions: &positions,
         shapes: match &sigmas {
             Ok(sigmas) => Shapes::Spheres(sigmas),
             Err(factors) => Shapes::Factors(factors),
         },
-        sigmas: &sigma_ranges,
-        strength: &strength,
-        colour: &colour,
-        values: values.as_ref(),
-        models: local_models.as_ref(),
-        boundary: match &boundary {
-            Some(Boundary::Planes(planes)) => Some(planes),
-            Some(Boundary::Lattice) | None => None,
-        },
+        principal: &principal,
+        strength: &rest.strength,
+        colour: &rest.colour,
+        values: rest.values.as_ref(),
+        models: rest.local_models.as_ref(),
+        boundary: rest.boundary.as_ref(),
     };
-    // Clusters are runs of the tree's order, which the blocks' own order is not.
     // Surfels are not merged: a cluster of them need not lie in a plane.
-    let crowds = Crowds::new(&order, &tree, &positions, &sigma_ranges, strength.stored());
+    let crowds = Crowds::new(&tree, &source);
     let merged = if detail && sides.is_none() {
-        merge_points(&source, &tree, &order, &crowds, task)?
+        merge_points(&source, &tree, &crowds, task)?
     } else {
         None
     };
@@ -207,15 +218,17 @@ fn build_ordered(
         .iter()
         .map(|run| (run.end, crowds.greatest(run, 1.0)))
         .collect();
-    let runs = without_outliers(&mut order, runs, &positions, &|i| {
-        sigma_ranges[i as usize][1]
+    // Within their blocks, particles have an order of their own.
+    let mut places: Vec<u32> = (0..order.len() as u32).collect();
+    let runs = without_outliers(&mut places, &runs, &positions, &|i| {
+        source.sigmas(i as usize)[1]
     });
-    if let Some(values) = &values {
-        sort_by_value(&mut order, &runs, values);
+    if let Some(values) = &rest.values {
+        sort_by_value(&mut places, &runs, values);
     }
     let mut blocks: Vec<Block> = runs
         .par_iter()
-        .map(|run| block(&order[run.clone()], run.start, &source))
+        .map(|run| block(&places[run.clone()], run.start, &source))
         .collect();
     for (block, run) in blocks.iter_mut().zip(&runs) {
         let whole = crowding.partition_point(|(end, _)| *end <= run.start);
@@ -227,23 +240,38 @@ fn build_ordered(
         }
     }
     let coarse = merged.map(|merged| merged.into_volume(&source));
-    drop(sigma_ranges);
-    let mut offsets = vec![[0.0_f32; 3]; order.len()];
-    for (block, run) in blocks.iter().zip(&runs) {
-        for (offset, &i) in offsets[run.clone()].iter_mut().zip(&order[run.clone()]) {
-            *offset = (positions[i as usize] - block.origin).as_vec3().into();
-        }
-    }
+    drop(principal);
+    let offsets: Vec<[f32; 3]> = blocks
+        .par_iter()
+        .zip(&runs)
+        .flat_map_iter(|(block, run)| {
+            let at = |&i: &u32| positions[i as usize] - block.origin;
+            places[run.clone()]
+                .iter()
+                .map(move |i| at(i).as_vec3().into())
+        })
+        .collect();
     drop(positions);
-    let pick = |v: &[f32]| order.iter().map(|&i| v[i as usize]).collect::<Vec<_>>();
+    let is_moved = !places.par_windows(2).all(|w| w[0] < w[1]);
+    let moved = is_moved.then_some(&*places);
+    let rest = match moved {
+        Some(places) => rest.gather(places),
+        None => rest,
+    };
     let base = BlockedVolume {
         particles: match sigmas {
             Ok(sigmas) => BlockedParticles::Isotropic {
                 offsets,
-                sigmas: pick(&sigmas),
+                sigmas: match moved {
+                    Some(places) => pick(sigmas, places),
+                    None => sigmas,
+                },
             },
             Err(factors) => {
-                let factors = order.iter().map(|&i| factors[i as usize]).collect();
+                let factors = match moved {
+                    Some(places) => pick(factors, places),
+                    None => factors,
+                };
                 match sides {
                     None => BlockedParticles::Anisotropic { offsets, factors },
                     Some(is_one_sided) => BlockedParticles::Surfels {
@@ -254,52 +282,76 @@ fn build_ordered(
                 }
             }
         },
-        strength: match strength {
-            Strength::Classified { volumes } => Strength::Classified {
-                volumes: pick(&volumes),
-            },
-            Strength::Mass(masses) => Strength::Mass(pick(&masses)),
-            Strength::Surface(areas) => Strength::Surface(pick(&areas)),
-            Strength::Translucent(areas) => Strength::Translucent(pick(&areas)),
-            Strength::PeakOpacity {
-                opacities,
-                is_anti_aliased,
-            } => Strength::PeakOpacity {
-                opacities: pick(&opacities),
-                is_anti_aliased,
-            },
-        },
-        colour: match colour {
-            Colour::PerParticle(colours) => {
-                Colour::PerParticle(order.iter().map(|&i| colours[i as usize]).collect())
-            }
-            Colour::Harmonics {
-                degree,
-                coefficients,
-            } => {
-                let stride = 3 * harmonics_count(degree);
-                let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
-                Colour::Harmonics {
-                    degree,
-                    coefficients: order.iter().flat_map(set).copied().collect(),
-                }
-            }
-            other => other,
-        },
-        values: values.map(|v| v.gather(&order)),
+        strength: rest.strength,
+        colour: rest.colour,
+        values: rest.values,
         transfer_function,
-        normals: normals.map(|n| order.iter().map(|&i| n[i as usize]).collect()),
-        boundary: match boundary {
-            Some(Boundary::Planes(planes)) => Some(planes.gather(&order)),
-            Some(Boundary::Lattice) | None => None,
-        },
+        normals: rest.normals,
+        boundary: rest.boundary,
         blocks,
-        local_models: local_models.map(|m| m.gather(&order)),
+        local_models: rest.local_models,
         lobes: None,
-        indices: options.indices.then_some(order),
+        indices: options.indices.then(|| pick(order, &places)),
         merged: None,
     };
     Ok(family(base, coarse.into_iter().collect()))
+}
+
+/// What particles have besides places and shapes.
+struct Rest {
+    strength: Strength,
+    colour: Colour,
+    values: Option<Values>,
+    boundary: Option<BoundaryPlanes>,
+    normals: Option<Vec<u32>>,
+    local_models: Option<LocalModels>,
+}
+
+impl Rest {
+    /// That of the particles of an order.
+    fn gather(self, order: &[u32]) -> Self {
+        Self {
+            strength: match self.strength {
+                Strength::Classified { volumes } => Strength::Classified {
+                    volumes: pick(volumes, order),
+                },
+                Strength::Mass(masses) => Strength::Mass(pick(masses, order)),
+                Strength::Surface(areas) => Strength::Surface(pick(areas, order)),
+                Strength::Translucent(areas) => Strength::Translucent(pick(areas, order)),
+                Strength::PeakOpacity {
+                    opacities,
+                    is_anti_aliased,
+                } => Strength::PeakOpacity {
+                    opacities: pick(opacities, order),
+                    is_anti_aliased,
+                },
+            },
+            colour: match self.colour {
+                Colour::PerParticle(colours) => Colour::PerParticle(pick(colours, order)),
+                Colour::Harmonics {
+                    degree,
+                    coefficients,
+                } => {
+                    let stride = 3 * harmonics_count(degree);
+                    let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
+                    Colour::Harmonics {
+                        degree,
+                        coefficients: order.iter().flat_map(set).copied().collect(),
+                    }
+                }
+                other => other,
+            },
+            values: self.values.map(|values| values.gather(order)),
+            boundary: self.boundary.map(|planes| planes.gather(order)),
+            normals: self.normals.map(|normals| pick(normals, order)),
+            local_models: self.local_models.map(|models| models.gather(order)),
+        }
+    }
+}
+
+/// Elements in an order.
+fn pick<T: Copy + Send + Sync>(elements: Vec<T>, order: &[u32]) -> Vec<T> {
+    order.par_iter().map(|&i| elements[i as usize]).collect()
 }
 
 /// A volume and its levels of detail, which share a transfer function.
@@ -314,10 +366,10 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
     volumes
 }
 
-/// Least and greatest standard deviation of each kernel, rounded outwards.
-fn sigma_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
+/// Least and greatest standard deviation of each kernel that is no sphere, rounded outwards.
+fn principal_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
     match sigmas {
-        Ok(sigmas) => sigmas.iter().map(|&sigma| [sigma; 2]).collect(),
+        Ok(_) => Vec::new(),
         Err(tangents) if are_surfels => tangents
             .par_iter()
             .map(|tangents| outwards(0.0, widest_tangent(tangents.map(f64::from))))
@@ -348,12 +400,26 @@ const WIDEST_BLOCK: f64 = 16_384.0;
 /// the far ones would take the bits of the near ones' offsets.
 fn without_outliers(
     order: &mut [u32],
-    runs: Vec<Range<usize>>,
+    runs: &[Range<usize>],
+    positions: &[DVec3],
+    sigma: &(impl Fn(u32) -> f32 + Sync),
+) -> Vec<Range<usize>> {
+    let blocks = members_of(order, runs).into_par_iter().zip(runs);
+    let kept = blocks.flat_map_iter(|(members, run)| {
+        let parts = dense_parts(members, positions, sigma).into_iter();
+        parts.map(|part| run.start + part.start..run.start + part.end)
+    });
+    kept.collect()
+}
+
+/// The parts of a block that no far particle stretches.
+fn dense_parts(
+    order: &mut [u32],
     positions: &[DVec3],
     sigma: &impl Fn(u32) -> f32,
 ) -> Vec<Range<usize>> {
-    let mut kept = Vec::with_capacity(runs.len());
-    let mut rest: Vec<_> = runs.into_iter().rev().collect();
+    let mut kept = Vec::new();
+    let mut rest: Vec<Range<usize>> = std::iter::once(0..order.len()).collect();
     while let Some(run) = rest.pop() {
         let members = &mut order[run.clone()];
         let (lower, upper) = members.iter().fold(
@@ -388,17 +454,21 @@ fn without_outliers(
     kept
 }
 
+/// Each block's part of the order.
+fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mut [u32]> {
+    let mut blocks = Vec::with_capacity(runs.len());
+    for run in runs {
+        let (members, others) = order.split_at_mut(run.len());
+        blocks.push(members);
+        order = others;
+    }
+    blocks
+}
+
 /// Orders the particles of each run by their values, NaN last: those of an interval of values are
 /// a run of their own.
 fn sort_by_value(order: &mut [u32], runs: &[Range<usize>], values: &Values) {
-    let mut rest = order;
-    let mut blocks = Vec::with_capacity(runs.len());
-    for run in runs {
-        let (members, others) = rest.split_at_mut(run.len());
-        blocks.push(members);
-        rest = others;
-    }
-    blocks.into_par_iter().for_each(|members| {
+    members_of(order, runs).into_par_iter().for_each(|members| {
         members.sort_unstable_by(|&a, &b| {
             let (v, w) = (values.get(a as usize), values.get(b as usize));
             // Zeros of either sign are the same.
@@ -414,7 +484,7 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
         let p = source.positions[i as usize];
         (lower.min(p), upper.max(p))
     });
-    let sigmas = members.iter().map(|&i| source.sigmas[i as usize]);
+    let sigmas = members.iter().map(|&i| source.sigmas(i as usize));
     let [min_sigma, max_sigma] = sigmas.fold([f32::INFINITY, 0.0], |[least, greatest], [a, b]| {
         [least.min(a), greatest.max(b)]
     });
@@ -487,41 +557,7 @@ fn block_order(positions: &[DVec3]) -> Ordered {
             tree: Tree::default(),
         };
     }
-    // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
-    let (lower, upper) = positions
-        .par_iter()
-        .fold(
-            || (DVec3::INFINITY, DVec3::NEG_INFINITY),
-            |(lower, upper), p| (lower.min(*p), upper.max(*p)),
-        )
-        .reduce(
-            || (DVec3::INFINITY, DVec3::NEG_INFINITY),
-            |a, b| (a.0.min(b.0), a.1.max(b.1)),
-        );
-    let middle = (lower + upper) / 2.0;
-    // Unit size, so that areas neither overflow nor vanish at the scale of some scenes.
-    let scale = 1.0 / (upper - lower).max_element().max(f64::MIN_POSITIVE);
-    // PLOC merges mutual nearest neighbours. Of points in one place only one pair per pass is
-    // mutual (20 s for 1e5 points, and quadratic), so each is moved by a millionth.
-    let jitter = |i: u32| {
-        let bits = u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let axis = |shift: u32| (bits >> shift & 0xffff) as f32 / 65_536.0 - 0.5;
-        Vec3A::new(axis(16), axis(32), axis(48)) * 2e-6
-    };
-    let points: Vec<Aabb> = (0..count)
-        .into_par_iter()
-        .zip(positions)
-        .map(|(i, p)| Aabb::from_point(Vec3A::from(((*p - middle) * scale).as_vec3()) + jitter(i)))
-        .collect();
-    let bvh = PlocBuilder::with_capacity(points.len()).build(
-        PlocSearchDistance::Minimum,
-        &points,
-        (0..count).collect(),
-        SortPrecision::U64,
-        0,
-    );
-    drop(points);
-    let (tree, order) = Tree::new(&bvh, 1.0 / scale);
+    let (tree, order) = Tree::over(positions);
     let subtrees = tree.subtrees(BLOCK_CAPACITY);
     Ordered {
         order,

@@ -3,7 +3,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `amplitude.rs` | what column densities sum |
-//! | `build.rs` | blocks of a point set, from an obvhs BVH |
+//! | `build.rs` | blocks of a point set: subtrees of a BVH |
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `merge/` | level of detail: clusters of particles as one particle each |
 //! | `overlap.rs` | where many kernels lie in one place |
@@ -16,6 +16,7 @@
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
+//! | `tree.rs` | a BVH over particles, built by obvhs in chunks |
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -36,6 +37,7 @@ mod neighbours;
 mod overlap;
 mod rule;
 mod scene;
+mod tree;
 
 use std::sync::Arc;
 

@@ -5,13 +5,17 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::merge::Tree;
+use super::merge::Source;
+use super::tree::Tree;
 use crate::splat::budget::OVERLAP;
 
 /// Kernels whose centres fit into a box of this diagonal, in units of the standard deviation that at least
 /// half of them have, lie in one place. Of kernels spread by .3, .5 and .7 standard deviations about a centre, a third, a
 /// twelfth and a thirtieth do: as much of the edge that they would have together is left.
 const DIAGONAL: f64 = 1.0;
+
+/// Particles from one sum that is kept to the next.
+const STEP: usize = 8;
 
 /// The places of a point set where more than [`OVERLAP`] kernels lie.
 #[derive(Debug, Default)]
@@ -23,57 +27,54 @@ pub(in crate::blocks) struct Crowds {
 impl Crowds {
     /// Finds them.
     ///
-    /// - `order`: the particles in block order.
-    /// - `tree`: over that order; empty where all are in one block.
-    /// - `sigmas`: least and greatest standard deviation of each particle; the least counts.
-    /// - `strengths`: as stored ([`Strength::stored`](crate::scene::Strength::stored)); particles of none
-    ///   draw nothing, and add to no crowd.
-    pub(super) fn new(
-        order: &[u32],
-        tree: &Tree,
-        positions: &[DVec3],
-        sigmas: &[[f32; 2]],
-        strengths: &[f32],
-    ) -> Self {
+    /// Least standard deviations count; particles of no strength draw nothing, and add to no crowd.
+    ///
+    /// - `tree`: over the particles; empty where all are in one block.
+    pub(super) fn new(tree: &Tree, source: &Source<'_>) -> Self {
+        let (positions, strengths) = (source.positions, source.strength.stored());
         // The least standard deviation, of what draws anything.
-        let width = |i: u32| {
-            let [least, greatest] = sigmas[i as usize];
+        let width = |i: usize| {
+            let [least, greatest] = source.sigmas(i);
             let is_drawn = least >= 0.0 && greatest.is_finite() && {
-                let strength = strengths[i as usize];
+                let strength = strengths[i];
                 strength > 0.0 && strength.is_finite()
             };
             is_drawn.then_some(f64::from(least))
         };
-        let at = |i: u32| positions[i as usize];
+        let at = |i: usize| positions[i];
         let mut runs = Vec::new();
         if tree.is_empty() {
-            let drawn: Vec<u32> = order
-                .iter()
-                .copied()
+            let drawn: Vec<usize> = (0..positions.len())
                 .filter(|&i| width(i).is_some())
                 .collect();
-            let beside = |&i: &u32| {
+            let beside = |&i: &usize| {
                 // A wide kernel is no place of many narrow ones.
-                let reach = |i: u32| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
-                let is_near = |&&j: &&u32| at(i).distance(at(j)) <= reach(i).min(reach(j));
+                let reach = |i: usize| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
+                let is_near = |&&j: &&usize| at(i).distance(at(j)) <= reach(i).min(reach(j));
                 drawn.iter().filter(is_near).count()
             };
             let count = drawn.iter().map(beside).max().unwrap_or(0);
             if is_crowd(count) {
-                runs.push((0..order.len(), count));
+                runs.push((0..positions.len(), count));
             }
             return Self { runs };
         }
-        // Up to each particle: how many are drawn, and the sum of their widths.
-        let mut sums = Vec::with_capacity(order.len() + 1);
-        sums.push((0, 0.0));
-        for &i in order {
-            let (count, sum) = sums[sums.len() - 1];
-            sums.push(width(i).map_or((count, sum), |w| (count + 1, sum + w)));
+        // Up to a particle: how many are drawn, and the sum of their widths. Every so many are kept.
+        let add = |(count, sum), i| width(i).map_or((count, sum), |w| (count + 1, sum + w));
+        let mut kept = Vec::with_capacity(positions.len() / STEP + 1);
+        let mut sums = (0, 0.0);
+        let mut widest = 0.0_f64;
+        for i in 0..positions.len() {
+            if i % STEP == 0 {
+                kept.push(sums);
+            }
+            sums = add(sums, i);
+            widest = widest.max(width(i).unwrap_or(0.0));
         }
+        kept.push(sums);
+        let before = |place: usize| (place / STEP * STEP..place).fold(kept[place / STEP], add);
         let is_one_place = |run: &Range<usize>| {
-            let members = order[run.clone()].iter();
-            let drawn = members.filter_map(|&i| Some((at(i), width(i)?)));
+            let drawn = run.clone().filter_map(|i| Some((at(i), width(i)?)));
             let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
             let (lower, upper) = drawn
                 .clone()
@@ -85,16 +86,22 @@ impl Crowds {
             2 * wide >= all
         };
         tree.visit(|run, diagonal| {
-            let ((before, sum_before), (after, sum)) = (sums[run.start], sums[run.end]);
-            let count = after - before;
+            if !is_crowd(run.len()) {
+                return false;
+            }
+            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
+            // so do differences of sums: particles are asked where it may be.
+            let reach = |mean: f64| (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
+            if diagonal > reach(widest) {
+                return true;
+            }
+            let ((earlier, sum_before), (later, sum)) = (before(run.start), before(run.end));
+            let count = later - earlier;
             if !is_crowd(count) {
                 return false;
             }
             let mean = (sum - sum_before) / count as f64;
-            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
-            // so do differences of sums: particles are asked where it may be.
-            let may_be = diagonal <= (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
-            let is_found = may_be && is_one_place(&run);
+            let is_found = diagonal <= reach(mean) && is_one_place(&run);
             if is_found {
                 runs.push((run.clone(), count));
             }

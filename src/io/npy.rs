@@ -20,7 +20,7 @@ use glam::DVec3;
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
-use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
+use super::scalars::{Encoding, ScalarType, Stride, positions, values};
 use super::table::{dataset, position_columns};
 use crate::error::{Error, Result};
 
@@ -113,11 +113,11 @@ pub(crate) fn table(path: &Path, format: &'static str, bytes: &[u8]) -> Result<D
             .filter_map(|m| m.encoding.map(|e| (m, e)))
             .collect();
         let xyz = position_columns(path, numeric.iter().map(|(m, _)| m.name.as_str()))?;
-        let axis = |i: usize| {
-            let (member, encoding) = numeric[xyz[i]];
-            doubles(array.data, encoding, stride(member, 0, 0)).ok_or_else(broken)
-        };
-        let positions = zip_positions(axis(0)?, &axis(1)?, &axis(2)?);
+        let axes = xyz.map(|column| {
+            let (member, encoding) = numeric[column];
+            (encoding, stride(member, 0, 0))
+        });
+        let positions = positions(array.data, axes).ok_or_else(broken)?;
         let mut fields = Vec::new();
         for (i, &(member, encoding)) in numeric.iter().enumerate() {
             if xyz.contains(&i) {
@@ -143,9 +143,10 @@ pub(crate) fn table(path: &Path, format: &'static str, bytes: &[u8]) -> Result<D
     }
     let axis = |i: usize| {
         let stride = array.column(i, encoding).ok_or_else(broken)?;
-        doubles(array.data, encoding, stride).ok_or_else(broken)
+        Ok((encoding, stride))
     };
-    let positions = zip_positions(axis(0)?, &axis(1)?, &axis(2)?);
+    let axes = [axis(0)?, axis(1)?, axis(2)?];
+    let positions = positions(array.data, axes).ok_or_else(broken)?;
     let mut fields = Vec::new();
     for column in 3..columns {
         let stride = array.column(column, encoding).ok_or_else(broken)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::Field;
-use super::scalars::{Encoding, ScalarType, Stride, doubles, values};
+use super::scalars::{Encoding, ScalarType, Stride, positions, values};
 use super::table::{position_columns, scalar_field};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -61,11 +61,6 @@ impl Table<'_> {
         )
     }
 
-    fn doubles(&self, member: usize) -> Result<Vec<f64>> {
-        let (encoding, stride) = self.place(member);
-        doubles(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())
-    }
-
     pub(super) fn floats(&self, member: usize) -> Result<Vec<f32>> {
         let (encoding, stride) = self.place(member);
         let column = values(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())?;
@@ -78,10 +73,8 @@ impl Table<'_> {
     pub(super) fn positions(&self) -> Result<(Vec<DVec3>, Vec<usize>)> {
         let names = self.rows.members.iter().map(|m| m.name.as_str());
         let columns = position_columns(self.path, names)?;
-        let [x, y, z] = columns;
-        let (x, y, z) = (self.doubles(x)?, self.doubles(y)?, self.doubles(z)?);
-        let positions = x.into_iter().zip(y).zip(z);
-        let positions = positions.map(|((x, y), z)| DVec3::new(x, y, z)).collect();
+        let axes = columns.map(|column| self.place(column));
+        let positions = positions(&self.rows.data, axes).ok_or_else(|| self.damaged())?;
         Ok((positions, columns.to_vec()))
     }
 

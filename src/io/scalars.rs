@@ -1,8 +1,12 @@
 //! Numbers as files hold them: ten scalar types, two byte orders, narrowed to [`Values`].
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::scene::Values;
+
+/// Numbers that a thread takes at least, and positions put together at a time.
+const BATCH: usize = 4096;
 
 /// The scalar types of binary files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,11 +65,11 @@ impl Stride {
     }
 }
 
-fn gather<const N: usize, T>(
+fn gather<const N: usize, T: Send>(
     bytes: &[u8],
     stride: Stride,
     big_endian: bool,
-    from_le: impl Fn([u8; N]) -> T,
+    from_le: impl Fn([u8; N]) -> T + Sync,
 ) -> Option<Vec<T>> {
     if !stride.fits(N, bytes.len()) {
         return None;
@@ -79,7 +83,8 @@ fn gather<const N: usize, T>(
         }
         from_le(number)
     };
-    Some((0..stride.count).map(number).collect())
+    let all = (0..stride.count).into_par_iter();
+    Some(all.with_min_len(BATCH).map(number).collect())
 }
 
 /// `f64` to the `f32` that [`Values`] holds.
@@ -154,29 +159,46 @@ pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usi
 /// `count` positions, x, y and z of one after those of another. `None` where they do not lie
 /// within `bytes`.
 pub(crate) fn points(bytes: &[u8], encoding: Encoding, count: usize) -> Option<Vec<DVec3>> {
-    /// As many at a time, so that no second copy of all of them is made.
-    const BATCH: usize = 4096;
-    let step = encoding.scalar.size();
-    let number_count = count.checked_mul(3)?;
-    let all = Stride {
-        first: 0,
-        step,
-        count: number_count,
+    let size = encoding.scalar.size();
+    let axis = |i: usize| {
+        let stride = Stride {
+            first: i * size,
+            step: 3 * size,
+            count,
+        };
+        (encoding, stride)
     };
-    if !all.fits(step, bytes.len()) {
+    positions(bytes, [axis(0), axis(1), axis(2)])
+}
+
+/// Positions from as many numbers of each axis, without a second copy of all of them. `None` where these do not
+/// lie within `bytes`.
+pub(crate) fn positions(bytes: &[u8], axes: [(Encoding, Stride); 3]) -> Option<Vec<DVec3>> {
+    let count = axes[0].1.count;
+    let fits = |(encoding, stride): &(Encoding, Stride)| {
+        stride.count == count && stride.fits(encoding.scalar.size(), bytes.len())
+    };
+    if !axes.iter().all(fits) {
         return None;
     }
-    let mut points = Vec::with_capacity(count);
-    for first in (0..number_count).step_by(3 * BATCH) {
-        let batch = Stride {
-            first: first * step,
-            step,
-            count: (number_count - first).min(3 * BATCH),
+    let mut positions = vec![DVec3::ZERO; count];
+    let batches = positions.par_chunks_mut(BATCH).enumerate();
+    batches.try_for_each(|(i, batch)| {
+        let part = |(encoding, stride): (Encoding, Stride)| {
+            let part = Stride {
+                first: stride.first + i * BATCH * stride.step,
+                count: batch.len(),
+                ..stride
+            };
+            doubles(bytes, encoding, part)
         };
-        let numbers = doubles(bytes, encoding, batch)?;
-        points.extend(numbers.chunks_exact(3).map(DVec3::from_slice));
-    }
-    Some(points)
+        let [x, y, z] = axes.map(part);
+        for (((p, x), y), z) in batch.iter_mut().zip(x?).zip(y?).zip(z?) {
+            *p = DVec3::new(x, y, z);
+        }
+        Some(())
+    })?;
+    Some(positions)
 }
 
 /// Why numbers are not the integers that are wanted.

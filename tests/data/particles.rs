@@ -386,3 +386,65 @@ fn optical_masses_beside_densities_are_remarked_on() {
     assert!(warnings("mass").contains("call physical masses `m`"));
     assert!(!warnings("m").contains("physical masses"));
 }
+
+/// More rows than are shaped at a time, some of them without a place, a size, a mass or a colour.
+#[test]
+fn rows_that_are_left_out_take_nothing_of_others_with_them() {
+    const COUNT: usize = 150_000;
+    let number = |i: usize| (i % 1013) as f32 + 1.0;
+    let broken =
+        |of: usize| (0..COUNT).map(move |i| if i % 1009 == of { f32::NAN } else { number(i) });
+    let mut positions: Vec<DVec3> = (0..COUNT).map(|i| DVec3::splat(i as f64)).collect();
+    for p in positions.iter_mut().skip(1).step_by(1009) {
+        p.y = f64::INFINITY;
+    }
+    let column_of = |name, of| column(name, broken(of).collect());
+    let dataset = dataset(
+        positions,
+        vec![
+            column_of("sigma", 2),
+            column_of("mass", 3),
+            column_of("r", 4),
+            column_of("g", 4),
+            column_of("b", 5),
+        ],
+    );
+    let sampled = sample(dataset, SampleOptions::default());
+    let kept: Vec<usize> = (0..COUNT)
+        .filter(|i| !(1..=5).contains(&(i % 1009)))
+        .collect();
+    assert_eq!(sampled.report.particle_count, kept.len());
+    let left_out: usize = sampled
+        .report
+        .left_out
+        .iter()
+        .map(|fault| fault.count)
+        .sum();
+    assert_eq!(left_out, COUNT - kept.len());
+    let Particles::Isotropic { positions, sigmas } = &sampled.volume.particles else {
+        panic!("spheres expected")
+    };
+    let Strength::Mass(masses) = &sampled.volume.strength else {
+        panic!("masses expected")
+    };
+    let Colour::PerParticle(colours) = &sampled.volume.colour else {
+        panic!("colours expected")
+    };
+    let lengths = [positions.len(), sigmas.len(), masses.len(), colours.len()];
+    assert_eq!(lengths, [kept.len(); 4]);
+    for (n, &i) in kept.iter().enumerate() {
+        assert_eq!(positions[n], DVec3::splat(i as f64));
+        let expected = number(i).to_bits();
+        let all = [
+            sigmas[n],
+            masses[n],
+            colours[n][0],
+            colours[n][1],
+            colours[n][2],
+        ];
+        assert!(
+            all.iter().all(|x| x.to_bits() == expected),
+            "row {i}: {all:?}"
+        );
+    }
+}

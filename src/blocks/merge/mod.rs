@@ -11,6 +11,7 @@
 //! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
 
 mod lattice;
+mod moments;
 mod points;
 
 use std::sync::Arc;
@@ -21,7 +22,7 @@ use super::{Block, BlockedVolume};
 use crate::scene::{Averages, Slopes, Strength, TransferFunction, Values, Weighting};
 
 pub(super) use lattice::merge_lattice;
-pub(super) use points::{Shapes, Source, Tree, merge_points};
+pub(super) use points::{Shapes, Source, merge_points};
 
 /// Particles in a cluster of the first level, and clusters in one of the next.
 pub(super) const MERGE_RATIO: usize = 16;

@@ -1,15 +1,14 @@
 //! Clusters of a point set: subtrees of the BVH that its blocks are subtrees of.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
-use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
 
+use super::moments::{Moments, Symmetric, Tensors};
 use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
 use crate::blocks::overlap::Crowds;
+use crate::blocks::tree::Tree;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -17,174 +16,13 @@ use crate::math::{eigen, lower_factor, lower_matrix, symmetric};
 use crate::scene::{BoundaryPlanes, Colour, LocalModels, Strength, Values, cut_kernel};
 use crate::task::{Stage, Task};
 
-/// By how much less than its box the particles of a subtree may span, in units of the box: each is
-/// moved by a millionth along each axis, either way, and rounded.
-const SLACK: f64 = 4e-6;
-
-/// A BVH whose subtrees are runs of particles in block order.
-#[derive(Debug, Clone, Default)]
-pub(in crate::blocks) struct Tree {
-    /// The root first, children after their parents; empty where there are no particles.
-    nodes: Vec<Node>,
-    /// World units in the units of its boxes.
-    unit: f64,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    /// Its first particle in block order.
-    start: u32,
-    /// How many it has.
-    count: u32,
-    /// The first of its two children; 0 for a leaf.
-    child: u32,
-    /// Squared diagonal of its box, in units of its own.
-    size: f32,
-}
-
-impl Tree {
-    /// A tree, and the order of particles in which its subtrees are runs.
-    ///
-    /// - `unit`: world units in the units of its boxes.
-    pub(in crate::blocks) fn new(bvh: &Bvh2, unit: f64) -> (Self, Vec<u32>) {
-        let mut nodes: Vec<Node> = bvh
-            .nodes
-            .iter()
-            .map(|node| Node {
-                start: 0,
-                count: node.prim_count,
-                child: if node.is_leaf() { 0 } else { node.first_index },
-                size: (node.aabb().max - node.aabb().min).length_squared(),
-            })
-            .collect();
-        for i in (0..nodes.len()).rev() {
-            let child = nodes[i].child as usize;
-            if child > 0 {
-                nodes[i].count = nodes[child].count + nodes[child + 1].count;
-            }
-        }
-        let total = nodes.first().map_or(0, |root| root.count as usize);
-        let mut order = vec![0; total];
-        for i in 0..nodes.len() {
-            let Node { start, child, .. } = nodes[i];
-            let child = child as usize;
-            if child > 0 {
-                nodes[child].start = start;
-                nodes[child + 1].start = start + nodes[child].count;
-            } else {
-                let leaf = &bvh.nodes[i];
-                let first = leaf.first_index as usize;
-                let members = &bvh.primitive_indices[first..first + leaf.prim_count as usize];
-                order[start as usize..start as usize + members.len()].copy_from_slice(members);
-            }
-        }
-        (Self { nodes, unit }, order)
-    }
-
-    /// Whether it has no particles.
-    pub(in crate::blocks) fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
-    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
-    /// says so, in block order. The diagonal of its box is a lower bound, world units.
-    pub(in crate::blocks) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
-        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
-        while let Some(i) = stack.pop() {
-            let node = &self.nodes[i];
-            let diagonal = (f64::from(node.size).sqrt() - SLACK).max(0.0) * self.unit;
-            if each(self.run(i), diagonal) && node.child > 0 {
-                stack.extend([node.child as usize + 1, node.child as usize]);
-            }
-        }
-    }
-
-    /// The largest subtrees with at most `capacity` particles, in block order.
-    pub(in crate::blocks) fn subtrees(&self, capacity: usize) -> Vec<usize> {
-        let mut found = Vec::new();
-        let mut stack = vec![0];
-        while let Some(i) = stack.pop() {
-            let Some(node) = self.nodes.get(i) else {
-                break;
-            };
-            if node.count as usize <= capacity || node.child == 0 {
-                found.push(i);
-            } else {
-                stack.extend([node.child as usize + 1, node.child as usize]);
-            }
-        }
-        found
-    }
-
-    /// The particles of a subtree: a run of block order.
-    pub(in crate::blocks) fn run(&self, subtree: usize) -> Range<usize> {
-        let node = &self.nodes[subtree];
-        node.start as usize..(node.start + node.count) as usize
-    }
-
-    /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
-    /// what merging leaves out is even.
-    fn clusters(&self, subtree: usize, count: usize) -> Vec<usize> {
-        let mut widest = BinaryHeap::from([Widest {
-            size: self.nodes[subtree].size,
-            node: subtree,
-        }]);
-        let mut leaves = Vec::new();
-        while widest.len() + leaves.len() < count {
-            let Some(Widest { node, .. }) = widest.pop() else {
-                break;
-            };
-            let child = self.nodes[node].child as usize;
-            if child == 0 {
-                leaves.push(node);
-                continue;
-            }
-            widest.extend([child, child + 1].map(|node| Widest {
-                size: self.nodes[node].size,
-                node,
-            }));
-        }
-        leaves.extend(widest.into_iter().map(|w| w.node));
-        leaves.sort_unstable_by_key(|&node| self.nodes[node].start);
-        leaves
-    }
-}
-
-/// A subtree in the order of sizes.
-#[derive(Debug, Clone, Copy)]
-struct Widest {
-    size: f32,
-    node: usize,
-}
-
-impl PartialEq for Widest {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Widest {}
-
-impl PartialOrd for Widest {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Widest {
-    fn cmp(&self, other: &Self) -> Ordering {
-        let by_size = self.size.total_cmp(&other.size);
-        by_size.then(other.node.cmp(&self.node))
-    }
-}
-
-/// The particles that are merged, in their own order.
+/// The particles that are merged, in block order.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) positions: &'a [DVec3],
     pub(in crate::blocks) shapes: Shapes<'a>,
-    /// Least and greatest standard deviation of each.
-    pub(in crate::blocks) sigmas: &'a [[f32; 2]],
+    /// Least and greatest standard deviation of each that is no sphere.
+    pub(in crate::blocks) principal: &'a [[f32; 2]],
     pub(in crate::blocks) strength: &'a Strength,
     pub(in crate::blocks) colour: &'a Colour,
     pub(in crate::blocks) values: Option<&'a Values>,
@@ -212,13 +50,33 @@ struct Member {
 }
 
 impl Source<'_> {
-    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
-    fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+    /// Least and greatest standard deviation of a particle.
+    #[inline]
+    pub(in crate::blocks) fn sigmas(&self, i: usize) -> [f32; 2] {
+        match self.shapes {
+            Shapes::Spheres(sigmas) => [sigmas[i]; 2],
+            Shapes::Factors(_) => self.principal[i],
+        }
+    }
+
+    /// The strength of a whole particle; `None` where it has none that draws anything, or no value.
+    fn whole_strength(&self, i: usize) -> Option<f64> {
         let strength = self.strength.stored()[i];
         let has_value = self.values.is_none_or(|v| !v.get(i).is_nan());
-        if !(strength > 0.0 && strength.is_finite() && has_value) {
-            return None;
+        (strength > 0.0 && strength.is_finite() && has_value).then_some(f64::from(strength))
+    }
+
+    /// What the domain leaves of it.
+    fn strength_left(&self, i: usize) -> Option<f64> {
+        match self.boundary.and_then(|b| b.of(i)) {
+            None => self.whole_strength(i),
+            Some(_) => self.member(i, self.positions[i]).map(|m| m.strength),
         }
+    }
+
+    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
+    fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+        let strength = self.whole_strength(i)?;
         let lower @ [l00, l10, l11, l20, l21, l22] = match self.shapes {
             Shapes::Spheres(sigmas) => {
                 let l = f64::from(sigmas[i]);
@@ -228,7 +86,7 @@ impl Source<'_> {
         };
         let whole = Member {
             index: i,
-            strength: f64::from(strength),
+            strength,
             offset: self.positions[i] - origin,
             variance: [
                 l00 * l00,
@@ -274,42 +132,48 @@ struct Particle {
 pub(in crate::blocks) fn merge_points(
     source: &Source<'_>,
     tree: &Tree,
-    order: &[u32],
     crowds: &Crowds,
     task: Option<&Task>,
 ) -> Result<Option<MergedPoints>> {
     let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
         && !matches!(source.colour, Colour::Harmonics { .. })
         && source.values.is_none_or(|v| !v.has_infinite());
-    if !is_mergeable || order.len() <= BLOCK_CAPACITY {
+    if !is_mergeable || source.positions.len() <= BLOCK_CAPACITY {
         return Ok(None);
     }
     let mut levels: Vec<Vec<MergedBlock>> = Vec::new();
+    let mut clusters: Vec<Cluster> = Vec::new();
     let mut members = 1;
     loop {
         members *= MERGE_RATIO;
         let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
         let stage = Stage::new(task, "levels of detail", subtrees.len());
-        let level: Vec<MergedBlock> = subtrees
+        let finer = Finer {
+            blocks: levels.last().map_or(&[], Vec::as_slice),
+            clusters: &clusters,
+        };
+        let level: Vec<(MergedBlock, Vec<Cluster>)> = subtrees
             .par_iter()
             .filter(|_| stage.goes_on())
             .map(|&subtree| {
                 let run = tree.run(subtree);
                 let count = run.len().div_ceil(members);
-                let clusters = tree.clusters(subtree, count);
-                let clusters: Vec<&[u32]> = clusters
-                    .iter()
-                    .map(|&node| &order[tree.run(node)])
-                    .collect();
+                let clusters = tree.clusters(subtree, count).into_iter();
+                let clusters: Vec<_> = clusters.map(|node| tree.run(node)).collect();
                 // A block's clusters are as many as fit its particles, the widest cut first: in
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
-                let block = MergedBlock::new(source, &order[run.clone()], run.start, &clusters);
+                let (block, mut clusters) = MergedBlock::new(source, finer, run, clusters);
+                if members < KEPT_MEMBERS {
+                    clusters = Vec::new();
+                }
                 stage.advance(1);
-                MergedBlock { crowding, ..block }
+                (MergedBlock { crowding, ..block }, clusters)
             })
             .collect();
         stage.check()?;
+        let (level, of_level): (Vec<_>, Vec<_>) = level.into_iter().unzip();
+        clusters = of_level.into_iter().flatten().collect();
         let is_last = level.len() == 1 && level[0].particles.len() <= LAST_LEVEL;
         levels.push(level);
         if is_last {
@@ -317,6 +181,31 @@ pub(in crate::blocks) fn merge_points(
         }
     }
     Ok(Some(MergedPoints { levels }))
+}
+
+/// Clusters of so many members keep their sums for the next level: for smaller ones these would take as much
+/// memory as the particles do, and reading the particles twice takes less.
+const KEPT_MEMBERS: usize = MERGE_RATIO * MERGE_RATIO;
+
+/// The level before, from which a level is made.
+#[derive(Debug, Clone, Copy)]
+struct Finer<'a> {
+    /// Empty for the first level.
+    blocks: &'a [MergedBlock],
+    /// In block order; empty where they were not kept.
+    clusters: &'a [Cluster],
+}
+
+impl<'a> Finer<'a> {
+    /// The clusters that a run of particles consists of; `None` where it is a part of one, or none are kept.
+    fn clusters(&self, run: &Range<usize>) -> Option<&'a [Cluster]> {
+        // Both are subtrees of one tree: one holds the other, or they have nothing in common.
+        let first = self.clusters.partition_point(|c| c.run.end <= run.start);
+        let count = self.clusters[first..].partition_point(|c| c.run.end <= run.end);
+        let own = &self.clusters[first..first + count];
+        own.first().filter(|c| c.run.start == run.start)?;
+        Some(own)
+    }
 }
 
 /// The levels of a point set, the finest first.
@@ -333,8 +222,8 @@ const TASK: usize = 8192;
 struct MergedBlock {
     /// Where its members begin in block order.
     start: usize,
-    origin: DVec3,
-    half_extent: DVec3,
+    lower: DVec3,
+    upper: DVec3,
     bounds: MergeBounds,
     sigmas: [f32; 2],
     crowding: f32,
@@ -342,45 +231,59 @@ struct MergedBlock {
 }
 
 impl MergedBlock {
-    fn new(source: &Source<'_>, members: &[u32], start: usize, clusters: &[&[u32]]) -> Self {
-        // The coarsest blocks are few and have millions: they are shared among all processors, too.
-        let chunks = members.par_chunks(TASK);
-        let (lower, upper, narrowest) = chunks
-            .map(|members| {
-                let mut lower = DVec3::INFINITY;
-                let mut upper = DVec3::NEG_INFINITY;
-                let mut narrowest = f32::INFINITY;
-                for &i in members {
-                    let p = source.positions[i as usize];
-                    lower = lower.min(p);
-                    upper = upper.max(p);
-                    narrowest = narrowest.min(source.sigmas[i as usize][0]);
-                }
-                (lower, upper, narrowest)
-            })
-            .reduce(
-                || (DVec3::INFINITY, DVec3::NEG_INFINITY, f32::INFINITY),
-                |a, b| (a.0.min(b.0), a.1.max(b.1), a.2.min(b.2)),
-            );
-        let origin = (lower + upper) / 2.0;
+    /// A block, and its clusters as the next level takes them.
+    fn new(
+        source: &Source<'_>,
+        finer: Finer<'_>,
+        run: Range<usize>,
+        clusters: Vec<Range<usize>>,
+    ) -> (Self, Vec<Cluster>) {
         let mut block = Self {
-            start,
-            origin,
-            half_extent: (upper - lower) / 2.0,
+            start: run.start,
+            lower: DVec3::INFINITY,
+            upper: DVec3::NEG_INFINITY,
             bounds: MergeBounds::default(),
-            sigmas: [narrowest, 0.0],
+            sigmas: [f32::INFINITY, 0.0],
             crowding: 1.0,
             particles: Vec::new(),
         };
+        let mut extend = |lower, upper, sigma| {
+            block.lower = block.lower.min(lower);
+            block.upper = block.upper.max(upper);
+            block.sigmas[0] = block.sigmas[0].min(sigma);
+        };
+        if finer.blocks.is_empty() {
+            for i in run.clone() {
+                let at = source.positions[i];
+                extend(at, at, source.sigmas(i)[0]);
+            }
+        } else {
+            let first = finer.blocks.partition_point(|b| b.start < run.start);
+            let own = finer.blocks[first..].iter();
+            for b in own.take_while(|b| b.start < run.end) {
+                extend(b.lower, b.upper, b.sigmas[0]);
+            }
+        }
+        let origin = block.origin();
         let mut third_squares = 0.0;
         let mut uneven_squares = 0.0;
-        let each = members.len() / clusters.len().max(1);
-        let merged: Vec<_> = clusters
-            .par_iter()
+        let each = run.len() / clusters.len().max(1);
+        let clusters: Vec<(Cluster, Option<_>)> = clusters
+            .into_par_iter()
             .with_min_len((TASK / each.max(1)).max(1))
-            .map(|cluster| merge(source, origin, narrowest, cluster))
+            .map(|run| {
+                let sums = match finer.clusters(&run) {
+                    Some(parts) => Sums::of_parts(parts),
+                    None => Sums::of_members(source, origin, run.clone()),
+                };
+                let sums = sums.map(Box::new);
+                let merged = sums
+                    .as_ref()
+                    .map(|sums| sums.merged(source, &run, origin, block.sigmas[0]));
+                (Cluster { run, sums }, merged)
+            })
             .collect();
-        for (particle, bounds, sigma) in merged.into_iter().flatten() {
+        for (particle, bounds, sigma) in clusters.iter().filter_map(|(_, merged)| *merged) {
             third_squares += f64::from(bounds.third).powi(6);
             uneven_squares += f64::from(bounds.uneven).powi(2);
             block.bounds = block.bounds.max(bounds);
@@ -390,89 +293,164 @@ impl MergedBlock {
         let count = block.particles.len().max(1) as f64;
         block.bounds.third_mean = (third_squares / count).powf(1.0 / 6.0) as f32;
         block.bounds.uneven = (uneven_squares / count).sqrt() as f32;
-        block
+        let clusters = clusters.into_iter().map(|(cluster, _)| cluster).collect();
+        (block, clusters)
+    }
+
+    fn origin(&self) -> DVec3 {
+        (self.lower + self.upper) / 2.0
     }
 }
 
-/// One cluster as a particle, what that leaves out, and its greatest standard deviation; `None`
-/// where no member has any strength.
-fn merge(
-    source: &Source<'_>,
-    origin: DVec3,
-    narrowest: f32,
-    members: &[u32],
-) -> Option<(Particle, MergeBounds, f32)> {
-    let visible: Vec<Member> = members
-        .iter()
-        .filter_map(|&i| source.member(i as usize, origin))
-        .collect();
-    let total: f64 = visible.iter().map(|m| m.strength).sum();
-    if !(total > 0.0 && total.is_finite()) {
-        return None;
+/// A run of particles that became one.
+#[derive(Debug)]
+struct Cluster {
+    run: Range<usize>,
+    /// `None` where no member has any strength.
+    sums: Option<Box<Sums>>,
+}
+
+/// What a cluster knows of its members, enough to be one of a larger cluster's parts. Means are weighted by
+/// strength.
+#[derive(Debug, Clone, Default)]
+struct Sums {
+    /// Of all members together.
+    strength: f64,
+    /// World units.
+    centre: DVec3,
+    moments: Tensors,
+    /// Means of values, of their squares, of colours and of their squared lengths.
+    value: f64,
+    square: f64,
+    colour: DVec3,
+    colour_square: f64,
+    /// Sum of strength² over the least area of the kernel.
+    depth: f64,
+    /// Sum of the kernels' own volumes.
+    overlap: f64,
+}
+
+impl Sums {
+    /// Over particles. `None` where none has any strength.
+    ///
+    /// - `origin`: near them, so that their places keep their digits.
+    fn of_members(source: &Source<'_>, origin: DVec3, members: Range<usize>) -> Option<Self> {
+        let visible: Vec<Member> = members.filter_map(|i| source.member(i, origin)).collect();
+        let strength: f64 = visible.iter().map(|m| m.strength).sum();
+        if !(strength > 0.0 && strength.is_finite()) {
+            return None;
+        }
+        let share = |m: &Member| m.strength / strength;
+        let centre: DVec3 = visible.iter().map(|m| m.offset * share(m)).sum();
+        let mut sums = Self {
+            strength,
+            centre: origin + centre,
+            ..Self::default()
+        };
+        let mut moments = Moments::default();
+        for m in &visible {
+            let (i, w) = (m.index, share(m));
+            moments.add(w, m.offset - centre, &m.variance);
+            for skew in &m.skews {
+                moments.add_skew(w, *skew);
+            }
+            if let Some(values) = source.values {
+                let v = f64::from(values.get(i));
+                sums.value += w * v;
+                sums.square += w * v * v;
+            }
+            if let Colour::PerParticle(colours) = source.colour {
+                let c = DVec3::from(colours[i].map(f64::from));
+                sums.colour += c * w;
+                sums.colour_square += w * c.length_squared();
+            }
+            let [least, greatest] = source.sigmas(i).map(f64::from);
+            sums.depth += m.strength.powi(2) / (std::f64::consts::TAU * least * greatest);
+            sums.overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
+        }
+        sums.moments = moments.tensors();
+        Some(sums)
     }
-    let share = |m: &Member| m.strength / total;
-    let centre: DVec3 = visible.iter().map(|m| m.offset * share(m)).sum();
-    let common = f64::from(narrowest).powi(2);
-    let mut moments = Moments::default();
-    let (mut value, mut square, mut colour, mut colour_square) = (0.0, 0.0, DVec3::ZERO, 0.0);
-    let mut member_depth = 0.0;
-    let mut overlap = 0.0;
-    for m in &visible {
-        let (i, w) = (m.index, share(m));
-        moments.add(w, m.offset - centre, &m.variance);
-        for skew in &m.skews {
-            moments.add_skew(w, *skew);
+
+    /// Over clusters. `None` where none has any strength.
+    fn of_parts(parts: &[Cluster]) -> Option<Self> {
+        let parts = || parts.iter().filter_map(|part| part.sums.as_deref());
+        let strength: f64 = parts().map(|part| part.strength).sum();
+        let near = parts().next()?.centre;
+        let shares = || parts().map(|part| (part.strength / strength, part));
+        let centre: DVec3 = shares().map(|(w, part)| (part.centre - near) * w).sum();
+        let mut sums = Self {
+            strength,
+            centre: near + centre,
+            ..Self::default()
+        };
+        for (w, part) in shares() {
+            sums.moments
+                .add(w, part.centre - near - centre, &part.moments);
+            sums.value += w * part.value;
+            sums.square += w * part.square;
+            sums.colour += part.colour * w;
+            sums.colour_square += w * part.colour_square;
+            sums.depth += part.depth;
+            sums.overlap += part.overlap;
         }
-        if let Some(values) = source.values {
-            let v = f64::from(values.get(i));
-            value += w * v;
-            square += w * v * v;
-        }
-        if let Colour::PerParticle(colours) = source.colour {
-            let c = DVec3::from(colours[i].map(f64::from));
-            colour += c * w;
-            colour_square += w * c.length_squared();
-        }
-        let [least, greatest] = source.sigmas[i].map(f64::from);
-        member_depth += w * w / (std::f64::consts::TAU * least * greatest);
-        overlap += (4.0 * std::f64::consts::PI).powf(1.5) * least * greatest * greatest;
+        Some(sums)
     }
-    let variance = moments.second();
-    let (eigenvalues, axes) = eigen(variance);
-    let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
-    let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
-    let trace = variance[0] + variance[3] + variance[5];
-    let particle = Particle {
-        centre,
-        factor: factor.map(|l| l as f32),
-        strength: total as f32,
-        colour: colour.as_vec3().into(),
-        value: value as f32,
+
+    /// The cluster as a particle, what that leaves out, and its greatest standard deviation.
+    ///
+    /// - `members`: whose sums these are.
+    /// - `origin`: of their block.
+    /// - `narrowest`: the least standard deviation in the block.
+    fn merged(
+        &self,
+        source: &Source<'_>,
+        members: &Range<usize>,
+        origin: DVec3,
+        narrowest: f32,
+    ) -> (Particle, MergeBounds, f32) {
+        let common = f64::from(narrowest).powi(2);
+        let variance = self.moments.second;
+        let (eigenvalues, axes) = eigen(variance);
+        let sigmas = eigenvalues.max(DVec3::ZERO).map(f64::sqrt);
+        let factor = lower_factor(axes * DMat3::from_diagonal(sigmas));
+        let trace = variance[0] + variance[3] + variance[5];
         // Even over an interval of this half width, the values have this variance.
-        spread: (3.0 * (square - value * value).max(0.0)).sqrt() as f32,
-        member_depth: (member_depth * lone_share(overlap, sigmas)) as f32,
-    };
-    let spread = (3.0 * (square - value * value).max(0.0)).sqrt();
-    let uneven = source.values.map_or(0.0, |values| {
-        let of = |m: &Member| (share(m), f64::from(values.get(m.index)));
-        unevenness(visible.iter().map(of), value, spread)
-    });
-    let colour_variance = colour_square - colour.length_squared();
-    let mut bounds = MergeBounds {
-        third_mean: 0.0,
-        third: moments.third_norm().cbrt() as f32,
-        fourth: moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
-        second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
-        spread: particle.spread,
-        colour: colour_variance.max(0.0).sqrt() as f32,
-        uneven: uneven as f32,
-    };
-    if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
-        // Members without a finite shape or colour are never merged: `max` would forget a NaN.
-        bounds.third = f32::INFINITY;
+        let spread = (3.0 * (self.square - self.value * self.value).max(0.0)).sqrt();
+        let member_depth = self.depth / self.strength.powi(2);
+        let particle = Particle {
+            centre: self.centre - origin,
+            factor: factor.map(|l| l as f32),
+            strength: self.strength as f32,
+            colour: self.colour.as_vec3().into(),
+            value: self.value as f32,
+            spread: spread as f32,
+            member_depth: (member_depth * lone_share(self.overlap, sigmas)) as f32,
+        };
+        let uneven = source.values.map_or(0.0, |values| {
+            let of = |i| {
+                let strength = source.strength_left(i)?;
+                Some((strength / self.strength, f64::from(values.get(i))))
+            };
+            unevenness(members.clone().filter_map(of), self.value, spread)
+        });
+        let colour_variance = self.colour_square - self.colour.length_squared();
+        let mut bounds = MergeBounds {
+            third_mean: 0.0,
+            third: self.moments.third_norm().cbrt() as f32,
+            fourth: self.moments.fourth_cumulant_norm().sqrt().sqrt() as f32,
+            second: (trace - 3.0 * common).max(0.0).sqrt() as f32,
+            spread: particle.spread,
+            colour: colour_variance.max(0.0).sqrt() as f32,
+            uneven: uneven as f32,
+        };
+        if !(trace + colour_variance + f64::from(bounds.third + bounds.fourth)).is_finite() {
+            // Members without a finite shape or colour are never merged: `max` would forget a NaN.
+            bounds.third = f32::INFINITY;
+        }
+        let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
+        (particle, bounds, greatest)
     }
-    let greatest = sigmas.max_element() as f32 * (1.0 + 2.0 * f32::EPSILON);
-    Some((particle, bounds, greatest))
 }
 
 /// How much of their opacity the kernels of a cluster have each by itself: 1 where they lie far
@@ -488,145 +466,6 @@ fn lone_share(overlap: f64, sigmas: DVec3) -> f64 {
     } else {
         0.0
     }
-}
-
-/// A symmetric matrix: xx, xy, xz, yy, yz, zz.
-type Symmetric = [f64; 6];
-
-/// Where a [`Symmetric`] has the element of two axes.
-const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
-
-/// Central moments of a mixture of Gaussians, as sums of products of places and variances: the
-/// tensors are put together at the end.
-#[derive(Debug, Clone, Copy, Default)]
-struct Moments {
-    /// d dᵀ and V.
-    places: Symmetric,
-    variances: Symmetric,
-    /// d to the powers of [`THIRD`], and d V.
-    third: [f64; 10],
-    third_mixed: [Symmetric; 3],
-    /// d to the powers of [`FOURTH`], d dᵀ V and V V.
-    fourth: [f64; 15],
-    fourth_mixed: [Symmetric; 6],
-    fourth_own: [Symmetric; 6],
-}
-
-/// Which axes the distinct elements of a symmetric tensor of third order belong to, and how many
-/// elements are equal to each.
-const THIRD: [([usize; 3], f64); 10] = [
-    ([0, 0, 0], 1.0),
-    ([1, 1, 1], 1.0),
-    ([2, 2, 2], 1.0),
-    ([0, 0, 1], 3.0),
-    ([0, 0, 2], 3.0),
-    ([1, 1, 0], 3.0),
-    ([1, 1, 2], 3.0),
-    ([2, 2, 0], 3.0),
-    ([2, 2, 1], 3.0),
-    ([0, 1, 2], 6.0),
-];
-
-/// The same of fourth order.
-const FOURTH: [([usize; 4], f64); 15] = [
-    ([0, 0, 0, 0], 1.0),
-    ([1, 1, 1, 1], 1.0),
-    ([2, 2, 2, 2], 1.0),
-    ([0, 0, 0, 1], 4.0),
-    ([0, 0, 0, 2], 4.0),
-    ([1, 1, 1, 0], 4.0),
-    ([1, 1, 1, 2], 4.0),
-    ([2, 2, 2, 0], 4.0),
-    ([2, 2, 2, 1], 4.0),
-    ([0, 0, 1, 1], 6.0),
-    ([0, 0, 2, 2], 6.0),
-    ([1, 1, 2, 2], 6.0),
-    ([0, 0, 1, 2], 12.0),
-    ([1, 1, 0, 2], 12.0),
-    ([2, 2, 0, 1], 12.0),
-];
-
-impl Moments {
-    /// Adds a kernel of variance `own` at `d` from the centre, with weight `w`.
-    fn add(&mut self, w: f64, d: DVec3, own: &Symmetric) {
-        let d = d.to_array();
-        let outer = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(a, b)| d[a] * d[b]);
-        let add = |sums: &mut Symmetric, factor: f64, of: &Symmetric| {
-            for (sum, x) in sums.iter_mut().zip(of) {
-                *sum += factor * x;
-            }
-        };
-        add(&mut self.places, w, &outer);
-        add(&mut self.variances, w, own);
-        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
-            *sum += w * d[a] * outer[PAIR[b][c]];
-        }
-        for (sums, d) in self.third_mixed.iter_mut().zip(d) {
-            add(sums, w * d, own);
-        }
-        for (sum, ([a, b, c, e], _)) in self.fourth.iter_mut().zip(FOURTH) {
-            *sum += w * outer[PAIR[a][b]] * outer[PAIR[c][e]];
-        }
-        for (i, (mixed, both)) in self
-            .fourth_mixed
-            .iter_mut()
-            .zip(&mut self.fourth_own)
-            .enumerate()
-        {
-            add(mixed, w * outer[i], own);
-            add(both, w * own[i], own);
-        }
-    }
-
-    /// Adds third central moments of a kernel's own: the third power of a vector.
-    fn add_skew(&mut self, w: f64, skew: DVec3) {
-        for (sum, ([a, b, c], _)) in self.third.iter_mut().zip(THIRD) {
-            *sum += w * skew[a] * skew[b] * skew[c];
-        }
-    }
-
-    /// The variance.
-    fn second(&self) -> Symmetric {
-        let mut second = self.places;
-        for (sum, v) in second.iter_mut().zip(self.variances) {
-            *sum += v;
-        }
-        second
-    }
-
-    /// Frobenius norm of the third moments.
-    fn third_norm(&self) -> f64 {
-        let squares = self
-            .third
-            .iter()
-            .zip(THIRD)
-            .map(|(places, ([a, b, c], n))| {
-                let mixed = |a: usize, b: usize, c: usize| self.third_mixed[a][PAIR[b][c]];
-                let moment = places + mixed(a, b, c) + mixed(b, a, c) + mixed(c, a, b);
-                n * moment * moment
-            });
-        squares.sum::<f64>().sqrt()
-    }
-
-    /// Frobenius norm of the fourth cumulants: of what the fourth moments differ from a Gaussian's.
-    fn fourth_cumulant_norm(&self) -> f64 {
-        let second = self.second();
-        let squares = self.fourth.iter().zip(FOURTH).map(|(places, (axes, n))| {
-            let mixed = pairs(axes, |i, j| self.fourth_mixed[i][j])
-                + pairs(axes, |i, j| self.fourth_mixed[j][i]);
-            let own = pairs(axes, |i, j| self.fourth_own[i][j]);
-            let gaussian = pairs(axes, |i, j| second[i] * second[j]);
-            let cumulant = places + mixed + own - gaussian;
-            n * cumulant * cumulant
-        });
-        squares.sum::<f64>().sqrt()
-    }
-}
-
-/// The sum over the three ways to pair four axes of what two pairs have; of a variance's products it
-/// is a Gaussian's fourth moment.
-fn pairs([a, b, c, e]: [usize; 4], of: impl Fn(usize, usize) -> f64) -> f64 {
-    of(PAIR[a][b], PAIR[c][e]) + of(PAIR[a][c], PAIR[b][e]) + of(PAIR[a][e], PAIR[b][c])
 }
 
 impl MergedPoints {
@@ -663,8 +502,9 @@ impl MergedPoints {
             for block in of_level {
                 let strongest = block.particles.iter().map(|p| p.strength);
                 blocks.push(Block {
-                    origin: block.origin,
-                    half_extent: block.half_extent.as_vec3() * (1.0 + f32::EPSILON),
+                    origin: block.origin(),
+                    half_extent: ((block.upper - block.lower) / 2.0).as_vec3()
+                        * (1.0 + f32::EPSILON),
                     max_sigma: block.sigmas[1],
                     min_sigma: block.sigmas[0],
                     max_strength: strongest.fold(0.0, f32::max),
@@ -724,65 +564,106 @@ impl MergedPoints {
 mod tests {
     use super::*;
 
-    /// Numbers without a pattern, -1 to 1.
+    /// Numbers without a pattern, 0 to 1.
     fn number(n: usize) -> f64 {
-        ((n as f64 * 12.9898).sin() * 43_758.547).fract()
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
     }
 
+    /// Crowded towards a corner, and some far away: clusters of a level then lie within one of the level before, or
+    /// hold several.
     #[test]
-    fn moments_are_those_of_a_mixture() {
-        let mut moments = Moments::default();
-        let members: Vec<(f64, DVec3, DVec3)> = (0..9)
-            .map(|n| {
-                let at = |k: usize| number(7 * n + k);
-                let d = DVec3::new(at(0), at(1), at(2));
-                let v = DVec3::new(at(3).abs(), at(4).abs(), at(5).abs());
-                (1.0 / 9.0, d, v)
+    fn sums_of_clusters_are_those_of_their_members() {
+        const COUNT: usize = 40_000;
+        let at = |n: usize| {
+            let p = [3 * n, 3 * n + 1, 3 * n + 2].map(|n| number(n).powi(3));
+            DVec3::from(p) * if n % 500 == 0 { 40.0 } else { 1.0 }
+        };
+        let scattered: Vec<DVec3> = (0..COUNT).map(at).collect();
+        let (tree, order) = Tree::over(&scattered);
+        let positions: Vec<DVec3> = order.iter().map(|&i| scattered[i as usize]).collect();
+        let of = |k: usize| (0..COUNT).map(move |n| number(5 * n + k) as f32);
+        let factors: Vec<[f32; 6]> = of(0)
+            .zip(of(1))
+            .map(|(a, b)| [a, b, b, 0.1, a - b, 0.2].map(|l| 0.01 * l))
+            .collect();
+        let strength = Strength::Classified {
+            // Every seventh draws nothing.
+            volumes: of(2)
+                .enumerate()
+                .map(|(n, v)| if n % 7 == 0 { 0.0 } else { v })
+                .collect(),
+        };
+        let colour = Colour::PerParticle(of(3).map(|c| [c, 1.0 - c, 0.5]).collect());
+        let values = Values::F32(of(4).collect());
+        let source = Source {
+            positions: &positions,
+            shapes: Shapes::Factors(&factors),
+            principal: &vec![[0.001, 0.02]; COUNT],
+            strength: &strength,
+            colour: &colour,
+            values: Some(&values),
+            models: None,
+            boundary: None,
+        };
+        let tree = &tree;
+        let clusters_of = |members: usize| {
+            let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
+            let clusters = subtrees.into_iter().flat_map(move |subtree| {
+                let count = tree.run(subtree).len().div_ceil(members);
+                tree.clusters(subtree, count)
+            });
+            clusters.map(|node| tree.run(node))
+        };
+        let clusters: Vec<Cluster> = clusters_of(16)
+            .map(|run| Cluster {
+                sums: Sums::of_members(&source, DVec3::ZERO, run.clone()).map(Box::new),
+                run,
             })
             .collect();
-        let mean: DVec3 = members.iter().map(|(w, d, _)| *d * *w).sum();
-        for (w, d, v) in &members {
-            moments.add(*w, *d - mean, &[v.x, 0.0, 0.0, v.y, 0.0, v.z]);
-        }
-        // By Gauss and Hermite's rule of three points per axis: exact to the fifth power.
-        let root = 3.0_f64.sqrt();
-        let rule = [(-root, 1.0 / 6.0), (0.0, 2.0 / 3.0), (root, 1.0 / 6.0)];
-        let expect = |of: &dyn Fn(DVec3) -> f64| {
-            let mut sum = 0.0;
-            for (w, d, v) in &members {
-                for (x, wx) in rule {
-                    for (y, wy) in rule {
-                        for (z, wz) in rule {
-                            let spread = DVec3::new(v.x.sqrt() * x, v.y.sqrt() * y, v.z.sqrt() * z);
-                            sum += w * wx * wy * wz * of(*d - mean + spread);
-                        }
-                    }
-                }
-            }
-            sum
+        let finer = Finer {
+            blocks: &[],
+            clusters: &clusters,
         };
-        let second = moments.second();
-        for a in 0..3 {
-            for b in a..3 {
-                let expected = expect(&|p| p[a] * p[b]);
-                assert!((second[PAIR[a][b]] - expected).abs() < 1e-14);
+        let (mut of_several, mut within) = (0, 0);
+        for run in clusters_of(256) {
+            let Some(parts) = finer.clusters(&run) else {
+                within += 1;
+                assert!(
+                    clusters
+                        .iter()
+                        .any(|c| c.run.start <= run.start && run.end <= c.run.end)
+                );
+                continue;
+            };
+            of_several += usize::from(parts.len() > 1);
+            let direct = Sums::of_members(&source, positions[run.start], run.clone());
+            let (Some(sums), Some(direct)) = (Sums::of_parts(parts), direct) else {
+                assert!(parts.iter().all(|part| part.sums.is_none()));
+                continue;
+            };
+            // Some hundred roundings of f64, of places up to 40 among clusters far narrower.
+            let width =
+                direct.moments.second[0] + direct.moments.second[3] + direct.moments.second[5];
+            let near = |a: f64, b: f64, unit: f64| (a - b).abs() <= 1e-9 * unit;
+            assert!(near(sums.strength, direct.strength, direct.strength));
+            assert!((sums.centre - direct.centre).length() <= 1e-9 * width.sqrt());
+            for (a, b) in sums.moments.second.iter().zip(&direct.moments.second) {
+                assert!(near(*a, *b, width));
             }
+            let (a, b) = (&sums.moments, &direct.moments);
+            assert!(near(a.third_norm(), b.third_norm(), width.powf(1.5)));
+            assert!(near(
+                a.fourth_cumulant_norm(),
+                b.fourth_cumulant_norm(),
+                10.0 * width.powi(2)
+            ));
+            assert!(near(sums.value, direct.value, 1.0));
+            assert!(near(sums.square, direct.square, 1.0));
+            assert!((sums.colour - direct.colour).length() <= 1e-9);
+            assert!(near(sums.colour_square, direct.colour_square, 1.0));
+            assert!(near(sums.depth, direct.depth, direct.depth));
+            assert!(near(sums.overlap, direct.overlap, direct.overlap));
         }
-        let third: f64 = THIRD
-            .iter()
-            .map(|([a, b, c], n)| n * expect(&|p| p[*a] * p[*b] * p[*c]).powi(2))
-            .sum();
-        // Some hundred roundings of f64.
-        assert!((moments.third_norm() - third.sqrt()).abs() < 1e-13);
-        let fourth: f64 = FOURTH
-            .iter()
-            .map(|(axes, n)| {
-                let [a, b, c, e] = *axes;
-                let moment = expect(&|p| p[a] * p[b] * p[c] * p[e]);
-                n * (moment - pairs(*axes, |i, j| second[i] * second[j])).powi(2)
-            })
-            .sum();
-        assert!((moments.fourth_cumulant_norm() - fourth.sqrt()).abs() < 1e-13);
-        assert!(third.sqrt() > 0.01 && fourth.sqrt() > 0.01);
+        assert!(of_several > 50 && within > 0, "{of_several} {within}");
     }
 }

@@ -6,6 +6,8 @@ mod shape;
 
 use std::borrow::Cow;
 
+use rayon::prelude::*;
+
 use self::columns::{Columns, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;
 use self::shape::Shape;
@@ -17,7 +19,7 @@ use super::{
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
 use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
-use crate::task::collect;
+use crate::task::Stage;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
 /// because clustered points span many decades of density.
@@ -28,6 +30,9 @@ const NUMBER_DENSITY: &str = "number density";
 
 /// The name that the report gives to mass over volume where no density is stated.
 const MASS_DENSITY: &str = "density (mass over volume)";
+
+/// Rows shaped at a time.
+const BATCH: usize = 1 << 16;
 
 /// What becomes of one row.
 struct Particle {
@@ -124,9 +129,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             Err(LeftOut::BeyondSinglePrecision)
         }
     };
-    let rows: Vec<Result<Particle, LeftOut>> =
-        collect(options.task.as_ref(), "shaping kernels", count, row)?;
-
     let mut report = SampleReport {
         field: match (computed, masses) {
             (true, Some(_)) => Some(MASS_DENSITY.into()),
@@ -138,8 +140,55 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         sample_count: count,
         ..SampleReport::default()
     };
-    let faults = rows.iter().filter_map(|row| row.as_ref().err().copied());
-    LeftOut::report(&mut report, "particles", faults);
+    let has_values = field.is_some() || computed;
+    let mut kept = Vec::with_capacity(count);
+    let mut faults = Vec::new();
+    let (mut sigmas, mut factors) = (Vec::new(), Vec::new());
+    if isotropic {
+        sigmas.reserve_exact(count);
+    } else {
+        factors.reserve_exact(count);
+    }
+    let mut strengths = Vec::with_capacity(count);
+    let (mut volumes, mut colours) = (Vec::new(), Vec::new());
+    let mut total = 0.0;
+    // In batches: a row is larger than what stays of it.
+    let stage = Stage::new(options.task.as_ref(), "shaping kernels", count);
+    let mut rows = Vec::with_capacity(BATCH.min(count));
+    for first in (0..count).step_by(BATCH) {
+        stage.check()?;
+        let batch = first..count.min(first + BATCH);
+        batch
+            .clone()
+            .into_par_iter()
+            .map(row)
+            .collect_into_vec(&mut rows);
+        for (i, row) in batch.clone().zip(&rows) {
+            match row {
+                Ok(particle) => {
+                    kept.push(index_u32(i));
+                    match isotropic {
+                        true => sigmas.push(particle.factor[0]),
+                        false => factors.push(particle.factor),
+                    }
+                    strengths.push(particle.strength);
+                    if particle.volume.is_finite() {
+                        total += particle.volume;
+                    }
+                    if has_values {
+                        volumes.push(particle.volume);
+                    }
+                    if rgb.is_some() {
+                        colours.push(particle.colour);
+                    }
+                }
+                Err(fault) => faults.push(*fault),
+            }
+        }
+        stage.advance(batch.len());
+    }
+    stage.check()?;
+    LeftOut::report(&mut report, "particles", faults.into_iter());
     let is_picture = !named && !options.for_columns;
     if is_picture && matches!(mass, Mass::Stated(_)) && columns.default_field(false).is_some() {
         report.note(
@@ -147,14 +196,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             "particles",
             "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
         );
-    }
-    let mut kept = Vec::with_capacity(count);
-    let mut particles = Vec::with_capacity(count);
-    for (i, row) in rows.into_iter().enumerate() {
-        if let Ok(particle) = row {
-            kept.push(index_u32(i));
-            particles.push(particle);
-        }
     }
     if kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
@@ -174,23 +215,18 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             &kept,
         )),
         _ if computed => {
-            let density = particles.iter().zip(&kept).map(|(p, &i)| match masses {
-                Some(m) => narrowed(f64::from(m.get(i as usize)) / p.volume),
-                None if options.for_columns => narrowed(1.0 / p.volume),
-                None => narrowed(-p.volume.log10()),
+            let density = volumes.iter().zip(&kept).map(|(volume, &i)| match masses {
+                Some(m) => narrowed(f64::from(m.get(i as usize)) / volume),
+                None if options.for_columns => narrowed(1.0 / volume),
+                None => narrowed(-volume.log10()),
             });
             Some(Values::F32(density.collect()))
         }
         _ => None,
     };
-    let total: f64 = particles
-        .iter()
-        .map(|p| p.volume)
-        .filter(|v| v.is_finite())
-        .sum();
     let mean_spacing = Some((total / kept.len() as f64).cbrt()).filter(|s| *s > 0.0);
     let mean_spacing = mean_spacing.unwrap_or(1.0);
-    let volumes: Vec<f32> = particles.iter().map(|p| narrowed(p.volume)).collect();
+    let volumes: Vec<f32> = volumes.into_iter().map(narrowed).collect();
     let transfer_function = match &values {
         Some(values) => Some(transfer_function(values, &volumes, mean_spacing, options)?),
         None => None,
@@ -208,7 +244,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kept.len() < positions.len() {
         positions = kept.iter().map(|&i| positions[i as usize]).collect();
     }
-    let strengths = particles.iter().map(|p| p.strength).collect();
     Ok(Sampled {
         volume: PointVolume {
             strength: if is_classified {
@@ -217,17 +252,15 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
                 Strength::Mass(strengths)
             },
             colour: if has_rgb {
-                Colour::PerParticle(particles.iter().map(|p| p.colour).collect())
+                Colour::PerParticle(colours)
             } else if values.is_some() {
                 Colour::Classified
             } else {
                 Colour::Uniform([1.0; 3])
             },
             particles: if isotropic {
-                let sigmas = particles.iter().map(|p| p.factor[0]).collect();
                 Particles::Isotropic { positions, sigmas }
             } else {
-                let factors = particles.iter().map(|p| p.factor).collect();
                 Particles::Anisotropic { positions, factors }
             },
             values,

@@ -1,0 +1,451 @@
+//! A tree of boxes over a point set: its subtrees become blocks, and clusters of particles.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+use std::ops::Range;
+
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::morton::morton_encode_u64_unorm;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rayon::prelude::*;
+use rdst::RadixSort;
+
+/// Points of which a tree is built at a time, at most where they lie apart: some 180 bytes each while it is.
+const CHUNK: usize = 1 << 16;
+
+/// By how much less than its box the particles of a subtree may span, in units of the box: each is
+/// moved by a millionth along each axis, either way, and rounded.
+const SLACK: f64 = 4e-6;
+
+/// A BVH whose subtrees are runs of particles in block order.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tree {
+    /// The root first, children after their parents; empty where there are no particles.
+    nodes: Vec<Node>,
+    /// World units in the units of its boxes.
+    unit: f64,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Node {
+    /// Its first particle in block order.
+    start: u32,
+    /// How many it has.
+    count: u32,
+    /// The first of its two children; 0 for a leaf.
+    child: u32,
+    /// Squared diagonal of its box, in units of its own.
+    size: f32,
+}
+
+impl Tree {
+    /// A tree over points, and their order in which its subtrees are runs.
+    ///
+    /// PLOC (obvhs) of each chunk of [`chunks`] by itself, which caches hold, and of the chunks' boxes.
+    ///
+    /// - `positions`: finite.
+    pub(super) fn over(positions: &[DVec3]) -> (Self, Vec<u32>) {
+        if positions.is_empty() {
+            return (Self::default(), Vec::new());
+        }
+        let (lower, upper) = bounds(positions.par_iter());
+        // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
+        let middle = (lower + upper) / 2.0;
+        // Unit size, so that areas neither overflow nor vanish at the scale of some scenes.
+        let scale = 1.0 / (upper - lower).max_element().max(f64::MIN_POSITIVE);
+        let point = |i: u32| {
+            let p = (positions[i as usize] - middle) * scale;
+            Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(i))
+        };
+        let (members, chunks) = chunks(positions);
+        let boxes: Vec<Aabb> = chunks
+            .par_iter()
+            .map(|chunk| {
+                let points = members[chunk.clone()].iter().map(|&i| point(i));
+                points.fold(Aabb::empty(), |all, p| all.union(&p))
+            })
+            .collect();
+        let top = ploc(&mut PlocBuilder::new(), &boxes);
+        let (mut top, leaves) = nodes(&top, 0, |chunk| chunks[chunk].len());
+        // Of n leaves there are n - 1 pairs of children; a chunk's root is a leaf of the top.
+        let top_count = top.len();
+        let mut all = vec![Node::default(); top_count + 2 * (positions.len() - chunks.len())];
+        let mut order = vec![0; positions.len()];
+        let (mut rest, mut places) = (&mut all[top_count..], &mut order[..]);
+        let mut first = top_count;
+        let mut work = Vec::with_capacity(chunks.len());
+        for (node, chunk) in leaves {
+            let chunk = &members[chunks[chunk].clone()];
+            let (own, others) = rest.split_at_mut(2 * (chunk.len() - 1));
+            let (run, later) = places.split_at_mut(chunk.len());
+            work.push((node, top[node].start, first, chunk, own, run));
+            first += 2 * (chunk.len() - 1);
+            (rest, places) = (others, later);
+        }
+        let roots: Vec<(usize, Node)> = work
+            .into_par_iter()
+            .map_init(
+                PlocBuilder::new,
+                |builder, (node, start, first, chunk, own, run)| {
+                    let points: Vec<Aabb> = chunk.iter().map(|&i| point(i)).collect();
+                    let (mut nodes, leaves) = nodes(&ploc(builder, &points), start, |_| 1);
+                    for (place, (_, local)) in run.iter_mut().zip(leaves) {
+                        *place = chunk[local];
+                    }
+                    for node in nodes.iter_mut().filter(|node| node.child > 0) {
+                        node.child += first as u32 - 1;
+                    }
+                    own.copy_from_slice(&nodes[1..]);
+                    (node, nodes[0])
+                },
+            )
+            .collect();
+        for (node, root) in roots {
+            top[node] = root;
+        }
+        all[..top_count].copy_from_slice(&top);
+        let tree = Self {
+            nodes: all,
+            unit: 1.0 / scale,
+        };
+        (tree, order)
+    }
+
+    /// Whether it has no particles.
+    pub(super) fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
+    /// says so, in block order. The diagonal of its box is a lower bound, world units.
+    pub(super) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
+        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
+        while let Some(i) = stack.pop() {
+            let node = &self.nodes[i];
+            let diagonal = (f64::from(node.size).sqrt() - SLACK).max(0.0) * self.unit;
+            if each(self.run(i), diagonal) && node.child > 0 {
+                stack.extend([node.child as usize + 1, node.child as usize]);
+            }
+        }
+    }
+
+    /// The largest subtrees with at most `capacity` particles, in block order.
+    pub(super) fn subtrees(&self, capacity: usize) -> Vec<usize> {
+        let mut found = Vec::new();
+        let mut stack = vec![0];
+        while let Some(i) = stack.pop() {
+            let Some(node) = self.nodes.get(i) else {
+                break;
+            };
+            if node.count as usize <= capacity || node.child == 0 {
+                found.push(i);
+            } else {
+                stack.extend([node.child as usize + 1, node.child as usize]);
+            }
+        }
+        found
+    }
+
+    /// The particles of a subtree: a run of block order.
+    pub(super) fn run(&self, subtree: usize) -> Range<usize> {
+        let node = &self.nodes[subtree];
+        node.start as usize..(node.start + node.count) as usize
+    }
+
+    /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
+    /// what merging leaves out is even.
+    pub(super) fn clusters(&self, subtree: usize, count: usize) -> Vec<usize> {
+        let mut widest = BinaryHeap::from([Widest {
+            size: self.nodes[subtree].size,
+            node: subtree,
+        }]);
+        let mut leaves = Vec::new();
+        while widest.len() + leaves.len() < count {
+            let Some(Widest { node, .. }) = widest.pop() else {
+                break;
+            };
+            let child = self.nodes[node].child as usize;
+            if child == 0 {
+                leaves.push(node);
+                continue;
+            }
+            widest.extend([child, child + 1].map(|node| Widest {
+                size: self.nodes[node].size,
+                node,
+            }));
+        }
+        leaves.extend(widest.into_iter().map(|w| w.node));
+        leaves.sort_unstable_by_key(|&node| self.nodes[node].start);
+        leaves
+    }
+}
+
+/// PLOC merges mutual nearest neighbours. Of points in one place only one pair per pass is mutual (20 s for
+/// 1e5 points, and quadratic), so each is moved by a millionth of the whole.
+fn jitter(i: u32) -> Vec3A {
+    let bits = u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let axis = |shift: u32| (bits >> shift & 0xffff) as f32 / 65_536.0 - 0.5;
+    Vec3A::new(axis(16), axis(32), axis(48)) * 2e-6
+}
+
+fn bounds<'a>(points: impl ParallelIterator<Item = &'a DVec3>) -> (DVec3, DVec3) {
+    let none = || (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    points
+        .fold(none, |(lower, upper), p| (lower.min(*p), upper.max(*p)))
+        .reduce(none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+fn ploc(builder: &mut PlocBuilder, boxes: &[Aabb]) -> Bvh2 {
+    let (distance, sorted) = (PlocSearchDistance::Minimum, SortPrecision::U64);
+    builder.build(
+        distance,
+        boxes,
+        (0..boxes.len() as u32).collect(),
+        sorted,
+        0,
+    )
+}
+
+/// The nodes of a BVH, and its leaves in the order of their runs: each node, and the box that it has.
+///
+/// - `start`: where its first run starts.
+/// - `count`: how many particles a box stands for.
+fn nodes(
+    bvh: &Bvh2,
+    start: u32,
+    count: impl Fn(usize) -> usize,
+) -> (Vec<Node>, Vec<(usize, usize)>) {
+    let of_leaf = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize] as usize;
+    let mut nodes: Vec<Node> = bvh
+        .nodes
+        .iter()
+        .map(|node| Node {
+            start,
+            count: 0,
+            child: if node.is_leaf() { 0 } else { node.first_index },
+            size: (node.aabb().max - node.aabb().min).length_squared(),
+        })
+        .collect();
+    for i in (0..nodes.len()).rev() {
+        let child = nodes[i].child as usize;
+        nodes[i].count = match child {
+            0 => count(of_leaf(i)) as u32,
+            _ => nodes[child].count + nodes[child + 1].count,
+        };
+    }
+    let mut leaves = Vec::with_capacity(nodes.len() / 2 + 1);
+    for i in 0..nodes.len() {
+        let Node { start, child, .. } = nodes[i];
+        let child = child as usize;
+        if child > 0 {
+            nodes[child].start = start;
+            nodes[child + 1].start = start + nodes[child].count;
+        } else {
+            leaves.push((i, of_leaf(i)));
+        }
+    }
+    leaves.sort_unstable_by_key(|&(i, _)| nodes[i].start);
+    (nodes, leaves)
+}
+
+/// The numbers of points in the order of chunks, and the chunks: cells of an octree, or halves and quarters of
+/// such, that hold at most [`CHUNK`] points where these do not all lie in one place.
+fn chunks(positions: &[DVec3]) -> (Vec<u32>, Vec<Range<usize>>) {
+    // The place on Morton's curve above, the point's number below.
+    let mut keys: Vec<u64> = (0..positions.len() as u64).collect();
+    let mut chunks = Vec::new();
+    let mut rest: Vec<Range<usize>> = std::iter::once(0..keys.len()).collect();
+    while let Some(run) = rest.pop() {
+        if run.len() <= CHUNK {
+            chunks.push(run);
+            continue;
+        }
+        let members = &mut keys[run.clone()];
+        place(members, positions);
+        if members[0] >> 32 == members[members.len() - 1] >> 32 {
+            chunks.push(run);
+            continue;
+        }
+        // Parts of one place are looked at again, in its own bounds.
+        let mut parts = vec![(run, 64_u32)];
+        while let Some((part, bit)) = parts.pop() {
+            if part.len() <= CHUNK || bit == 32 {
+                rest.push(part);
+                continue;
+            }
+            let members = &keys[part.clone()];
+            let half = members.partition_point(|key| key >> (bit - 1) & 1 == 0);
+            let middle = part.start + half;
+            let halves = [middle..part.end, part.start..middle];
+            parts.extend(
+                halves
+                    .into_iter()
+                    .filter(|h| !h.is_empty())
+                    .map(|h| (h, bit - 1)),
+            );
+        }
+    }
+    (keys.into_par_iter().map(|key| key as u32).collect(), chunks)
+}
+
+/// Sorts points, given by the low halves of `keys`, along Morton's curve through their bounds.
+fn place(keys: &mut [u64], positions: &[DVec3]) {
+    /// The number of the point.
+    const NUMBER: u64 = u32::MAX as u64;
+    let at = |key: u64| &positions[(key & NUMBER) as usize];
+    let (lower, upper) = bounds(keys.par_iter().map(|&key| at(key)));
+    // Halved first: the extent itself may overflow.
+    let half = (upper / 2.0 - lower / 2.0)
+        .max_element()
+        .max(f64::MIN_POSITIVE);
+    keys.par_iter_mut().for_each(|key| {
+        // 1 would be beyond the last cell.
+        let unit = (*at(*key) / 2.0 - lower / 2.0) / half * (1.0 - f64::EPSILON);
+        // The upper 32 of 63 bits.
+        *key = (morton_encode_u64_unorm(unit) << 1 & !NUMBER) | (*key & NUMBER);
+    });
+    keys.radix_sort_unstable();
+}
+
+/// A subtree in the order of sizes.
+#[derive(Debug, Clone, Copy)]
+struct Widest {
+    size: f32,
+    node: usize,
+}
+
+impl PartialEq for Widest {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Widest {}
+
+impl PartialOrd for Widest {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Widest {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let by_size = self.size.total_cmp(&other.size);
+        by_size.then(other.node.cmp(&self.node))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern, 0 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
+    }
+
+    fn scattered(count: usize) -> Vec<DVec3> {
+        let at = |n: usize| DVec3::new(number(3 * n), number(3 * n + 1), number(3 * n + 2));
+        (0..count).map(at).collect()
+    }
+
+    /// Several chunks: scattered ones; many in one place; a dense cluster far narrower than a cell, and far away.
+    fn sets() -> [Vec<DVec3>; 3] {
+        let mut crowd = scattered(3_000);
+        crowd.resize(CHUNK + 5_000, DVec3::new(0.3, 0.4, 0.5));
+        let mut cluster: Vec<DVec3> = scattered(2 * CHUNK).iter().map(|p| *p * 1e-6).collect();
+        cluster.extend(scattered(1_000).iter().map(|p| *p * 1e3 - 7.0));
+        [scattered(2 * CHUNK), crowd, cluster]
+    }
+
+    #[test]
+    fn chunks_are_all_points_and_small_where_these_lie_apart() {
+        for (set, positions) in sets().into_iter().enumerate() {
+            let (members, chunks) = chunks(&positions);
+            let mut sorted = members.clone();
+            sorted.sort_unstable();
+            assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
+            let mut runs = chunks.clone();
+            runs.sort_unstable_by_key(|run| run.start);
+            assert!(runs[0].start == 0 && runs[runs.len() - 1].end == members.len());
+            assert!(runs.windows(2).all(|w| w[0].end == w[1].start));
+            for run in &runs {
+                let first = positions[members[run.start] as usize];
+                let is_one_place = || {
+                    members[run.clone()]
+                        .iter()
+                        .all(|&i| positions[i as usize] == first)
+                };
+                assert!(run.len() <= CHUNK || set == 1 && is_one_place());
+            }
+            // Cells of an octree do not overlap: their boxes' volumes are no more than that of all.
+            let volumes = runs.iter().map(|run| {
+                let points = members[run.clone()]
+                    .par_iter()
+                    .map(|&i| &positions[i as usize]);
+                let (lower, upper) = bounds(points);
+                (upper - lower).element_product()
+            });
+            let (lower, upper) = bounds(positions.par_iter());
+            assert!(volumes.sum::<f64>() <= (upper - lower).element_product() * (1.0 + 1e-9));
+        }
+    }
+
+    #[test]
+    fn subtrees_are_runs_in_boxes_of_their_size() {
+        for positions in sets() {
+            let (tree, order) = Tree::over(&positions);
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
+            assert_eq!(tree.nodes.len(), 2 * positions.len() - 1);
+            assert_eq!(tree.run(0), 0..positions.len());
+            let mut children = vec![0; tree.nodes.len()];
+            for (i, node) in tree.nodes.iter().enumerate() {
+                let child = node.child as usize;
+                if child == 0 {
+                    assert_eq!(node.count, 1);
+                    continue;
+                }
+                assert!(child > i);
+                let (own, first, second) = (tree.run(i), tree.run(child), tree.run(child + 1));
+                assert!(
+                    own.start == first.start && first.end == second.start && second.end == own.end
+                );
+                children[child] += 1;
+                children[child + 1] += 1;
+            }
+            assert!(children[0] == 0 && children[1..].iter().all(|&n| n == 1));
+            // Every particle moved by a millionth, and rounded: of the widest extent, either way.
+            let (lower, upper) = bounds(positions.par_iter());
+            let slack = 2.0 * SLACK * (upper - lower).max_element();
+            for i in (0..tree.nodes.len()).step_by(97) {
+                let members = order[tree.run(i)]
+                    .par_iter()
+                    .map(|&i| &positions[i as usize]);
+                let (lower, upper) = bounds(members);
+                let size = f64::from(tree.nodes[i].size).sqrt() * tree.unit;
+                assert!(((upper - lower).length() - size).abs() <= slack);
+            }
+        }
+    }
+
+    #[test]
+    fn trees_do_not_depend_on_threads() {
+        let [positions, ..] = sets();
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let (tree, order) = pool.unwrap().install(|| Tree::over(&positions));
+            let nodes: Vec<_> = tree
+                .nodes
+                .iter()
+                .map(|n| (n.start, n.count, n.child, n.size.to_bits()))
+                .collect();
+            (nodes, order)
+        };
+        let one = with(1);
+        assert!([2, 5].into_iter().all(|threads| with(threads) == one));
+    }
+}
