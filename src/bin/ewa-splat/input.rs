@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
-use ewa_splat::io::{Dataset, Geometry, LengthMeaning, OpenOptions, RawLayout, RawType, SphKernel};
+use ewa_splat::io::{
+    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, SphKernel,
+};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::PointVolume;
@@ -51,7 +53,8 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
-    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size]
+    /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size, and of a mesh
+    /// alone no more than one for each pixel where it is seen largest]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
     /// Grids: how the data end: cut sharply at their boundary, or softly, density falling to half at the
@@ -214,11 +217,14 @@ impl DataOptions {
         }
     }
 
-    /// Reads and samples all of a scene, and says what was left out.
+    /// Reads and samples all of a scene, and says what was left out. A mesh alone, for which no number of
+    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area where
+    /// the mesh is seen largest. (Beside other data the camera is not known before these are sampled.)
     pub(crate) fn scene(
         &self,
         inputs: &[PathBuf],
         options: &SampleOptions,
+        most_pixels: impl Fn(&Mesh) -> Result<Option<f64>>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_surface()?;
@@ -241,7 +247,14 @@ impl DataOptions {
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
-            let sampled = ewa_splat::sample::scene(dataset, options)?;
+            let mut options = options.clone();
+            if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
+                && options.spread == Spread::Automatic
+                && let Some(density) = most_pixels(mesh)?
+            {
+                options.spread = Spread::NoDenser(density);
+            }
+            let sampled = ewa_splat::sample::scene(dataset, &options)?;
             for line in sampled.report.warnings() {
                 progress.suspend(|| eprintln!("{}: {line}", path.display()));
             }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use ewa_splat::io::{read_image, write_bytes_atomically, write_image};
+use ewa_splat::io::{Mesh, read_image, write_bytes_atomically, write_image};
 use ewa_splat::measure::{
     ACCURATE, About, DEFAULT, FAST, ReferenceSummary, Report, Resampling, Row, Subject,
     SweepOptions, sweep,
@@ -83,9 +83,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task_of(&progress),
         ..arguments.data.sample_options()
     };
+    let most_pixels = |mesh: &Mesh| arguments.camera.most_pixels(mesh, arguments.size, &[]);
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, &progress)?;
+        .scene(&arguments.inputs, &options, most_pixels, &progress)?;
     let mut renderer = Renderer::new(scene.volumes.clone())?;
     let camera = arguments.camera.camera(
         &renderer.visible_boxes(),

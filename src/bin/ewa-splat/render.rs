@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use ewa_splat::Filter;
 use ewa_splat::io::{
-    check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
+    Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
 use ewa_splat::legend::{ColourBar, check_legend_size};
@@ -17,7 +17,7 @@ use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::Lighting;
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
-use ewa_splat::view::{Camera, ClipPlane, Lens, clip_boxes};
+use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -31,7 +31,7 @@ use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Clip};
 use crate::progress::{task_of, with_bar};
 use crate::truth::{ReferenceName, Truth};
-use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE};
+use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -266,9 +266,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task.clone(),
         ..arguments.data.sample_options()
     };
+    let planes = arguments.clip_planes();
+    let most_pixels = |mesh: &Mesh| arguments.camera.most_pixels(mesh, arguments.size, &planes);
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, &progress)?;
+        .scene(&arguments.inputs, &options, most_pixels, &progress)?;
     let is_column = arguments.method.column_density;
     let legend = match arguments.legend.legend {
         true if !is_column => bars(&scene)?,
@@ -306,8 +308,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     } else {
         (renderer.visible_boxes(), DEFAULT_LENS)
     };
-    let left = clip_boxes(&all, &arguments.clip_planes());
-    let boxes = if left.is_empty() { all } else { left };
+    let boxes = left_of(all, &arguments.clip_planes());
     let camera = arguments
         .camera
         .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;

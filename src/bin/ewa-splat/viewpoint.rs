@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
-use ewa_splat::view::{Bounds, Camera, Lens, Viewpoint, read_camera};
+use ewa_splat::io::Mesh;
+use ewa_splat::sample::mesh::most_pixels_per_area;
+use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera};
 use glam::DVec3;
 
 use crate::parse;
@@ -100,4 +102,29 @@ impl CameraOptions {
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
         Ok(viewpoint.camera(boxes, lens, size).unwrap_or_else(unfitted))
     }
+
+    /// The pixels per unit area where a mesh is seen largest, drawn alone: see [`most_pixels_per_area`].
+    pub(crate) fn most_pixels(
+        &self,
+        mesh: &Mesh,
+        size: Option<[usize; 2]>,
+        planes: &[ClipPlane],
+    ) -> Result<Option<f64>> {
+        let positions = mesh.parts.iter().flat_map(|part| &part.positions);
+        let corners = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
+        let bounds = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let Some((low, high)) = bounds else {
+            return Ok(None);
+        };
+        let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
+        let boxes = left_of(all, planes);
+        let camera = self.camera(&boxes, DVec3::Y, size, DEFAULT_SIZE, DEFAULT_LENS)?;
+        Ok(most_pixels_per_area(mesh, &camera))
+    }
+}
+
+/// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.
+pub(crate) fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
+    let left = clip_boxes(&all, planes);
+    if left.is_empty() { all } else { left }
 }

@@ -50,9 +50,7 @@ const NOBODY: u32 = u32::MAX;
 pub(super) struct Cells {
     pub(super) pieces: Vec<Piece>,
     /// Indices of pieces, cell by cell.
-    order: Vec<u32>,
-    /// Where each cell begins in `order`; one more at the end.
-    starts: Vec<u32>,
+    owned: Owned,
 }
 
 /// A site, and what it has to do with pieces.
@@ -83,26 +81,21 @@ impl Cells {
         let stage = Stage::new(task, "spreading surfels", RELAXATIONS);
         for _ in 0..RELAXATIONS {
             stage.check()?;
-            let owners = owners(&pieces, triangles, &cubes, &sites);
-            relax(&mut sites, &pieces, triangles, &cubes, &owners);
+            let owned = owned(&pieces, triangles, &cubes, &sites);
+            relax(&mut sites, &pieces, triangles, &cubes, &owned);
             stage.advance(1);
         }
-        let owners = owners(&pieces, triangles, &cubes, &sites);
-        let (order, starts) = by_owner(&owners, sites.len());
-        Ok(Self {
-            pieces,
-            order,
-            starts,
-        })
+        let owned = owned(&pieces, triangles, &cubes, &sites);
+        Ok(Self { pieces, owned })
     }
 
     pub(super) fn len(&self) -> usize {
-        self.starts.len() - 1
+        self.owned.starts.len() - 1
     }
 
     /// Indices of the pieces of a cell.
     pub(super) fn pieces_of(&self, cell: usize) -> &[u32] {
-        &self.order[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+        self.owned.of(cell)
     }
 }
 
@@ -157,7 +150,7 @@ fn whole(count: f64) -> u64 {
 }
 
 /// Uniform in [0, 1), the same for the same two numbers (splitmix64).
-fn random(seed: u64, index: u64) -> f64 {
+pub(super) fn random(seed: u64, index: u64) -> f64 {
     let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -190,27 +183,27 @@ impl Bundle {
     };
 }
 
-/// The site of each piece.
-fn owners(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]) -> Vec<u32> {
+/// Cubes whose pieces are given to sites at a time.
+const CUBES_OF_CHUNK: usize = 256;
+
+/// The pieces of each site.
+fn owned(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site]) -> Owned {
     let homes: Vec<u32> = sites.iter().map(|s| s.home).collect();
-    let (sites_of, site_starts) = by_owner(&homes, cubes.len());
-    let chunk = |cubes_of_chunk: &[usize]| {
-        let mut found = Vec::new();
+    let sites_of = Owned::by(&homes, cubes.len());
+    let chunk = |first: usize| {
+        let last = (first + CUBES_OF_CHUNK).min(cubes.len());
+        let mut found = Vec::with_capacity(cubes.points(last - 1).end - cubes.points(first).start);
         let mut near = Candidates::default();
-        for &cube in cubes_of_chunk {
+        for cube in first..last {
             let points = cubes.points(cube);
             let reference = pieces[points.start].centre;
-            near.gather(cubes, cube, &sites_of, &site_starts, sites, reference);
-            for piece in &pieces[points] {
-                let triangle = &triangles[piece.triangle as usize];
-                let at = (piece.centre - reference).as_vec3();
-                found.push(near.best(at, triangle).unwrap_or(NOBODY));
-            }
+            near.gather(cubes.around(cube), &sites_of, sites, reference);
+            near.choose(&pieces[points], triangles, reference, &mut found);
         }
         found
     };
-    let all: Vec<usize> = (0..cubes.len()).collect();
-    let lists: Vec<Vec<u32>> = all.par_chunks(256).map(chunk).collect();
+    let firsts = (0..cubes.len()).into_par_iter().step_by(CUBES_OF_CHUNK);
+    let lists: Vec<Vec<u32>> = firsts.map(chunk).collect();
     let mut owners = lists.concat();
     if owners.contains(&NOBODY) {
         // Far from all sites, as bits of a scattered mesh may be.
@@ -229,25 +222,15 @@ fn owners(pieces: &[Piece], triangles: &[Triangle], cubes: &Cubes, sites: &[Site
             .filter(|o| **o == NOBODY)
             .for_each(|o| *o = 0);
     }
-    owners
+    Owned::by(&owners, sites.len())
 }
 
 impl Candidates {
-    fn gather(
-        &mut self,
-        cubes: &Cubes,
-        cube: usize,
-        sites_of: &[u32],
-        site_starts: &[u32],
-        sites: &[Site],
-        reference: DVec3,
-    ) {
+    fn gather(&mut self, around: &[u32], sites_of: &Owned, sites: &[Site], reference: DVec3) {
         self.indices.clear();
         self.bundles.clear();
-        for &beside in cubes.around(cube) {
-            let beside = beside as usize;
-            let range = site_starts[beside] as usize..site_starts[beside + 1] as usize;
-            for &index in &sites_of[range] {
+        for &cube in around {
+            for &index in sites_of.of(cube as usize) {
                 let site = &sites[index as usize];
                 let lane = self.indices.len() % LANES;
                 if lane == 0 {
@@ -267,7 +250,29 @@ impl Candidates {
         }
     }
 
+    /// Finds the nearest site to each of some pieces.
+    fn choose(
+        &self,
+        pieces: &[Piece],
+        triangles: &[Triangle],
+        reference: DVec3,
+        found: &mut Vec<u32>,
+    ) {
+        // Compiled for what the processor has; nothing is fused, and the choice is the same.
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for piece in pieces {
+                    let triangle = &triangles[piece.triangle as usize];
+                    let at = (piece.centre - reference).as_vec3();
+                    found.push(self.best(at, triangle).unwrap_or(NOBODY));
+                }
+            },
+        );
+    }
+
     /// The nearest site to a piece at `at`; the first of equals.
+    #[inline(always)]
     fn best(&self, at: Vec3, triangle: &Triangle) -> Option<u32> {
         let mut least = [f32::INFINITY; LANES];
         let mut best = [0_u32; LANES];
@@ -307,30 +312,24 @@ fn relax(
     pieces: &[Piece],
     triangles: &[Triangle],
     cubes: &Cubes,
-    owners: &[u32],
+    owned: &Owned,
 ) {
-    #[derive(Clone, Copy, Default)]
-    struct Sums {
-        area: f64,
-        position: DVec3,
-        normal: DVec3,
-    }
-    let mut sums = vec![Sums::default(); sites.len()];
-    for (piece, &owner) in pieces.iter().zip(owners) {
-        let triangle = &triangles[piece.triangle as usize];
-        let area = triangle.area * piece.share();
-        let sum = &mut sums[owner as usize];
-        sum.area += area;
-        sum.position += area * piece.centre;
-        sum.normal += area * triangle.normal.as_dvec3();
-    }
-    sites.par_iter_mut().zip(sums).for_each(|(site, sum)| {
-        if !(sum.area > 0.0) {
+    sites.par_iter_mut().enumerate().for_each(|(i, site)| {
+        let (mut whole, mut position, mut normal) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        for &piece in owned.of(i) {
+            let piece = &pieces[piece as usize];
+            let triangle = &triangles[piece.triangle as usize];
+            let area = triangle.area * piece.share();
+            whole += area;
+            position += area * piece.centre;
+            normal += area * triangle.normal.as_dvec3();
+        }
+        if !(whole > 0.0) {
             return;
         }
-        let centroid = sum.position / sum.area;
+        let centroid = position / whole;
         site.position += OVERSHOOT * (centroid - site.position);
-        if let Some(normal) = sum.normal.try_normalize() {
+        if let Some(normal) = normal.try_normalize() {
             site.normal = normal.as_vec3();
         }
         if let Some(cube) = cubes.at(site.position) {
@@ -339,21 +338,34 @@ fn relax(
     });
 }
 
-/// Indices by owner, rising within each, and where each owner's begin; one more at the end.
-fn by_owner(owners: &[u32], count: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0_u32; count + 1];
-    for &owner in owners {
-        starts[owner as usize + 1] += 1;
+/// Indices by owner, rising within each.
+#[derive(Debug)]
+struct Owned {
+    order: Vec<u32>,
+    /// Where each owner's begin in `order`; one more at the end.
+    starts: Vec<u32>,
+}
+
+impl Owned {
+    fn by(owners: &[u32], count: usize) -> Self {
+        let mut starts = vec![0_u32; count + 1];
+        for &owner in owners {
+            starts[owner as usize + 1] += 1;
+        }
+        for i in 0..count {
+            starts[i + 1] += starts[i];
+        }
+        let mut next = starts.clone();
+        let mut order = vec![0; owners.len()];
+        for (i, &owner) in owners.iter().enumerate() {
+            let place = &mut next[owner as usize];
+            order[*place as usize] = index_u32(i);
+            *place += 1;
+        }
+        Self { order, starts }
     }
-    for i in 0..count {
-        starts[i + 1] += starts[i];
+
+    fn of(&self, owner: usize) -> &[u32] {
+        &self.order[self.starts[owner] as usize..self.starts[owner + 1] as usize]
     }
-    let mut next = starts.clone();
-    let mut order = vec![0; owners.len()];
-    for (i, &owner) in owners.iter().enumerate() {
-        let place = &mut next[owner as usize];
-        order[*place as usize] = index_u32(i);
-        *place += 1;
-    }
-    (order, starts)
 }

@@ -6,17 +6,16 @@ use rayon::prelude::*;
 
 use super::grid::Cubes;
 use super::pieces::Piece;
-use super::surface::{Triangle, area};
+use super::surface::Triangle;
 use super::surfels::Surfel;
 
 /// Kernels end here, standard deviations: .03 % of a kernel lies beyond.
 const CUTOFF: f64 = 4.0;
 
-/// Centres of pieces, one in each of `count` stretches of equal area, and their normals.
-pub(super) fn points(pieces: &[Piece], triangles: &[Triangle], count: usize) -> Vec<(DVec3, Vec3)> {
-    let each = area(triangles) / count as f64;
+/// Centres of pieces, one in each stretch of the area `each`, and their normals.
+pub(super) fn points(pieces: &[Piece], triangles: &[Triangle], each: f64) -> Vec<(DVec3, Vec3)> {
     let mut passed = 0.0;
-    let mut points = Vec::with_capacity(count);
+    let mut points = Vec::new();
     for piece in pieces {
         let triangle = &triangles[piece.triangle as usize];
         passed += triangle.area * piece.share();

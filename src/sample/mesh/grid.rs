@@ -30,35 +30,42 @@ impl Cubes {
             .map(|(i, &p)| (key(cube(p, side)), index_u32(i)))
             .collect();
         keys.par_sort_unstable();
-        let mut starts = vec![0];
-        let mut by_key = HashMap::default();
-        let mut cubes = Vec::new();
-        for (i, (key, first)) in keys.iter().enumerate() {
-            if i == 0 || keys[i - 1].0 != *key {
-                if i > 0 {
-                    starts.push(index_u32(i));
-                }
-                by_key.insert(*key, index_u32(cubes.len()));
-                cubes.push(cube(points[*first as usize], side));
-            }
+        let is_first = |i: usize| i == 0 || keys[i - 1].0 != keys[i].0;
+        let mut starts: Vec<u32> = (0..keys.len())
+            .into_par_iter()
+            .filter(|i| is_first(*i))
+            .map(index_u32)
+            .collect();
+        let cubes: Vec<[i64; 3]> = starts
+            .par_iter()
+            .map(|&start| cube(points[keys[start as usize].1 as usize], side))
+            .collect();
+        let mut by_key = HashMap::with_capacity_and_hasher(cubes.len(), BuildHasherDefault::new());
+        for (i, &start) in starts.iter().enumerate() {
+            by_key.insert(keys[start as usize].0, index_u32(i));
         }
         starts.push(index_u32(keys.len()));
-        let order = keys.into_iter().map(|(_, i)| i).collect();
-        let neighbours = |cube: &[i64; 3]| {
-            let mut found: Vec<u32> = Vec::new();
-            for shift in 0..27 {
-                let shifts = [shift % 3 - 1, shift / 3 % 3 - 1, shift / 9 - 1];
-                let beside: [i64; 3] = std::array::from_fn(|i| cube[i].saturating_add(shifts[i]));
-                found.extend(by_key.get(&key(beside)));
+        let order = keys.into_par_iter().map(|(_, i)| i).collect();
+        let neighbours = |cubes: &[[i64; 3]]| {
+            let (mut found, mut ends): (Vec<u32>, Vec<usize>) = Default::default();
+            for cube in cubes {
+                for shift in 0..27 {
+                    let shifts = [shift % 3 - 1, shift / 3 % 3 - 1, shift / 9 - 1];
+                    let beside: [i64; 3] =
+                        std::array::from_fn(|i| cube[i].saturating_add(shifts[i]));
+                    found.extend(by_key.get(&key(beside)));
+                }
+                ends.push(found.len());
             }
-            found
+            (found, ends)
         };
-        let lists: Vec<Vec<u32>> = cubes.par_iter().map(neighbours).collect();
-        let mut around = Vec::new();
+        let lists: Vec<_> = cubes.par_chunks(1024).map(neighbours).collect();
+        let mut around = Vec::with_capacity(lists.iter().map(|(found, _)| found.len()).sum());
         let mut around_starts = vec![0];
-        for list in lists {
-            around.extend(list);
-            around_starts.push(index_u32(around.len()));
+        for (found, ends) in lists {
+            let passed = around.len();
+            around_starts.extend(ends.into_iter().map(|end| index_u32(passed + end)));
+            around.extend(found);
         }
         let cubes = Self {
             side,

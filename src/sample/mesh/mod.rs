@@ -19,6 +19,7 @@ mod grid;
 mod paint;
 mod pieces;
 mod spread;
+mod squares;
 mod surface;
 mod surfels;
 mod texture;
@@ -32,6 +33,8 @@ use crate::task::Task;
 use cells::Cells;
 use coverage::Ripple;
 use paint::Paints;
+pub use spread::most_pixels_per_area;
+use squares::Squares;
 use surface::{Kind, Surface, area};
 use surfels::{FAINTEST, Surfel};
 
@@ -78,6 +81,9 @@ pub enum Spread {
     /// of the bounding box's diagonal, and a million at most.
     #[default]
     Automatic,
+    /// The same, but no more than this per unit area \[1/length²\]: [`most_pixels_per_area`] is what a picture
+    /// shows.
+    NoDenser(f64),
     /// Surfels per unit area \[1/length²\].
     Density(f64),
     /// The root of the area for each \[length\].
@@ -226,10 +232,16 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
             reason = "a share of a count"
         )]
         let wanted = ((count as f64 * share).round() as usize).max(1);
-        let cells = Cells::new(&surface, triangles, wanted, options.seed, task)?;
         let width = options.kernel_width;
-        let surfels = surfels::surfels(&surface, triangles, &cells, &paints, width, task)?;
-        let points = coverage::points(&cells.pieces, triangles, RIPPLE_POINTS);
+        let squares = Squares::new(&surface, triangles, options.seed);
+        let rest = &squares.rest;
+        let left = wanted.saturating_sub(squares.count).max(1);
+        let cells = Cells::new(&surface, rest, left, options.seed, task)?;
+        let mut surfels = surfels::surfels(&surface, rest, &cells, &paints, width, task)?;
+        surfels.extend(squares.surfels(&surface, &paints, width));
+        let each = area(triangles) / RIPPLE_POINTS as f64;
+        let mut points = coverage::points(&cells.pieces, rest, each);
+        points.extend(squares.points(&surface, each));
         drop(cells);
         let of_kind = Ripple::of(&surfels, &points);
         ripple.count += of_kind.count;

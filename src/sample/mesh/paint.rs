@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use glam::{DVec2, DVec3, Vec2};
+use glam::DVec2;
 
 use super::surface::Triangle;
 use super::texture::{Pyramid, Weighing};
-use crate::io::{AlphaMode, Material, Mesh, MeshPart, TextureUse};
+use crate::io::{AlphaMode, Material, Mesh, TextureUse};
 
 /// The materials of a mesh, made ready.
 #[derive(Debug)]
@@ -51,30 +51,85 @@ impl<'a> Paints<'a> {
         paints
     }
 
-    /// Of a piece of a triangle with these barycentric corners; `None` where texture coordinates or
-    /// colours are not finite.
-    pub(super) fn of(&self, triangle: &Triangle, corners: &[DVec2; 3]) -> Option<Paint> {
+    /// What a triangle of the mesh is painted with; `None` where texture coordinates are missing.
+    pub(super) fn coat(&self, triangle: &Triangle) -> Option<Coat<'_>> {
         let part = &self.mesh.parts[triangle.part as usize];
         let indices = part.triangles[triangle.index as usize];
         let material = &self.mesh.materials[part.material];
-        let [base_texture, emissive_texture] = self.textures[part.material];
-        let lookup = |used: &Option<TextureUse>, pyramid: Option<usize>| match (used, pyramid) {
-            (Some(used), Some(pyramid)) => {
-                let Some(set) = part.texture_coordinates.get(used.coordinates) else {
-                    return Some([1.0; 4]);
-                };
-                let (centre, variance) = footprint(set, indices, used, corners)?;
-                Some(self.pyramids[pyramid].filtered(centre, variance))
+        let [base, emissive] = self.textures[part.material];
+        let laid = |used: &Option<TextureUse>, pyramid: Option<usize>| {
+            let (Some(used), Some(pyramid)) = (used, pyramid) else {
+                return Some(None);
+            };
+            let Some(set) = part.texture_coordinates.get(used.coordinates) else {
+                return Some(None);
+            };
+            let mut uv = [DVec2::ZERO; 3];
+            for (uv, &index) in uv.iter_mut().zip(&indices) {
+                let at = set.get(index as usize)?;
+                *uv = used.transform.transform_point2(*at).as_dvec2();
             }
-            _ => Some([1.0; 4]),
+            let [origin, a, b] = uv;
+            Some(Some(Laid {
+                pyramid: &self.pyramids[pyramid],
+                origin,
+                edges: [a - origin, b - origin],
+            }))
         };
-        let texel = lookup(&material.base_texture, base_texture)?;
-        let corner_colour = colour_at_corners(part, indices, corners);
+        let glows = material.emissive != [0.0; 3];
+        let corner = |index: u32| part.colours.get(index as usize).unwrap_or(&[1.0; 4]);
+        Some(Coat {
+            material,
+            base: laid(&material.base_texture, base)?,
+            emissive: match glows {
+                true => laid(&material.emissive_texture, emissive)?,
+                false => None,
+            },
+            colours: (!part.colours.is_empty())
+                .then(|| indices.map(|index| corner(index).map(f64::from))),
+        })
+    }
+}
+
+/// A texture on a triangle.
+#[derive(Debug)]
+struct Laid<'a> {
+    pyramid: &'a Pyramid<'a>,
+    /// Texture coordinates of the first corner, and along the two edges that begin there.
+    origin: DVec2,
+    edges: [DVec2; 2],
+}
+
+/// What one triangle of the mesh is painted with.
+#[derive(Debug)]
+pub(super) struct Coat<'a> {
+    material: &'a Material,
+    base: Option<Laid<'a>>,
+    emissive: Option<Laid<'a>>,
+    /// At the corners, if any.
+    colours: Option<[[f64; 4]; 3]>,
+}
+
+impl Coat<'_> {
+    /// Whether it is the same all over the triangle.
+    pub(super) fn is_plain(&self) -> bool {
+        self.base.is_none() && self.emissive.is_none() && self.colours.is_none()
+    }
+
+    /// Of a part of the triangle, by its middle and its variance (xx, xy, yy) in barycentric
+    /// coordinates along the two edges; `None` where texture coordinates or colours are not finite.
+    pub(super) fn of(&self, middle: DVec2, variance: [f64; 3]) -> Option<Paint> {
+        let material = self.material;
+        let lookup = |laid: &Option<Laid>| {
+            laid.as_ref()
+                .map_or([1.0; 4], |l| l.filtered(middle, variance))
+        };
+        let corner_colour = self.corner_colour(middle);
         let factor = |i: usize| f64::from(material.base_colour[i]) * corner_colour[i];
-        let [r, g, b, weight] = texel;
+        let [r, g, b, weight] = lookup(&self.base);
         let (shared, there) = match material.alpha {
             AlphaMode::Opaque => (1.0, weight),
-            AlphaMode::Mask(cutoff) if base_texture.is_none() => {
+            AlphaMode::Mask(cutoff) if self.base.is_none() => {
                 let is_there = factor(3) >= f64::from(cutoff);
                 (f64::from(u8::from(is_there)), f64::from(u8::from(is_there)))
             }
@@ -91,12 +146,39 @@ impl<'a> Paints<'a> {
             there,
         ];
         if material.emissive != [0.0; 3] {
-            let glow = lookup(&material.emissive_texture, emissive_texture)?;
+            let glow = lookup(&self.emissive);
             for i in 0..3 {
                 paint[i] += f64::from(material.emissive[i]) * glow[i] * there;
             }
         }
         paint.iter().all(|p| p.is_finite()).then_some(paint)
+    }
+
+    /// Between the colours given at corners; white where there are none.
+    fn corner_colour(&self, middle: DVec2) -> [f64; 4] {
+        let Some(colours) = &self.colours else {
+            return [1.0; 4];
+        };
+        let shares = [1.0 - middle.x - middle.y, middle.x, middle.y];
+        let mut sum = [0.0; 4];
+        for (share, colour) in shares.iter().zip(colours) {
+            for (sum, &c) in sum.iter_mut().zip(colour) {
+                *sum += share * c;
+            }
+        }
+        sum
+    }
+}
+
+impl Laid<'_> {
+    fn filtered(&self, middle: DVec2, [xx, xy, yy]: [f64; 3]) -> [f64; 4] {
+        let [a, b] = self.edges;
+        let between = |i: usize, j: usize| {
+            xx * a[i] * a[j] + xy * (a[i] * b[j] + b[i] * a[j]) + yy * b[i] * b[j]
+        };
+        let centre = self.origin + a * middle.x + b * middle.y;
+        self.pyramid
+            .filtered(centre, [between(0, 0), between(0, 1), between(1, 1)])
     }
 }
 
@@ -107,46 +189,4 @@ fn base_weighing(material: &Material) -> Weighing {
         AlphaMode::Blend => Weighing::Alpha,
         AlphaMode::Mask(cutoff) => Weighing::AtLeast(cutoff / material.base_colour[3]),
     }
-}
-
-/// Centre and variance of a piece in the texture.
-fn footprint(
-    set: &[Vec2],
-    indices: [u32; 3],
-    used: &TextureUse,
-    corners: &[DVec2; 3],
-) -> Option<(DVec2, [f64; 3])> {
-    let mut uv = [DVec2::ZERO; 3];
-    for (uv, &index) in uv.iter_mut().zip(&indices) {
-        let at = set.get(index as usize)?;
-        *uv = used.transform.transform_point2(*at).as_dvec2();
-    }
-    let [origin, e1, e2] = [uv[0], uv[1] - uv[0], uv[2] - uv[0]];
-    let at = corners.map(|b| e1 * b.x + e2 * b.y);
-    let middle = (at[0] + at[1] + at[2]) / 3.0;
-    let mut variance = [0.0; 3];
-    for corner in at {
-        let d = corner - middle;
-        variance[0] += d.x * d.x / 12.0;
-        variance[1] += d.x * d.y / 12.0;
-        variance[2] += d.y * d.y / 12.0;
-    }
-    Some((origin + middle, variance))
-}
-
-/// The mean of the colours given at corners; white where there are none.
-fn colour_at_corners(part: &MeshPart, indices: [u32; 3], corners: &[DVec2; 3]) -> [f64; 4] {
-    if part.colours.is_empty() {
-        return [1.0; 4];
-    }
-    let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
-    let shares = DVec3::new(1.0 - middle.x - middle.y, middle.x, middle.y).to_array();
-    let mut sum = [0.0; 4];
-    for (share, &index) in shares.iter().zip(&indices) {
-        let colour = part.colours.get(index as usize).unwrap_or(&[1.0; 4]);
-        for (sum, &c) in sum.iter_mut().zip(colour) {
-            *sum += share * f64::from(c);
-        }
-    }
-    sum
 }

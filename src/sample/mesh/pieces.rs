@@ -30,18 +30,20 @@ const MOST_CUTS: u32 = 31;
 /// A triangle within another.
 #[derive(Debug, Clone, Copy)]
 struct Part {
-    /// Barycentric coordinates along the two edges of the whole.
+    /// Barycentric coordinates along the two edges of the mesh's triangle.
     corners: [DVec2; 3],
     /// Squared lengths of the sides opposite to them.
     sides: [f64; 3],
 }
 
 impl Part {
-    /// All of the triangle between these edges.
-    fn whole(e1: DVec3, e2: DVec3) -> Self {
+    /// All of a triangle; `e1` and `e2` are the edges of the mesh's.
+    fn whole(triangle: &Triangle, e1: DVec3, e2: DVec3) -> Self {
+        let [a, b, c] = triangle.corners;
+        let squared = |d: DVec2| (e1 * d.x + e2 * d.y).length_squared();
         Self {
-            corners: [DVec2::ZERO, DVec2::X, DVec2::Y],
-            sides: [e1 - e2, e2, e1].map(|side| side.length_squared()),
+            corners: triangle.corners,
+            sides: [squared(b - c), squared(c - a), squared(b - a)],
         }
     }
 
@@ -86,10 +88,10 @@ impl Piece {
         1.0 / f64::from(1_u32 << cuts)
     }
 
-    /// Barycentric coordinates of its corners along the edges `e1` and `e2` of the triangle.
-    pub(super) fn corners(&self, e1: DVec3, e2: DVec3) -> [DVec2; 3] {
+    /// Barycentric coordinates of its corners along the edges `e1` and `e2` of the mesh's triangle.
+    pub(super) fn corners(&self, triangle: &Triangle, e1: DVec3, e2: DVec3) -> [DVec2; 3] {
         let cuts = MOST_CUTS - self.path.leading_zeros();
-        let whole = Part::whole(e1, e2);
+        let whole = Part::whole(triangle, e1, e2);
         let half = |part: Part, cut: u32| part.half(self.path >> cut & 1);
         (0..cuts).rev().fold(whole, half).corners
     }
@@ -121,7 +123,8 @@ pub(super) fn cut(
         .flat_map_iter(|i| {
             let [origin, e1, e2] = surface.edges_of(&triangles[i]);
             let mut pieces = Vec::new();
-            cut_one(e1, e2, limit_squared, |path, corners| {
+            let whole = Part::whole(&triangles[i], e1, e2);
+            cut_one(whole, limit_squared, |path, corners| {
                 let b = (corners[0] + corners[1] + corners[2]) / 3.0;
                 pieces.push(Piece {
                     centre: origin + e1 * b.x + e2 * b.y,
@@ -139,7 +142,7 @@ pub(super) fn cut(
 fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
     let of = |t: &Triangle| {
         let [_, e1, e2] = surface.edges_of(t);
-        let (longest, _) = Part::whole(e1, e2).longest();
+        let (longest, _) = Part::whole(t, e1, e2).longest();
         let is_whole = longest <= limit * limit;
         let cuts = 8.0 * t.area / (limit * limit) + 3.0 * longest.sqrt() / limit;
         1.0 + if is_whole { 0.0 } else { cuts }
@@ -154,8 +157,8 @@ fn estimate(surface: &Surface, triangles: &[Triangle], limit: f64) -> f64 {
     triangles.par_iter().map(whole).sum::<u64>() as f64
 }
 
-fn cut_one(e1: DVec3, e2: DVec3, limit_squared: f64, mut found: impl FnMut(u32, &[DVec2; 3])) {
-    let mut waiting = vec![(1_u32, Part::whole(e1, e2))];
+fn cut_one(whole: Part, limit_squared: f64, mut found: impl FnMut(u32, &[DVec2; 3])) {
+    let mut waiting = vec![(1_u32, whole)];
     while let Some((path, part)) = waiting.pop() {
         let (longest, _) = part.longest();
         if !(longest > limit_squared) || path.leading_zeros() == 0 {

@@ -1,11 +1,13 @@
 //! How many surfels.
 
 use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 
 use super::surface::Surface;
 use super::{MOST_SURFELS, Spread};
 use crate::error::{Error, Parameter, Place, Result};
-use crate::io::Mesh;
+use crate::io::{Mesh, MeshPart};
+use crate::view::{Camera, Projection};
 
 /// Chosen automatically, surfels lie no further apart than this share of the bounding box's
 /// diagonal: a mesh that fills a picture of a thousand pixels has about one for each.
@@ -21,6 +23,11 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     let surfels = || Place::from("surfels");
     let (what, given, count) = match spread {
         Spread::Automatic => (surfels(), 1.0, automatic(surface, area)),
+        Spread::NoDenser(density) => (
+            Parameter::SurfelDensity.into(),
+            density,
+            automatic(surface, area).min(area * density),
+        ),
         Spread::Density(density) => (Parameter::SurfelDensity.into(), density, area * density),
         Spread::Spacing(spacing) => (
             Parameter::SurfelSpacing.into(),
@@ -54,6 +61,39 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     )]
     let count = count.round().max(1.0) as usize;
     Ok(count)
+}
+
+/// How many pixels fall on a unit of a mesh's area where it is seen largest \[1/length²\]: surfels of this
+/// density are one for each pixel there, and more everywhere else. What hides it does not count, and nor
+/// does the edge of the picture. `None` where some of the mesh lies beside or behind the eye, or nothing of it
+/// has a place.
+///
+/// On a plane at the distance h from the eye an area at the depth z has fx fy h / z³ pixels, most at the
+/// nearest corner of a triangle.
+pub fn most_pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
+    let focal = camera.focal_px.x * camera.focal_px.y;
+    let of_triangle = |part: &MeshPart, triangle: &[u32; 3]| {
+        let corner = |c: u32| part.positions.get(c as usize).filter(|p| p.is_finite());
+        let [Some(a), Some(b), Some(c)] = triangle.map(corner) else {
+            return 0.0;
+        };
+        let [a, b, c] = [a, b, c].map(|p| camera.camera_point(*p));
+        let depth = a.z.min(b.z).min(c.z);
+        if !(depth > 0.0) {
+            return f64::INFINITY;
+        }
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        match camera.projection {
+            Projection::Perspective => focal * normal.dot(a).abs() / (depth * depth * depth),
+            Projection::Orthographic => focal * normal.z.abs(),
+        }
+    };
+    let of_part = |part: &MeshPart| {
+        let densities = part.triangles.par_iter().map(|t| of_triangle(part, t));
+        densities.reduce(|| 0.0, f64::max)
+    };
+    let most = mesh.parts.iter().map(of_part).fold(0.0, f64::max);
+    (most > 0.0 && most.is_finite()).then_some(most)
 }
 
 /// One surfel for each texel of the finest texture, within bounds.

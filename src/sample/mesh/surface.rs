@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::super::index_u32;
@@ -31,11 +31,16 @@ impl Kind {
     }
 }
 
-/// A triangle with an area.
+/// Corners of a triangle that is all of the mesh's.
+const WHOLE: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::Y];
+
+/// A triangle with an area: one of the mesh, or a part of one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Triangle {
     pub(super) part: u32,
     pub(super) index: u32,
+    /// Barycentric coordinates along the two edges of the mesh's triangle.
+    pub(super) corners: [DVec2; 3],
     /// Triangles that hang together share it.
     pub(super) component: u32,
     /// Unit normal of the front.
@@ -111,6 +116,7 @@ impl<'a> Surface<'a> {
                     Ok((normal, area)) => surface.kinds[list].push(Triangle {
                         part: index_u32(part),
                         index: index_u32(index),
+                        corners: WHOLE,
                         component: components[first_corner + p.triangles[index][0] as usize],
                         normal,
                         area,
@@ -147,12 +153,13 @@ impl<'a> Surface<'a> {
     }
 
     /// First corner and the two edges that begin there, in the surface's frame.
-    pub(super) fn edges(&self, part: usize, index: usize) -> [DVec3; 3] {
+    fn edges(&self, part: usize, index: usize) -> [DVec3; 3] {
         let part = &self.mesh.parts[part];
         let corner = part.triangles[index].map(|c| self.local(part.positions[c as usize]));
         [corner[0], corner[1] - corner[0], corner[2] - corner[0]]
     }
 
+    /// The same of the mesh's triangle that this one is part of.
     pub(super) fn edges_of(&self, triangle: &Triangle) -> [DVec3; 3] {
         self.edges(triangle.part as usize, triangle.index as usize)
     }

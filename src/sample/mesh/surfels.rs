@@ -121,7 +121,7 @@ fn surfel(
         let triangle = triangle_of(piece);
         let share = triangle.area * piece.share();
         let [_, e1, e2] = surface.edges_of(triangle);
-        let corners = piece.corners(e1, e2);
+        let corners = piece.corners(triangle, e1, e2);
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
         let from_middle = |b: DVec2| e1 * (b.x - middle.x) + e2 * (b.y - middle.y);
         let d = piece.centre - reference - centroid;
@@ -131,7 +131,12 @@ fn surfel(
         if d.length_squared() < nearest.0 {
             nearest = (d.length_squared(), d, triangle.normal.as_dvec3());
         }
-        match paints.of(triangle, &corners) {
+        let flat = |i: usize, j: usize| {
+            let square = |b: &DVec2| (b[i] - middle[i]) * (b[j] - middle[j]);
+            corners.iter().map(square).sum::<f64>() / 12.0
+        };
+        let flat = [flat(0, 0), flat(0, 1), flat(1, 1)];
+        match paints.coat(triangle).and_then(|c| c.of(middle, flat)) {
             Some(p) => {
                 for (sum, p) in paint.iter_mut().zip(p) {
                     *sum += share * p;
