@@ -122,10 +122,10 @@ impl<'a> NearWalk<'a> {
         let [cx, cy] = footprint.centre_px;
         let (first, dy) = (self.place.px(0, 0) - cx, self.place.px(1, row.y) - cy);
         let mut q = [0.0; TILE_SIZE];
-        for lane in 0..TILE_SIZE {
+        for (lane, q) in q.iter_mut().enumerate() {
             let dx = first + lane as f32;
             let (p, r) = (madd::<FMA>(px, dx, py * dy), madd::<FMA>(rx, dx, ry * dy));
-            q[lane] = madd::<FMA>(p, p, r * r);
+            *q = madd::<FMA>(p, p, r * r);
             row.beyond[lane] = z + gx * dx + gy * dy;
             row.per_sigma[lane] = 1.0 / terms.sigma.max(f32::MIN_POSITIVE);
         }
