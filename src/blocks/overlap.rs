@@ -65,7 +65,7 @@ impl Crowds {
         let mut sums = (0, 0.0);
         let mut widest = 0.0_f64;
         for i in 0..positions.len() {
-            if i % STEP == 0 {
+            if i.is_multiple_of(STEP) {
                 kept.push(sums);
             }
             sums = add(sums, i);
@@ -131,6 +131,7 @@ fn is_crowd(count: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use crate::blocks::BlockedVolume;
+    use crate::blocks::merge::Shapes;
     use crate::scene::{Colour, Particles, PointVolume, Strength};
 
     use super::*;
@@ -209,6 +210,34 @@ mod tests {
                 assert!(all.iter().all(|&c| c >= 1.0));
             }
         }
+    }
+
+    #[test]
+    fn every_kernel_of_a_place_counts_and_none_beside_it() {
+        // Thirty-sevenths of the whole: no plane that halves it again and again cuts a place.
+        let place = |i: usize| DVec3::from([7, 11, 17].map(|k| (k * i % 38) as f64));
+        let crowds = (0..38).map(|i| vec![place(i); i + 1]);
+        let unordered: Vec<DVec3> = crowds.flatten().collect();
+        let (tree, order) = Tree::over(&unordered);
+        let positions: Vec<DVec3> = order.iter().map(|&i| unordered[i as usize]).collect();
+        let sigmas = vec![1e-3; positions.len()];
+        let source = Source {
+            positions: &positions,
+            shapes: Shapes::Spheres(&sigmas),
+            principal: &[],
+            strength: &Strength::Mass(vec![1.0; positions.len()]),
+            colour: &Colour::Uniform([1.0; 3]),
+            values: None,
+            models: None,
+            boundary: None,
+        };
+        let Crowds { runs } = Crowds::new(&tree, &source);
+        for (run, count) in &runs {
+            assert_eq!(run.len(), *count);
+            assert!(run.clone().all(|i| positions[i] == positions[run.start]));
+        }
+        // The tree leaves single kernels of a place to its neighbour.
+        assert!((31..=32).contains(&runs.len()), "{}", runs.len());
     }
 
     #[test]

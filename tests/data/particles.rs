@@ -414,12 +414,8 @@ fn rows_that_are_left_out_take_nothing_of_others_with_them() {
         .filter(|i| !(1..=5).contains(&(i % 1009)))
         .collect();
     assert_eq!(sampled.report.particle_count, kept.len());
-    let left_out: usize = sampled
-        .report
-        .left_out
-        .iter()
-        .map(|fault| fault.count)
-        .sum();
+    let findings = &sampled.report.findings;
+    let left_out: usize = findings.iter().map(|finding| finding.count).sum();
     assert_eq!(left_out, COUNT - kept.len());
     let Particles::Isotropic { positions, sigmas } = &sampled.volume.particles else {
         panic!("spheres expected")

@@ -576,7 +576,7 @@ mod tests {
         const COUNT: usize = 40_000;
         let at = |n: usize| {
             let p = [3 * n, 3 * n + 1, 3 * n + 2].map(|n| number(n).powi(3));
-            DVec3::from(p) * if n % 500 == 0 { 40.0 } else { 1.0 }
+            DVec3::from(p) * if n.is_multiple_of(500) { 40.0 } else { 1.0 }
         };
         let scattered: Vec<DVec3> = (0..COUNT).map(at).collect();
         let (tree, order) = Tree::over(&scattered);
