@@ -14,10 +14,13 @@ use crate::common::Random;
 use ewa_splat::io::{
     AlphaMode, Dataset, Geometry, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
 };
-use ewa_splat::sample::mesh::{MeshOptions, MeshReport, SampledMesh, Spread, surfels};
+use ewa_splat::sample::mesh::{
+    MeshOptions, MeshReport, SampledMesh, Spread, most_pixels_per_area, surfels,
+};
 use ewa_splat::sample::{SampleOptions, scene, volume};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use glam::{Affine2, DVec2, DVec3, Vec2};
+use ewa_splat::view::Camera;
+use glam::{Affine2, DMat3, DVec2, DVec3, Vec2};
 
 fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh {
@@ -267,6 +270,118 @@ fn areas_add_up_and_numbers_are_those_asked_for() {
         ..MeshOptions::default()
     };
     assert_eq!(surfels(&cube(), &dense).unwrap().report.surfel_count, 3000);
+}
+
+/// Without blur surfels have their cells' variance, and cells that tile a triangle have its moments, with
+/// squares inside it or without.
+#[test]
+fn surfels_have_the_moments_of_their_triangle() {
+    let square = |d: DVec3| DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+    let size = |m: DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut random = Random::new(12);
+    // Right, even, blunt, long; and too narrow for squares.
+    let shapes = [
+        [3.0, 0.0, 4.0],
+        [2.0, 1.0, 1.7],
+        [1.0, -2.0, 1.0],
+        [9.0, 7.0, 1.0],
+        [9.0, 1.0, 0.002],
+    ];
+    for (seed, [base, foot, height]) in (0..).zip(shapes) {
+        let (turn, shift) = (random.rotation(), random.point(3.0));
+        let corners = [[0.0, 0.0], [base, 0.0], [foot, height]]
+            .map(|[x, y]| shift + turn * DVec3::new(x, y, 0.0));
+        let mut one = mesh(corners.to_vec(), vec![[0, 1, 2]]);
+        one.parts[0].colours = vec![
+            [0.9, 0.1, 0.2, 1.0],
+            [0.3, 0.8, 0.5, 1.0],
+            [0.1, 0.4, 0.6, 1.0],
+        ];
+        let options = MeshOptions {
+            kernel_width: (1.0_f64 / 12.0).sqrt(),
+            seed,
+            ..options(4000)
+        };
+        let sampled = surfels(&one, &options).unwrap();
+        let found = all(&sampled);
+        let (spacing, area) = (sampled.report.spacing, 0.5 * base * height);
+        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+        // Areas, tangents and colours are rounded to f32.
+        assert!((total(&found) / area - 1.0).abs() < 1e-6);
+        let mean = |of: &dyn Fn(&Surfel) -> DVec3| {
+            found.iter().map(|s| s.strength * of(s)).sum::<DVec3>() / area
+        };
+        let off = (mean(&|s| s.at) - middle).length();
+        assert!(off < 1e-6 * base, "{base} {foot} {height}: centroid {off}");
+        let off = mean(&|s| s.colour.map(f64::from).into()) - DVec3::new(1.3, 1.3, 1.3) / 3.0;
+        assert!(off.length() < 1e-6, "{base} {foot} {height}: colour {off}");
+        let of_surfel = |s: &Surfel| {
+            (square(s.at - middle) + square(s.t1) + square(s.t2)) * (s.strength / area)
+        };
+        let variance = found.iter().map(of_surfel).sum::<DMat3>();
+        let truth = corners
+            .map(|c| square(c - middle))
+            .into_iter()
+            .sum::<DMat3>()
+            * (1.0 / 12.0);
+        let off = size(variance - truth) / size(truth);
+        assert!(off < 1e-6, "{base} {foot} {height}: variance {off}");
+        let is_square = |s: &&Surfel| {
+            let off = |t: DVec3| (t.length() / (options.kernel_width * spacing) - 1.0).abs();
+            off(s.t1) < 1e-3 && off(s.t2) < 1e-3
+        };
+        let share = found.iter().filter(is_square).count() as f64 / found.len() as f64;
+        println!("{base} {foot} {height}: {share:.3} of the surfels are squares");
+        assert!(if height < 0.01 {
+            share < 0.01
+        } else {
+            share > 0.5
+        });
+    }
+}
+
+#[test]
+fn pixels_per_area_are_those_of_the_nearest_place() {
+    let mut random = Random::new(5);
+    let eye = DVec3::new(0.3, -0.2, 0.1);
+    for round in 0..40 {
+        let target = eye + random.point(1.0);
+        let camera = if round % 2 == 0 {
+            Camera::perspective(eye, target, DVec3::Z, 60.0, [300, 200])
+        } else {
+            Camera::orthographic(eye, target, DVec3::Z, 3.0, [300, 200])
+        };
+        let ahead = |p: DVec3| eye + 4.0 * camera.forward() + p;
+        let corners = [(); 3].map(|()| ahead(random.point(2.0)));
+        let one = mesh(corners.to_vec(), vec![[0, 1, 2]]);
+        let found = most_pixels_per_area(&one, &camera).unwrap();
+        // Tiny triangles everywhere in it, as the camera projects them.
+        let [a, e1, e2] = [corners[0], corners[1] - corners[0], corners[2] - corners[0]];
+        let (n, h) = (60, 1e-4);
+        let mut most = 0.0_f64;
+        for i in 0..=n {
+            for j in 0..=n - i {
+                let at = a + (e1 * f64::from(i) + e2 * f64::from(j)) / f64::from(n);
+                let pixel = |p: DVec3| camera.project(p).unwrap();
+                let (x, y) = (
+                    pixel(at + h * e1) - pixel(at),
+                    pixel(at + h * e2) - pixel(at),
+                );
+                most = most.max(x.perp_dot(y).abs() / (h * h * e1.cross(e2).length()));
+            }
+        }
+        assert!((found / most - 1.0).abs() < 2e-3, "{round}: {found} {most}");
+        // Behind the eye: no bound.
+        let behind = mesh(corners.map(|p| 2.0 * eye - p).to_vec(), vec![[0, 1, 2]]);
+        assert_eq!(most_pixels_per_area(&behind, &camera), None);
+    }
+    assert_eq!(
+        most_pixels_per_area(
+            &Mesh::default(),
+            &Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 1.0, [9, 9])
+        ),
+        None
+    );
 }
 
 #[test]
@@ -724,6 +839,15 @@ fn the_number_follows_the_finest_texture() {
     let found = automatic(&ribbon).surfel_count;
     // The root of 1.0001 is the diagonal.
     assert!((9_990..=10_000).contains(&found), "{found}");
+    // A bound on the density holds below that, and only there.
+    let bounded = |density: f64| {
+        let options = MeshOptions {
+            spread: Spread::NoDenser(density),
+            ..MeshOptions::default()
+        };
+        surfels(&ribbon, &options).unwrap().report.surfel_count
+    };
+    assert_eq!([bounded(3e5), bounded(1e7)], [3000, found]);
 }
 
 #[test]
