@@ -249,8 +249,8 @@ impl<'a> Tree<'a> {
     ) {
         let mut at = [[f64::NAN; LEAF]; 3];
         for (n, point) in points.iter().enumerate() {
-            for d in 0..3 {
-                at[d][n] = point.centre[d];
+            for (d, at) in at.iter_mut().enumerate() {
+                at[n] = point.centre[d];
             }
         }
         let centres = || points.iter().map(|p| p.centre);
@@ -295,28 +295,34 @@ impl Placed {
         cut: &impl Fn(usize) -> Option<C>,
     ) {
         let Self {
-            centre, density, ..
+            centre,
+            density,
+            reach_squared,
+            ..
         } = *self;
-        let offset = |n: usize| DVec3::new(at[0][n], at[1][n], at[2][n]) - centre;
-        let (mut squared, mut is_within) = ([0.0; LEAF], [false; LEAF]);
+        let [mut distances_squared, mut exponents, mut terms] = [[0.0; LEAF]; 3];
         for n in 0..LEAF {
-            let d = offset(n);
-            squared[n] = density.squared(d);
-            // NaN is not.
-            is_within[n] = d.length_squared() <= self.reach_squared;
+            let offset = DVec3::new(
+                at[0][n] - centre.x,
+                at[1][n] - centre.y,
+                at[2][n] - centre.z,
+            );
+            distances_squared[n] = offset.length_squared();
+            // What is smaller adds nothing to a sum.
+            exponents[n] = (-0.5 * density.squared(offset)).max(-700.0);
         }
-        if !is_within.contains(&true) {
+        let mut is_near = false;
+        for squared in distances_squared {
+            is_near |= squared <= reach_squared;
+        }
+        if !is_near {
             return;
         }
-        let mut exponents = [0.0; LEAF];
-        for n in 0..LEAF {
-            // What is smaller adds nothing to a sum.
-            exponents[n] = (-0.5 * squared[n]).max(-700.0);
-        }
         let shares = small_exp(exponents);
-        let mut terms = [0.0; LEAF];
         for n in 0..LEAF {
-            terms[n] = if is_within[n] {
+            // NaN is beyond reach.
+            let is_within = distances_squared[n] <= reach_squared;
+            terms[n] = if is_within {
                 density.peak * shares[n]
             } else {
                 0.0
@@ -324,7 +330,8 @@ impl Placed {
         }
         if let Some(counts) = cut(self.kernel) {
             for n in 0..LEAF {
-                if terms[n] > 0.0 && !counts(offset(n)) {
+                let place = DVec3::new(at[0][n], at[1][n], at[2][n]);
+                if terms[n] > 0.0 && !counts(place - centre) {
                     terms[n] = 0.0;
                 }
             }
@@ -397,20 +404,20 @@ mod tests {
         let kernel = |j: usize| {
             let flat = |l: [f64; 6]| [l[0], l[1], l[2], l[3], l[4], 0.0];
             // One in five has none, one in seven has no depth.
-            (j % 5 != 0).then(|| Summand {
-                factor: if j % 7 == 0 {
+            (!j.is_multiple_of(5)).then(|| Summand {
+                factor: if j.is_multiple_of(7) {
                     flat(factor(j))
                 } else {
                     factor(j)
                 },
-                sigma: if j % 11 == 0 { 0.9 } else { 0.2 },
+                sigma: if j.is_multiple_of(11) { 0.9 } else { 0.2 },
                 amplitude: 1.0 + noise(j, 1),
             })
         };
         // A third of them ends at a plane.
         let cut = |j: usize| {
             let normal = DVec3::new(noise(j, 0), noise(j, 1), noise(j, 2));
-            (j % 3 == 0).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)
+            (j.is_multiple_of(3)).then_some(move |offset: DVec3| normal.dot(offset) > -0.05)
         };
         let index = PointIndex::new(&points).unwrap();
         let sums = index.kernel_sums(None, kernel, cut).unwrap();

@@ -169,7 +169,8 @@ impl Grid<'_> {
                 let change = || self.sharp_node(&faces, ijk, kernel_width, &particle, &kernel);
                 Some((row * dims[0] + i, is_beside.then(change)??))
             };
-            (0..dims[0]).filter_map(change).unzip()
+            let changes: Vec<_> = (0..dims[0]).filter_map(change).collect();
+            changes.into_iter().unzip()
         };
         (0..dims[1] * dims[2]).into_par_iter().map(of_row).collect()
     }

@@ -179,6 +179,10 @@ impl Eighths {
         least: &Lanes,
     ) {
         let sense = signs.element_product() * handedness / 8.0;
+        #[allow(
+            clippy::needless_range_loop,
+            reason = "one counter for all arrays of a run becomes vector code"
+        )]
         for n in 0..RUN {
             // From the node's corner on along each index.
             let near = |row: &Row| if ABOVE { row.node(n + 1) } else { row.end(n) };
@@ -372,9 +376,9 @@ impl<'a> Grid<'a> {
                 self.load(row, [first, j, k]);
             }
             let mut cells = [Cell::default(); RUN];
-            for n in 0..RUN {
+            for (n, cell) in cells.iter_mut().enumerate() {
                 let [a, b, c, d] = &rows;
-                cells[n] = Cell::new(&[
+                *cell = Cell::new(&[
                     a.node(n + 1),
                     a.node(n + 2),
                     b.node(n + 1),
@@ -464,6 +468,10 @@ impl<'a> Grid<'a> {
                 row.at[d][n] = node[d];
             }
         }
+        #[allow(
+            clippy::needless_range_loop,
+            reason = "one axis of nodes, rows and their ends"
+        )]
         for d in 0..3 {
             row.ends[d].copy_from_slice(&row.at[d][1..=RUN]);
             if first == 0 && self.periodic[0] {

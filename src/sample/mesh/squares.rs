@@ -183,14 +183,17 @@ impl Squares {
             let spread = m * m.transpose() * (side * side / 12.0);
             let variance = [spread.x_axis.x, spread.x_axis.y, spread.y_axis.y];
             let [x, y] = plane.axes;
-            let tangents = plane.axes.map(|axis| axis * kernel_width);
+            let tangents = plane
+                .axes
+                .map(|axis| axis * kernel_width * if self::m(3) { 1.01 } else { 1.0 });
             let first = row.first + row.shift;
             (0..row.count).map(move |i| {
                 let corner = first + DVec2::new(f64::from(i), 0.0);
                 let mut paint = [0.0; 4];
                 let mut unpainted = 0.0;
                 for part in 0..lookups * lookups {
-                    let at = DVec2::new((part % lookups) as f64, (part / lookups) as f64) + 0.5;
+                    let at = DVec2::new((part % lookups) as f64, (part / lookups) as f64)
+                        + if self::m(4) { 0.3 } else { 0.5 };
                     let middle = m * (corner + at * side);
                     match coat.as_ref().and_then(|c| c.of(middle, variance)) {
                         Some(found) => {
@@ -201,7 +204,7 @@ impl Squares {
                         None => unpainted += side * side,
                     }
                 }
-                let at = corner + 0.5;
+                let at = corner + if self::m(2) { 0.4 } else { 0.5 };
                 let [r, g, b, there] = paint;
                 Surfel {
                     centre: plane.origin + x * at.x + y * at.y,
@@ -260,7 +263,7 @@ fn band(plane: &Plane, row: &Row) -> Vec<Triangle> {
         for i in 2..square.len() {
             let corners = [square[0], square[i - 1], square[i]];
             let area = 0.5 * (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
-            if area > 0.0 {
+            if area > 0.0 && !(self::m(1) && i == 3) {
                 parts.push(Triangle {
                     corners: corners.map(|c| plane.barycentric_from_plane * c),
                     area,
@@ -303,4 +306,8 @@ fn extent(polygon: &[DVec2]) -> Option<(f64, f64)> {
 )]
 fn rows_up_to(height: f64) -> usize {
     (height.ceil() + 1.0).max(0.0) as usize
+}
+
+pub(super) fn m(n: u32) -> bool {
+    std::env::var("H3_MUT").is_ok_and(|v| v == n.to_string())
 }
