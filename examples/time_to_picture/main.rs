@@ -6,7 +6,7 @@
 //! Every program given, by default the one beside this example, runs every command in turn, so that builds
 //! are compared on the same machine in the same minutes. Prints Markdown: what `--stats` says of each stage,
 //! the processor's time and the greatest memory of the process (where the system tells). Data are made once,
-//! in `time_to_picture` beneath the system's temporary folder; `vtk_time.py` draws the same files by VTK.
+//! in `time_to_picture` beneath the system's temporary folder.
 
 #[path = "../scenes/mod.rs"]
 mod scenes;
