@@ -224,7 +224,7 @@ fn build_ordered(
         source.sigmas(i as usize)[1]
     });
     if let Some(values) = &rest.values {
-        sort_by_value(&mut places, &runs, values);
+        sort_by_value(&mut places, &runs, values, &order);
     }
     let mut blocks: Vec<Block> = runs
         .par_iter()
@@ -467,15 +467,19 @@ fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mu
 
 /// Orders the particles of each run by their values, NaN last: those of an interval of values are
 /// a run of their own.
-fn sort_by_value(order: &mut [u32], runs: &[Range<usize>], values: &Values) {
-    members_of(order, runs).into_par_iter().for_each(|members| {
-        members.sort_unstable_by(|&a, &b| {
-            let (v, w) = (values.get(a as usize), values.get(b as usize));
-            // Zeros of either sign are the same.
-            let by_value = v.partial_cmp(&w).unwrap_or(v.is_nan().cmp(&w.is_nan()));
-            by_value.then(a.cmp(&b))
+///
+/// - `numbers`: those of the particles as they were given: equal values keep their order.
+fn sort_by_value(places: &mut [u32], runs: &[Range<usize>], values: &Values, numbers: &[u32]) {
+    members_of(places, runs)
+        .into_par_iter()
+        .for_each(|members| {
+            members.sort_unstable_by(|&a, &b| {
+                let (v, w) = (values.get(a as usize), values.get(b as usize));
+                // Zeros of either sign are the same.
+                let by_value = v.partial_cmp(&w).unwrap_or(v.is_nan().cmp(&w.is_nan()));
+                by_value.then_with(|| numbers[a as usize].cmp(&numbers[b as usize]))
+            });
         });
-    });
 }
 
 fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
