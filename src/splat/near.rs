@@ -69,6 +69,9 @@ pub fn near_terms(view: &ViewUniform, kernel: &Kernel) -> Option<(NearTerms, f32
 /// squares of one dot product per column and pair of columns of the factor: with V or K formed,
 /// the error would grow with the square of the axis ratio. Nothing where the line's mean depth lies
 /// [`MAX_CUTOFF`] standard deviations behind the eye: what is in front is 1e-12 of the line's.
+///
+/// For one ray, as the formula has it: the rasterisers take rows of rays and pixels of a tile, and are held to this,
+/// and this to quadrature, by tests.
 #[inline]
 pub fn evaluate_near(terms: &NearTerms, weight: f32, direction: Vec3, cutoff_squared: f32) -> f32 {
     let (across, along) = minors_along(terms, direction);

@@ -25,8 +25,8 @@
 //!
 //! Loops over pixels are compiled for each of three instruction sets. Fused ones, from Q to what is
 //! accumulated: six of `over` (affine: exponential or series, each aligned with the image's axes or not,
-//! and linear opacity; exact), five of `column` (affine, exact, three widths of separable ones). Rows: two
-//! evaluations for what takes rows in a picture, two for columns, two of surfels. Seventeen loops, 51 with
+//! and linear opacity; exact), five of `column` (affine, exact, three widths of separable ones). Rows: three
+//! evaluations for what takes rows in a picture, three for columns, two of surfels. Nineteen loops, 57 with
 //! the instruction sets.
 
 mod accumulate;

@@ -4,6 +4,7 @@
 
 use glam::Vec2;
 
+use super::affine::RowForm;
 use super::{Row, depth_reach};
 use crate::constants::{MAX_CUTOFF, TILE_SIZE};
 use crate::cpu::tile::arithmetic::{cdf, exp_minus_half, madd};
@@ -117,15 +118,14 @@ impl<'a> NearWalk<'a> {
         let Self {
             footprint, terms, ..
         } = self;
-        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
         let [gx, gy, z] = terms.half_line;
         let [cx, cy] = footprint.centre_px;
         let (first, dy) = (self.place.px(0, 0) - cx, self.place.px(1, row.y) - cy);
+        let form = RowForm::new(footprint, dy);
         let mut q = [0.0; TILE_SIZE];
         for (lane, q) in q.iter_mut().enumerate() {
             let dx = first + lane as f32;
-            let (p, r) = (madd::<FMA>(px, dx, py * dy), madd::<FMA>(rx, dx, ry * dy));
-            *q = madd::<FMA>(p, p, r * r);
+            *q = form.q::<FMA>(dx);
             row.beyond[lane] = z + gx * dx + gy * dy;
             row.per_sigma[lane] = 1.0 / terms.sigma.max(f32::MIN_POSITIVE);
         }
