@@ -460,7 +460,10 @@ impl Arguments {
         let pixels = camera.width as f64 * camera.height as f64;
         let frames = 1.0 + f64::from(self.output.frames.unwrap_or(0));
         let is_small = renderer.particle_count() as f64 * pixels * frames <= SMALL;
-        let is_named = std::env::var_os("EWA_ADAPTER").is_some_and(|name| !name.is_empty());
+        #[cfg(feature = "gpu")]
+        let is_named = ewa_splat::render::Gpu::is_adapter_named();
+        #[cfg(not(feature = "gpu"))]
+        let is_named = false;
         match self.backend {
             _ if self.method.reference.is_some() => Backend::Cpu,
             BackendName::Auto if is_small && !is_named => Backend::Cpu,
