@@ -20,27 +20,9 @@ use crate::blocks::BlockedVolume;
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, PartState, PieceTerms};
 
-/// From values to masses and colours.
-pub(super) const SHADER: Shader = Shader::new(
-    "classify",
-    &[
-        DISPATCH,
-        SCAN_THREADS,
-        STRUCTS,
-        EXPONENTIAL,
-        TRANSFER,
-        AVERAGES,
-        EIN,
-        include_str!("../../shaders/classify/class.wgsl"),
-        include_str!("../../shaders/classify.wgsl"),
-        include_str!("../../shaders/classify/alone.wgsl"),
-        include_str!("../../shaders/classify/one.wgsl"),
-    ],
-);
-
-/// The stage where more is asked than a particle's own value: a name, and the files that say what.
-macro_rules! with_neighbours {
-    ($name:literal, $($file:literal),+) => {
+/// The stage's shader: a name, the sources that it takes besides, and the files that say what is asked.
+macro_rules! classifying {
+    ($name:literal, [$($source:ident),*], $($file:literal),+) => {
         Shader::new(
             $name,
             &[
@@ -50,28 +32,40 @@ macro_rules! with_neighbours {
                 EXPONENTIAL,
                 TRANSFER,
                 AVERAGES,
-                LOBES,
-                NORMAL,
+                $($source,)*
                 EIN,
                 include_str!("../../shaders/classify/class.wgsl"),
                 include_str!("../../shaders/classify.wgsl"),
-                include_str!("../../shaders/classify/halo.wgsl"),
                 $(include_str!($file)),+
             ],
         )
     };
 }
 
+/// From values to masses and colours.
+pub(super) const SHADER: Shader = classifying!(
+    "classify",
+    [],
+    "../../shaders/classify/alone.wgsl",
+    "../../shaders/classify/one.wgsl"
+);
+
 /// From values to masses and what slabs ask for, where anything around is shown.
-pub(super) const NEIGHBOURS: Shader = with_neighbours!(
+pub(super) const NEIGHBOURS: Shader = classifying!(
     "classify neighbours",
+    [LOBES, NORMAL],
+    "../../shaders/classify/halo.wgsl",
     "../../shaders/classify/neighbours.wgsl",
     "../../shaders/classify/one.wgsl"
 );
 
 /// From values to masses, colours and pieces, over kernels' extents.
-pub(super) const PIECES: Shader =
-    with_neighbours!("classify extents", "../../shaders/classify/pieces.wgsl");
+pub(super) const PIECES: Shader = classifying!(
+    "classify extents",
+    [LOBES, NORMAL],
+    "../../shaders/classify/halo.wgsl",
+    "../../shaders/classify/pieces.wgsl"
+);
 
 /// From values to signed amplitudes.
 pub(super) const AMPLITUDES: Shader = Shader::new(
