@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use super::even::CutKernels;
+use super::gradient::step_along;
 use super::kernel_sums::Density;
 use super::structured::Grid;
 
@@ -68,13 +69,9 @@ impl<'a, 'b> GridNodes<'a, 'b> {
 
     /// The index so many nodes away along axis `a`, across a seam; `None` outside.
     fn along(&self, a: usize, at: usize, by: isize) -> Option<usize> {
-        let count = self.dims[a];
-        if !self.grid.periodic[a] {
-            return at.checked_add_signed(by).filter(|&i| i < count);
-        }
         // The last plane of nodes is the first.
-        let period = count as isize - 1;
-        Some((at as isize + by).rem_euclid(period).unsigned_abs())
+        let period = self.grid.periodic[a].then(|| self.dims[a] - 1);
+        step_along(at, by, self.dims[a], period)
     }
 
     fn place(&self, [i, j, k]: [usize; 3]) -> usize {

@@ -121,12 +121,25 @@ impl<F: Fn([usize; 3]) -> Option<(DVec3, f64)>> Samples<F> {
 
     /// The same along one index.
     pub(super) fn along(&self, axis: usize, own: usize, step: isize) -> Option<usize> {
-        match self.periods[axis] {
-            Some(period) => Some((own + period).checked_add_signed(step)? % period),
-            None => own
-                .checked_add_signed(step)
-                .filter(|&i| i < self.dims[axis]),
-        }
+        step_along(own, step, self.dims[axis], self.periods[axis])
+    }
+}
+
+/// The index so many steps away among `count`, `None` outside; across the seam of a closed index, which comes back to
+/// itself after a period.
+pub(super) fn step_along(
+    own: usize,
+    step: isize,
+    count: usize,
+    period: Option<usize>,
+) -> Option<usize> {
+    match period {
+        Some(period) => Some(
+            (own as isize + step)
+                .rem_euclid(period as isize)
+                .unsigned_abs(),
+        ),
+        None => own.checked_add_signed(step).filter(|&i| i < count),
     }
 }
 

@@ -344,19 +344,13 @@ impl Placed {
 
 #[cfg(test)]
 mod tests {
+    use super::super::neighbours::lattice;
     use super::*;
 
     /// Numbers from -1 to 1.
     fn noise(n: usize, d: usize) -> f64 {
         let step = [0.754_878, 0.569_840, 0.870_271, 0.618_034][d];
         2.0 * ((n as f64 + 1.0) * step).fract() - 1.0
-    }
-
-    fn lattice(n: u32, offset: f64) -> Vec<DVec3> {
-        let at = |i: u32| f64::from(i) + offset;
-        (0..n * n * n)
-            .map(|i| DVec3::new(at(i % n), at(i / n % n), at(i / (n * n))))
-            .collect()
     }
 
     #[test]

@@ -377,16 +377,18 @@ fn morton(p: DVec3) -> u32 {
     spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
 
+/// A cube of n³ points, one apart, from `offset` on along each axis.
+#[cfg(test)]
+pub(super) fn lattice(n: u32, offset: f64) -> Vec<DVec3> {
+    let at = |i: u32| f64::from(i) + offset;
+    (0..n * n * n)
+        .map(|i| DVec3::new(at(i % n), at(i / n % n), at(i / (n * n))))
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn lattice(n: u32, offset: f64) -> Vec<DVec3> {
-        let at = |i: u32| f64::from(i) + offset;
-        (0..n * n * n)
-            .map(|i| DVec3::new(at(i % n), at(i / n % n), at(i / (n * n))))
-            .collect()
-    }
 
     fn neighbour_volumes(points: &[DVec3]) -> Option<Vec<f64>> {
         PointIndex::new(points).map(|index| index.volumes(None).unwrap())
