@@ -921,6 +921,80 @@ fn a_reference_is_of_kernels_or_of_the_data() {
 }
 
 #[test]
+fn a_mesh_alone_has_as_many_surfels_as_pixels() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "square.obj",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n",
+    );
+    write("fog.csv", "x,y,z,sigma,mass\n0,0,-1,0.1,0.1\n");
+    let surfels = |inputs: &[&str], options: &[&str]| {
+        let shared = [
+            "--size", "100x100", "--up", "0,1,0", "--out", "a.npy", "--stats", "s.json",
+        ];
+        let arguments = [&["render"], inputs, &shared, options].concat();
+        let output = run(folder.path(), &arguments);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        json(folder.path().join("s.json"))["surfels"]
+            .as_u64()
+            .unwrap()
+    };
+    // 50 pixels for each unit of length; at a distance of 2 as many.
+    let flat = ["--eye", "0,0,2", "--target", "0,0,0", "--ortho", "2"];
+    assert_eq!(surfels(&["square.obj"], &flat), 2500);
+    let near = [
+        "--eye",
+        "0,0,2",
+        "--target",
+        "0,0,0",
+        "--fov",
+        "53.13010235",
+    ];
+    assert_eq!(surfels(&["square.obj"], &near), 2500);
+    // Seen at a slant of 60 degrees half.
+    let slant = [
+        "--eye",
+        "0,1,0.577350269",
+        "--target",
+        "0,0,0",
+        "--ortho",
+        "2",
+    ];
+    assert_eq!(surfels(&["square.obj"], &slant), 1250);
+    // What was asked for, and what is not alone: a thousandth of the diagonal apart.
+    let asked = ["--density", "300"];
+    assert_eq!(surfels(&["square.obj"], &[&flat[..], &asked].concat()), 300);
+    assert_eq!(surfels(&["square.obj", "fog.csv"], &flat), 500_000);
+}
+
+/// The camera decides how many surfels a mesh gets, and then draws it: a pipe can be read once.
+#[cfg(unix)]
+#[test]
+fn a_camera_comes_through_a_pipe() {
+    use std::io::Write;
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("corner.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ewa-splat"))
+        .args(["render", "corner.obj", "--camera", "/dev/stdin"])
+        .args(["--size", "20x20", "--out", "a.npy", "--backend", "cpu"])
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let camera = br#"{"eye": [0, 0, 2], "target": [0, 0, 0], "up": [0, 1, 0], "ortho_height": 2}"#;
+    child.stdin.take().unwrap().write_all(camera).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+}
+
+#[test]
 fn a_reference_shows_surfaces_alone_and_among_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let vase = fixture("vase.obj");

@@ -1,5 +1,6 @@
 //! Options that place the camera.
 
+use std::cell::OnceCell;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -27,6 +28,9 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "FILE", conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom"])]
     camera: Option<PathBuf>,
+    /// What the file says: read once, because a pipe can be.
+    #[arg(skip)]
+    read: OnceCell<Camera>,
     /// Position of the eye; without it the camera is fitted to what is visible
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           conflicts_with_all = ["azimuth", "elevation", "zoom"])]
@@ -70,7 +74,11 @@ impl CameraOptions {
         default_lens: Lens,
     ) -> Result<Camera> {
         if let Some(path) = &self.camera {
-            return read_camera(path, size);
+            if let Some(camera) = self.read.get() {
+                return Ok(camera.clone());
+            }
+            let camera = read_camera(path, size)?;
+            return Ok(self.read.get_or_init(|| camera).clone());
         }
         let size = size.unwrap_or(default_size);
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
