@@ -64,6 +64,16 @@ impl Values {
         }
     }
 
+    /// Adds a run of values to `out`, widened, in one pass of their type.
+    pub(crate) fn append_to(&self, run: std::ops::Range<usize>, out: &mut Vec<f32>) {
+        match self {
+            Self::U8(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
+            Self::I16(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
+            Self::U16(v) => out.extend(v[run].iter().map(|&v| f32::from(v))),
+            Self::F32(v) => out.extend_from_slice(&v[run]),
+        }
+    }
+
     /// Bytes per value.
     pub fn bytes_per_value(&self) -> usize {
         match self {

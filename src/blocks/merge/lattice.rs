@@ -1,5 +1,7 @@
 //! Clusters of a lattice: cubes of its cells, which are the cells of coarser grids.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
@@ -98,13 +100,16 @@ fn level(
         .zip(uneven.par_chunks_mut(columns.max(1)))
         .enumerate()
         .filter(|(line, _)| stage.counts(*line))
-        .for_each(|(line, ((means, spreads), uneven))| {
-            let (j, k) = (line % rows, line / rows);
-            let cubes = means.iter_mut().zip(spreads).zip(uneven);
-            for (i, ((mean, spread), uneven)) in cubes.enumerate() {
-                [*mean, *spread, *uneven] = cube_values(cells, values, extents, [i, j, k], cube);
-            }
-        });
+        .for_each_init(
+            Cubes::default,
+            |cubes, (line, ((means, spreads), uneven))| {
+                cubes.gather(cells, values, [line % rows, line / rows], cube);
+                let out = means.iter_mut().zip(spreads).zip(uneven);
+                for (i, ((mean, spread), uneven)) in out.enumerate() {
+                    [*mean, *spread, *uneven] = cubes.moments(extents, i);
+                }
+            },
+        );
     stage.check()?;
     let blocks = grid.blocks(None, false, level);
     let moments = cells.axis_moments(cube);
@@ -151,38 +156,68 @@ fn level(
     })
 }
 
-/// Mean of the values of a cube's cells, weighted by their volumes, the half width of the interval
-/// over which even values would have their variance, and how far they are from being even.
-fn cube_values(
-    cells: &BrickGrid,
-    values: &Values,
-    extents: &[Vec<f64>; 3],
-    at: [usize; 3],
+/// The cells of a line of cubes.
+#[derive(Debug, Default)]
+struct Cubes {
     cube: usize,
-) -> [f32; 3] {
-    let dims = cells.dims();
-    let [x, y, z] = [0, 1, 2].map(|a| at[a] * cube..((at[a] + 1) * cube).min(dims[a]));
-    // Relative to the first, so that nothing cancels.
-    let first = f64::from(values.get(cells.index([x.start, y.start, z.start])));
-    let members = || {
-        let rows = z.clone().flat_map(|k| y.clone().map(move |j| (j, k)));
-        rows.flat_map(|(j, k)| x.clone().map(move |i| [i, j, k]))
-            .map(|cell| {
-                let value = f64::from(values.get(cells.index(cell))) - first;
-                let own = extents[0][cell[0]] * extents[1][cell[1]] * extents[2][cell[2]];
-                (own, value)
-            })
-    };
-    let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);
-    for (own, value) in members() {
-        volume += own;
-        sum += own * value;
-        square += own * value * value;
+    /// How many cells the lattice has along x.
+    columns: usize,
+    /// The rows of cells that the cubes cut: those at `rows` along y and at `slices` along z.
+    rows: Range<usize>,
+    slices: Range<usize>,
+    /// Their values, row after row.
+    values: Vec<f32>,
+    /// Of the members of one cube: share of its volume, value relative to the first.
+    members: Vec<(f64, f64)>,
+}
+
+impl Cubes {
+    /// Reads the line of cubes at `[j, k]` along y and z.
+    fn gather(&mut self, cells: &BrickGrid, values: &Values, at: [usize; 2], cube: usize) {
+        let [columns, rows, slices] = cells.dims();
+        let range = |at: usize, count: usize| at * cube..((at + 1) * cube).min(count);
+        (self.cube, self.columns) = (cube, columns);
+        (self.rows, self.slices) = (range(at[0], rows), range(at[1], slices));
+        self.values.clear();
+        for k in self.slices.clone() {
+            for j in self.rows.clone() {
+                let first = cells.index([0, j, k]);
+                values.append_to(first..first + columns, &mut self.values);
+            }
+        }
     }
-    let mean = sum / volume;
-    let variance = (square / volume - mean * mean).max(0.0);
-    let spread = (3.0 * variance).sqrt();
-    let shares = members().map(|(own, value)| (own / volume, value));
-    let uneven = unevenness(shares, mean, spread);
-    [(first + mean) as f32, spread as f32, uneven as f32]
+
+    /// Mean of the values of cube `i`'s cells, weighted by their volumes, the half width of the interval
+    /// over which even values would have their variance, and how far they are from being even.
+    fn moments(&mut self, extents: &[Vec<f64>; 3], i: usize) -> [f32; 3] {
+        let range = i * self.cube..((i + 1) * self.cube).min(self.columns);
+        let [along_x, along_y, along_z] = extents;
+        let widths = &along_x[range.clone()];
+        // Relative to the first, so that nothing cancels.
+        let first = f64::from(self.values[range.start]);
+        let mut lines = self.values.chunks_exact(self.columns);
+        self.members.clear();
+        for z in &along_z[self.slices.clone()] {
+            for (y, line) in along_y[self.rows.clone()].iter().zip(&mut lines) {
+                let members = widths.iter().zip(&line[range.clone()]);
+                let own = members.map(|(x, value)| (x * y * z, f64::from(*value) - first));
+                self.members.extend(own);
+            }
+        }
+        let (mut volume, mut sum, mut square) = (0.0, 0.0, 0.0);
+        for (own, value) in &self.members {
+            volume += own;
+            sum += own * value;
+            square += own * value * value;
+        }
+        let mean = sum / volume;
+        let variance = (square / volume - mean * mean).max(0.0);
+        let spread = (3.0 * variance).sqrt();
+        let shares = self
+            .members
+            .iter()
+            .map(|&(own, value)| (own / volume, value));
+        let uneven = unevenness(shares, mean, spread);
+        [(first + mean) as f32, spread as f32, uneven as f32]
+    }
 }
