@@ -132,7 +132,8 @@ fn stages(c: &mut Criterion) {
                     &frame.footprints,
                     frame.terms(),
                     &frame.order,
-                    frame.tiles,
+                    frame.tiles[0],
+                    0..frame.tiles[1],
                     &mut bins,
                 );
             });

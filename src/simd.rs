@@ -1,8 +1,9 @@
-//! Instruction sets that inner loops are compiled for.
+//! Instruction sets: inner loops are plain Rust over arrays of lanes, compiled once for each level with that
+//! level's target features; the compiler turns them into vectors.
 
 use std::sync::OnceLock;
 
-/// Instruction sets that the rasteriser's inner loops are compiled for.
+/// Instruction sets that inner loops are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SimdLevel {
     /// What every processor of the target has.
@@ -45,4 +46,51 @@ impl SimdLevel {
         }
         Self::Baseline
     }
+}
+
+/// Work that gains from being compiled for an instruction set as a whole.
+pub(crate) trait SimdWork {
+    /// What it returns.
+    type Output;
+
+    /// The work; inlined into a function of the level's features.
+    ///
+    /// - `FMA`: whether these fuse a product and a sum.
+    /// - `LANES`: how many pixels of a row a fused loop takes at once.
+    fn run<const FMA: bool, const LANES: usize>(self) -> Self::Output;
+}
+
+/// Runs `work` at `level`, or at the best that the processor has where that is less.
+#[inline(always)]
+pub(crate) fn run_at<W: SimdWork>(level: SimdLevel, work: W) -> W::Output {
+    match level.min(SimdLevel::best()) {
+        // SAFETY: the level was just clamped to `SimdLevel::best`, which asked the processor for
+        // these very features.
+        #[cfg(target_arch = "x86_64")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
+        SimdLevel::Avx512 => unsafe { run_avx512(work) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        #[allow(
+            unsafe_code,
+            reason = "calls into functions compiled for detected features"
+        )]
+        SimdLevel::Avx2 => unsafe { run_avx2(work) },
+        _ => work.run::<false, 8>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn run_avx512<W: SimdWork>(work: W) -> W::Output {
+    work.run::<true, 16>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn run_avx2<W: SimdWork>(work: W) -> W::Output {
+    work.run::<true, 8>()
 }

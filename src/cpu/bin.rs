@@ -1,5 +1,7 @@
 //! Stage: which footprints touch which tiles, in depth order.
 
+use std::ops::Range;
+
 use glam::Vec2;
 use rayon::prelude::*;
 
@@ -17,6 +19,8 @@ const PREFETCH: usize = 8;
 #[derive(Debug, Default)]
 pub struct Bins {
     chunks: Vec<ChunkBins>,
+    /// The tiles that have lists.
+    tiles: Range<usize>,
 }
 
 #[derive(Debug, Default)]
@@ -30,8 +34,14 @@ struct ChunkBins {
 }
 
 impl Bins {
-    /// The footprints of a tile, front to back.
+    /// The tiles that have lists: some rows of the picture's.
+    pub fn tiles(&self) -> Range<usize> {
+        self.tiles.clone()
+    }
+
+    /// The footprints of one of them, front to back.
     pub fn tile(&self, tile: usize) -> impl Iterator<Item = u32> + '_ {
+        let tile = tile - self.tiles.start;
         self.chunks.iter().flat_map(move |c| {
             c.list[c.starts[tile] as usize..c.starts[tile + 1] as usize]
                 .iter()
@@ -41,6 +51,7 @@ impl Bins {
 
     /// How many footprints a tile has.
     pub fn tile_len(&self, tile: usize) -> usize {
+        let tile = tile - self.tiles.start;
         let of = |c: &ChunkBins| (c.starts[tile + 1] - c.starts[tile]) as usize;
         self.chunks.iter().map(of).sum()
     }
@@ -56,15 +67,17 @@ impl Bins {
     }
 }
 
-/// Bins sorted footprints into tiles of [`TILE_SIZE`]², `tiles` \[columns, rows\] of them.
+/// Bins sorted footprints into tiles of [`TILE_SIZE`]², of `columns` in a row those
+/// of `rows` alone.
 pub fn bin(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
     order: &[u64],
-    tiles: [usize; 2],
+    columns: usize,
+    rows: Range<usize>,
     bins: &mut Bins,
 ) {
-    bin_into::<TILE_SIZE>(footprints, terms, order, tiles, bins);
+    bin_into::<TILE_SIZE>(footprints, terms, order, columns, rows, bins);
 }
 
 /// [`bin`] into tiles of any size.
@@ -72,9 +85,12 @@ pub(super) fn bin_into<const SIZE: usize>(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
     order: &[u64],
-    tiles: [usize; 2],
+    columns: usize,
+    rows: Range<usize>,
     bins: &mut Bins,
 ) {
+    bins.tiles = rows.start * columns..rows.end * columns;
+    let first_tile = bins.tiles.start;
     // Enough chunks for the threads to share evenly; each costs a word per tile.
     let chunk_count = (4 * rayon::current_num_threads())
         .min(order.len().div_ceil(1024))
@@ -103,14 +119,13 @@ pub(super) fn bin_into<const SIZE: usize>(
                     &footprints[i as usize],
                     terms,
                     i as usize,
-                    tiles[0],
-                    |t| {
-                        found.push([t as u32, i]);
-                    },
+                    columns,
+                    &rows,
+                    |t| found.push([(t - first_tile) as u32, i]),
                 );
             }
             starts.clear();
-            starts.resize(tiles[0] * tiles[1] + 1, 0);
+            starts.resize(columns * rows.len() + 1, 0);
             for &[t, _] in found.iter() {
                 starts[t as usize + 1] += 1;
             }
@@ -142,16 +157,18 @@ pub fn for_each_tile(
     tile_columns: usize,
     emit: impl FnMut(usize),
 ) {
-    for_each_tile_of::<TILE_SIZE>(footprint, terms, index, tile_columns, emit);
+    let all = 0..usize::MAX;
+    for_each_tile_of::<TILE_SIZE>(footprint, terms, index, tile_columns, &all, emit);
 }
 
-/// [`for_each_tile`] of any size.
+/// [`for_each_tile`] of any size, of the tiles in `rows`.
 #[inline]
 fn for_each_tile_of<const SIZE: usize>(
     footprint: &Footprint,
     terms: FootprintTerms<'_>,
     index: usize,
     tile_columns: usize,
+    rows: &Range<usize>,
     emit: impl FnMut(usize),
 ) {
     let (x0, x1) = footprint.column_range();
@@ -165,10 +182,11 @@ fn for_each_tile_of<const SIZE: usize>(
     let (ty0, ty1) = (y0 / size, (y1 - 1) / size);
     // A box of one row or column of tiles is (nearly) all touched.
     let test = (tx1 > tx0 && ty1 > ty0) && footprint.path & 3 != PATH_NEAR;
+    let (first, last) = (ty0.max(rows.start as u32), ty1.min((rows.end - 1) as u32));
     let walk = TileWalk {
         footprint,
         columns: [tx0, tx1],
-        rows: [ty0, ty1],
+        rows: [first, last],
         tile_columns,
     };
     if !test {

@@ -1,26 +1,32 @@
 //! The CPU back end: frames of a scene, stage after stage, and the memory that they share.
 
+use std::ops::Range;
+
 use super::{
-    Bins, ColumnInput, ColumnSums, NormalTile, Pieces, PostClassification, ProjectOutput,
-    RasteriseSettings, Tile, bin, bin_columns, classify, count_amplitudes, count_classified,
-    fill_amplitudes, footprint_index, light, list_visible, project, rasterise, rasterise_surface,
+    Bins, ColumnInput, ColumnSums, NormalTile, Pieces, PostClassification, ProjectInput,
+    ProjectOutput, RasteriseSettings, Tile, bin, bin_columns, classify, count_amplitudes,
+    count_classified, fill_amplitudes, light, list_visible, project, rasterise, rasterise_surface,
     resolve, resolve_depth, resolve_normals, shade, sort,
 };
 use crate::blocks::{
     BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
     distance_interval,
 };
-use crate::constants::TILE_SIZE;
+use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::error::Result;
 use crate::record::{
-    BlockView, ClassifiedBy, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PATH_EXACT,
-    PieceTerms, SurfelTerms, ViewUniform,
+    BlockView, ClassifiedBy, ClassifiedParticle, ExactTerms, Footprint, FootprintTerms, PieceTerms,
+    SurfelTerms, ViewUniform,
 };
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
 use crate::splat::{Accumulate, Axes};
 use crate::stats::{FrameCounts, Stopwatch};
 use crate::task::check;
+
+/// Entries of tiles' lists at a time: 400 MB with what they are made from. Of more the picture is drawn in bands, and
+/// is the same.
+const MOST_ENTRIES: u64 = 1 << 25;
 
 /// What the frames of a scene keep from one to the next: after the first frame of a size, a frame
 /// allocates nothing of note.
@@ -126,39 +132,40 @@ impl CpuFrames {
         counts.footprints += self.order.len();
         times.sort += clock.lap();
 
-        let tiles = view.size.map(|n| (n as usize).div_ceil(TILE_SIZE));
-        if is_column {
-            bin_columns(
-                &view,
-                &self.footprints,
-                FootprintTerms::Exact(&self.exact),
-                &self.order,
-                &mut self.bins,
-            );
+        counts.footprints_near += self.project_output.near_count();
+        if pass.axes.accumulate == Accumulate::Opaque {
+            counts.surfels += self.order.len();
+        }
+        let is_surface = pass.axes.accumulate == Accumulate::Opaque;
+        self.make_room(pass, &view);
+        let tile_size = if is_column {
+            COLUMN_TILE_SIZE
         } else {
-            let terms = if pass.axes.accumulate == Accumulate::Opaque {
+            TILE_SIZE
+        };
+        let columns = (view.size[0] as usize).div_ceil(tile_size);
+        for rows in self.bands(&view, tile_size, MOST_ENTRIES) {
+            let terms = if is_surface {
                 FootprintTerms::Surfel(&self.surfels)
             } else {
                 FootprintTerms::Exact(&self.exact)
             };
-            bin(&self.footprints, terms, &self.order, tiles, &mut self.bins);
-        }
-        counts.tile_entries += self.bins.len();
-        times.bin += clock.lap();
-        check(task)?;
+            let bin = if is_column { bin_columns } else { bin };
+            let (footprints, order) = (&self.footprints, &self.order);
+            bin(footprints, terms, order, columns, rows, &mut self.bins);
+            counts.tile_entries += self.bins.len();
+            times.bin += clock.lap();
+            check(task)?;
 
-        counts.footprints_near += self.project_output.near_count();
-        counts.splat_pixels += match pass.axes.accumulate {
-            Accumulate::Opaque => {
-                counts.surfels += self.order.len();
-                self.rasterise_surface(plan, pass, &view, tiles)
-            }
-            Accumulate::Column => self.sum_columns(plan, &view),
-            _ => self.rasterise(scene, plan, pass, &view, tiles),
-        };
-        times.rasterise += clock.lap();
+            counts.splat_pixels += match pass.axes.accumulate {
+                Accumulate::Opaque => self.rasterise_surface(plan, pass, &view),
+                Accumulate::Column => self.sum_columns(plan, &view),
+                _ => self.rasterise(scene, plan, pass, &view),
+            };
+            times.rasterise += clock.lap();
+        }
         if pass.draws == Draws::Volumes {
-            counts.footprints_exact = self.count_exact();
+            counts.footprints_exact = self.project_output.exact_count();
         }
         check(task)
     }
@@ -341,14 +348,17 @@ impl CpuFrames {
             let (terms, others) = rest_of_terms.split_at(own);
             rest_of_terms = others;
             project(
-                volume,
-                views,
-                &self.classified[range.clone()],
-                terms,
-                view,
-                rotation,
-                all_have_depths,
-                has_edges,
+                &ProjectInput {
+                    volume,
+                    views,
+                    classified: &self.classified[range.clone()],
+                    pieces: terms,
+                    view,
+                    rotation,
+                    is_cut: all_have_depths,
+                    has_edges,
+                    level: plan.simd,
+                },
                 &mut self.footprints[range.clone()],
                 self.exact.get_mut(range.clone()).unwrap_or_default(),
                 self.surfels.get_mut(range).unwrap_or_default(),
@@ -358,17 +368,49 @@ impl CpuFrames {
         }
     }
 
+    /// Makes room for the tiles of a pass.
+    fn make_room(&mut self, pass: &PassPlan, view: &ViewUniform) {
+        let [columns, rows] = tile_grid(view);
+        match pass.axes.accumulate {
+            Accumulate::Opaque => {
+                self.surface.resize_with(columns * rows, Tile::default);
+                let wanted = if pass.axes.normals { columns * rows } else { 0 };
+                self.surface_normals
+                    .resize_with(wanted, NormalTile::default);
+            }
+            Accumulate::Column => self.sums.clear(),
+            _ => self.tiles.resize_with(columns * rows, Tile::default),
+        }
+    }
+
+    /// The rows of tiles whose lists are made and drawn at once: all, unless footprints touch more
+    /// than `most` tiles.
+    fn bands(&self, view: &ViewUniform, tile_size: usize, most: u64) -> Vec<Range<usize>> {
+        let rows = (view.size[1] as usize).div_ceil(tile_size);
+        if self.project_output.tile_count() <= most {
+            return vec![0..rows];
+        }
+        let mut counts = vec![0; rows];
+        let touched = |(first, end): (u32, u32)| {
+            first as usize / tile_size..(end as usize).div_ceil(tile_size)
+        };
+        for footprint in self.footprints.iter().filter(|f| f.is_visible()) {
+            let columns = touched(footprint.column_range()).len() as u64;
+            for count in &mut counts[touched(footprint.row_range())] {
+                *count += columns;
+            }
+        }
+        cut_into_bands(&counts, most)
+    }
+
+    /// Draws the surfaces of a band of tiles, whose lists `self.bins` has.
     pub(super) fn rasterise_surface(
         &mut self,
         plan: &FramePlan,
         pass: &PassPlan,
         view: &ViewUniform,
-        [columns, rows]: [usize; 2],
     ) -> u64 {
-        self.surface.resize_with(columns * rows, Tile::default);
-        let wanted = if pass.axes.normals { columns * rows } else { 0 };
-        self.surface_normals
-            .resize_with(wanted, NormalTile::default);
+        let [columns, _] = tile_grid(view);
         rasterise_surface(
             view,
             RasteriseSettings {
@@ -386,18 +428,18 @@ impl CpuFrames {
         )
     }
 
+    /// The same of what light passes through.
     pub(super) fn rasterise(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,
         pass: &PassPlan,
         view: &ViewUniform,
-        [columns, rows]: [usize; 2],
     ) -> u64 {
-        self.tiles.resize_with(columns * rows, Tile::default);
+        let [columns, _] = tile_grid(view);
         let settings = RasteriseSettings {
             axes: Axes {
-                may_be_exact: self.project_output.any_exact(),
+                may_be_exact: self.project_output.exact_count() > 0,
                 ..pass.axes
             },
             level: plan.simd,
@@ -462,12 +504,26 @@ impl CpuFrames {
             resolve_normals(tiles, &plan.camera, normals);
         }
     }
+}
 
-    /// How many of the footprints in order are on the exact path.
-    fn count_exact(&self) -> usize {
-        let exact = |i: &&u64| self.footprints[footprint_index(**i)].path == PATH_EXACT;
-        self.order.iter().filter(exact).count()
+/// Columns and rows of tiles.
+fn tile_grid(view: &ViewUniform) -> [usize; 2] {
+    view.size.map(|n| (n as usize).div_ceil(TILE_SIZE))
+}
+
+/// Rows of tiles in bands of no more than `most` entries, or of one row.
+fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
+    let mut bands = Vec::new();
+    let (mut first, mut sum) = (0, 0);
+    for (row, count) in counts.iter().enumerate() {
+        if row > first && sum + count > most {
+            bands.push(first..row);
+            (first, sum) = (row, 0);
+        }
+        sum += count;
     }
+    bands.push(first..counts.len());
+    bands
 }
 
 /// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
@@ -481,4 +537,18 @@ fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
 /// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
 fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
     buffer.resize(len, T::zeroed());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::cut_into_bands;
+
+    #[test]
+    fn bands_hold_no_more_than_they_may_or_one_row() {
+        let cut = |counts: &[u64]| cut_into_bands(counts, 10);
+        assert_eq!(cut(&[3, 4, 3, 1]), [0..3, 3..4]);
+        assert_eq!(cut(&[30, 2, 9, 2]), [0..1, 1..2, 2..3, 3..4]);
+        assert_eq!(cut(&[0, 0, 11, 0, 10]), [0..2, 2..3, 3..5]);
+        assert_eq!(cut(&[7]), [0..1]);
+    }
 }

@@ -5,7 +5,7 @@
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
 //! | `extent.rs` | the same, and how the field runs over kernels | pieces of visible particles |
 //! | `shade.rs` | visible particles, where colours depend on the view | their colours |
-//! | `project.rs` | visible particles, camera | footprints |
+//! | `project/` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
 //! | `tile/` | lists, footprints of opaque surfels | tiles of the surface |
@@ -50,7 +50,7 @@ pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
 pub use light::{Sides, light, lit};
 pub(crate) use pick::shares;
-pub use project::{ProjectOutput, project};
+pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};

@@ -89,7 +89,7 @@ impl<'a> Pixel<'a> {
         if pass.draws != Draws::Surfaces {
             return;
         }
-        frames.rasterise_surface(self.plan, pass, &pass.view, [1, 1]);
+        frames.rasterise_surface(self.plan, pass, &pass.view);
         for volumes in others {
             volumes.surface.clone_from(&frames.surface);
         }
@@ -108,7 +108,7 @@ impl<'a> Pixel<'a> {
         let last = self.passes.len() - 1;
         let (frames, plan) = (&mut self.passes[last], &self.plan.passes[last]);
         let tile = if plan.draws == Draws::Volumes {
-            frames.rasterise(self.scene, self.plan, plan, &plan.view, [1, 1]);
+            frames.rasterise(self.scene, self.plan, plan, &plan.view);
             &frames.tiles[0]
         } else {
             &frames.surface[0]

@@ -7,7 +7,7 @@ use glam::{Mat3, Vec3};
 
 /// A factor F of a variance V = F Fᵀ, by rows: the quadratic form of V between axes i and j is
 /// `row(i) . row(j)`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Factor {
     /// First row: the kernel's reach along x.
     pub x: Vec3,

@@ -6,6 +6,7 @@ mod ein;
 mod factor;
 mod flatten;
 mod harmonics;
+pub(crate) mod lane;
 mod normal;
 mod truncated;
 mod variance;

@@ -45,8 +45,10 @@ impl Carried {
 ///
 /// Optical depth at offset d = (dx, dy) px from the centre, for an affine footprint:
 /// tau exp(-Q/2) with Q = (p . d)² + (r . d)², cut off at Q > `cutoff_squared`.
+///
+/// As large as a cache line and aligned with it: one that lay across two would be fetched twice.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[repr(C)]
+#[repr(C, align(64))]
 pub struct Footprint {
     /// x_k, pixels.
     pub centre_px: [f32; 2],

@@ -28,14 +28,23 @@ pub fn choose_exact(
         return None;
     }
     let terms = exact_terms(screen, view.low_pass_variance_px2, kernel.determinant);
-    if is_exact {
-        return Some(terms);
-    }
+    (is_exact || !suffices(view, screen, kernel, &terms, crowding)).then_some(terms)
+}
+
+/// Whether the affine footprint is as near to the exact one as the tolerance asks.
+#[inline(always)]
+pub(crate) fn suffices(
+    view: &ViewUniform,
+    screen: &ScreenFactor,
+    kernel: &ImageKernel,
+    terms: &ExactTerms,
+    crowding: f32,
+) -> bool {
     // Relative to the kernel's own depth where that is below 1, as for the cut-off: the errors of
     // faint neighbours are alike, and many of them add up along a ray. Kernels in the same place act
     // as one of their total depth.
     let amplification = opacity_amplification(kernel.tau * crowding).max(1.0);
-    let error = affine_error(view, screen, kernel, &terms) * amplification;
-    // Phrased so that NaN takes the safe side.
-    (!(error <= view.tolerance * AFFINE_SHARE)).then_some(terms)
+    let error = affine_error(view, screen, kernel, terms) * amplification;
+    // NaN takes the safe side.
+    error <= view.tolerance * AFFINE_SHARE
 }

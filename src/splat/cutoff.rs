@@ -4,6 +4,7 @@
 
 use super::budget::{CUTOFF_SHARE, OVERLAP};
 use crate::constants::MAX_CUTOFF;
+use crate::math::lane::{ln, opacity};
 
 /// The cut-off radius r = sqrt(2 ln(max(6 tau, 1) growth / epsilon)), in standard deviations; epsilon
 /// is [`CUTOFF_SHARE`] of the tolerance, 6 [`OVERLAP`], `growth` how much the kernel stands out
@@ -18,22 +19,22 @@ use crate::constants::MAX_CUTOFF;
 /// they leave out adds up: five epsilons were seen among hundreds of kernels, two in one pixel of
 /// a thousand. Of n kernels in one place, n/6 epsilons at most: beyond six of them `tau` comes
 /// multiplied by n/6 ([`Block::crowding`](crate::blocks::Block::crowding)), which leaves one.
-#[inline]
+#[inline(always)]
 pub fn cutoff_radius(tau: f32, growth: f32, tolerance: f32, by_hand: f32) -> f32 {
     if by_hand > 0.0 {
         return by_hand.min(MAX_CUTOFF);
     }
     // `min` takes the other argument when one is NaN.
-    (2.0 * ((tau * OVERLAP).max(1.0) * growth.max(1.0) / (tolerance * CUTOFF_SHARE)).ln())
+    (2.0 * ln((tau * OVERLAP).max(1.0) * growth.max(1.0) / (tolerance * CUTOFF_SHARE)))
         .max(1.0)
         .sqrt()
         .min(MAX_CUTOFF)
 }
 
 /// The share of a two-dimensional Gaussian within radius `r`: 1 - exp(-r²/2).
-#[inline]
+#[inline(always)]
 pub fn cutoff_share(r: f32) -> f32 {
-    -(-0.5 * r * r).exp_m1()
+    opacity::<false>(0.5 * r * r)
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ use crate::record::{ExactTerms, ViewUniform};
 ///
 /// - `h2`: low-pass variance, px².
 /// - `determinant`: of the low-passed footprint.
-#[inline]
+#[inline(always)]
 pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTerms {
     let (x, y, s) = (screen.row_x, screen.row_y, screen.relative_depth);
     let (m, a, b) = (x.cross(y), y.cross(s), s.cross(x));
@@ -52,7 +52,7 @@ pub fn exact_terms(screen: &ScreenFactor, h2: f32, determinant: f32) -> ExactTer
 ///
 /// - `h2`: low-pass variance, px².
 /// - `determinant`: of the low-passed footprint.
-#[inline]
+#[inline(always)]
 pub fn depth_terms(
     view: &ViewUniform,
     screen: &ScreenFactor,
@@ -80,7 +80,7 @@ pub fn depth_terms(
 /// C = r² V - u uᵀ, x-range (C02 ± sqrt(C02² - C00 C22))/C22, rewritten relative to the centre so
 /// that nothing cancels. `None` where the ellipsoid reaches the camera plane (r |s| >= 1): its
 /// outline is unbounded.
-#[inline]
+#[inline(always)]
 pub fn exact_extent(screen: &ScreenFactor, h2: f32, r: f32) -> Option<(Vec2, Vec2)> {
     let s = screen.relative_depth;
     let ss = s.length_squared();

@@ -13,7 +13,7 @@ use crate::math::Factor;
 use crate::record::ViewUniform;
 
 /// A particle in camera space.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Kernel {
     /// u_k, camera units.
     pub centre: Vec3,
@@ -71,7 +71,7 @@ pub struct ImageKernel {
 ///
 /// Staged so that no power of the depth is ever formed: factor over depth first, then focal
 /// lengths; correct for scenes of 1e-15 to 1e15 units, as long as the mass fits f32.
-#[inline]
+#[inline(always)]
 pub fn project_kernel(view: &ViewUniform, kernel: &Kernel) -> ScreenFactor {
     let focal = Vec2::from(view.focal_px);
     let u = kernel.centre;
@@ -109,7 +109,7 @@ impl ScreenFactor {
     /// The determinant is Cauchy-Binet's, a sum of squares: relative error a few epsilon for any
     /// axis ratio, where a c - b² has none right beyond 1:4000. A filter that leaves a singular
     /// variance gives a determinant of zero.
-    #[inline]
+    #[inline(always)]
     pub fn filtered(&self, filter: Filter, h2: f32) -> ImageKernel {
         let (x, y) = (self.row_x, self.row_y);
         let (xx, yy) = (x.length_squared(), y.length_squared());
@@ -161,7 +161,7 @@ impl ScreenFactor {
 impl ImageKernel {
     /// The rows p and r of the triangular form: Q = (p . d)² + (r . d)². All sums of squares, so
     /// Q keeps its relative accuracy; the larger variance is eliminated first.
-    #[inline]
+    #[inline(always)]
     pub fn triangular_form(&self) -> [[f32; 2]; 2] {
         let Self {
             a,

@@ -37,6 +37,7 @@ mod surfel;
 pub use axes::{Accumulate, Axes, Classify, Interval};
 pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use choose::choose_exact;
+pub(crate) use choose::suffices as affine_suffices;
 pub use cutoff::{cutoff_radius, cutoff_share};
 pub use edges::Edges;
 pub use exact::{depth_terms, exact_extent, exact_terms};

@@ -738,22 +738,30 @@ pub mod frame {
 
         /// The projection alone, again.
         pub fn project(&mut self) {
+            self.project_as(false);
+        }
+
+        /// The same of kernels that are to be cut, if so.
+        pub fn project_as(&mut self, is_cut: bool) {
             let mut output = ProjectOutput::default();
             cpu::project(
-                &self.volume,
-                &self.views,
-                &self.classified,
-                &self.pieces,
-                &self.uniform,
-                self.camera.camera_from_world.as_mat3(),
-                false,
-                false,
+                &cpu::ProjectInput {
+                    volume: &self.volume,
+                    views: &self.views,
+                    classified: &self.classified,
+                    pieces: &self.pieces,
+                    view: &self.uniform,
+                    rotation: self.camera.camera_from_world.as_mat3(),
+                    is_cut,
+                    has_edges: false,
+                    level: cpu::SimdLevel::best(),
+                },
                 &mut self.footprints,
                 &mut self.exact,
                 &mut self.surfels,
                 &output,
             );
-            self.any_exact = output.any_exact();
+            self.any_exact = output.exact_count() > 0;
             self.near = output.near().to_vec();
         }
 
@@ -773,7 +781,8 @@ pub mod frame {
                 &self.footprints,
                 self.terms(),
                 &self.order,
-                self.tiles,
+                self.tiles[0],
+                0..self.tiles[1],
                 &mut bins,
             );
             bins

@@ -72,7 +72,8 @@ impl Input {
             &self.footprints,
             self.terms(0, self.footprints.len()),
             order,
-            self.tiles,
+            self.tiles[0],
+            0..self.tiles[1],
             &mut bins,
         );
         let ([x, y], [columns, rows]) = (chunk.band_first, chunk.band_size);

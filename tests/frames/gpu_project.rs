@@ -51,14 +51,17 @@ impl Input {
         };
         let mut output = ProjectOutput::default();
         cpu::project(
-            &self.volume,
-            &self.views,
-            &self.classified,
-            &[],
-            &self.view,
-            self.rotation,
-            false,
-            false,
+            &cpu::ProjectInput {
+                volume: &self.volume,
+                views: &self.views,
+                classified: &self.classified,
+                pieces: &[],
+                view: &self.view,
+                rotation: self.rotation,
+                is_cut: false,
+                has_edges: false,
+                level: cpu::SimdLevel::best(),
+            },
             &mut out.footprints,
             &mut out.exact,
             &mut [],

@@ -16,9 +16,7 @@ use ewa_splat::constants::{COVERAGE_FULL, NEAR_MARGIN, TERMINATION_INTERVAL, TIL
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::math::unpack_normal;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
-use ewa_splat::stages::cpu::{
-    self, Bins, NormalTile, ProjectOutput, RasteriseSettings, SimdLevel, Tile,
-};
+use ewa_splat::stages::cpu::{self, Bins, NormalTile, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::gpu::{
     Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
 };
@@ -1258,24 +1256,8 @@ fn kernels_are_cut_alike() {
 
 /// The frame's projection once more, its kernels to be cut.
 fn project_cut(frame: &mut Frame) {
-    let mut output = ProjectOutput::default();
     frame.exact = vec![ExactTerms::default(); frame.footprints.len()];
-    cpu::project(
-        &frame.volume,
-        &frame.views,
-        &frame.classified,
-        &frame.pieces,
-        &frame.uniform,
-        frame.camera.camera_from_world.as_mat3(),
-        true,
-        false,
-        &mut frame.footprints,
-        &mut frame.exact,
-        &mut frame.surfels,
-        &output,
-    );
-    frame.any_exact = output.any_exact();
-    frame.near = output.near().to_vec();
+    frame.project_as(true);
 }
 
 fn compare_depth_terms(frame: &Frame, found: &Projected) {

@@ -11,7 +11,7 @@ use crate::common::scene::{self, Particle, difference, render, volume};
 use ewa_splat::constants::TILE_SIZE;
 use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
-use ewa_splat::stages::cpu::{classify, count_classified, sort};
+use ewa_splat::stages::cpu::{Bins, bin, classify, count_classified, sort};
 use ewa_splat::stages::record::{
     BlockView, Carried, ClassifiedParticle, Footprint, PATH_EXACT, PATH_NEAR, pack_range,
 };
@@ -249,6 +249,37 @@ fn many_footprints_keep_their_order_in_every_tile() {
     }
     assert_eq!(entries, bins.len());
     assert!(!bins.is_empty());
+}
+
+#[test]
+fn bands_of_tiles_have_the_lists_of_the_whole() {
+    let settings = Settings::default();
+    let camera = scene::camera(Projection::Perspective, [240.0; 2], [130, 150]);
+    let frame = Frame::new(volume(&particles(31, 3000, 30.0)), &camera, &settings);
+    let [columns, rows] = frame.tiles;
+    let whole = frame.bins();
+    assert_eq!(whole.tiles(), 0..columns * rows);
+    let mut entries = 0;
+    for first in (0..rows).step_by(3) {
+        let band = first..(first + 3).min(rows);
+        let mut bins = Bins::default();
+        let (footprints, order) = (&frame.footprints, &frame.order);
+        bin(
+            footprints,
+            frame.terms(),
+            order,
+            columns,
+            band.clone(),
+            &mut bins,
+        );
+        assert_eq!(bins.tiles(), band.start * columns..band.end * columns);
+        for tile in bins.tiles() {
+            assert!(bins.tile(tile).eq(whole.tile(tile)), "{tile}");
+            entries += bins.tile_len(tile);
+        }
+    }
+    assert_eq!(entries, whole.len());
+    assert!(entries > 5000);
 }
 
 #[test]

@@ -172,7 +172,8 @@ fn left_out_by_ellipses(frame: &Frame) -> LeftOut {
         &frame.footprints,
         FootprintTerms::None,
         &frame.order,
-        frame.tiles,
+        frame.tiles[0],
+        0..frame.tiles[1],
         &mut bins,
     );
     left_out_of(frame, &bins)

@@ -20,7 +20,7 @@
 //! Axes meet at rows of [`TILE_SIZE`](crate::constants::TILE_SIZE) lanes: *evaluate* fills a
 //! [`Row`](evaluate::Row) with optical depths (and where along the rays they lie), *interval* takes shares
 //! of it, *accumulate* takes what is left. Below them lie `pixels.rs` (planes of a tile, and where it
-//! lies), `arithmetic.rs` (exponentials of a lane) and `dispatch.rs` (instruction sets); above them
+//! lies), `crate::math::lane` (exponentials of a lane) and `crate::simd` (instruction sets); above them
 //! `rasterise.rs` draws the tiles of a picture.
 //!
 //! Loops over pixels are compiled for each of three instruction sets. Fused ones, from Q to what is
@@ -30,9 +30,7 @@
 //! the instruction sets.
 
 mod accumulate;
-mod arithmetic;
 mod classify;
-mod dispatch;
 mod evaluate;
 mod interval;
 mod pixels;

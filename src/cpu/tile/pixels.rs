@@ -12,24 +12,24 @@ pub(super) type Plane = [f32; TILE_PIXELS];
 pub(super) type RowOf<T> = [T; TILE_SIZE];
 
 /// Footprints between asking for one and reading it.
-pub(super) const PREFETCH: usize = 4;
+pub(super) const PREFETCH: usize = 8;
 
-/// Asks for a footprint's cache line ahead of its use. Footprints lie in the order of particles
+/// Asks for the cache line of a footprint, or of its terms, ahead of its use. Footprints lie in the order of particles
 /// and are read in the order of depth: without this, waiting for memory is a quarter of binning
 /// and rasterising.
 #[inline(always)]
-pub(in crate::cpu) fn prefetch(footprint: Option<&Footprint>) {
+pub(in crate::cpu) fn prefetch<T>(what: Option<&T>) {
     #[cfg(target_arch = "x86_64")]
-    if let Some(footprint) = footprint {
+    if let Some(what) = what {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         // SAFETY: the address is a reference's, and a prefetch reads nothing.
         #[allow(unsafe_code, reason = "the intrinsic takes a raw pointer")]
         unsafe {
-            _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(footprint).cast());
+            _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(what).cast());
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = footprint;
+    let _ = what;
 }
 
 /// A raster tile, one array per channel, rows from the top.

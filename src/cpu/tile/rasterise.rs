@@ -17,7 +17,7 @@ use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::splat::Accumulate;
 use crate::task::Stage;
 
-/// Draws all tiles, `columns` of them in a row. Returns the number of splat-pixels: kernels
+/// Draws all tiles that have lists, `columns` of them in a row. Returns the number of splat-pixels: kernels
 /// evaluated at pixel centres within their cut-off.
 ///
 /// - `surface`: opaque surfaces among the kernels, as
@@ -41,11 +41,12 @@ pub fn rasterise(
     tiles: &mut [Tile],
 ) -> u64 {
     let RasteriseSettings { axes, level, task } = settings;
-    let stage = Stage::new(task, "drawing", tiles.len());
-    tiles
+    let listed = bins.tiles();
+    let stage = Stage::new(task, "drawing", listed.len());
+    tiles[listed.clone()]
         .par_iter_mut()
-        .enumerate()
-        .map_init(TileMemory::default, |memory, (t, tile)| {
+        .zip(listed)
+        .map_init(TileMemory::default, |memory, (tile, t)| {
             if !stage.goes_on() {
                 return 0;
             }
@@ -92,6 +93,7 @@ pub fn rasterise(
             for (n, &i) in list.iter().enumerate() {
                 let ahead = list.get(n + PREFETCH).map(|&i| i as usize);
                 prefetch(ahead.and_then(|i| footprints.get(i)));
+                prefetch(ahead.and_then(|i| exact.get(i)));
                 if n > 0
                     && n % TERMINATION_INTERVAL == 0
                     && least_alpha(&place, tile) >= 1.0 - transparent

@@ -11,13 +11,13 @@
 //! Affine and exact footprints that nothing cuts are fused with it. Those that clip planes cut, and near
 //! ones, come in rows of the pictures' tiles, of which a tile here is made.
 
+use std::ops::Range;
+
 use glam::Vec2;
 use rayon::prelude::*;
 
 use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::cpu::bin::{Bins, bin_into};
-use crate::cpu::tile::arithmetic::{exp_minus_half, madd};
-use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::affine::RowForm;
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, depth_reach};
@@ -25,11 +25,13 @@ use crate::cpu::tile::interval::cut::{Cut, Side, Spans};
 use crate::cpu::tile::interval::domain::domain_of;
 use crate::cpu::tile::interval::{between, shares_at, whole};
 use crate::cpu::tile::pixels::{Patch, TilePlace, prefetch, ray};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{
     ExactTerms, Footprint, FootprintTerms, NearTerms, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     ViewUniform,
 };
 use crate::simd::SimdLevel;
+use crate::simd::{SimdWork, run_at};
 use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
@@ -99,15 +101,16 @@ pub fn list_visible(footprints: &[Footprint], order: &mut Vec<u64>) {
     order.extend(numbered.filter(|(_, f)| f.is_visible()).map(|(i, _)| i));
 }
 
-/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]².
+/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]², of `columns` in a row those of `rows` alone.
 pub fn bin_columns(
-    view: &ViewUniform,
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
     order: &[u64],
+    columns: usize,
+    rows: Range<usize>,
     bins: &mut Bins,
 ) {
-    bin_into::<SIZE>(footprints, terms, order, tiles(view), bins);
+    bin_into::<SIZE>(footprints, terms, order, columns, rows, bins);
 }
 
 /// Columns and rows of tiles.
@@ -116,17 +119,22 @@ fn tiles(view: &ViewUniform) -> [usize; 2] {
 }
 
 impl ColumnSums {
-    /// Sums all footprints. Returns the number of splat-pixels: kernels evaluated at pixel
+    /// Forgets the last frame.
+    pub fn clear(&mut self) {
+        self.tasks.clear();
+        self.starts.clear();
+        self.starts.push(0);
+    }
+
+    /// Sums the footprints of the tiles that have lists, which follow those of the last call. Returns the number of splat-pixels: kernels evaluated at pixel
     /// centres within their cut-off (of separable footprints: within its bounding box).
     ///
     /// The result does not depend on the number of threads: tasks follow from the lists alone.
     pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
-        let [columns, rows] = tiles(input.view);
+        let [columns, _] = tiles(input.view);
         let longest = (input.bins.len() / TASKS).max(TASK);
-        self.tasks.clear();
-        self.starts.clear();
-        for tile in 0..columns * rows {
-            self.starts.push(self.tasks.len() as u32);
+        let first = self.tasks.len();
+        for tile in input.bins.tiles() {
             let len = input.bins.tile_len(tile);
             self.tasks
                 .extend((0..len).step_by(longest).map(|first| ListPart {
@@ -134,16 +142,17 @@ impl ColumnSums {
                     first,
                     count: longest.min(len - first),
                 }));
+            self.starts.push(self.tasks.len() as u32);
         }
-        self.starts.push(self.tasks.len() as u32);
         if self.sums.len() < self.tasks.len() {
             self.sums
                 .resize_with(self.tasks.len(), || TileSums([0.0; PIXELS]));
         }
-        let stage = Stage::new(input.task, "summing", self.tasks.len());
-        self.tasks
+        let tasks = &self.tasks[first..];
+        let stage = Stage::new(input.task, "summing", tasks.len());
+        tasks
             .par_iter()
-            .zip(&mut self.sums)
+            .zip(&mut self.sums[first..])
             .with_max_len(1)
             .map(|(task, sums)| {
                 if !stage.goes_on() {
@@ -201,7 +210,7 @@ struct SumTask<'a> {
     sums: &'a mut TileSums,
 }
 
-impl TileWork for SumTask<'_> {
+impl SimdWork for SumTask<'_> {
     type Output = u64;
 
     #[inline(always)]

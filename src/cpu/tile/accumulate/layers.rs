@@ -17,15 +17,15 @@ use super::slabs::IntoSlabs;
 use super::{AddRows, Into};
 use crate::blocks::MOST_SLABS;
 use crate::constants::TILE_PIXELS;
-use crate::cpu::tile::arithmetic::opacity;
 use crate::cpu::tile::classify::slab::PostClassification;
-use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::Evaluate;
 use crate::cpu::tile::interval::cut::{Cut, CutTile, Meets, Side};
 use crate::cpu::tile::interval::within;
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace};
+use crate::math::lane::opacity;
 use crate::record::{ExactTerms, Footprint, NearTerms};
 use crate::simd::SimdLevel;
+use crate::simd::{SimdWork, run_at};
 use crate::splat::{Accumulate, Axes};
 
 /// A tile that kernels are summed in, layer by layer.
@@ -226,7 +226,7 @@ struct Flush<'a> {
 /// Between which depths a pixel's ray is drawn, where anything cuts it.
 type Bounds<'a> = Option<[&'a Plane; 2]>;
 
-impl TileWork for Flush<'_> {
+impl SimdWork for Flush<'_> {
     type Output = ();
 
     #[inline(always)]

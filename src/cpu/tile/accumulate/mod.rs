@@ -12,11 +12,11 @@ pub(super) mod slabs;
 use self::over::IntoOver;
 use self::sheets::IntoSheet;
 use self::slabs::IntoSlabs;
-use super::dispatch::TileWork;
 use super::evaluate::Evaluate;
 use super::interval::domain::domain_of;
 use super::pixels::Plane;
 use crate::constants::TILE_SIZE;
+use crate::simd::SimdWork;
 
 /// A kernel on its way into a tile, row by row: what is not fused. One body of all evaluations and all of
 /// what takes their rows, so that neither multiplies the other.
@@ -34,7 +34,7 @@ pub(super) enum Into<'a> {
     Slabs(IntoSlabs<'a>),
 }
 
-impl TileWork for AddRows<'_> {
+impl SimdWork for AddRows<'_> {
     /// How many pixels lay within the cut-off.
     type Output = u32;
 

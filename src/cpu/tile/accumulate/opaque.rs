@@ -18,13 +18,13 @@ use crate::constants::{
     COVERAGE_FULL, SURFACE_LAYERS, TERMINATION_INTERVAL, TILE_PIXELS, TILE_SIZE,
 };
 use crate::cpu::bin::Bins;
-use crate::cpu::tile::arithmetic::madd;
-use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::surfel::{NearSurfel, SurfelRow, SurfelWalk};
 use crate::cpu::tile::interval::edges::ClipEdges;
 use crate::cpu::tile::pixels::{PREFETCH, Plane, Tile, TilePlace, prefetch};
 use crate::cpu::tile::settings::RasteriseSettings;
+use crate::math::lane::madd;
 use crate::record::{Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
+use crate::simd::{SimdWork, run_at};
 use crate::task::Stage;
 
 /// Sums over the surfels of one layer of each pixel.
@@ -153,19 +153,24 @@ pub fn rasterise_surface(
     normals: &mut [NormalTile],
 ) -> u64 {
     let RasteriseSettings { axes, level, task } = settings;
-    let stage = Stage::new(task, "drawing surfaces", tiles.len());
+    let listed = bins.tiles();
+    let stage = Stage::new(task, "drawing surfaces", listed.len());
     let has_normals = !normals.is_empty();
-    let mut none = vec![NormalTile::new(); if has_normals { 0 } else { tiles.len() }];
-    let normals = if has_normals { normals } else { &mut none };
+    let mut none = vec![NormalTile::new(); if has_normals { 0 } else { listed.len() }];
+    let normals = if has_normals {
+        &mut normals[listed.clone()]
+    } else {
+        &mut none
+    };
     let memory = || {
         let layers = Box::new([const { Layer::new() }; SURFACE_LAYERS]);
         (Vec::new(), layers, Box::new([0.0; TILE_PIXELS]))
     };
-    tiles
+    tiles[listed.clone()]
         .par_iter_mut()
         .zip(normals)
-        .enumerate()
-        .map_init(memory, |(list, layers, counts), (t, (tile, normals))| {
+        .zip(listed)
+        .map_init(memory, |(list, layers, counts), ((tile, normals), t)| {
             if !stage.goes_on() {
                 return 0;
             }
@@ -207,7 +212,7 @@ struct SurfaceRaster<'a> {
     counts: &'a mut Plane,
 }
 
-impl TileWork for SurfaceRaster<'_> {
+impl SimdWork for SurfaceRaster<'_> {
     type Output = u64;
 
     #[inline(always)]

@@ -7,16 +7,16 @@
 
 use super::{AddRows, Into};
 use crate::constants::{FAINT, MAX_CUTOFF, TILE_SIZE};
-use crate::cpu::tile::arithmetic::{exp_minus_half, madd, opacity};
-use crate::cpu::tile::dispatch::{TileWork, run_at};
 use crate::cpu::tile::evaluate::affine::{RowForm, is_aligned};
 use crate::cpu::tile::evaluate::exact::{ExactAt, RowOfExact};
 use crate::cpu::tile::evaluate::{Evaluate, Row};
 use crate::cpu::tile::interval::cut::{Cut, CutTile, Side};
 use crate::cpu::tile::interval::{between, shares_at, whole, within};
 use crate::cpu::tile::pixels::{Plane, RowOf, Tile, TilePlace};
+use crate::math::lane::{exp_minus_half, madd, opacity};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_PEAK};
 use crate::simd::SimdLevel;
+use crate::simd::{SimdWork, run_at};
 use crate::splat::Axes;
 
 /// A tile that kernels are composited in.
@@ -304,7 +304,42 @@ const SERIES: u8 = 1;
 /// Opacity min(tau, 1).
 const LINEAR: u8 = 2;
 
-impl TileWork for FusedWork<'_> {
+/// How many columns the patches of small kernels have at most.
+const NARROW: usize = TILE_SIZE / 2;
+
+/// Where the lanes of a few of their rows lie. Of 32 bits each: indices of loops have 64.
+const COLUMN_OF: [i32; TILE_SIZE] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+const ROW_OF: [i32; TILE_SIZE] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
+
+/// [`NARROW`] columns of each of a few rows of a plane, one after the other.
+#[inline(always)]
+fn window<const LANES: usize>(plane: &Plane, at: usize) -> [f32; LANES] {
+    let mut out = [0.0; LANES];
+    for (n, row) in out.chunks_exact_mut(NARROW).enumerate() {
+        row.copy_from_slice(&plane[at + n * TILE_SIZE..][..NARROW]);
+    }
+    out
+}
+
+/// Puts them back.
+#[inline(always)]
+fn put_window<const LANES: usize>(plane: &mut Plane, at: usize, window: [f32; LANES]) {
+    for (n, row) in window.chunks_exact(NARROW).enumerate() {
+        plane[at + n * TILE_SIZE..][..NARROW].copy_from_slice(row);
+    }
+}
+
+/// What an optical depth hides.
+#[inline(always)]
+fn opacity_of<const FMA: bool, const OPACITY: u8>(tau: f32) -> f32 {
+    match OPACITY {
+        LINEAR => tau.min(1.0),
+        SERIES => tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0))),
+        _ => opacity::<FMA>(tau),
+    }
+}
+
+impl SimdWork for FusedWork<'_> {
     type Output = u32;
 
     #[inline(always)]
@@ -326,8 +361,17 @@ impl FusedWork<'_> {
             return self.rows::<FMA, LANES, true, EXPONENTIAL, false>(terms);
         }
         let none = &ExactTerms::default();
+        let patch = self.place.patch(footprint);
+        let [first, end] = patch.columns;
         if is_linear {
             self.rows::<FMA, LANES, false, LINEAR, false>(none)
+        } else if end - first <= NARROW {
+            match (footprint.tau <= FAINT, is_aligned(footprint)) {
+                (true, true) => self.narrow::<FMA, LANES, SERIES, true>(),
+                (true, false) => self.narrow::<FMA, LANES, SERIES, false>(),
+                (false, true) => self.narrow::<FMA, LANES, EXPONENTIAL, true>(),
+                (false, false) => self.narrow::<FMA, LANES, EXPONENTIAL, false>(),
+            }
         } else {
             match (footprint.tau <= FAINT, is_aligned(footprint)) {
                 (true, true) => self.rows::<FMA, LANES, false, SERIES, true>(none),
@@ -336,6 +380,89 @@ impl FusedWork<'_> {
                 (false, false) => self.rows::<FMA, LANES, false, EXPONENTIAL, false>(none),
             }
         }
+    }
+
+    /// The loop over a patch of at most [`NARROW`] columns: as many of its rows at once as fit into a vector.
+    /// The numbers are those of [`rows`](Self::rows).
+    #[inline(always)]
+    fn narrow<const FMA: bool, const LANES: usize, const OPACITY: u8, const ALIGNED: bool>(
+        self,
+    ) -> u32 {
+        let Self {
+            fused, place, tile, ..
+        } = self;
+        let rows_at_once = LANES / NARROW;
+        // A copy, which stores to the tile cannot change.
+        let footprint = &{ *fused.footprint };
+        let patch = place.patch(footprint);
+        let [red, green, blue] = footprint.carried.colour();
+        let (tau_peak, cutoff) = (footprint.tau, footprint.cutoff_squared);
+        let first_column = patch.columns[0].min(TILE_SIZE - NARROW);
+        let dx_first = place.px(0, 0) - footprint.centre_px[0];
+        let dy_first = place.px(1, 0) - footprint.centre_px[1];
+        let ([px, py], [rx, ry]) = (footprint.form_p, footprint.form_r);
+        // Beyond the largest cut-off nothing is within one: there Q is no less than its parts.
+        let factor = |d: f32| exp_minus_half::<FMA>((d * d).min(MAX_CUTOFF * MAX_CUTOFF));
+        let width = place.width() as i32;
+        let (mut dx, mut limit, mut of_column) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let column = first_column as i32 + COLUMN_OF[lane];
+            dx[lane] = dx_first + column as f32;
+            // Vectors reach beyond the image's right border; there nothing is within the cut-off.
+            limit[lane] = if column < width { cutoff } else { -1.0 };
+            of_column[lane] = if ALIGNED {
+                factor((px + rx) * dx[lane])
+            } else {
+                0.0
+            };
+        }
+        let mut of_rows = [0.0; TILE_SIZE];
+        if ALIGNED {
+            for (y, row) in of_rows.iter_mut().enumerate() {
+                *row = tau_peak * factor((py + ry) * (dy_first + y as f32));
+            }
+        }
+        let mut inside = [0_u32; LANES];
+        let [first, end] = patch.rows;
+        for y in (first..end).step_by(rows_at_once) {
+            // The last rows of a tile may be taken with one that was drawn before.
+            let top = y.min(TILE_SIZE - rows_at_once);
+            let at = top * TILE_SIZE + first_column;
+            let mut of_row = [0.0; LANES];
+            for (row, factor) in of_row.chunks_exact_mut(NARROW).zip(&of_rows[top..]) {
+                row.fill(*factor);
+            }
+            let mut alphas = window::<LANES>(&tile.alpha, at);
+            let mut reds = window::<LANES>(&tile.red, at);
+            let mut greens = window::<LANES>(&tile.green, at);
+            let mut blues = window::<LANES>(&tile.blue, at);
+            for lane in 0..LANES {
+                let row = top as i32 + ROW_OF[lane];
+                let dy = dy_first + row as f32;
+                let p = madd::<FMA>(px, dx[lane], py * dy);
+                let r = madd::<FMA>(rx, dx[lane], ry * dy);
+                let q = madd::<FMA>(p, p, r * r);
+                // NaN compares false: outside.
+                let is_inside = (q <= limit[lane]) & (row >= y as i32) & (row < end as i32);
+                let tau = if ALIGNED {
+                    of_row[lane] * of_column[lane]
+                } else {
+                    tau_peak * exp_minus_half::<FMA>(q)
+                };
+                let tau = if is_inside { tau } else { 0.0 };
+                let weight = opacity_of::<FMA, OPACITY>(tau) * (1.0 - alphas[lane]);
+                alphas[lane] += weight;
+                reds[lane] = madd::<FMA>(weight, red, reds[lane]);
+                greens[lane] = madd::<FMA>(weight, green, greens[lane]);
+                blues[lane] = madd::<FMA>(weight, blue, blues[lane]);
+                inside[lane] += u32::from(is_inside);
+            }
+            put_window(&mut tile.alpha, at, alphas);
+            put_window(&mut tile.red, at, reds);
+            put_window(&mut tile.green, at, greens);
+            put_window(&mut tile.blue, at, blues);
+        }
+        inside.iter().sum()
     }
 
     /// The loop: rows of the patch, chunks of `LANES` pixels of each row.
@@ -445,11 +572,7 @@ impl FusedWork<'_> {
                         tau * exp_minus_half::<FMA>(q)
                     };
                     let tau = if is_inside { tau } else { 0.0 };
-                    let opacity = match OPACITY {
-                        LINEAR => tau.min(1.0),
-                        SERIES => tau * (1.0 - 0.5 * tau * (1.0 - tau * (1.0 / 3.0))),
-                        _ => opacity::<FMA>(tau),
-                    };
+                    let opacity = opacity_of::<FMA, OPACITY>(tau);
                     let before = a_row[lane];
                     let weight = opacity * (1.0 - before);
                     a_row[lane] = before + weight;

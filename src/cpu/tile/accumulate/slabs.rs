@@ -4,12 +4,12 @@
 
 use super::ring::{Ring, Wants, layer_end, layer_start};
 use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::{cdf, cdf_near};
 use crate::cpu::tile::classify::slab::RowEdge;
 use crate::cpu::tile::evaluate::{Along, Evaluate, Row, RowSlope};
 use crate::cpu::tile::interval::cut::{Cut, Spans};
 use crate::cpu::tile::interval::{between, shares_at, shares_up_to};
 use crate::cpu::tile::pixels::{Plane, Tile, count_row};
+use crate::math::lane::{cdf, cdf_near};
 use crate::record::ViewUniform;
 
 /// Rows on their way into layers.

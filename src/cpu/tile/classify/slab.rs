@@ -12,10 +12,10 @@ use glam::Vec3;
 
 use crate::constants::{FRAC_1_SQRT_2PI, LEAST_SLOPE, TILE_PIXELS, TILE_SIZE};
 use crate::cpu::light::{Sides, lit};
-use crate::cpu::tile::arithmetic::exp_minus_half;
 use crate::cpu::tile::evaluate::{Evaluate, Row, RowSlope};
 use crate::cpu::tile::interval::shares_up_to;
 use crate::cpu::tile::pixels::{Plane, RowOf, TilePlace, add_scaled, ray};
+use crate::math::lane::exp_minus_half;
 use crate::record::LightingUniform;
 use crate::scene::TransferFunction;
 

@@ -4,7 +4,7 @@
 
 use super::{Row, RowSlope, Walk};
 use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::{exp_minus_half, madd};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint};
 
 /// The quadratic form along a row.

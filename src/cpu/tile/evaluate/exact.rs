@@ -6,8 +6,8 @@
 use super::affine::RowForm;
 use super::{Row, RowSlope, Walk};
 use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::{exp_minus_half, madd};
 use crate::cpu::tile::pixels::RowOf;
+use crate::math::lane::{exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint};
 
 /// Q and w along a row.

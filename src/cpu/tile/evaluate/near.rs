@@ -7,8 +7,8 @@ use glam::Vec2;
 use super::affine::RowForm;
 use super::{Row, depth_reach};
 use crate::constants::{MAX_CUTOFF, TILE_SIZE};
-use crate::cpu::tile::arithmetic::{cdf, exp_minus_half, madd};
 use crate::cpu::tile::pixels::{Patch, RowOf, TilePlace, ray};
+use crate::math::lane::{cdf, exp_minus_half, madd};
 use crate::record::{ExactTerms, Footprint, NearTerms, PATH_HALF_LINE, PATH_NEAR};
 use crate::splat::misses_near;
 

@@ -11,8 +11,8 @@ use glam::Vec3;
 use super::Walk;
 use super::affine::RowForm;
 use crate::constants::TILE_SIZE;
-use crate::cpu::tile::arithmetic::{exp_minus_half, madd};
 use crate::cpu::tile::pixels::{RowOf, TilePlace, ray};
+use crate::math::lane::{exp_minus_half, madd};
 use crate::math::unpack_normal;
 use crate::record::{Footprint, NearTerms, SurfelTerms};
 

@@ -4,10 +4,10 @@
 //! Twin: `shaders/tile/interval/domain.wgsl`.
 
 use crate::constants::{EDGE_REACH, TILE_SIZE};
-use crate::cpu::tile::arithmetic::cdf;
 use crate::cpu::tile::evaluate::near::NearWalk;
 use crate::cpu::tile::evaluate::{Evaluate, Row, Walk};
 use crate::cpu::tile::pixels::RowOf;
+use crate::math::lane::cdf;
 use crate::record::{NearTerms, RAY_EDGES};
 
 /// The shares of a row's kernel at which it enters its domain and leaves it; nothing is left where the

@@ -6,9 +6,9 @@
 use glam::{Mat2, Vec2};
 
 use crate::constants::{CLIP_SOFTNESS, MAX_CLIP_PLANES, TILE_SIZE};
-use crate::cpu::tile::arithmetic::{cdf, madd};
 use crate::cpu::tile::evaluate::surfel::{NearSurfelAt, SurfelRow};
 use crate::cpu::tile::pixels::{TilePlace, ray};
+use crate::math::lane::{cdf, madd};
 use crate::record::{Footprint, SurfelTerms, ViewUniform};
 
 /// Where planes clip a surfel: how far inside lies what a pixel shows of it, standard deviations of the

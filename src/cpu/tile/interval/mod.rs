@@ -7,11 +7,11 @@ pub(super) mod cut;
 pub(super) mod domain;
 pub(super) mod edges;
 
-use super::arithmetic::cdf;
 use super::evaluate::near::NearWalk;
 use super::evaluate::{Along, Evaluate, Row};
 use super::pixels::{Plane, RowOf};
 use crate::constants::TILE_SIZE;
+use crate::math::lane::cdf;
 
 /// The share of each pixel's optical depth that lies in front of a depth of its own.
 #[inline(always)]

@@ -1,335 +1,27 @@
-//! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
+//! One particle's footprint, whatever it is: the ones that lanes come to, too.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-use glam::{Mat3, Vec2, Vec3};
-use rayon::prelude::*;
+use glam::{Vec2, Vec3};
 
-use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, Rule};
-use crate::constants::{MAX_CUTOFF, MOST_EDGES, NEAR_MARGIN, TILE_SIZE};
-use crate::math::Factor;
+use super::ProjectOutput;
+use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::record::{
-    BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_AFFINE,
-    PATH_EXACT, PATH_HALF_LINE, PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, PieceTerms,
-    SurfelTerms, ViewUniform, pack_range,
+    BlockView, Carried, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,
+    PATH_NEAR, PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, SurfelTerms, ViewUniform, pack_range,
 };
-use crate::scene::NO_EDGE;
 use crate::splat::{
-    CHOICE_COLOURS, Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint,
-    budget::CUTOFF_SHARE, choice_index, choose_exact, cutoff_radius, cutoff_share, depth_terms,
-    edge_growth, exact_extent, half_line_terms, near_surfel, near_terms, peak_footprint,
-    project_kernel, surfel_footprint,
+    Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint, budget::CUTOFF_SHARE,
+    choose_exact, cutoff_radius, cutoff_share, depth_terms, edge_growth, exact_extent,
+    half_line_terms, near_surfel, near_terms, peak_footprint, project_kernel, surfel_footprint,
 };
-
-/// What the projection of one frame writes besides footprints.
-#[derive(Debug, Default)]
-pub struct ProjectOutput {
-    near: Mutex<Vec<NearTerms>>,
-    /// How many of them are edges alone.
-    cut_count: AtomicUsize,
-    any_exact: AtomicBool,
-}
-
-impl ProjectOutput {
-    /// Forgets the last frame.
-    pub fn clear(&mut self) {
-        self.near
-            .get_mut()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clear();
-        *self.cut_count.get_mut() = 0;
-        *self.any_exact.get_mut() = false;
-    }
-
-    /// Terms of the kernels that cross the camera plane, few, and of those that the domain of their data
-    /// cuts, in no particular order.
-    pub fn near(&mut self) -> &[NearTerms] {
-        self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// How many kernels cross the camera plane.
-    pub fn near_count(&mut self) -> usize {
-        let cut = *self.cut_count.get_mut();
-        self.near().len() - cut
-    }
-
-    /// Whether any footprint is on the exact path.
-    pub fn any_exact(&self) -> bool {
-        self.any_exact.load(Ordering::Relaxed)
-    }
-}
-
-/// Projects every particle of `classified`: `footprints` has its length, and so has `surfels` of surfels
-/// of opaque surfaces, `exact` of all else (empty where no filter of the frame asks for it and nothing
-/// is cut).
-///
-/// - `pieces`: where kernels are classified over their extents, what each particle's has become; empty
-///   elsewhere.
-/// - `is_cut`: whether kernels may be cut, by surfaces, clip surfels or slabs, so that all have terms of
-///   their depth.
-/// - `has_edges`: whether the domain of its data may cut any kernel of the pass: then all have terms,
-///   which say whether it does.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "a stage takes the slices it reads and writes"
-)]
-pub fn project(
-    volume: &BlockedVolume,
-    views: &[BlockView],
-    classified: &[ClassifiedParticle],
-    pieces: &[PieceTerms],
-    view: &ViewUniform,
-    rotation: Mat3,
-    is_cut: bool,
-    has_edges: bool,
-    footprints: &mut [Footprint],
-    exact: &mut [ExactTerms],
-    surfels: &mut [SurfelTerms],
-    output: &ProjectOutput,
-) {
-    /// Particles per parallel task: a few blocks.
-    const GRAIN: usize = 2048;
-    let shapes = Shapes::new(volume, rotation);
-    let rule = Rule::of(volume);
-    // A cut shows the inside of what was closed.
-    let is_opened = view.clip_count > 0;
-    let is_opaque = matches!(rule, Rule::Surface { .. });
-    let cuts_kernels = has_edges && volume.has_boundary();
-    let task = |first: usize,
-                particles: &[ClassifiedParticle],
-                out: &mut [Footprint],
-                exact: &mut [ExactTerms],
-                surfels: &mut [SurfelTerms]| {
-        let mut any_exact = false;
-        let mut run = None;
-        for (i, particle) in particles.iter().enumerate() {
-            let block = &views[particle.view as usize];
-            // Particles of a block follow one another: what they share is found once.
-            let shapes = match &run {
-                Some((view, shapes)) if *view == particle.view => shapes,
-                _ => &run.insert((particle.view, shapes.of_block(block.block))).1,
-            };
-            let (mut offset, mut factor) = shapes.get(particle.local);
-            let piece = pieces
-                .get(first + i)
-                .filter(|piece| piece.width != 1.0 || piece.shift != 0.0);
-            let mut shift = Vec3::ZERO;
-            if let Some(piece) = piece {
-                (shift, factor) = piece.applied(shapes.axis(piece), factor);
-                offset += shift;
-            }
-            let crowding = shapes.block.crowding;
-            let origin = Vec3::from(block.origin_camera);
-            let mut kernel = Kernel {
-                centre: origin + offset,
-                factor,
-                mass: particle.mass,
-            };
-            let key = depth_key(view, block, origin, offset);
-            let filter = Filter::ALL[block.filter_kind as usize];
-            // Merged particles know of their members' opacity; pieces make up sheets.
-            let is_lone = view.sub_pixel_opacity != 0 && block.level == 0 && piece.is_none();
-            let carried = particle.carried;
-            let (mut terms, mut plane) = (None, None);
-            let near = &output.near;
-            let edges = if cuts_kernels {
-                Edges::of(
-                    view,
-                    &kernel,
-                    &rotation,
-                    shift,
-                    &shapes.edges(particle.local),
-                )
-            } else {
-                Edges::default()
-            };
-            let is_cut = is_cut || !edges.is_empty();
-            out[i] = match rule {
-                Rule::Peak { is_anti_aliased } => {
-                    // Without a depth of its own: where its centre lies.
-                    terms = is_cut.then(ExactTerms::default);
-                    splat_footprint(view, &kernel, crowding, is_anti_aliased, carried, key)
-                }
-                Rule::Surface { is_one_sided } => {
-                    let is_one_sided = is_one_sided && !is_opened;
-                    surfel(view, &kernel, is_one_sided, carried, key, &mut plane, near)
-                }
-                Rule::Translucent { is_one_sided } => {
-                    kernel.mass *= facing(view, &kernel, is_one_sided && !is_opened);
-                    footprint(
-                        view, filter, is_lone, &kernel, crowding, carried, key, is_cut, &mut terms,
-                        near,
-                    )
-                }
-                Rule::Kernel => footprint(
-                    view, filter, is_lone, &kernel, crowding, carried, key, is_cut, &mut terms,
-                    near,
-                ),
-            };
-            if edges.is_outside() {
-                (out[i].columns, out[i].rows) = (0, 0);
-            } else if !edges.is_empty() && out[i].is_visible() {
-                cut_by_edges(view, &kernel, &edges, &out[i], &mut terms, output);
-            }
-            if has_edges {
-                terms.get_or_insert_default();
-            }
-            if view.keys_begin != 0 && !is_opaque {
-                out[i].key = slab_key(view, block, origin, &kernel, &out[i]);
-            }
-            if view.show_choice != 0 {
-                let shown = choice_index(block.level, out[i].path, filter);
-                out[i].carried = Carried::of_colour(CHOICE_COLOURS[shown]);
-            }
-            if let Some(terms) = terms.filter(|_| !is_opaque) {
-                exact[i] = terms;
-                any_exact |= out[i].path == PATH_EXACT;
-            }
-            if let Some(plane) = plane {
-                surfels[i] = plane;
-            }
-        }
-        if any_exact {
-            output.any_exact.store(true, Ordering::Relaxed);
-        }
-    };
-    let tasks = footprints
-        .par_chunks_mut(GRAIN)
-        .zip(classified.par_chunks(GRAIN))
-        .enumerate()
-        .map(|(n, (out, particles))| (n * GRAIN, particles, out));
-    if is_opaque {
-        tasks
-            .zip(surfels.par_chunks_mut(GRAIN))
-            .for_each(|((first, particles, out), surfels)| {
-                task(first, particles, out, &mut [], surfels);
-            });
-    } else if exact.is_empty() {
-        tasks.for_each(|(first, particles, out)| task(first, particles, out, &mut [], &mut []));
-    } else {
-        tasks
-            .zip(exact.par_chunks_mut(GRAIN))
-            .for_each(|((first, particles, out), exact)| {
-                task(first, particles, out, exact, &mut []);
-            });
-    }
-}
-
-/// Positions and factors of a volume's particles, rotated into camera space.
-struct Shapes<'a> {
-    volume: &'a BlockedVolume,
-    rotation: Mat3,
-    /// Of a lattice: the units of its axes in camera space.
-    turned_basis: Mat3,
-    shared: Option<Factor>,
-}
-
-impl<'a> Shapes<'a> {
-    fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
-        let (turned_basis, shared) = match &volume.particles {
-            BlockedParticles::Lattice(grid) => (
-                rotation * grid.basis(),
-                grid.shared_factor()
-                    .map(|f| Factor::from_matrix(rotation * f)),
-            ),
-            _ => (rotation, None),
-        };
-        Self {
-            volume,
-            rotation,
-            turned_basis,
-            shared,
-        }
-    }
-
-    fn of_block(&self, block: u32) -> BlockShapes<'_> {
-        let cells = match &self.volume.particles {
-            BlockedParticles::Lattice(grid) => grid.cells(block),
-            _ => [[0; 2]; 3],
-        };
-        BlockShapes {
-            shapes: self,
-            block: &self.volume.blocks[block as usize],
-            cells,
-        }
-    }
-}
-
-/// The shapes of one block's particles.
-struct BlockShapes<'a> {
-    shapes: &'a Shapes<'a>,
-    block: &'a Block,
-    /// A brick's cells.
-    cells: [[usize; 2]; 3],
-}
-
-impl BlockShapes<'_> {
-    /// The axis of a piece in the frame of the factor's columns in camera space. That of a sphere has the
-    /// camera's axes, all others' turn with the kernel.
-    #[inline]
-    fn axis(&self, piece: &PieceTerms) -> Vec3 {
-        let axis = Vec3::from(piece.axis);
-        match &self.shapes.volume.particles {
-            BlockedParticles::Isotropic { .. } => self.shapes.rotation * axis,
-            _ => axis,
-        }
-    }
-
-    /// The planes that may cut a particle's kernel, world: an infinite distance where there is none.
-    fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
-        let volume = self.shapes.volume;
-        match &volume.particles {
-            BlockedParticles::Lattice(grid) => {
-                grid.edges(BrickGrid::cell(self.cells.map(|[first, _]| first), local))
-            }
-            _ => {
-                let planes = volume.boundary.as_ref();
-                let own = planes.and_then(|p| p.of((self.block.first + local) as usize));
-                own.copied().unwrap_or([NO_EDGE; MOST_EDGES])
-            }
-        }
-    }
-
-    /// Offset from the block's origin and factor, camera space.
-    #[inline]
-    fn get(&self, local: u32) -> (Vec3, Factor) {
-        let Shapes {
-            volume,
-            rotation,
-            turned_basis,
-            shared,
-        } = self.shapes;
-        let i = (self.block.first + local) as usize;
-        match &volume.particles {
-            BlockedParticles::Lattice(grid) => {
-                let cell = BrickGrid::cell(self.cells.map(|[first, _]| first), local);
-                let factor = shared.unwrap_or_else(|| grid.cell_factor(turned_basis, cell));
-                (*rotation * grid.offset(self.cells, cell), factor)
-            }
-            BlockedParticles::Isotropic { offsets, sigmas } => (
-                *rotation * Vec3::from(offsets[i]),
-                Factor::sphere(sigmas[i]),
-            ),
-            BlockedParticles::Anisotropic { offsets, factors } => (
-                *rotation * Vec3::from(offsets[i]),
-                Factor::rotated(rotation, &factors[i]),
-            ),
-            BlockedParticles::Surfels {
-                offsets, tangents, ..
-            } => (
-                *rotation * Vec3::from(offsets[i]),
-                Factor::of_tangents(rotation, &tangents[i]),
-            ),
-        }
-    }
-}
 
 /// The key of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, exact,
 /// plus a difference that f32 holds to some 22 bits of the block's size: together within 1.5 keys
 /// and four roundings of that size (`tests/frames/bounds.rs`).
 #[inline]
-fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
+pub(super) fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) -> u32 {
     let delta = if view.directional_keys != 0 {
         offset.dot(Vec3::from(view.key_axis))
     } else if view.orthographic != 0 {
@@ -348,7 +40,7 @@ fn depth_key(view: &ViewUniform, block: &BlockView, origin: Vec3, offset: Vec3) 
 
 /// The key of the depth at which a kernel begins: what lies behind the eye begins with it.
 #[inline]
-fn slab_key(
+pub(super) fn slab_key(
     view: &ViewUniform,
     block: &BlockView,
     origin: Vec3,
@@ -382,7 +74,7 @@ fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprint {
 /// The footprint of a splat whose opacity is stated: what the cut-off leaves out is not given
 /// back, the peak stays.
 #[inline]
-fn splat_footprint(
+pub(super) fn splat_footprint(
     view: &ViewUniform,
     kernel: &Kernel,
     crowding: f32,
@@ -399,14 +91,14 @@ fn splat_footprint(
     affine_part(&mut out, &screen, &image, r);
     out.tau = image.tau;
     out.path = PATH_PEAK;
-    let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    let half = affine_bounds(&image, r);
     set_bounds(view, &mut out, screen.centre_px, half);
     out
 }
 
 /// The footprint of a surfel of an opaque surface.
 #[inline]
-fn surfel(
+pub(super) fn surfel(
     view: &ViewUniform,
     kernel: &Kernel,
     is_one_sided: bool,
@@ -449,7 +141,7 @@ fn surfel(
     affine_part(&mut out, &screen, &image, r);
     out.path = PATH_SURFEL;
     let mut middle = Vec2::ZERO;
-    let mut half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    let mut half = affine_bounds(&image, r);
     if terms.homography > 0.0 {
         let h2 = view.low_pass_variance_px2;
         let Some(extent) = exact_extent(&screen, h2, r) else {
@@ -469,7 +161,7 @@ fn surfel(
 /// The cosine between a surfel's normal and the ray through its centre: what makes the optical depth
 /// of a sheet the same from every side; 0 for one that is seen from behind and has one side.
 #[inline]
-fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
+pub(super) fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
     let [a, b, _] = kernel.factor.columns();
     let unit = |v: Vec3| v / v.abs().max_element();
     let normal = unit(a).cross(unit(b));
@@ -493,7 +185,7 @@ fn facing(view: &ViewUniform, kernel: &Kernel, is_one_sided: bool) -> f32 {
     reason = "what one kernel's footprint depends on, and where its terms go"
 )]
 #[inline]
-pub(crate) fn footprint(
+pub(super) fn footprint(
     view: &ViewUniform,
     filter: Filter,
     is_lone: bool,
@@ -576,7 +268,7 @@ pub(crate) fn footprint(
             });
         }
         affine_part(&mut out, &screen, &image, r);
-        let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+        let half = affine_bounds(&image, r);
         set_bounds(view, &mut out, screen.centre_px, half);
     }
     out
@@ -592,22 +284,31 @@ fn affine_part(out: &mut Footprint, screen: &ScreenFactor, image: &ImageKernel, 
     out.cutoff_squared = r * r;
 }
 
+/// Half of the box around the cut-off `r` of an affine footprint, pixels.
+#[inline(always)]
+pub(super) fn affine_bounds(image: &ImageKernel, r: f32) -> Vec2 {
+    Vec2::new(image.a.sqrt(), image.c.sqrt()) * r
+}
+
 /// Pixels whose centres lie within `half` of `centre`.
 #[inline]
 fn set_bounds(view: &ViewUniform, out: &mut Footprint, centre: Vec2, half: Vec2) {
-    let range = |centre: f32, half: f32, size: u32| {
-        // Casts saturate, and NaN gives 0: an empty range.
-        let first = (centre - half - 0.5).ceil().max(0.0) as u32;
-        let end = ((centre + half - 0.5).floor() + 1.0).max(0.0) as u32;
-        (first < end.min(size)).then(|| pack_range(first, end.min(size)))
-    };
-    if let (Some(columns), Some(rows)) = (
-        range(centre.x, half.x, view.size[0]),
-        range(centre.y, half.y, view.size[1]),
-    ) {
-        out.columns = columns;
-        out.rows = rows;
+    let columns = pixel_range(centre.x, half.x, view.size[0]);
+    let rows = pixel_range(centre.y, half.y, view.size[1]);
+    if columns != 0 && rows != 0 {
+        (out.columns, out.rows) = (columns, rows);
     }
+}
+
+/// The pixels of `size` along an axis whose centres lie within `half` of `centre`; 0 where there are none.
+#[inline(always)]
+pub(super) fn pixel_range(centre: f32, half: f32, size: u32) -> u32 {
+    let size = size as f32;
+    // NaN gives 0: an empty range.
+    let first = (centre - half - 0.5).ceil().max(0.0);
+    let end = ((centre + half - 0.5).floor() + 1.0).max(0.0).min(size);
+    let range = pack_range(first.min(size) as u32, end as u32);
+    if first < end { range } else { 0 }
 }
 
 fn push(near: &Mutex<Vec<NearTerms>>, terms: NearTerms, path: u32) -> u32 {
@@ -622,7 +323,7 @@ fn push_at(near: &Mutex<Vec<NearTerms>>, terms: NearTerms) -> u32 {
 }
 
 /// Gives a footprint the planes at which the domain of its data cuts it.
-fn cut_by_edges(
+pub(super) fn cut_by_edges(
     view: &ViewUniform,
     kernel: &Kernel,
     edges: &Edges,
@@ -655,7 +356,7 @@ fn half_line_footprint(
     r: f32,
 ) {
     affine_part(out, screen, image, r);
-    let half = Vec2::new(image.a.sqrt(), image.c.sqrt()) * r;
+    let half = affine_bounds(image, r);
     set_bounds(view, out, screen.centre_px, half);
     if out.is_visible() {
         let h2 = view.low_pass_variance_px2;

@@ -1,11 +1,11 @@
-//! Arithmetic of the tile loops: one lane of it, written so that a loop over lanes becomes vectors.
+//! Functions of one lane, without a branch or a call, so that a loop over lanes becomes vectors.
 
 use crate::constants::EXP2_SERIES;
 use crate::math::ERFC_SERIES;
 
 /// a b + c, fused where the level has it.
 #[inline(always)]
-pub(in crate::cpu) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
+pub(crate) fn madd<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
@@ -30,7 +30,7 @@ fn exp2_parts<const FMA: bool>(y: f32) -> (f32, f32) {
 
 /// exp(-q/2) for q in \[0, 49\].
 #[inline(always)]
-pub(in crate::cpu) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
+pub(crate) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
     const SCALE: f32 = -0.5 * std::f32::consts::LOG2_E;
     let (power, rest) = exp2_parts::<FMA>(q * SCALE);
     madd::<FMA>(power, rest, power)
@@ -39,7 +39,7 @@ pub(in crate::cpu) fn exp_minus_half<const FMA: bool>(q: f32) -> f32 {
 /// Phi(x), the integral of the unit Gaussian up to x, as [`normal_cdf`](crate::math::normal_cdf) has
 /// it, by vector code: beyond 6.8 the tail stays at 1e-12.
 #[inline(always)]
-pub(in crate::cpu) fn cdf<const FMA: bool>(x: f32) -> f32 {
+pub(crate) fn cdf<const FMA: bool>(x: f32) -> f32 {
     let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
     let t = 1.0 / madd::<FMA>(0.5, z, 1.0);
     let [c0, higher @ ..] = ERFC_SERIES;
@@ -71,7 +71,7 @@ const CDF_SERIES: [f32; 13] = [
 
 /// Phi(x) within 3e-7, in a third of the time of [`cdf`]: where it is a difference that counts, not a tail.
 #[inline(always)]
-pub(in crate::cpu) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
+pub(crate) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
     const REACH: f32 = 5.0;
     let x = x.clamp(-REACH, REACH);
     let u = madd::<FMA>(x * x, 2.0 / (REACH * REACH), -1.0);
@@ -86,15 +86,71 @@ pub(in crate::cpu) fn cdf_near<const FMA: bool>(x: f32) -> f32 {
 /// 1 - exp(-tau) for tau >= 0, with a small relative error at any tau: no cancellation, because
 /// 2^n (2^f - 1) and 2^n - 1 are each exact where tau is small (n = 0).
 #[inline(always)]
-pub(in crate::cpu) fn opacity<const FMA: bool>(tau: f32) -> f32 {
+pub(crate) fn opacity<const FMA: bool>(tau: f32) -> f32 {
     // Beyond 64 the opacity is 1 in f32.
     let (power, rest) = exp2_parts::<FMA>(tau.min(64.0) * -std::f32::consts::LOG2_E);
     madd::<FMA>(-power, rest, 1.0 - power)
 }
 
+/// ln x for x from the least normal number up, within 1.2e-7 of itself or, near 1, of the distance from 1;
+/// of infinity 88.7, of NaN NaN. By twice the inverse hyperbolic tangent's series.
+#[inline(always)]
+pub(crate) fn ln(x: f32) -> f32 {
+    /// The bits of sqrt(1/2): what is left of x lies between it and its double.
+    const ROOT: u32 = 0x3f35_04f3;
+    /// ln 2 to so few digits that whole multiples of it are exact, and the rest of it.
+    const LN_2_HIGH: f32 = 0.693_359_4;
+    const LN_2_LOW: f32 = -2.121_944_4e-4;
+    let bits = x.to_bits();
+    let exponent = bits.wrapping_sub(ROOT) as i32 >> 23;
+    let rest = f32::from_bits(bits.wrapping_sub((exponent as u32) << 23));
+    let s = (rest - 1.0) / (rest + 1.0);
+    let square = s * s;
+    let series = square * (1.0 / 3.0 + square * (1.0 / 5.0 + square * (1.0 / 7.0 + square / 9.0)));
+    let whole = exponent as f32;
+    let ln = whole * LN_2_HIGH + (2.0 * s + (2.0 * s * series + whole * LN_2_LOW));
+    if x.is_nan() { x } else { ln }
+}
+
+/// sqrt(x² + y²) without squares that leave f32; of an infinite x or y infinite or NaN.
+#[inline(always)]
+pub(crate) fn hypot(x: f32, y: f32) -> f32 {
+    let (x, y) = (x.abs(), y.abs());
+    let longer = if x > y { x } else { y };
+    let ratio = if x > y { y } else { x } / longer;
+    let length = longer * (1.0 + ratio * ratio).sqrt();
+    if longer == 0.0 { 0.0 } else { length }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn logarithms_and_lengths_are_right_to_a_few_roundings() {
+        for i in -379_000..380_000 {
+            let x = 10_f64.powf(f64::from(i) * 1e-4) as f32;
+            let exact = f64::from(x).ln();
+            let error = (f64::from(ln(x)) - exact).abs();
+            assert!(error <= 2e-7 * exact.abs(), "{x}: {error}");
+            let y = x * (i % 7) as f32;
+            let exact = f64::from(x).hypot(f64::from(y));
+            let error = (f64::from(hypot(x, y)) - exact).abs();
+            assert!(
+                error <= 3e-7 * exact || exact > f64::from(f32::MAX),
+                "{x}, {y}: {error}"
+            );
+        }
+        assert_eq!(ln(1.0), 0.0);
+        assert!(ln(f32::NAN).is_nan());
+        assert_eq!((ln(f32::INFINITY) * 10.0).round(), 887.0);
+        assert_eq!(hypot(0.0, -0.0), 0.0);
+        assert_eq!(hypot(-3.0, 4.0), 5.0);
+        // The squares of both would be 0, or infinite.
+        assert_eq!(hypot(3e-30, 4e-30), 5e-30);
+        assert_eq!(hypot(3e30, 4e30), 5e30);
+        assert!(hypot(f32::NAN, 1.0).is_nan() && hypot(1.0, f32::NAN).is_nan());
+    }
 
     #[test]
     fn the_short_integral_holds_its_error() {

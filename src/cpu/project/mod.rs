@@ -1,0 +1,427 @@
+//! Stage: from particles to footprints. Twin: `shaders/project.wgsl`.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `shapes.rs` | particles in camera space |
+//! | `lanes.rs` | footprints of sixteen kernels at once |
+//! | `footprint.rs` | that of one, whatever it is |
+
+mod footprint;
+mod lanes;
+mod shapes;
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use glam::{Mat3, Vec3};
+use rayon::prelude::*;
+
+use crate::blocks::{BlockedVolume, Rule};
+use crate::constants::TILE_SIZE;
+use crate::record::{
+    BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_EXACT,
+    PieceTerms, SurfelTerms, ViewUniform,
+};
+use crate::simd::{SimdLevel, SimdWork, run_at};
+use crate::splat::{CHOICE_COLOURS, Edges, Filter, Kernel, choice_index};
+use footprint::{cut_by_edges, depth_key, facing, slab_key, splat_footprint, surfel};
+use lanes::{Batch, LANES, Shared};
+use shapes::{BlockShapes, Shapes};
+
+/// What the projection of one frame writes besides footprints.
+#[derive(Debug, Default)]
+pub struct ProjectOutput {
+    near: Mutex<Vec<NearTerms>>,
+    /// How many of them are edges alone.
+    cut_count: AtomicUsize,
+    exact_count: AtomicUsize,
+    tile_count: AtomicU64,
+}
+
+impl ProjectOutput {
+    /// Forgets the last frame.
+    pub fn clear(&mut self) {
+        self.near
+            .get_mut()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clear();
+        *self.cut_count.get_mut() = 0;
+        *self.exact_count.get_mut() = 0;
+        *self.tile_count.get_mut() = 0;
+    }
+
+    /// Terms of the kernels that cross the camera plane, few, and of those that the domain of their data
+    /// cuts, in no particular order.
+    pub fn near(&mut self) -> &[NearTerms] {
+        self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many kernels cross the camera plane.
+    pub fn near_count(&mut self) -> usize {
+        let cut = *self.cut_count.get_mut();
+        self.near().len() - cut
+    }
+
+    /// How many footprints that reach the image are on the exact path.
+    pub fn exact_count(&self) -> usize {
+        self.exact_count.load(Ordering::Relaxed)
+    }
+
+    /// How many tiles the footprints' boxes touch, all together: no fewer than lists have entries.
+    pub fn tile_count(&self) -> u64 {
+        self.tile_count.load(Ordering::Relaxed)
+    }
+}
+
+/// What the projection of a volume reads.
+#[derive(Debug, Clone, Copy)]
+pub struct ProjectInput<'a> {
+    /// The volume.
+    pub volume: &'a BlockedVolume,
+    /// Its blocks in view.
+    pub views: &'a [BlockView],
+    /// Their visible particles, block after block.
+    pub classified: &'a [ClassifiedParticle],
+    /// Where kernels are classified over their extents, what each particle's has become; empty elsewhere.
+    pub pieces: &'a [PieceTerms],
+    /// The camera.
+    pub view: &'a ViewUniform,
+    /// Its rotation, from the world.
+    pub rotation: Mat3,
+    /// Whether kernels may be cut, by surfaces, clip surfels or slabs, so that all have terms of their
+    /// depth.
+    pub is_cut: bool,
+    /// Whether the domain of its data may cut any kernel of the pass: then all have terms, which say whether
+    /// it does.
+    pub has_edges: bool,
+    /// What loops over kernels are compiled for; footprints are the same at every level.
+    pub level: SimdLevel,
+}
+
+/// Projects every particle of `input.classified`: `footprints` has its length, and so has `surfels` of surfels
+/// of opaque surfaces, `exact` of all else (empty where no filter of the frame asks for it and nothing
+/// is cut).
+pub fn project(
+    input: &ProjectInput<'_>,
+    footprints: &mut [Footprint],
+    exact: &mut [ExactTerms],
+    surfels: &mut [SurfelTerms],
+    output: &ProjectOutput,
+) {
+    /// Particles per parallel task: a few blocks.
+    const GRAIN: usize = 2048;
+    let projection = Projection::new(input, output);
+    let task = |n: usize, footprints, exact, surfels| {
+        let task = Task {
+            projection: &projection,
+            first: n * GRAIN,
+            footprints,
+            exact,
+            surfels,
+        };
+        run_at(input.level, task);
+    };
+    let tasks = footprints.par_chunks_mut(GRAIN).enumerate();
+    if matches!(projection.rule, Rule::Surface { .. }) {
+        tasks
+            .zip(surfels.par_chunks_mut(GRAIN))
+            .for_each(|((n, out), surfels)| task(n, out, &mut [], surfels));
+    } else if exact.is_empty() {
+        tasks.for_each(|(n, out)| task(n, out, &mut [], &mut []));
+    } else {
+        tasks
+            .zip(exact.par_chunks_mut(GRAIN))
+            .for_each(|((n, out), exact)| task(n, out, exact, &mut []));
+    }
+}
+
+/// What all tasks of a projection share.
+struct Projection<'a> {
+    input: &'a ProjectInput<'a>,
+    output: &'a ProjectOutput,
+    shapes: Shapes<'a>,
+    rule: Rule,
+    /// Whether a cut shows the inside of what was closed.
+    is_opened: bool,
+    cuts_kernels: bool,
+}
+
+impl<'a> Projection<'a> {
+    fn new(input: &'a ProjectInput<'a>, output: &'a ProjectOutput) -> Self {
+        Self {
+            input,
+            output,
+            shapes: Shapes::new(input.volume, input.rotation),
+            rule: Rule::of(input.volume),
+            is_opened: input.view.clip_count > 0,
+            cuts_kernels: input.has_edges && input.volume.has_boundary(),
+        }
+    }
+}
+
+/// The projection of a few blocks' particles.
+struct Task<'a> {
+    projection: &'a Projection<'a>,
+    /// Of its particles among those classified.
+    first: usize,
+    footprints: &'a mut [Footprint],
+    exact: &'a mut [ExactTerms],
+    surfels: &'a mut [SurfelTerms],
+}
+
+impl SimdWork for Task<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDTH: usize>(mut self) {
+        let ProjectInput {
+            views, classified, ..
+        } = *self.projection.input;
+        let particles = &classified[self.first..][..self.footprints.len()];
+        let mut batch = Batch::new();
+        let mut placed = [Placed::default(); LANES];
+        let mut start = 0;
+        // Particles of a block follow one another: what they share is found once.
+        while let Some(particle) = particles.get(start) {
+            let rest = &particles[start..];
+            let count = rest.iter().take_while(|p| p.view == particle.view).count();
+            let run = Run::new(self.projection, &views[particle.view as usize]);
+            for first in (start..start + count).step_by(LANES) {
+                let range = first..(first + LANES).min(start + count);
+                self.few(
+                    &run,
+                    &mut batch,
+                    &mut placed,
+                    &particles[range.clone()],
+                    range,
+                );
+            }
+            start += count;
+        }
+        let (mut exact, mut tiles) = (0, 0);
+        for footprint in self.footprints.iter().filter(|f| f.is_visible()) {
+            exact += usize::from(footprint.path == PATH_EXACT);
+            tiles += touched(footprint.column_range()) * touched(footprint.row_range());
+        }
+        let output = self.projection.output;
+        output.exact_count.fetch_add(exact, Ordering::Relaxed);
+        output.tile_count.fetch_add(tiles, Ordering::Relaxed);
+    }
+}
+
+/// How many tiles a range of pixels touches.
+#[inline(always)]
+fn touched((first, end): (u32, u32)) -> u64 {
+    let size = TILE_SIZE as u32;
+    u64::from((end - 1) / size - first / size + 1)
+}
+
+/// Particles of one block.
+struct Run<'a> {
+    view: &'a BlockView,
+    shapes: BlockShapes<'a>,
+    origin: Vec3,
+    filter: Filter,
+    /// Whether its kernels are projected in lanes, where nothing else is said of one.
+    is_in_lanes: bool,
+    /// Whether its particles know of their own opacity alone.
+    is_lone: bool,
+}
+
+impl<'a> Run<'a> {
+    fn new(projection: &'a Projection<'a>, block: &'a BlockView) -> Self {
+        let filter = Filter::ALL[block.filter_kind as usize];
+        // Merged particles know of their members' opacity.
+        let is_lone = projection.input.view.sub_pixel_opacity != 0 && block.level == 0;
+        let is_kernel = matches!(projection.rule, Rule::Kernel | Rule::Translucent { .. });
+        Self {
+            view: block,
+            shapes: projection.shapes.of_block(block.block),
+            origin: Vec3::from(block.origin_camera),
+            filter,
+            is_in_lanes: is_kernel && !is_lone && Batch::takes(filter),
+            is_lone,
+        }
+    }
+}
+
+/// A particle in camera space.
+#[derive(Clone, Copy, Default)]
+struct Placed {
+    kernel: Kernel,
+    /// From the block's origin.
+    offset: Vec3,
+    /// Of a piece: how far its centre lies from the particle's.
+    shift: Option<Vec3>,
+}
+
+impl Task<'_> {
+    /// Projects at most [`LANES`] particles of a run.
+    #[inline(always)]
+    fn few(
+        &mut self,
+        run: &Run<'_>,
+        batch: &mut Batch,
+        placed: &mut [Placed; LANES],
+        particles: &[ClassifiedParticle],
+        range: Range<usize>,
+    ) {
+        let projection = self.projection;
+        let ProjectInput {
+            view,
+            is_cut,
+            has_edges,
+            ..
+        } = *projection.input;
+        for (lane, (particle, placed)) in particles.iter().zip(placed.iter_mut()).enumerate() {
+            *placed = projection.placed(run, particle, self.first + range.start + lane);
+            if run.is_in_lanes {
+                batch.set(lane, &placed.kernel);
+            }
+        }
+        if run.is_in_lanes {
+            batch.project(Shared {
+                view,
+                filter: run.filter,
+                crowding: run.shapes.block.crowding,
+                is_cut,
+            });
+        }
+        let is_opaque = matches!(projection.rule, Rule::Surface { .. });
+        for (lane, (particle, i)) in particles.iter().zip(range).enumerate() {
+            let Placed {
+                kernel,
+                offset,
+                shift,
+            } = placed[lane];
+            let edges = if projection.cuts_kernels {
+                let planes = run.shapes.edges(particle.local);
+                let moved = shift.unwrap_or_default();
+                Edges::of(view, &kernel, &projection.input.rotation, moved, &planes)
+            } else {
+                Edges::default()
+            };
+            let key = depth_key(view, run.view, run.origin, offset);
+            let carried = particle.carried;
+            let is_uncut = edges.is_empty() && !edges.is_outside();
+            let (mut terms, mut plane) = (None, None);
+            let mut out;
+            if run.is_in_lanes && is_uncut && batch.is_plain(lane) {
+                out = batch.footprint(lane, carried, key);
+                terms = batch.terms(lane, is_cut);
+            } else {
+                let own = Own {
+                    kernel: &kernel,
+                    edges: &edges,
+                    // Pieces make up sheets.
+                    is_lone: run.is_lone && shift.is_none(),
+                    carried,
+                    key,
+                };
+                out = projection.by_itself(run, &own, &mut terms, &mut plane);
+            }
+            if has_edges {
+                terms.get_or_insert_default();
+            }
+            if view.keys_begin != 0 && !is_opaque {
+                out.key = slab_key(view, run.view, run.origin, &kernel, &out);
+            }
+            if view.show_choice != 0 {
+                let shown = choice_index(run.view.level, out.path, run.filter);
+                out.carried = Carried::of_colour(CHOICE_COLOURS[shown]);
+            }
+            self.footprints[i] = out;
+            if let (Some(terms), Some(own)) = (terms, self.exact.get_mut(i)) {
+                *own = terms;
+            }
+            if let (Some(plane), Some(own)) = (plane, self.surfels.get_mut(i)) {
+                *own = plane;
+            }
+        }
+    }
+}
+
+/// What one particle's footprint depends on besides its block.
+struct Own<'a> {
+    kernel: &'a Kernel,
+    edges: &'a Edges,
+    is_lone: bool,
+    carried: Carried,
+    key: u32,
+}
+
+impl Projection<'_> {
+    /// A particle's kernel where it lies, as its piece and its normal make it.
+    ///
+    /// - `index`: among all that are classified.
+    #[inline(always)]
+    fn placed(&self, run: &Run<'_>, particle: &ClassifiedParticle, index: usize) -> Placed {
+        let ProjectInput { pieces, view, .. } = *self.input;
+        let (mut offset, mut factor) = run.shapes.get(particle.local);
+        let piece = pieces
+            .get(index)
+            .filter(|piece| piece.width != 1.0 || piece.shift != 0.0);
+        let mut shift = None;
+        if let Some(piece) = piece {
+            let moved;
+            (moved, factor) = piece.applied(run.shapes.axis(piece), factor);
+            offset += moved;
+            shift = Some(moved);
+        }
+        let mut kernel = Kernel {
+            centre: run.origin + offset,
+            factor,
+            mass: particle.mass,
+        };
+        if let Rule::Translucent { is_one_sided } = self.rule {
+            kernel.mass *= facing(view, &kernel, is_one_sided && !self.is_opened);
+        }
+        Placed {
+            kernel,
+            offset,
+            shift,
+        }
+    }
+
+    /// The footprint of one particle: what lanes do not come to.
+    #[inline(never)]
+    fn by_itself(
+        &self,
+        run: &Run<'_>,
+        own: &Own<'_>,
+        terms: &mut Option<ExactTerms>,
+        plane: &mut Option<SurfelTerms>,
+    ) -> Footprint {
+        let Own {
+            kernel,
+            edges,
+            is_lone,
+            carried,
+            key,
+        } = *own;
+        let (view, near) = (self.input.view, &self.output.near);
+        let crowding = run.shapes.block.crowding;
+        let is_cut = self.input.is_cut || !edges.is_empty();
+        let mut out = match self.rule {
+            Rule::Peak { is_anti_aliased } => {
+                // Without a depth of its own: where its centre lies.
+                *terms = is_cut.then(ExactTerms::default);
+                splat_footprint(view, kernel, crowding, is_anti_aliased, carried, key)
+            }
+            Rule::Surface { is_one_sided } => {
+                let is_one_sided = is_one_sided && !self.is_opened;
+                surfel(view, kernel, is_one_sided, carried, key, plane, near)
+            }
+            Rule::Translucent { .. } | Rule::Kernel => footprint::footprint(
+                view, run.filter, is_lone, kernel, crowding, carried, key, is_cut, terms, near,
+            ),
+        };
+        if edges.is_outside() {
+            (out.columns, out.rows) = (0, 0);
+        } else if !edges.is_empty() && out.is_visible() {
+            cut_by_edges(view, kernel, edges, &out, terms, self.output);
+        }
+        out
+    }
+}

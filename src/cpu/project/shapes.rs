@@ -1,0 +1,118 @@
+//! Places and shapes of particles in camera space.
+
+use glam::{Mat3, Vec3};
+
+use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
+use crate::constants::MOST_EDGES;
+use crate::math::Factor;
+use crate::record::PieceTerms;
+use crate::scene::NO_EDGE;
+
+/// Positions and factors of a volume's particles, rotated into camera space.
+pub(super) struct Shapes<'a> {
+    volume: &'a BlockedVolume,
+    rotation: Mat3,
+    /// Of a lattice: the units of its axes in camera space.
+    turned_basis: Mat3,
+    shared: Option<Factor>,
+}
+
+impl<'a> Shapes<'a> {
+    pub(super) fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
+        let (turned_basis, shared) = match &volume.particles {
+            BlockedParticles::Lattice(grid) => (
+                rotation * grid.basis(),
+                grid.shared_factor()
+                    .map(|f| Factor::from_matrix(rotation * f)),
+            ),
+            _ => (rotation, None),
+        };
+        Self {
+            volume,
+            rotation,
+            turned_basis,
+            shared,
+        }
+    }
+
+    pub(super) fn of_block(&self, block: u32) -> BlockShapes<'_> {
+        let cells = match &self.volume.particles {
+            BlockedParticles::Lattice(grid) => grid.cells(block),
+            _ => [[0; 2]; 3],
+        };
+        BlockShapes {
+            shapes: self,
+            block: &self.volume.blocks[block as usize],
+            cells,
+        }
+    }
+}
+
+/// The shapes of one block's particles.
+pub(super) struct BlockShapes<'a> {
+    shapes: &'a Shapes<'a>,
+    pub(super) block: &'a Block,
+    /// A brick's cells.
+    cells: [[usize; 2]; 3],
+}
+
+impl BlockShapes<'_> {
+    /// The axis of a piece in the frame of the factor's columns in camera space. That of a sphere has the
+    /// camera's axes, all others' turn with the kernel.
+    #[inline]
+    pub(super) fn axis(&self, piece: &PieceTerms) -> Vec3 {
+        let axis = Vec3::from(piece.axis);
+        match &self.shapes.volume.particles {
+            BlockedParticles::Isotropic { .. } => self.shapes.rotation * axis,
+            _ => axis,
+        }
+    }
+
+    /// The planes that may cut a particle's kernel, world: an infinite distance where there is none.
+    pub(super) fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
+        let volume = self.shapes.volume;
+        match &volume.particles {
+            BlockedParticles::Lattice(grid) => {
+                grid.edges(BrickGrid::cell(self.cells.map(|[first, _]| first), local))
+            }
+            _ => {
+                let planes = volume.boundary.as_ref();
+                let own = planes.and_then(|p| p.of((self.block.first + local) as usize));
+                own.copied().unwrap_or([NO_EDGE; MOST_EDGES])
+            }
+        }
+    }
+
+    /// Offset from the block's origin and factor, camera space.
+    #[inline]
+    pub(super) fn get(&self, local: u32) -> (Vec3, Factor) {
+        let Shapes {
+            volume,
+            rotation,
+            turned_basis,
+            shared,
+        } = self.shapes;
+        let i = (self.block.first + local) as usize;
+        match &volume.particles {
+            BlockedParticles::Lattice(grid) => {
+                let cell = BrickGrid::cell(self.cells.map(|[first, _]| first), local);
+                let factor = shared.unwrap_or_else(|| grid.cell_factor(turned_basis, cell));
+                (*rotation * grid.offset(self.cells, cell), factor)
+            }
+            BlockedParticles::Isotropic { offsets, sigmas } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::sphere(sigmas[i]),
+            ),
+            BlockedParticles::Anisotropic { offsets, factors } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::rotated(rotation, &factors[i]),
+            ),
+            BlockedParticles::Surfels {
+                offsets, tangents, ..
+            } => (
+                *rotation * Vec3::from(offsets[i]),
+                Factor::of_tangents(rotation, &tangents[i]),
+            ),
+        }
+    }
+}
