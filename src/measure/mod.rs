@@ -3,7 +3,8 @@
 //! [`compare`] gives the figures of two images, [`difference`] a picture of where they differ.
 //! [`sweep`] draws a scene in every way that [`variants`] lists, times each and holds it against
 //! the true image; its [`Report`] is plain data with writers for JSON, CSV and (feature `report`)
-//! a page with plots.
+//! a page with plots. [`ErrorSample`] measures a picture's error in a sample of its tiles, and finds the tolerance
+//! that just keeps a promise.
 
 mod band;
 mod difference;
@@ -13,6 +14,7 @@ mod front;
 #[cfg(feature = "report")]
 mod html;
 mod report;
+mod sampled;
 mod ssim;
 mod sweep;
 #[cfg(test)]
@@ -27,6 +29,7 @@ pub use report::{
     About, Budget, BudgetRow, CameraSummary, Cost, Machine, Picture, ReferenceSummary, Report, Row,
     Saving, SettingsSummary,
 };
+pub use sampled::{ErrorSample, SampledError};
 pub use ssim::ssim;
 pub use sweep::{Resampling, Subject, SweepOptions, SweepProgress, sweep};
 pub use variants::{

@@ -69,6 +69,7 @@ mod reference;
 mod reference_data;
 mod render_laws;
 mod ripple_pictures;
+mod sampled_error;
 mod shading;
 mod simd_levels;
 mod stages;

@@ -1,0 +1,260 @@
+//! What a picture errs by, from a sample of it: tiles drawn again with everything exact; and the tolerance
+//! that a scene bears.
+//!
+//! Bounds of errors are of kernels in the worst places. What they come to in a picture is measured: a
+//! tile of it is a picture of its own, of the same camera with a window of sixteen pixels, so that a
+//! hundredth of a picture costs about a hundredth.
+
+use crate::constants::TILE_SIZE;
+use crate::error::Result;
+use crate::image::Image;
+use crate::measure::accurate;
+use crate::render::{Renderer, Settings};
+use crate::view::Camera;
+use glam::{DVec2, DVec3};
+use serde::Serialize;
+
+/// Tiles of a sample at least, if a picture has so many that show anything.
+const LEAST_TILES: usize = 16;
+/// One tile of so many is drawn again.
+const STRIDE: usize = 100;
+/// The share of numbers that the stated error holds for, as [`Settings::tolerance`] promises.
+const SHARE: f64 = 0.999;
+/// How the tolerance grows from try to try.
+const GROWTH: f32 = std::f32::consts::SQRT_2;
+/// Tries of a calibration, to either side: 2^(12/2) = 64 times the tolerance, or a 64th.
+const TRIES: i32 = 12;
+
+/// The difference of a picture from the same scene with everything exact, over a sample of its tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SampledError {
+    /// What 99.9 % of the sample's numbers stay below: colours, premultiplied and linear, and opacities.
+    pub percentile_999: f32,
+    /// The greatest.
+    pub greatest: f32,
+    /// Tiles of 16 x 16 pixels that were drawn again: an equal number of each depth complexity.
+    pub tiles: usize,
+    /// Their pixels.
+    pub pixels: usize,
+}
+
+/// A sample of a picture's tiles, drawn with everything exact: what its errors are measured against.
+///
+/// Tiles are ordered by depth complexity, as how many blocks of particles lie behind them, and cut into
+/// strata of as many tiles each; one of each stratum is drawn. Empty tiles, which never err, are left out, so
+/// that the figures are of what is seen. The same picture has the same sample.
+#[derive(Debug, Clone)]
+pub struct ErrorSample {
+    camera: Camera,
+    settings: Settings,
+    /// The first pixel of each tile, and its true picture.
+    tiles: Vec<([usize; 2], Image)>,
+}
+
+impl ErrorSample {
+    /// Draws the sample: a hundredth of the tiles that show anything, sixteen of them at least.
+    ///
+    /// - `settings`: those of the picture. Layers whose thickness they leave open should have that of the
+    ///   picture ([`Renderer::layers`]), because it follows from what is in view.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub fn draw(renderer: &mut Renderer, camera: &Camera, settings: &Settings) -> Result<Self> {
+        let settings = Settings {
+            depth: false,
+            normals: false,
+            ..settings.clone()
+        };
+        let finest = (settings.tolerance / STRIDE as f32).min(1e-4);
+        let exact = Settings {
+            tolerance: finest,
+            ..accurate(&settings)
+        };
+        let mut tiles = Vec::new();
+        for tile in chosen(camera, &renderer.visible_boxes()) {
+            let image = renderer.render(&window(camera, tile), &exact)?;
+            tiles.push((tile, image.clone()));
+        }
+        Ok(Self {
+            camera: camera.clone(),
+            settings,
+            tiles,
+        })
+    }
+
+    /// What a picture of the sample's camera errs by; nothing where no tile shows anything.
+    ///
+    /// # Panics
+    /// Where it is smaller than the camera's.
+    pub fn error_of(&self, image: &Image) -> SampledError {
+        let mut differences = Differences::default();
+        for ([x0, y0], truth) in &self.tiles {
+            for y in 0..truth.height {
+                for x in 0..truth.width {
+                    differences.add(truth.pixel(x, y), image.pixel(x0 + x, y0 + y));
+                }
+            }
+        }
+        differences.summary(self.tiles.len())
+    }
+
+    /// What the sample's tiles err by when they are drawn at a tolerance.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub fn error_at(&self, renderer: &mut Renderer, tolerance: f32) -> Result<SampledError> {
+        let settings = Settings {
+            tolerance,
+            ..self.settings.clone()
+        };
+        let mut differences = Differences::default();
+        for (tile, truth) in &self.tiles {
+            let image = renderer.render(&window(&self.camera, *tile), &settings)?;
+            for (exact, drawn) in truth.pixels.iter().zip(&image.pixels) {
+                differences.add(*exact, *drawn);
+            }
+        }
+        Ok(differences.summary(self.tiles.len()))
+    }
+
+    /// The tolerance to draw the picture at so that what is measured just fits the one that was asked for, and
+    /// what the sample errs by then: most often greater, because bounds are of the worst case; less
+    /// where even the one that was asked for errs by more.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub fn calibrated(&self, renderer: &mut Renderer) -> Result<(f32, SampledError)> {
+        let asked = self.settings.tolerance;
+        let mut fitting = (asked, self.error_at(renderer, asked)?);
+        let fits = |error: &SampledError| error.percentile_999 <= asked;
+        let is_wide = fits(&fitting.1);
+        for step in 1..=TRIES {
+            let power = GROWTH.powi(step);
+            let tolerance = if is_wide {
+                asked * power
+            } else {
+                asked / power
+            };
+            if tolerance >= 1.0 {
+                break;
+            }
+            let error = self.error_at(renderer, tolerance)?;
+            let does_fit = fits(&error);
+            if !is_wide || does_fit {
+                fitting = (tolerance, error);
+            }
+            // The last that fits, or the first.
+            if is_wide != does_fit {
+                break;
+            }
+        }
+        Ok(fitting)
+    }
+}
+
+/// The part of a camera's picture that one tile shows.
+fn window(camera: &Camera, [x, y]: [usize; 2]) -> Camera {
+    Camera {
+        centre_px: camera.centre_px - DVec2::new(x as f64, y as f64),
+        width: TILE_SIZE.min(camera.width - x),
+        height: TILE_SIZE.min(camera.height - y),
+        ..camera.clone()
+    }
+}
+
+/// The first pixels of the tiles of a sample.
+///
+/// - `boxes`: middles and half extents of what may be seen.
+fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
+    let columns = camera.width.div_ceil(TILE_SIZE);
+    let rows = camera.height.div_ceil(TILE_SIZE);
+    let mut depths = vec![0_u32; columns * rows];
+    for &(middle, half) in boxes {
+        let Some([[x0, y0], [x1, y1]]) = tiles_of(camera, middle, half, [columns, rows]) else {
+            continue;
+        };
+        for y in y0..y1 {
+            for depth in &mut depths[y * columns + x0..y * columns + x1] {
+                *depth += 1;
+            }
+        }
+    }
+    let mut tiles: Vec<usize> = (0..depths.len()).filter(|&t| depths[t] > 0).collect();
+    tiles.sort_by_key(|&t| depths[t]);
+    let count = tiles
+        .len()
+        .div_ceil(STRIDE)
+        .max(LEAST_TILES)
+        .min(tiles.len());
+    (0..count)
+        .map(|n| {
+            let stratum = n * tiles.len() / count..(n + 1) * tiles.len() / count;
+            // Anywhere within the stratum, but the same each time: steps of the golden ratio.
+            let place = (n as f64 * 0.618_033_988_75).fract() * stratum.len() as f64;
+            let tile = tiles[stratum.start + (place as usize).min(stratum.len() - 1)];
+            [tile % columns, tile / columns].map(|at| at * TILE_SIZE)
+        })
+        .collect()
+}
+
+/// The first and one past the last columns and rows of tiles that a box may touch; `None` where it lies outside.
+/// A box around the eye touches all.
+fn tiles_of(
+    camera: &Camera,
+    middle: DVec3,
+    half: DVec3,
+    tiles: [usize; 2],
+) -> Option<[[usize; 2]; 2]> {
+    let mut low = DVec2::INFINITY;
+    let mut high = DVec2::NEG_INFINITY;
+    let mut ahead = 0;
+    for corner in 0..8 {
+        let sign = |bit: i32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
+        let place = middle + half * DVec3::new(sign(0), sign(1), sign(2));
+        if let Some(px) = camera.project(place) {
+            (low, high) = (low.min(px), high.max(px));
+            ahead += 1;
+        }
+    }
+    match ahead {
+        0 => return None,
+        8 => {}
+        _ => return Some([[0, 0], tiles]),
+    }
+    let size = TILE_SIZE as f64;
+    // Casts saturate: what lies beside the picture ends at its edge.
+    let range = |low: f64, high: f64, count: usize| {
+        let first = (low / size).floor().max(0.0) as usize;
+        let end = ((high / size).floor() + 1.0).clamp(0.0, count as f64) as usize;
+        (first < end).then_some([first, end])
+    };
+    let ([x0, x1], [y0, y1]) = (
+        range(low.x, high.x, tiles[0])?,
+        range(low.y, high.y, tiles[1])?,
+    );
+    Some([[x0, y0], [x1, y1]])
+}
+
+/// Absolute differences of all numbers of pixels.
+#[derive(Debug, Default)]
+struct Differences(Vec<f32>);
+
+impl Differences {
+    fn add(&mut self, exact: [f32; 4], drawn: [f32; 4]) {
+        let differences = exact.iter().zip(drawn).map(|(a, b)| (a - b).abs());
+        self.0.extend(differences);
+    }
+
+    fn summary(mut self, tiles: usize) -> SampledError {
+        // NaN comes last: it is the greatest.
+        self.0.sort_unstable_by(f32::total_cmp);
+        let rank = (self.0.len() as f64 * SHARE).ceil() as usize;
+        let at = |i: usize| self.0.get(i).copied().unwrap_or(0.0);
+        SampledError {
+            percentile_999: at(rank.saturating_sub(1)),
+            greatest: at(self.0.len().saturating_sub(1)),
+            tiles,
+            pixels: self.0.len() / 4,
+        }
+    }
+}
