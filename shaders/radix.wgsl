@@ -1,63 +1,58 @@
-// Stable sort of pairs (key, value) by the keys' low bits, RADIX_BITS of them a pass: digits counted per workgroup,
-// prefix sums of the counts (scan.wgsl), places.
+// Stable sort of pairs (key, value) by bits of the keys, a digit a pass, least first. A pass is three dispatches: digits
+// counted per workgroup, prefix sums of the counts, places.
 // No twin: the stage's is a library's radix sort; tests/frames/gpu_sort.rs holds it to that.
 
+// Digits at most: one per thread.
 const RADIX: u32 = 1u << RADIX_BITS;
-// Consecutive pairs per thread.
-const RUN: u32 = RADIX_GROUP / THREADS;
-// Rows of words that hold two counters each.
-const ROWS: u32 = RADIX / 2u;
 
-struct RadixPlan {
+struct RadixPass {
+    // The lowest bit of the digit.
+    shift: u32,
+    // How many digits there are: a power of two.
+    digits: u32,
     // Which word of `counts` says how many pairs there are.
     count_index: u32,
     capacity: u32,
 }
 
-struct RadixState {
-    // Pairs.
-    count: u32,
-    // Workgroups that have any.
-    groups: u32,
-    // Counts in `table`.
-    table_length: u32,
+@group(0) @binding(0) var<uniform> radix_pass: RadixPass;
+@group(0) @binding(1) var<storage, read> counts: array<u32>;
+
+fn digit(key: u32) -> u32 {
+    return (key >> radix_pass.shift) & (radix_pass.digits - 1u);
 }
 
-@group(0) @binding(0) var<uniform> plan: RadixPlan;
-@group(0) @binding(1) var<storage, read> counts: array<u32>;
-@group(0) @binding(2) var<storage, read_write> new_state: RadixState;
-@group(0) @binding(3) var<storage, read_write> new_arguments: array<u32, 3>;
+fn pair_count() -> u32 {
+    return min(counts[radix_pass.count_index], radix_pass.capacity);
+}
+
+// Pairs of a workgroup: as many tiles as leave no more than RADIX_GROUPS workgroups, so that their counts stay few.
+fn group_length(count: u32) -> u32 {
+    let tiles = max((count + RADIX_TILE - 1u) / RADIX_TILE, 1u);
+    return (tiles + RADIX_GROUPS - 1u) / RADIX_GROUPS * RADIX_TILE;
+}
+
+// Workgroups that have pairs.
+fn group_count(count: u32) -> u32 {
+    let length = group_length(count);
+    return (count + length - 1u) / length;
+}
+
+// Of a dispatch over the workgroups that have pairs.
+@group(0) @binding(2) var<storage, read_write> new_arguments: array<u32, 3>;
 
 @compute @workgroup_size(1)
 fn radix_prepare() {
-    let count = min(counts[plan.count_index], plan.capacity);
-    let groups = (count + RADIX_GROUP - 1u) / RADIX_GROUP;
-    new_state = RadixState(count, groups, RADIX * groups);
-    let arguments = folded(groups);
-    new_arguments = array<u32, 3>(arguments.x, arguments.y, arguments.z);
+    new_arguments = array<u32, 3>(group_count(pair_count()), 1u, 1u);
 }
 
-struct RadixPass {
-    // The lowest bit of the digit.
-    shift: u32,
-}
-
-@group(0) @binding(0) var<uniform> radix_pass: RadixPass;
-@group(0) @binding(1) var<storage, read> state: RadixState;
-// Four keys or values at a time.
-@group(0) @binding(2) var<storage, read> source_keys: array<vec4<u32>>;
-@group(0) @binding(3) var<storage, read> source_values: array<vec4<u32>>;
-// Digit by digit, a count per workgroup; then what lies before them.
-@group(0) @binding(4) var<storage, read_write> table: array<u32>;
-@group(0) @binding(5) var<storage, read_write> sorted_keys: array<u32>;
-@group(0) @binding(6) var<storage, read_write> sorted_values: array<u32>;
-
-fn digit(key: u32) -> u32 {
-    return (key >> radix_pass.shift) & (RADIX - 1u);
-}
+// Digit by digit, a count per workgroup; then what the workgroups before it have.
+@group(0) @binding(2) var<storage, read_write> new_table: array<u32>;
+// Four keys at a time.
+@group(0) @binding(3) var<storage, read> four_keys: array<vec4<u32>>;
 
 // So many copies of a counter, lest equal digits of neighbours wait for each other.
-const COPIES: u32 = 16u;
+const COPIES: u32 = 8u;
 var<workgroup> histogram: array<atomic<u32>, RADIX * COPIES>;
 
 @compute @workgroup_size(THREADS)
@@ -65,49 +60,107 @@ fn radix_count(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let index = group_index(group);
-    atomicStore(&histogram[thread], 0u);
+    let count = pair_count();
+    let groups = group_count(count);
+    for (var i = thread; i < RADIX * COPIES; i = i + THREADS) {
+        atomicStore(&histogram[i], 0u);
+    }
     workgroupBarrier();
-    for (var part = 0u; part < RUN / 4u; part = part + 1u) {
-        let word = index * (RADIX_GROUP / 4u) + part * THREADS + thread;
-        if 4u * word < state.count {
-            let keys = source_keys[word];
-            for (var i = 0u; i < 4u; i = i + 1u) {
-                if 4u * word + i < state.count {
-                    atomicAdd(&histogram[digit(keys[i]) * COPIES + thread % COPIES], 1u);
-                }
+    let first = group.x * group_length(count);
+    let end = first + min(group_length(count), count - first);
+    for (var word = first / 4u + thread; 4u * word < end; word = word + THREADS) {
+        let keys = four_keys[word];
+        for (var i = 0u; i < 4u; i = i + 1u) {
+            if 4u * word + i < end {
+                atomicAdd(&histogram[digit(keys[i]) * COPIES + thread % COPIES], 1u);
             }
         }
     }
     workgroupBarrier();
-    if thread < RADIX && index < state.groups {
-        var count = 0u;
+    if thread < radix_pass.digits {
+        var sum = 0u;
         for (var copy = 0u; copy < COPIES; copy = copy + 1u) {
-            count = count + atomicLoad(&histogram[thread * COPIES + copy]);
+            sum = sum + atomicLoad(&histogram[thread * COPIES + copy]);
         }
-        table[thread * state.groups + index] = count;
+        new_table[thread * groups + group.x] = sum;
     }
 }
 
-// A counter per thread and digit, those of the digits d and d + ROWS in one word: row d, column `thread`. Later the
-// sorted keys, then values: as many.
-var<workgroup> shared_words: array<u32, ROWS * THREADS / 32u * 33u>;
-// What added to a pair's place in the workgroup makes its place among all, by digit.
+// Pairs of each digit.
+@group(0) @binding(3) var<storage, read_write> new_totals: array<u32>;
+
+// Threads that scan a digit's counts.
+const SCANNERS: u32 = THREADS / RADIX_SCANNED;
+var<workgroup> run_sums: array<u32, THREADS>;
+
+@compute @workgroup_size(THREADS)
+fn radix_scan(
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+) {
+    let groups = group_count(pair_count());
+    let own_digit = group.x * RADIX_SCANNED + thread / SCANNERS;
+    // Each thread has a run of the digit's counts.
+    let scanner = thread % SCANNERS;
+    let run = (groups + SCANNERS - 1u) / SCANNERS;
+    let first = own_digit * groups + min(scanner * run, groups);
+    var end = own_digit * groups + min((scanner + 1u) * run, groups);
+    if own_digit >= radix_pass.digits {
+        end = first;
+    }
+    var sum = 0u;
+    for (var i = first; i < end; i = i + 1u) {
+        sum = sum + new_table[i];
+    }
+    run_sums[thread] = sum;
+    workgroupBarrier();
+    var before = 0u;
+    for (var other = thread - scanner; other < thread; other = other + 1u) {
+        before = before + run_sums[other];
+    }
+    for (var i = first; i < end; i = i + 1u) {
+        let count = new_table[i];
+        new_table[i] = before;
+        before = before + count;
+    }
+    if scanner == SCANNERS - 1u && own_digit < radix_pass.digits {
+        new_totals[own_digit] = before;
+    }
+}
+
+@group(0) @binding(2) var<storage, read> table: array<u32>;
+@group(0) @binding(3) var<storage, read> source_keys: array<u32>;
+@group(0) @binding(4) var<storage, read> source_values: array<u32>;
+@group(0) @binding(5) var<storage, read> totals: array<u32>;
+@group(0) @binding(6) var<storage, read_write> sorted_keys: array<u32>;
+@group(0) @binding(7) var<storage, read_write> sorted_values: array<u32>;
+
+// Pairs of a tile per thread.
+const RUN: u32 = RADIX_TILE / THREADS;
+// Threads that mark a digit in one word, a bit each: a row. Each row has consecutive pairs of the tile, ROW at a time.
+const ROW: u32 = 32u;
+const ROWS: u32 = THREADS / ROW;
+
+// Row by row a word per digit: which of the row's threads have a pair of that digit. Later the tile's keys, then values,
+// in order: as many.
+var<workgroup> shared_words: array<atomic<u32>, ROWS * RADIX>;
+// Pairs of a row per digit, those of two rows in one word. None overflows: a tile has RADIX_TILE pairs. Then the place
+// in the tile of a row's first pair of that digit.
+var<workgroup> row_counts: array<atomic<u32>, ROWS / 2u * RADIX>;
+// What added to a pair's place in the tile makes its place among all, by digit.
 var<workgroup> offsets: array<u32, RADIX>;
 
-// Where in `shared_words`: a word of padding after 32 keeps the threads' runs of ROWS words off each other's banks.
-fn padded(i: u32) -> u32 {
-    return i + i / 32u;
+// The word of a row's count, and the lowest bit of it in its word.
+fn row_word(row: u32, digit: u32) -> u32 {
+    return row / 2u * RADIX + digit;
 }
 
-// The word of a thread's counter.
-fn counter(digit: u32, thread: u32) -> u32 {
-    return padded(digit % ROWS * THREADS + thread);
+fn row_shift(row: u32) -> u32 {
+    return row % 2u * 16u;
 }
 
-// The lowest bit of the counter in its word.
-fn half_shift(digit: u32) -> u32 {
-    return digit / ROWS * 16u;
+fn row_count(row: u32, digit: u32) -> u32 {
+    return (atomicLoad(&row_counts[row_word(row, digit)]) >> row_shift(row)) & 0xffffu;
 }
 
 @compute @workgroup_size(THREADS)
@@ -115,93 +168,117 @@ fn radix_scatter(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) group: vec3<u32>,
 ) {
-    let index = group_index(group);
-    // Pairs of the workgroup, and of the thread: all are its first ones.
-    let length = min(state.count - min(index * RADIX_GROUP, state.count), RADIX_GROUP);
-    let own = min(length - min(thread * RUN, length), RUN);
-    let first_word = (index * RADIX_GROUP + thread * RUN) / 4u;
-    var keys: array<u32, RUN>;
-    var values: array<u32, RUN>;
-    for (var part = 0u; part < RUN / 4u; part = part + 1u) {
-        if 4u * part < own {
-            let four_keys = source_keys[first_word + part];
-            let four_values = source_values[first_word + part];
-            for (var i = 0u; i < 4u; i = i + 1u) {
-                keys[4u * part + i] = four_keys[i];
-                values[4u * part + i] = four_values[i];
+    let count = pair_count();
+    let groups = group_count(count);
+    let row = thread / ROW;
+    let bit = 1u << (thread % ROW);
+    // The thread's first pair in a tile.
+    let first_own = row * ROW * RUN + thread % ROW;
+
+    // Where the next pair of the digit `thread` goes: after all of lesser digits and those of the workgroups before.
+    var total = 0u;
+    if thread < radix_pass.digits {
+        total = totals[thread];
+    }
+    var next = scan_threads(thread, total);
+    if thread < radix_pass.digits {
+        next = next + table[thread * groups + group.x];
+    }
+
+    let first = group.x * group_length(count);
+    let end = first + min(group_length(count), count - first);
+    for (var tile = first; tile < end; tile = tile + RADIX_TILE) {
+        let length = min(end - tile, RADIX_TILE);
+        var keys: array<u32, RUN>;
+        var values: array<u32, RUN>;
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            let own = first_own + i * ROW;
+            if own < length {
+                keys[i] = source_keys[tile + own];
+                values[i] = source_values[tile + own];
             }
         }
-    }
+        // The last tile's readers are done.
+        workgroupBarrier();
+        for (var i = thread; i < ROWS * RADIX; i = i + THREADS) {
+            atomicStore(&shared_words[i], 0u);
+        }
+        for (var i = thread; i < ROWS / 2u * RADIX; i = i + THREADS) {
+            atomicStore(&row_counts[i], 0u);
+        }
+        workgroupBarrier();
 
-    // How many of the thread's pairs before each have its digit.
-    var places: array<u32, RUN>;
-    for (var row = 0u; row < ROWS; row = row + 1u) {
-        shared_words[counter(row, thread)] = 0u;
-    }
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        if i < own {
+        // How many of the row's pairs before each have its digit: those of earlier turns, and the lower bits.
+        var places: array<u32, RUN>;
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            let has_pair = first_own + i * ROW < length;
             let d = digit(keys[i]);
-            let at = counter(d, thread);
-            let word = shared_words[at];
-            places[i] = (word >> half_shift(d)) & 0xffffu;
-            shared_words[at] = word + (1u << half_shift(d));
+            let at = row * RADIX + d;
+            if has_pair {
+                atomicOr(&shared_words[at], bit);
+            }
+            workgroupBarrier();
+            var marked = 0u;
+            if has_pair {
+                marked = atomicLoad(&shared_words[at]);
+                places[i] = row_count(row, d) + countOneBits(marked & (bit - 1u));
+            }
+            workgroupBarrier();
+            // The first of its digit counts for all.
+            if has_pair && (marked & (bit - 1u)) == 0u {
+                atomicAdd(&row_counts[row_word(row, d)], countOneBits(marked) << row_shift(row));
+                atomicStore(&shared_words[at], 0u);
+            }
+            workgroupBarrier();
         }
-    }
-    workgroupBarrier();
 
-    // The counters become sums of those before them, digit by digit: both halves of the words at once, then the upper
-    // ones go after all of the lower. No half overflows: the workgroup has RADIX_GROUP pairs.
-    var sum = 0u;
-    for (var i = 0u; i < ROWS; i = i + 1u) {
-        sum = sum + shared_words[padded(thread * ROWS + i)];
-    }
-    var before = scan_threads(thread, sum);
-    before = before + (scan_total << 16u);
-    for (var i = 0u; i < ROWS; i = i + 1u) {
-        let at = padded(thread * ROWS + i);
-        let count = shared_words[at];
-        shared_words[at] = before;
-        before = before + count;
-    }
-    workgroupBarrier();
+        // Of the digit `thread`: the rows' counts become sums of those before them, digit by digit.
+        var sum = 0u;
+        for (var i = thread; i < ROWS / 2u * RADIX; i = i + RADIX) {
+            let two = atomicLoad(&row_counts[i]);
+            sum = sum + (two & 0xffffu) + (two >> 16u);
+        }
+        let start = scan_threads(thread, sum);
+        var before = start;
+        for (var i = thread; i < ROWS / 2u * RADIX; i = i + RADIX) {
+            let two = atomicLoad(&row_counts[i]);
+            let second = before + (two & 0xffffu);
+            atomicStore(&row_counts[i], before | (second << 16u));
+            before = second + (two >> 16u);
+        }
+        offsets[thread] = next - start;
+        next = next + sum;
+        workgroupBarrier();
 
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        let d = digit(keys[i]);
-        places[i] = places[i] + ((shared_words[counter(d, thread)] >> half_shift(d)) & 0xffffu);
-    }
-    if thread < RADIX && index < state.groups {
-        let start = (shared_words[counter(thread, 0u)] >> half_shift(thread)) & 0xffffu;
-        offsets[thread] = table[thread * state.groups + index] - start;
-    }
-    workgroupBarrier();
-
-    // Through workgroup memory, so that neighbours write to neighbouring words.
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        if i < own {
-            shared_words[places[i]] = keys[i];
+        // Through workgroup memory, so that neighbours write to neighbouring words.
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            if first_own + i * ROW < length {
+                places[i] = places[i] + row_count(row, digit(keys[i]));
+                atomicStore(&shared_words[places[i]], keys[i]);
+            }
         }
-    }
-    workgroupBarrier();
-    var destinations: array<u32, RUN>;
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        let place = i * THREADS + thread;
-        if place < length {
-            let key = shared_words[place];
-            destinations[i] = offsets[digit(key)] + place;
-            sorted_keys[destinations[i]] = key;
+        workgroupBarrier();
+        var destinations: array<u32, RUN>;
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            let place = i * THREADS + thread;
+            if place < length {
+                let key = atomicLoad(&shared_words[place]);
+                destinations[i] = offsets[digit(key)] + place;
+                sorted_keys[destinations[i]] = key;
+            }
         }
-    }
-    workgroupBarrier();
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        if i < own {
-            shared_words[places[i]] = values[i];
+        workgroupBarrier();
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            if first_own + i * ROW < length {
+                atomicStore(&shared_words[places[i]], values[i]);
+            }
         }
-    }
-    workgroupBarrier();
-    for (var i = 0u; i < RUN; i = i + 1u) {
-        let place = i * THREADS + thread;
-        if place < length {
-            sorted_values[destinations[i]] = shared_words[place];
+        workgroupBarrier();
+        for (var i = 0u; i < RUN; i = i + 1u) {
+            let place = i * THREADS + thread;
+            if place < length {
+                sorted_values[destinations[i]] = atomicLoad(&shared_words[place]);
+            }
         }
     }
 }

@@ -1,6 +1,10 @@
 // Prefix sums over the threads of a workgroup.
 
+// The threads in rows of as many: sums of rows and sums within a row are short loops, with few barriers.
+const SCAN_ROW: u32 = 16u;
+
 var<workgroup> scan_shared: array<u32, THREADS>;
+var<workgroup> scan_rows: array<u32, THREADS / SCAN_ROW>;
 // The sum over all threads, after `scan_threads`.
 var<workgroup> scan_total: u32;
 
@@ -16,23 +20,24 @@ fn scan_threads(thread: u32, value: u32) -> u32 {
     workgroupBarrier();
     scan_shared[thread] = value;
     workgroupBarrier();
-    var sum = value;
-    for (var step = 1u; step < THREADS; step = step * 2u) {
-        var before = 0u;
-        if thread >= step {
-            before = scan_shared[thread - step];
+    if thread < THREADS / SCAN_ROW {
+        var sum = 0u;
+        for (var i = 0u; i < SCAN_ROW; i = i + 1u) {
+            // Each begins at another place of its row, off the others' banks.
+            sum = add_saturating(sum, scan_shared[thread * SCAN_ROW + (i + thread) % SCAN_ROW]);
         }
-        workgroupBarrier();
-        sum = add_saturating(sum, before);
-        scan_shared[thread] = sum;
-        workgroupBarrier();
+        scan_rows[thread] = sum;
+    }
+    workgroupBarrier();
+    var before_this = 0u;
+    for (var row = 0u; row < thread / SCAN_ROW; row = row + 1u) {
+        before_this = add_saturating(before_this, scan_rows[row]);
+    }
+    for (var other = thread - thread % SCAN_ROW; other < thread; other = other + 1u) {
+        before_this = add_saturating(before_this, scan_shared[other]);
     }
     if thread == THREADS - 1u {
-        scan_total = sum;
-    }
-    var before_this = 0u;
-    if thread > 0u {
-        before_this = scan_shared[thread - 1u];
+        scan_total = add_saturating(before_this, value);
     }
     workgroupBarrier();
     return before_this;

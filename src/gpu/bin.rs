@@ -40,7 +40,7 @@ pub(super) struct Bin {
 /// The stage with its buffers.
 #[derive(Debug)]
 pub(super) struct BoundBin {
-    /// Its values are the footprints of the tiles' lists, as their places in the chunk.
+    /// Its sorted values are the footprints of the tiles' lists, as their places in the chunk.
     pub(super) entries: BoundRadixSort,
     /// First and one-past-last entry of every tile of the band, row by row.
     pub(super) ranges: wgpu::Buffer,
@@ -130,7 +130,7 @@ impl Bin {
             emit: walk(1)?,
             find_ranges: self
                 .ranges
-                .bind(gpu, &[chunk, &entries.keys, state, &ranges]),
+                .bind(gpu, &[chunk, &entries.sorted_keys, state, &ranges]),
             entries,
             ranges,
             chunk_arguments: gather.arguments.clone(),
@@ -231,7 +231,7 @@ pub fn bin(
             exact: 0,
         }),
     );
-    gpu.write(&sort.pairs.values, cast_slice(&order));
+    gpu.write(&sort.pairs.sorted_values, cast_slice(&order));
 
     let tile_count = |chunk: &ChunkUniform| chunk.band_size[0] * chunk.band_size[1];
     let tiles = chunks.iter().map(tile_count).max().unwrap_or(0);
@@ -250,7 +250,7 @@ pub fn bin(
         });
         let state: Vec<ChunkState> = gpu.read(&gather.state, 1)?;
         let ranges: Vec<[u32; 2]> = gpu.read(&bin.ranges, tile_count(chunk) as usize)?;
-        let places: Vec<u32> = gpu.read(&bin.entries.values, state[0].entries as usize)?;
+        let places: Vec<u32> = gpu.read(&bin.entries.sorted_values, state[0].entries as usize)?;
         let list = |&[first, end]: &[u32; 2]| {
             let places = &places[first as usize..end as usize];
             let index = |&k: &u32| order[(chunk.start + k) as usize];

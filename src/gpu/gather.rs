@@ -108,7 +108,7 @@ impl Gather {
                 chunk,
                 &state,
                 &sort.ranges,
-                &sort.pairs.values,
+                &sort.pairs.sorted_values,
                 of_part.0,
                 of_part.1.unwrap_or(&none),
                 &footprints,

@@ -87,6 +87,7 @@ pub(crate) use frame::DeviceScene;
 pub use light::light;
 pub use merged::{MergedNumbers, merged_numbers};
 pub use project::{Projected, project};
+pub use radix::radix_sort;
 pub use rasterise::{RasterSpec, rasterise};
 pub use scan::exclusive_scan;
 pub use shade::shade;

@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 
 use super::classify::AmplitudeUniform;
 use super::cull::CullGroup;
-use super::radix::{RadixPlan, RadixState};
+use super::radix::RadixPass;
 use super::resolve::Background;
 use super::shader::Shader;
 use super::tile::TileProgress;
@@ -391,14 +391,11 @@ fn structs_are_laid_out_alike() {
         farthest,
     });
     check_layout!(AmplitudeUniform { scale, cell_volume });
-    check_layout!(RadixPlan {
+    check_layout!(RadixPass {
+        shift,
+        digits,
         count_index,
         capacity,
-    });
-    check_layout!(RadixState {
-        count,
-        groups,
-        table_length,
     });
     check_layout!(TileProgress {
         drawn,

@@ -81,17 +81,7 @@ impl Scan {
 
 impl BoundScan {
     pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>) {
-        self.encode_length(pass);
-        self.encode_sums(pass);
-    }
-
-    /// Looks up the length: once for sums of equally many words, one after the other.
-    pub(super) fn encode_length(&self, pass: &mut wgpu::ComputePass<'_>) {
         self.prepare.dispatch(pass, 1);
-    }
-
-    /// Takes the sums of as many words as there were at the last [`Self::encode_length`].
-    pub(super) fn encode_sums(&self, pass: &mut wgpu::ComputePass<'_>) {
         self.reduce.dispatch_indirect(pass, &self.arguments, 0);
         self.sums.dispatch(pass, 1);
         self.apply.dispatch_indirect(pass, &self.arguments, 0);

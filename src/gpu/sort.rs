@@ -31,7 +31,7 @@ pub(super) struct BoundSort {
     pub(super) ranges: wgpu::Buffer,
     /// A uniform [`PartIndex`] per part.
     pub(super) parts: Vec<wgpu::Buffer>,
-    /// Its values are the footprints' global indices (part after part), visible ones first, in
+    /// Its sorted values are the footprints' global indices (part after part), visible ones first, in
     /// order of their keys; ties by index.
     pub(super) pairs: BoundRadixSort,
     prepare: BoundKernel,
@@ -66,8 +66,9 @@ impl Sort {
         let state = gpu.buffer("sort state", size_of::<SortState>() as u64)?;
         let ranges = gpu.buffer("part ranges", size_of::<PartRange>() as u64 * part_count)?;
         let arguments = gpu.buffer("sort arguments", 12 * part_count)?;
-        // The state's first word counts.
-        let pairs = self.radix.bind(gpu, &state, 0, capacity, DEPTH_KEY_BITS)?;
+        // The state's first word counts. A bit more than depths have: that of the invisible ones' key.
+        let bits = DEPTH_KEY_BITS + 1;
+        let pairs = self.radix.bind(gpu, &state, 0, capacity, bits)?;
         let parts = (0..footprints.len() as u32)
             .map(|index| gpu.uniform("part", &PartIndex { index }))
             .collect::<Result<Vec<_>>>()?;
@@ -122,8 +123,8 @@ pub fn sort(gpu: &Gpu, parts: &[&[Footprint]]) -> Result<Vec<u64>> {
     gpu.run(|pass| sort.encode(pass));
     let state: Vec<SortState> = gpu.read(&sort.state, 1)?;
     let visible = state[0].visible as usize;
-    let keys: Vec<u32> = gpu.read(&sort.pairs.keys, visible)?;
-    let values: Vec<u32> = gpu.read(&sort.pairs.values, visible)?;
+    let keys: Vec<u32> = gpu.read(&sort.pairs.sorted_keys, visible)?;
+    let values: Vec<u32> = gpu.read(&sort.pairs.sorted_values, visible)?;
     let words = keys.into_iter().zip(values);
     Ok(words
         .map(|(key, value)| u64::from(key) << 32 | u64::from(value))

@@ -9,7 +9,7 @@ use crate::common::Random;
 use crate::common::gpu::gpu;
 use bytemuck::Zeroable;
 use ewa_splat::constants::DEPTH_KEY_BITS;
-use ewa_splat::stages::gpu::{Gpu, sort};
+use ewa_splat::stages::gpu::{Gpu, radix_sort, sort};
 use ewa_splat::stages::record::{Footprint, pack_range};
 
 /// The greatest key.
@@ -49,8 +49,10 @@ fn check(gpu: &Gpu, footprints: &[Footprint], ends: &[usize], what: &str) {
 fn the_order_is_the_cpus() {
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(1);
-    // Around a thread's run, a workgroup and many of them.
-    for count in [0, 1, 7, 8, 9, 255, 257, 2047, 2048, 2049, 65_537, 200_000] {
+    // Around a row of threads, a workgroup's, its tile and many of them.
+    for count in [
+        0, 1, 31, 32, 33, 255, 257, 2047, 2048, 2049, 65_537, 200_000,
+    ] {
         for keys in [3, 1 << 16, 1 << DEPTH_KEY_BITS] {
             let drawn = (0..count)
                 .map(|_| (random.index(5) > 0).then(|| (random.bits() % keys) as u32))
@@ -93,6 +95,65 @@ fn keys_in_any_pattern_are_sorted() {
         pattern(&format!("digit at {shift}"), &mut |i| {
             Some(((i * 7 % 16) << shift) & LAST)
         });
+    }
+}
+
+/// Sorts keys on the device and by a stable sort of the processor's.
+fn check_keys(gpu: &Gpu, keys: &[u32], bits: u32, what: &str) {
+    let mask = u32::MAX >> (u32::BITS - bits);
+    let mut expected: Vec<u32> = (0..keys.len() as u32).collect();
+    expected.sort_by_key(|&place| keys[place as usize] & mask);
+    let (sorted, places) = radix_sort(gpu, keys, bits).unwrap();
+    let what = format!("{} keys of {bits} bits, {what}", keys.len());
+    let first = places.iter().zip(&expected).position(|(a, b)| a != b);
+    assert_eq!(first, None, "{what}");
+    assert_eq!(places.len(), expected.len(), "{what}");
+    let moved = |(&key, &place): (&u32, &u32)| key == keys[place as usize];
+    assert!(sorted.iter().zip(&places).all(moved), "{what}");
+}
+
+#[test]
+fn equal_keys_keep_their_order_whatever_bits_are_sorted() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(5);
+    for bits in 1..=u32::BITS {
+        // Around a row of threads, a workgroup's, its tile; several of them.
+        for count in [0, 1, 31, 33, 255, 256, 257, 2047, 2048, 2049, 9_999] {
+            // Bits above those that are sorted tell nothing.
+            let keys: Vec<u32> = (0..count).map(|_| random.bits() as u32).collect();
+            check_keys(gpu, &keys, bits, "random");
+            let few: Vec<u32> = keys
+                .iter()
+                .map(|key| keys[*key as usize % 3 % count])
+                .collect();
+            check_keys(gpu, &few, bits, "three at most");
+        }
+    }
+}
+
+#[test]
+fn many_keys_are_sorted_by_any_bits() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(6);
+    for bits in 1..=u32::BITS {
+        let keys: Vec<u32> = (0..300_001).map(|_| random.bits() as u32).collect();
+        check_keys(gpu, &keys, bits, "random");
+        let few: Vec<u32> = keys.iter().map(|key| keys[*key as usize % 40]).collect();
+        check_keys(gpu, &few, bits, "forty");
+    }
+}
+
+#[test]
+fn workgroups_of_several_tiles_sort() {
+    let Some(gpu) = gpu() else { return };
+    let mut random = Random::new(7);
+    // As many tiles as there are workgroups at most, and where some take one more.
+    let most = 1024 * 2048;
+    for count in [most, most + 1, 2 * most + 70_001] {
+        let keys: Vec<u32> = (0..count).map(|_| random.bits() as u32).collect();
+        check_keys(gpu, &keys, 13, "random");
+        let few: Vec<u32> = keys.iter().map(|key| keys[*key as usize % 40]).collect();
+        check_keys(gpu, &few, 32, "forty");
     }
 }
 

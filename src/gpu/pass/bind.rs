@@ -201,7 +201,7 @@ impl PassFrame {
             chunk: &chunk,
             view: &buffers.view,
             tile_ranges: &bin.ranges,
-            tile_lists: &bin.entries.values,
+            tile_lists: &bin.entries.sorted_values,
             footprints: &gather.footprints,
             terms: &gather.exact,
             near: &near,
