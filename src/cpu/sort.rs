@@ -1,6 +1,5 @@
 //! Stage: the footprints' order, front to back.
 
-use rayon::prelude::*;
 use rdst::RadixSort;
 
 use crate::record::Footprint;
@@ -17,11 +16,11 @@ pub fn footprint_index(word: u64) -> usize {
 /// Key and index form one word, so any radix sort gives the one stable order.
 pub fn sort(footprints: &[Footprint], order: &mut Vec<u64>) {
     order.clear();
-    let numbered = footprints.par_iter().enumerate();
-    order.par_extend(
-        numbered
+    order.extend(
+        (0_u64..)
+            .zip(footprints)
             .filter(|(_, f)| f.is_visible())
-            .map(|(i, f)| u64::from(f.key) << 32 | i as u64),
+            .map(|(i, f)| u64::from(f.key) << 32 | i),
     );
     order.radix_sort_unstable();
 }

@@ -15,15 +15,15 @@ use glam::{DVec2, DVec3};
 use serde::Serialize;
 
 /// Tiles of a sample at least, if a picture has so many that show anything.
-const LEAST_TILES: usize = 16;
+const LEAST_TILES: usize = 32;
 /// One tile of so many is drawn again.
 const STRIDE: usize = 100;
 /// The share of numbers that the stated error holds for, as [`Settings::tolerance`] promises.
 const SHARE: f64 = 0.999;
-/// How the tolerance grows from try to try.
+/// How the tolerance grows from step to step.
 const GROWTH: f32 = std::f32::consts::SQRT_2;
-/// Tries of a calibration, to either side: 2^(12/2) = 64 times the tolerance, or a 64th.
-const TRIES: i32 = 12;
+/// Steps of a calibration to either side: up to 2^(12/2) = 64 times the tolerance, or down to a 64th.
+const STEPS: i32 = 12;
 
 /// The difference of a picture from the same scene with everything exact, over a sample of its tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -52,7 +52,7 @@ pub struct ErrorSample {
 }
 
 impl ErrorSample {
-    /// Draws the sample: a hundredth of the tiles that show anything, sixteen of them at least.
+    /// Draws the sample: a hundredth of the tiles that show anything, 32 of them at least.
     ///
     /// - `settings`: those of the picture. Layers whose thickness they leave open should have that of the
     ///   picture ([`Renderer::layers`]), because it follows from what is in view.
@@ -125,28 +125,30 @@ impl ErrorSample {
     /// Those of [`Renderer::render`].
     pub fn calibrated(&self, renderer: &mut Renderer) -> Result<(f32, SampledError)> {
         let asked = self.settings.tolerance;
+        // The greatest of a sample, for 99.9 % of the whole: tiles differ.
+        let fits = |error: &SampledError| error.greatest <= asked;
         let mut fitting = (asked, self.error_at(renderer, asked)?);
-        let fits = |error: &SampledError| error.percentile_999 <= asked;
         let is_wide = fits(&fitting.1);
-        for step in 1..=TRIES {
-            let power = GROWTH.powi(step);
-            let tolerance = if is_wide {
-                asked * power
-            } else {
-                asked / power
+        // Between a number of steps that fits and one that does not.
+        let (mut inside, mut outside) = if is_wide { (0, STEPS) } else { (-STEPS, 0) };
+        while outside - inside > 1 {
+            let steps = (inside + outside) / 2;
+            let tolerance = asked * GROWTH.powi(steps);
+            let error = match tolerance < 1.0 {
+                true => Some(self.error_at(renderer, tolerance)?),
+                false => None,
             };
-            if tolerance >= 1.0 {
-                break;
+            match error.filter(fits) {
+                Some(error) => {
+                    fitting = (tolerance, error);
+                    inside = steps;
+                }
+                None => outside = steps,
             }
-            let error = self.error_at(renderer, tolerance)?;
-            let does_fit = fits(&error);
-            if !is_wide || does_fit {
-                fitting = (tolerance, error);
-            }
-            // The last that fits, or the first.
-            if is_wide != does_fit {
-                break;
-            }
+        }
+        if !is_wide && inside == -STEPS {
+            let tolerance = asked * GROWTH.powi(inside);
+            fitting = (tolerance, self.error_at(renderer, tolerance)?);
         }
         Ok(fitting)
     }
