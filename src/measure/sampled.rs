@@ -18,8 +18,8 @@ use serde::Serialize;
 const LEAST_TILES: usize = 32;
 /// One tile of so many is drawn again.
 const STRIDE: usize = 100;
-/// The share of numbers that the stated error holds for, as [`Settings::tolerance`] promises.
-const SHARE: f64 = 0.999;
+/// Of a thousand numbers the stated error holds for so many, as [`Settings::tolerance`] promises.
+const PER_MILLE: usize = 999;
 /// How the tolerance grows from step to step.
 const GROWTH: f32 = std::f32::consts::SQRT_2;
 /// Steps of a calibration to either side: up to 2^(12/2) = 64 times the tolerance, or down to a 64th.
@@ -192,8 +192,8 @@ fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
         .map(|n| {
             let stratum = n * tiles.len() / count..(n + 1) * tiles.len() / count;
             // Anywhere within the stratum, but the same each time: steps of the golden ratio.
-            let place = (n as f64 * 0.618_033_988_75).fract() * stratum.len() as f64;
-            let tile = tiles[stratum.start + (place as usize).min(stratum.len() - 1)];
+            let place = n * 618_034 % 1_000_000 * stratum.len() / 1_000_000;
+            let tile = tiles[stratum.start + place];
             [tile % columns, tile / columns].map(|at| at * TILE_SIZE)
         })
         .collect()
@@ -201,6 +201,10 @@ fn chosen(camera: &Camera, boxes: &[(DVec3, DVec3)]) -> Vec<[usize; 2]> {
 
 /// The first and one past the last columns and rows of tiles that a box may touch; `None` where it lies outside.
 /// A box around the eye touches all.
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "casts saturate: what lies beside the picture ends at its edge"
+)]
 fn tiles_of(
     camera: &Camera,
     middle: DVec3,
@@ -224,7 +228,6 @@ fn tiles_of(
         _ => return Some([[0, 0], tiles]),
     }
     let size = TILE_SIZE as f64;
-    // Casts saturate: what lies beside the picture ends at its edge.
     let range = |low: f64, high: f64, count: usize| {
         let first = (low / size).floor().max(0.0) as usize;
         let end = ((high / size).floor() + 1.0).clamp(0.0, count as f64) as usize;
@@ -250,7 +253,7 @@ impl Differences {
     fn summary(mut self, tiles: usize) -> SampledError {
         // NaN comes last: it is the greatest.
         self.0.sort_unstable_by(f32::total_cmp);
-        let rank = (self.0.len() as f64 * SHARE).ceil() as usize;
+        let rank = (self.0.len() * PER_MILLE).div_ceil(1000);
         let at = |i: usize| self.0.get(i).copied().unwrap_or(0.0);
         SampledError {
             percentile_999: at(rank.saturating_sub(1)),

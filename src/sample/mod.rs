@@ -69,6 +69,11 @@ pub struct SampleOptions {
     /// The length \[world units\] over which opacities are stated. `None` takes the transfer
     /// function file's own, and where there is none, the mean spacing of the samples.
     pub unit_distance: Option<f64>,
+    /// The range of an automatic transfer function, whether it has a colour map of its own or a named one; `None`
+    /// looks at the values.
+    pub range: Option<[f32; 2]>,
+    /// What the extinction of any transfer function is multiplied by.
+    pub opacity_scale: f64,
     /// What the lengths of particles mean, where the data's own convention does not hold.
     pub length: Option<LengthMeaning>,
     /// The smoothing kernel that lengths belong to, where the data's own does not hold; the cubic
@@ -143,6 +148,8 @@ impl Default for SampleOptions {
             kernel_width: DEFAULT_KERNEL_WIDTH,
             transfer: TransferChoice::Automatic,
             unit_distance: None,
+            range: None,
+            opacity_scale: 1.0,
             length: None,
             kernel: None,
             radius: None,
@@ -167,7 +174,7 @@ pub enum TransferChoice {
     Automatic,
     /// From a JSON file: [`TransferFunction::from_json`].
     File(PathBuf),
-    /// A colour map by name: [`TransferFunction::named`].
+    /// The same in the colours of a named map: [`TransferFunction::automatic_in`].
     Named(String),
 }
 
@@ -512,10 +519,22 @@ fn transfer_function(
         range: values.finite_range().unwrap_or([0.0, 1.0]),
         unit_distance: options.unit_distance.unwrap_or(mean_spacing),
     };
-    match &options.transfer {
-        TransferChoice::Automatic => TransferFunction::automatic(values, volumes, &defaults),
-        TransferChoice::Named(name) => TransferFunction::named(name, &defaults),
+    let range = options.range;
+    let transfer = match &options.transfer {
+        TransferChoice::Automatic => TransferFunction::automatic(values, volumes, range, &defaults),
+        TransferChoice::Named(name) => {
+            TransferFunction::automatic_in(name, values, volumes, range, &defaults)
+        }
         TransferChoice::File(path) => {
+            if range.is_some() {
+                return Err(Error::invalid(
+                    "transfer function",
+                    "range",
+                    "an automatic transfer function, or a named colour map",
+                    "a file, which has a range of its own",
+                    "change the file, or leave the range out",
+                ));
+            }
             let text = std::fs::read_to_string(path).map_err(|e| {
                 Error::io(path, "opening", e, "name a transfer function that exists")
             })?;
@@ -525,7 +544,9 @@ fn transfer_function(
                 None => Ok(read),
             }
         }
-    }
+    }?;
+    let unit_distance = transfer.unit_distance() / options.opacity_scale;
+    transfer.with_unit_distance(unit_distance)
 }
 
 /// A volume whose strength and colour are classified from `values`.

@@ -968,6 +968,98 @@ fn a_mesh_alone_has_as_many_surfels_as_pixels() {
     assert_eq!(surfels(&["square.obj", "fog.csv"], &flat), 500_000);
 }
 
+#[test]
+fn a_transfer_function_is_written_scaled_and_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let values = (0..4096)
+        .map(|i: i32| (i % 16 + i / 256) as u8)
+        .collect::<Vec<_>>();
+    std::fs::write(folder.path().join("ramp.raw"), values).unwrap();
+    let draw = |out: &str, options: &[&str]| {
+        let shared = [
+            "render", "ramp.raw", "--dims", "16,16,16", "--size", "40x40", "--out", out,
+        ];
+        let output = run(folder.path(), &[&shared[..], options].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let file = std::fs::File::open(folder.path().join(out)).unwrap();
+        let mut bytes = Vec::new();
+        std::io::Read::read_to_end(&mut &file, &mut bytes).unwrap();
+        let numbers = bytes[bytes.len() - 40 * 40 * 16..].chunks_exact(4);
+        numbers
+            .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
+            .collect::<Vec<f32>>()
+    };
+    let greatest = |a: &[f32], b: &[f32]| {
+        a.iter()
+            .zip(b)
+            .fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()))
+    };
+    let own = draw("a.npy", &["--write-transfer-function", "t.json"]);
+    let again = draw("b.npy", &["--transfer-function", "t.json"]);
+    // What is written is within 5e-4 of each opacity.
+    assert!(greatest(&own, &again) < 0.01, "{}", greatest(&own, &again));
+    // Colours alone: opacities stay.
+    let plasma = draw("c.npy", &["--transfer-function", "plasma"]);
+    let alphas = |picture: &[f32]| {
+        picture
+            .iter()
+            .copied()
+            .skip(3)
+            .step_by(4)
+            .collect::<Vec<f32>>()
+    };
+    assert!(greatest(&alphas(&own), &alphas(&plasma)) < 1e-3);
+    assert!(greatest(&own, &plasma) > 0.05);
+    // Twice as dense: transmittances are squared.
+    let dense = draw("d.npy", &["--opacity-scale", "2"]);
+    let squared: Vec<f32> = alphas(&own)
+        .iter()
+        .map(|a| 1.0 - (1.0 - a).powi(2))
+        .collect();
+    assert!(greatest(&alphas(&dense), &squared) < 0.004);
+    draw(
+        "e.npy",
+        &["--range", "3,9", "--write-transfer-function", "e.json"],
+    );
+    assert_eq!(
+        json(folder.path().join("e.json"))["range"],
+        serde_json::json!([3.0, 9.0])
+    );
+    for (options, expected) in [
+        (&["--range", "9,3"][..], "the lower one first"),
+        (
+            &["--range", "3,9", "--transfer-function", "t.json"],
+            "a range of its own",
+        ),
+        (&["--opacity-scale", "0"], "above 0"),
+    ] {
+        let shared = ["render", "ramp.raw", "--dims", "16,16,16", "--out", "f.npy"];
+        let output = run(folder.path(), &[&shared[..], options].concat());
+        assert!(!output.status.success());
+        assert!(
+            text(&output.stderr).contains(expected),
+            "{}",
+            text(&output.stderr)
+        );
+    }
+    std::fs::write(
+        folder.path().join("s.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    let none = [
+        "render",
+        "s.obj",
+        "--out",
+        "g.npy",
+        "--write-transfer-function",
+        "g.json",
+    ];
+    let output = run(folder.path(), &none);
+    assert!(!output.status.success() && text(&output.stderr).contains("one transfer function"));
+    assert!(!folder.path().join("g.json").exists());
+}
+
 /// The camera decides how many surfels a mesh gets, and then draws it: a pipe can be read once.
 #[cfg(unix)]
 #[test]

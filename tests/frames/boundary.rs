@@ -644,7 +644,12 @@ fn automatic_boundaries_are_sharp_where_they_are_seen() {
     let nodes: Vec<DVec3> = (0..lattice.len())
         .map(|n| lattice.position([n % 7, n / 7 % 6, n / 42]))
         .collect();
-    // A colour map is opaque from its range's middle on at most; at its lower end it is transparent.
+    // Opaque at the upper end of its range, transparent at the lower one.
+    let folder = tempfile::tempdir().unwrap();
+    let ramp = folder.path().join("ramp.json");
+    let points = r#"[{"value": 0, "color": [1, 1, 1], "opacity": 0}, {"value": 1, "color": [1, 1, 1], "opacity": 0.2}]"#;
+    let text = format!(r#"{{"range": [0, 1], "points": {points}}}"#);
+    std::fs::write(&ramp, text).unwrap();
     let inside = |p: &DVec3| p.cmpgt(DVec3::ZERO).all() && p.cmplt(DVec3::new(6.0, 5.0, 4.0)).all();
     for (at_faces, is_cut) in [(0.0_f32, false), (1.0, true)] {
         let values: Vec<f32> = nodes
@@ -652,7 +657,7 @@ fn automatic_boundaries_are_sharp_where_they_are_seen() {
             .map(|p| if inside(p) { 1.0 - at_faces } else { at_faces })
             .collect();
         let options = |boundary| SampleOptions {
-            transfer: TransferChoice::Named("viridis".into()),
+            transfer: TransferChoice::File(ramp.clone()),
             ..uniform_options(boundary)
         };
         let of = |boundary| {

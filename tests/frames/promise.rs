@@ -660,7 +660,7 @@ fn merged_scans_are_within_the_tolerance_of_exact_pictures() {
             range: [0.0, 255.0],
             unit_distance: 1.0,
         };
-        TransferFunction::automatic(values, &[], &defaults).unwrap()
+        TransferFunction::automatic(values, &[], None, &defaults).unwrap()
     };
     let shade = |v: f32| [v / 255.0, 0.5, 1.0 - v / 255.0];
     // Depths of 1 to 3 in all.

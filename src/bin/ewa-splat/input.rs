@@ -28,9 +28,18 @@ pub(crate) struct DataOptions {
     /// OBJ mesh: image for the parts that have texture coordinates and no texture
     #[arg(long, value_name = "FILE")]
     pub(crate) texture: Option<PathBuf>,
-    /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name
+    /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name for the colours of the automatic
+    /// one
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) transfer_function: Option<String>,
+    /// The range of an automatic transfer function or of a colour map [default: that of the values, less a
+    /// thousandth at either end]
+    #[arg(long, value_name = "LO,HI", value_parser = parse::range, allow_hyphen_values = true)]
+    pub(crate) range: Option<[f32; 2]>,
+    /// Make everything that a transfer function shows F times as dense
+    #[arg(long, value_name = "F", value_parser = parse::positive, default_value_t = 1.0,
+          hide_default_value = true, allow_hyphen_values = true)]
+    pub(crate) opacity_scale: f64,
     /// Length over which the transfer function's opacity accumulates [default: mean spacing]
     #[arg(long, value_name = "D", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) unit_distance: Option<f64>,
@@ -317,6 +326,8 @@ impl DataOptions {
                 Some(name) => TransferChoice::Named(name.clone()),
             },
             unit_distance: self.unit_distance,
+            range: self.range,
+            opacity_scale: self.opacity_scale,
             length: self.length.map(|length| match length {
                 Length::H => LengthMeaning::SmoothingLength,
                 Length::Support => LengthMeaning::Support,

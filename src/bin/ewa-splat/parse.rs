@@ -134,6 +134,15 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `LO,HI` of values.
+pub(crate) fn range(text: &str) -> Result<[f32; 2], String> {
+    let parsed: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[f32; 2]>::try_from(v).ok()) {
+        Some([lo, hi]) if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
+        _ => Err("two finite numbers, the lower one first, such as 0,1".into()),
+    }
+}
+
 /// A finite number.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

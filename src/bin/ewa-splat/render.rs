@@ -15,7 +15,7 @@ use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::scene::Lighting;
+use ewa_splat::scene::{Lighting, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
@@ -230,6 +230,9 @@ struct Output {
     /// Write the depth at which half the light is gone: exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     depth: Option<PathBuf>,
+    /// Write the transfer function that is drawn as a JSON file, which --transfer-function reads
+    #[arg(long, value_name = "FILE")]
+    write_transfer_function: Option<PathBuf>,
     /// Write the normals of opaque surfels, world space: exr, pfm or npy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["reference", "column_density"])]
     normals: Option<PathBuf>,
@@ -245,7 +248,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     for path in layers.into_iter().flatten() {
         check_depth_path(path)?;
     }
-    if let Some(path) = &arguments.output.stats {
+    let texts = [
+        &arguments.output.stats,
+        &arguments.output.write_transfer_function,
+    ];
+    for path in texts.into_iter().flatten() {
         check_folder(path)?;
     }
     let outputs = [
@@ -253,6 +260,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.depth.as_ref(),
         arguments.output.normals.as_ref(),
         arguments.output.stats.as_ref(),
+        arguments.output.write_transfer_function.as_ref(),
     ];
     check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
     if let Some(lighting) = arguments.lighting() {
@@ -287,6 +295,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
     if arguments.cut.cut_faces {
         add_faces(&mut scene, &arguments.clip_planes())?;
+    }
+    if let Some(path) = &arguments.output.write_transfer_function {
+        write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
     }
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
@@ -422,6 +433,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The transfer function that is to be written: of all volumes the same.
+fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
+    let fault = |found: String| {
+        let expected = "one transfer function for all inputs";
+        let advice = "leave --write-transfer-function out, or name one input";
+        Error::invalid("--write-transfer-function", "data", expected, found, advice)
+    };
+    let mut functions = scene.iter().filter_map(|v| v.transfer_function.as_ref());
+    let first = functions.next();
+    let first =
+        first.ok_or_else(|| fault("none: colours or optical depths of their own".into()))?;
+    match functions.filter(|other| *other != first).count() {
+        0 => Ok(first),
+        others => Err(fault(format!("{} different ones", others + 1))),
+    }
 }
 
 /// Layers as thick as those of the last frame: parts of its picture are cut into the same ones.

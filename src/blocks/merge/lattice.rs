@@ -12,7 +12,7 @@ use crate::scene::{Colour, Strength, Values};
 use crate::task::{Stage, Task};
 
 /// Cells along the edge of a cube of the first level: 64 cells share what it stores.
-const FIRST_CUBE: usize = 2;
+const FIRST_CUBE: usize = 4;
 
 /// How much longer the edges of the next level's cubes are.
 const NEXT_CUBE: usize = 2;

@@ -84,7 +84,7 @@ impl BlockShapes<'_> {
     }
 
     /// Offset from the block's origin and factor, camera space.
-    #[inline]
+    #[inline(always)]
     pub(super) fn get(&self, local: u32) -> (Vec3, Factor) {
         let Shapes {
             volume,

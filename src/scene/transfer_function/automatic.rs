@@ -1,8 +1,8 @@
 //! A transfer function from the data themselves, for a first look.
 
-use super::colour_maps::{colour_map, over_range};
+use super::colour_maps::{ColourMap, DIVERGING, colour_map, known_map, over_range};
 use super::{TransferDefaults, TransferFunction};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::Values;
 
 /// Share of the values left outside the range at either end.
@@ -48,22 +48,97 @@ impl TransferFunction {
     ///   viridis.
     ///
     /// `volumes` are those that the values stand for \[length³\], one each; if empty, each value
-    /// stands for a cube of the unit distance, as on a lattice. `defaults.range` is used where
+    /// stands for a cube of the unit distance, as on a lattice. `range` is taken in place of the values' own,
+    /// where it is given: those outside count as its ends. `defaults.range` is used where
     /// no value is finite. Constant data are evenly translucent.
     ///
     /// # Errors
-    /// A unit distance that is not positive.
+    /// A range whose ends do not rise; a unit distance that is not positive.
     pub fn automatic(
         values: &Values,
         volumes: &[f32],
+        range: Option<[f32; 2]>,
         defaults: &TransferDefaults,
     ) -> Result<Self> {
+        Self::fitted(
+            values,
+            volumes,
+            range,
+            defaults,
+            |_| None,
+            |worth| {
+                let place = worth.background_place();
+                let at_an_end = !(0.1..=0.9).contains(&place);
+                let map = colour_map(if at_an_end { "inferno" } else { "viridis" });
+                (map, place > 0.9)
+            },
+        )
+    }
+
+    /// [`TransferFunction::automatic`] in the colours of a named map, from the low end to the high one. A map that
+    /// diverges (`coolwarm`) has its neutral colour at 0, if the values lie on both sides of that, and else in the middle
+    /// of their range, which it makes even to either side: that is then the background, and opacity grows away from it.
+    ///
+    /// # Errors
+    /// An unknown name; a range whose ends do not rise; a unit distance that is not positive.
+    pub fn automatic_in(
+        name: &str,
+        values: &Values,
+        volumes: &[f32],
+        range: Option<[f32; 2]>,
+        defaults: &TransferDefaults,
+    ) -> Result<Self> {
+        let map = known_map(name)?;
+        let neutral = |[lo, hi]: [f32; 2]| {
+            let is_diverging = DIVERGING.contains(&name.to_ascii_lowercase().as_str());
+            is_diverging.then(|| {
+                if lo < 0.0 && hi > 0.0 {
+                    0.0
+                } else {
+                    lo + 0.5 * (hi - lo)
+                }
+            })
+        };
+        Self::fitted(values, volumes, range, defaults, neutral, |_| {
+            (Some(map), false)
+        })
+    }
+
+    /// - `neutral`: the background of a range, where it is not looked for.
+    /// - `colours`: the map, and whether it is taken from bright to dark.
+    fn fitted(
+        values: &Values,
+        volumes: &[f32],
+        range: Option<[f32; 2]>,
+        defaults: &TransferDefaults,
+        neutral: impl Fn([f32; 2]) -> Option<f32>,
+        colours: impl FnOnce(&Worth) -> (Option<ColourMap>, bool),
+    ) -> Result<Self> {
         let sorted = sorted_sample(values, volumes);
-        let Some(range) = trimmed_range(&sorted) else {
-            return Self::from_curves(|_| [1.0; 3], |_| 0.0, defaults.range, 1.0)?
+        if let Some([lo, hi]) = range
+            && !(lo < hi && lo.is_finite() && hi.is_finite())
+        {
+            return Err(Error::invalid(
+                "transfer function",
+                "range",
+                "two finite numbers that rise",
+                format!("{lo},{hi}"),
+                "give the lower end first",
+            ));
+        }
+        let Some(own) = trimmed_range(&sorted) else {
+            let range = range.unwrap_or(defaults.range);
+            return Self::from_curves(|_| [1.0; 3], |_| 0.0, range, 1.0)?
                 .with_unit_distance(defaults.unit_distance);
         };
-        let worth = Worth::new(&sorted, range);
+        let is_given = range.is_some();
+        let mut range = range.unwrap_or(own);
+        let neutral = neutral(range);
+        if let (Some(middle), false) = (neutral, is_given) {
+            let half = (range[1] - middle).max(middle - range[0]);
+            range = [middle - half, middle + half];
+        }
+        let worth = Worth::new(&sorted, range, neutral);
         let path = if volumes.is_empty() {
             (values.len() as f64).cbrt()
         } else {
@@ -75,13 +150,11 @@ impl TransferFunction {
         let mean = sorted.iter().map(weighted).sum::<f64>() / worth.total;
         // Depth per unit distance of a value worth 1.
         let peak = (MEAN_DEPTH / (path * mean.max(f64::MIN_POSITIVE))).min(MAX_DEPTH_PER_UNIT);
-        let place = worth.background_place();
-        let at_an_end = !(0.1..=0.9).contains(&place);
-        let map = colour_map(if at_an_end { "inferno" } else { "viridis" });
+        let (map, is_reversed) = colours(&worth);
         let over_range = over_range(range);
         let fraction = |value: f32| {
             let fraction = over_range(value);
-            if place > 0.9 {
+            if is_reversed {
                 1.0 - fraction
             } else {
                 fraction
@@ -187,7 +260,7 @@ impl Worth {
         clippy::cast_sign_loss,
         reason = "a bin's index, within the histogram"
     )]
-    fn new(sorted: &[Sample], [lo, hi]: [f32; 2]) -> Self {
+    fn new(sorted: &[Sample], [lo, hi]: [f32; 2], neutral: Option<f32>) -> Self {
         let (lo, hi) = (f64::from(lo), f64::from(hi));
         let clamped = |s: &Sample| f64::from(s.value).clamp(lo, hi);
         let total: f64 = sorted.iter().map(|s| s.volume).sum();
@@ -206,7 +279,9 @@ impl Worth {
                 |best, (i, &v)| if v > best.1 { (i, v) } else { best },
             );
         let even_share = total / bin_count as f64;
-        let background = if volume >= BACKGROUND_DOMINANCE * even_share && fullest > 0 {
+        let background = if let Some(neutral) = neutral {
+            f64::from(neutral)
+        } else if volume >= BACKGROUND_DOMINANCE * even_share && fullest > 0 {
             lo + (fullest as f64 + 0.5) * width
         } else {
             lo
@@ -277,7 +352,7 @@ mod tests {
             range: [0.0, 1.0],
             unit_distance: 0.5,
         };
-        TransferFunction::automatic(&values, &[], &defaults).unwrap()
+        TransferFunction::automatic(&values, &[], None, &defaults).unwrap()
     }
 
     /// Mean optical depth of a line through values in random order.
@@ -345,8 +420,85 @@ mod tests {
             range: [1.0, 5.0],
             unit_distance: 0.5,
         };
-        let t = TransferFunction::automatic(&values, &volumes, &defaults).unwrap();
+        let t = TransferFunction::automatic(&values, &volumes, None, &defaults).unwrap();
         assert!(t.classify(1.0)[3] <= 0.0 && t.classify(5.0)[3] > 0.0);
+    }
+
+    #[test]
+    fn a_named_map_replaces_colours_alone() {
+        let values = Values::F32(
+            (0..50_000u64)
+                .map(|i| (split_mix(i) % 100) as f32)
+                .collect(),
+        );
+        let defaults = TransferDefaults {
+            range: [0.0, 99.0],
+            unit_distance: 0.5,
+        };
+        let named = |name| TransferFunction::automatic_in(name, &values, &[], None, &defaults);
+        let own = automatic(values.clone());
+        let plasma = named("Plasma").unwrap();
+        let map = colour_map("plasma").unwrap();
+        for i in 0..100 {
+            let value = i as f32;
+            assert!((plasma.classify(value)[3] - own.classify(value)[3]).abs() < 1e-5);
+            let expected = map(value / 99.0);
+            for (a, b) in plasma.classify(value).iter().zip(expected) {
+                assert!((a - b).abs() < 0.01, "{value}");
+            }
+        }
+        assert!(named("jet").is_err());
+    }
+
+    #[test]
+    fn a_given_range_holds() {
+        let values = Values::F32(
+            (0..50_000u64)
+                .map(|i| (split_mix(i) % 100) as f32)
+                .collect(),
+        );
+        let defaults = TransferDefaults {
+            range: [0.0, 99.0],
+            unit_distance: 0.5,
+        };
+        let of = |range| TransferFunction::automatic(&values, &[], Some(range), &defaults);
+        let t = of([20.0, 60.0]).unwrap();
+        assert_eq!(t.range(), [20.0, 60.0]);
+        // What lies beyond counts as the end.
+        assert_eq!(t.classify(90.0), t.classify(60.0));
+        assert!((depth(&t, &values) - MEAN_DEPTH).abs() < 0.1);
+        for range in [
+            [3.0, 3.0],
+            [4.0, 3.0],
+            [f32::NAN, 3.0],
+            [0.0, f32::INFINITY],
+        ] {
+            assert!(of(range).is_err());
+        }
+    }
+
+    #[test]
+    fn a_diverging_map_is_clear_in_its_middle() {
+        let of = |low: f32| {
+            let value = |i: u64| low + (split_mix(i) % 1000) as f32 / 100.0;
+            let values = Values::F32((0..50_000).map(value).collect());
+            let defaults = TransferDefaults {
+                range: [low, low + 10.0],
+                unit_distance: 0.5,
+            };
+            TransferFunction::automatic_in("coolwarm", &values, &[], None, &defaults).unwrap()
+        };
+        // From -2 to 8: neutral at 0; from 5 to 15: in the middle.
+        for (t, middle) in [(of(-2.0), 0.0), (of(5.0), 10.0)] {
+            let alpha = |value: f32| t.classify(middle + value)[3];
+            assert!(alpha(0.0) <= 0.0);
+            assert!(alpha(1.9) > alpha(1.0) && alpha(-1.9) > alpha(-1.0));
+            assert!((alpha(1.9) - alpha(-1.9)).abs() < 0.05 * alpha(1.9));
+            let [red, _, blue, _] = t.classify(middle + 1.9);
+            assert!(red > blue);
+            let [red, _, blue, _] = t.classify(middle - 1.9);
+            assert!(blue > red);
+        }
     }
 
     #[test]

@@ -141,9 +141,28 @@ fn rgb_from_hsv([h, s, v]: [f32; 3]) -> [f32; 3] {
     })
 }
 
+/// A linear colour for each place of a range, 0..1.
+pub(super) type ColourMap = Box<dyn Fn(f32) -> [f32; 3]>;
+
+/// The maps with a neutral colour in their middle.
+pub(super) const DIVERGING: [&str; 1] = ["coolwarm"];
+
+/// [`colour_map`], or what is known instead.
+pub(super) fn known_map(name: &str) -> Result<ColourMap> {
+    colour_map(name).ok_or_else(|| {
+        Error::invalid(
+            Parameter::TransferFunction,
+            format!("name `{name}`"),
+            format!("one of {}", COLOUR_MAP_NAMES.join(", ")),
+            "no colour map of that name",
+            "name one of these, or a .json file",
+        )
+    })
+}
+
 /// The linear colour of a named map at `s`, 0..1; `None` for an unknown name.
-pub(super) fn colour_map(name: &str) -> Option<Box<dyn Fn(f32) -> [f32; 3]>> {
-    fn encoded(gradient: impl Gradient + 'static) -> Box<dyn Fn(f32) -> [f32; 3]> {
+pub(super) fn colour_map(name: &str) -> Option<ColourMap> {
+    fn encoded(gradient: impl Gradient + 'static) -> ColourMap {
         Box::new(move |s| {
             let c = gradient.at(s.clamp(0.0, 1.0));
             [c.r, c.g, c.b].map(|x| linear_from_srgb(x.clamp(0.0, 1.0)))
@@ -183,15 +202,7 @@ impl TransferFunction {
     /// An unknown name (the message lists the known ones); defaults that are no range or no
     /// length.
     pub fn named(name: &str, defaults: &TransferDefaults) -> Result<Self> {
-        let Some(map) = colour_map(name) else {
-            return Err(Error::invalid(
-                Parameter::TransferFunction,
-                format!("name `{name}`"),
-                format!("one of {}", COLOUR_MAP_NAMES.join(", ")),
-                "no colour map of that name",
-                "name one of these, or a .json file",
-            ));
-        };
+        let map = known_map(name)?;
         let fraction = over_range(defaults.range);
         Self::from_curves(
             |value| map(fraction(value)),

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
-use super::{ColourSpace, ControlPoint, TransferDefaults, TransferFunction, check_points};
+use super::{
+    ColourSpace, ControlPoint, TransferDefaults, TransferFunction, check_points, narrowed,
+};
 use crate::error::{Error, Place, Result};
 
 const OWN_KEYS: [&str; 4] = ["range", "unit_distance", "color_space", "points"];
@@ -79,6 +81,71 @@ impl TransferFunction {
             document.own(object, defaults)
         }
     }
+}
+
+/// How far a file's opacities and colours may lie from the table's.
+const WRITTEN_ERROR: f32 = 5e-4;
+
+impl TransferFunction {
+    /// The text of a JSON file of [`TransferFunction::from_json`]'s own form: as few of the table's entries as
+    /// keep opacities and linear colours to 5e-4.
+    pub fn to_json(&self) -> String {
+        let unit = self.unit_distance();
+        let [lo, hi] = self.range();
+        let last = (self.table().len() - 1).max(1) as f64;
+        let entries: Vec<[f32; 4]> = self
+            .table()
+            .iter()
+            .map(|&[red, green, blue, extinction]| {
+                [
+                    red,
+                    green,
+                    blue,
+                    narrowed(-(-f64::from(extinction) * unit).exp_m1()),
+                ]
+            })
+            .collect();
+        let points: Vec<Value> = kept(&entries)
+            .into_iter()
+            .map(|i| {
+                let [red, green, blue, opacity] = entries[i];
+                let value = f64::from(lo) + (f64::from(hi) - f64::from(lo)) * (i as f64 / last);
+                json!({"value": narrowed(value), "color": [red, green, blue], "opacity": opacity})
+            })
+            .collect();
+        let text = json!({
+            "range": [lo, hi], "unit_distance": unit, "color_space": "linear", "points": points,
+        });
+        format!("{text:#}\n")
+    }
+}
+
+/// Which entries of a table are enough: the ends, and of what lies between the one that is farthest from the line
+/// between its neighbours, until none is far (Ramer, Douglas and Peucker).
+fn kept(entries: &[[f32; 4]]) -> Vec<usize> {
+    let last = entries.len() - 1;
+    let mut keeps = vec![false; entries.len()];
+    (keeps[0], keeps[last]) = (true, true);
+    let mut spans = vec![[0, last]];
+    while let Some([first, end]) = spans.pop() {
+        let distance = |i: usize| {
+            let s = (i - first) as f32 / (end - first) as f32;
+            (0..4).fold(0.0, |most: f32, n| {
+                let line = entries[first][n] + (entries[end][n] - entries[first][n]) * s;
+                most.max((entries[i][n] - line).abs())
+            })
+        };
+        let between = (first + 1..end).map(|i| (i, distance(i)));
+        let farthest = between.fold(
+            (0, 0.0),
+            |best, own| if own.1 > best.1 { own } else { best },
+        );
+        if farthest.1 > WRITTEN_ERROR {
+            keeps[farthest.0] = true;
+            spans.extend([[first, farthest.0], [farthest.0, end]]);
+        }
+    }
+    (0..entries.len()).filter(|&i| keeps[i]).collect()
 }
 
 impl Document<'_> {
@@ -409,6 +476,40 @@ fn describe(value: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let bumps = |value: f32| {
+            0.3 * (-(value - 3.0).powi(2)).exp() + 0.9 * (-(value - 7.0).powi(4)).exp()
+        };
+        let own = TransferFunction::from_curves(
+            |value| [value / 10.0, 0.5, 1.0 - value / 10.0],
+            bumps,
+            [0.0, 10.0],
+            0.25,
+        )
+        .unwrap();
+        let text = own.to_json();
+        let read = TransferFunction::from_json(Path::new("a.json"), &text, &DEFAULTS).unwrap();
+        assert_eq!(
+            (read.range(), read.unit_distance()),
+            (own.range(), own.unit_distance())
+        );
+        for i in 0..=1000 {
+            let value = i as f32 / 100.0;
+            let [a, b] = [&own, &read].map(|t| t.classify(value));
+            for n in 0..3 {
+                assert!((a[n] - b[n]).abs() < 1e-3, "{value}: {a:?} {b:?}");
+            }
+            let opacity = |extinction: f32| 1.0 - (-extinction * 0.25).exp();
+            assert!(
+                (opacity(a[3]) - opacity(b[3])).abs() < 2e-3,
+                "{value}: {a:?} {b:?}"
+            );
+        }
+        // A few dozen points, not thousands.
+        assert!(text.matches("value").count() < 150, "{text}");
+    }
 
     const DEFAULTS: TransferDefaults = TransferDefaults {
         range: [100.0, 300.0],

@@ -8,7 +8,7 @@ use glam::{Mat2, Vec2};
 use crate::constants::{CLIP_SOFTNESS, MAX_CLIP_PLANES, TILE_SIZE};
 use crate::cpu::tile::evaluate::surfel::{NearSurfelAt, SurfelRow};
 use crate::cpu::tile::pixels::{TilePlace, ray};
-use crate::math::lane::{cdf, madd};
+use crate::math::lane::{cdf, hypot, madd};
 use crate::record::{Footprint, SurfelTerms, ViewUniform};
 
 /// Where planes clip a surfel: how far inside lies what a pixel shows of it, standard deviations of the
@@ -38,7 +38,10 @@ impl ClipEdges {
         }
         let patch = place.patch(footprint);
         let first = |i: usize| place.px(i, 0) - footprint.centre_px[i];
-        let reach = farthest(patch.columns, first(0)).hypot(farthest(patch.rows, first(1)));
+        let reach = hypot(
+            farthest(patch.columns, first(0)),
+            farthest(patch.rows, first(1)),
+        );
         let edges = Self::new(
             view,
             footprint.centre_px.into(),
