@@ -1,8 +1,9 @@
 //! Values of command-line options.
 
+use ewa_splat::image::linear_from_srgb;
 use ewa_splat::scene::{Light, LightFrame};
 use ewa_splat::view::ClipPlane;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// `x,y,z`
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
@@ -34,9 +35,18 @@ pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
     }
 }
 
-/// `r,g,b`
+/// `r,g,b`, linear, or a colour of the web, which is encoded: a name, `#rrggbb`.
 pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
-    Ok(DVec3::from(numbers(text)?).as_vec3().into())
+    let linear = numbers(text).ok().map(|rgb| DVec3::from(rgb).as_vec3());
+    let encoded = || {
+        let colour = csscolorparser::parse(text).ok().filter(|c| c.a >= 1.0)?;
+        Some(Vec3::from([colour.r, colour.g, colour.b].map(linear_from_srgb)))
+    };
+    match linear.or_else(encoded) {
+        Some(rgb) if rgb.min_element() >= 0.0 && rgb.max_element() <= 1.0 => Ok(rgb.into()),
+        Some(_) => Err("three numbers from 0 to 1, or #rrggbb for 0 to 255".into()),
+        None => Err("three numbers from 0 to 1 such as 0.1,0.1,0.2, #1a1a33, or a name such as navy".into()),
+    }
 }
 
 /// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use glam::{Vec2, Vec3};
 
-use super::ProjectOutput;
+use super::output::ProjectOutput;
 use crate::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use crate::record::{
     BlockView, Carried, ExactTerms, Footprint, NearTerms, PATH_AFFINE, PATH_EXACT, PATH_HALF_LINE,

@@ -5,14 +5,15 @@
 //! | `shapes.rs` | particles in camera space |
 //! | `lanes.rs` | footprints of sixteen kernels at once |
 //! | `footprint.rs` | that of one, whatever it is |
+//! | `output.rs` | what is found besides |
 
 mod footprint;
 mod lanes;
+mod output;
 mod shapes;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::Ordering;
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -20,59 +21,15 @@ use rayon::prelude::*;
 use crate::blocks::{BlockedVolume, Rule};
 use crate::constants::TILE_SIZE;
 use crate::record::{
-    BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, NearTerms, PATH_EXACT,
-    PieceTerms, SurfelTerms, ViewUniform,
+    BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, PieceTerms,
+    SurfelTerms, ViewUniform,
 };
 use crate::simd::{SimdLevel, SimdWork, run_at};
 use crate::splat::{CHOICE_COLOURS, Edges, Filter, Kernel, choice_index};
 use footprint::{cut_by_edges, depth_key, facing, slab_key, splat_footprint, surfel};
 use lanes::{Batch, LANES, Shared};
+pub use output::ProjectOutput;
 use shapes::{BlockShapes, Shapes};
-
-/// What the projection of one frame writes besides footprints.
-#[derive(Debug, Default)]
-pub struct ProjectOutput {
-    near: Mutex<Vec<NearTerms>>,
-    /// How many of them are edges alone.
-    cut_count: AtomicUsize,
-    exact_count: AtomicUsize,
-    tile_count: AtomicU64,
-}
-
-impl ProjectOutput {
-    /// Forgets the last frame.
-    pub fn clear(&mut self) {
-        self.near
-            .get_mut()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clear();
-        *self.cut_count.get_mut() = 0;
-        *self.exact_count.get_mut() = 0;
-        *self.tile_count.get_mut() = 0;
-    }
-
-    /// Terms of the kernels that cross the camera plane, few, and of those that the domain of their data
-    /// cuts, in no particular order.
-    pub fn near(&mut self) -> &[NearTerms] {
-        self.near.get_mut().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// How many kernels cross the camera plane.
-    pub fn near_count(&mut self) -> usize {
-        let cut = *self.cut_count.get_mut();
-        self.near().len() - cut
-    }
-
-    /// How many footprints that reach the image are on the exact path.
-    pub fn exact_count(&self) -> usize {
-        self.exact_count.load(Ordering::Relaxed)
-    }
-
-    /// How many tiles the footprints' boxes touch, all together: no fewer than lists have entries.
-    pub fn tile_count(&self) -> u64 {
-        self.tile_count.load(Ordering::Relaxed)
-    }
-}
 
 /// What the projection of a volume reads.
 #[derive(Debug, Clone, Copy)]

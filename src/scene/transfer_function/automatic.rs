@@ -424,17 +424,21 @@ mod tests {
         assert!(t.classify(1.0)[3] <= 0.0 && t.classify(5.0)[3] > 0.0);
     }
 
-    #[test]
-    fn a_named_map_replaces_colours_alone() {
-        let values = Values::F32(
-            (0..50_000u64)
-                .map(|i| (split_mix(i) % 100) as f32)
-                .collect(),
-        );
+    /// Whole numbers from 0 to 99, as many of each.
+    fn hundred() -> (Values, TransferDefaults) {
+        let values = (0..50_000u64)
+            .map(|i| (split_mix(i) % 100) as f32)
+            .collect();
         let defaults = TransferDefaults {
             range: [0.0, 99.0],
             unit_distance: 0.5,
         };
+        (Values::F32(values), defaults)
+    }
+
+    #[test]
+    fn a_named_map_replaces_colours_alone() {
+        let (values, defaults) = hundred();
         let named = |name| TransferFunction::automatic_in(name, &values, &[], None, &defaults);
         let own = automatic(values.clone());
         let plasma = named("Plasma").unwrap();
@@ -452,15 +456,7 @@ mod tests {
 
     #[test]
     fn a_given_range_holds() {
-        let values = Values::F32(
-            (0..50_000u64)
-                .map(|i| (split_mix(i) % 100) as f32)
-                .collect(),
-        );
-        let defaults = TransferDefaults {
-            range: [0.0, 99.0],
-            unit_distance: 0.5,
-        };
+        let (values, defaults) = hundred();
         let of = |range| TransferFunction::automatic(&values, &[], Some(range), &defaults);
         let t = of([20.0, 60.0]).unwrap();
         assert_eq!(t.range(), [20.0, 60.0]);
