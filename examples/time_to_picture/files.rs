@@ -33,79 +33,76 @@ fn made(
 
 /// A table of f32 columns in NumPy's form.
 fn table(
-    folder: &Path,
-    name: &str,
+    out: &mut impl Write,
     columns: &[&str],
     count: usize,
     mut row: impl FnMut(&mut Vec<f32>),
-) -> Result<PathBuf> {
-    made(folder, name, |out| {
-        let descr: Vec<String> = columns.iter().map(|c| format!("('{c}', '<f4')")).collect();
-        let header = format!(
-            "{{'descr': [{}], 'fortran_order': False, 'shape': ({count},), }}",
-            descr.join(", ")
-        );
-        let padded = (10 + header.len() + 1).next_multiple_of(64) - 10;
-        out.write_all(b"\x93NUMPY\x01\x00")?;
-        let length = u16::try_from(padded).expect("a short header");
-        out.write_all(&length.to_le_bytes())?;
-        writeln!(out, "{header:<width$}", width = padded - 1)?;
-        let mut values = Vec::new();
-        for _ in 0..count {
-            values.clear();
-            row(&mut values);
-            assert_eq!(values.len(), columns.len());
-            for value in &values {
-                out.write_all(&value.to_le_bytes())?;
-            }
+) -> Result<()> {
+    let descr: Vec<String> = columns.iter().map(|c| format!("('{c}', '<f4')")).collect();
+    let header = format!(
+        "{{'descr': [{}], 'fortran_order': False, 'shape': ({count},), }}",
+        descr.join(", ")
+    );
+    let padded = (10 + header.len() + 1).next_multiple_of(64) - 10;
+    out.write_all(b"\x93NUMPY\x01\x00")?;
+    let length = u16::try_from(padded).expect("a short header");
+    out.write_all(&length.to_le_bytes())?;
+    writeln!(out, "{header:<width$}", width = padded - 1)?;
+    let mut values = Vec::new();
+    for _ in 0..count {
+        values.clear();
+        row(&mut values);
+        assert_eq!(values.len(), columns.len());
+        for value in &values {
+            out.write_all(&value.to_le_bytes())?;
         }
-        Ok(())
-    })
+    }
+    Ok(())
 }
 
-/// A million particles with a smoothing length, clustered: half of them in thirty blobs.
 pub(crate) fn sph(folder: &Path) -> Result<PathBuf> {
+    made(folder, "sph.npy", |out| write_sph(out, 1_000_000))
+}
+
+/// Particles with a smoothing length, clustered: half of them in thirty blobs.
+pub(crate) fn write_sph(out: &mut impl Write, count: usize) -> Result<()> {
     let mut random = uniform(2);
     let blobs: Vec<[f32; 4]> = (0..30)
         .map(|_| [random(), random(), random(), 0.02 + 0.08 * random()])
         .collect();
     let mut row = 0;
-    table(
-        folder,
-        "sph.npy",
-        &["x", "y", "z", "h", "mass", "rho"],
-        1_000_000,
-        |out| {
-            let blob = blobs[row % blobs.len()];
-            let at = if row % 2 == 0 {
-                [random(), random(), random()]
-            } else {
-                // Twelve uniform numbers are nearly normal.
-                let mut normal = || (0..12).map(|_| random()).sum::<f32>() - 6.0;
-                [0, 1, 2].map(|k| blob[k] + blob[3] * normal())
-            };
-            row += 1;
-            let rho: f32 = 1.0
-                + blobs
-                    .iter()
-                    .map(|b| {
-                        let d2: f32 = (0..3).map(|k| (at[k] - b[k]).powi(2)).sum();
-                        0.002 / b[3].powi(3) * (-0.5 * d2 / (b[3] * b[3])).exp()
-                    })
-                    .sum::<f32>();
-            out.extend(at);
-            out.extend([0.012 * rho.powf(-1.0 / 3.0), 1e-6, rho]);
-        },
-    )
+    // As many neighbours within a length, however many particles: .012 is that of a million.
+    let length = 1.2 / (count as f32).cbrt();
+    table(out, &["x", "y", "z", "h", "mass", "rho"], count, |out| {
+        let blob = blobs[row % blobs.len()];
+        let at = if row % 2 == 0 {
+            [random(), random(), random()]
+        } else {
+            // Twelve uniform numbers are nearly normal.
+            let mut normal = || (0..12).map(|_| random()).sum::<f32>() - 6.0;
+            [0, 1, 2].map(|k| blob[k] + blob[3] * normal())
+        };
+        row += 1;
+        let rho: f32 = 1.0
+            + blobs
+                .iter()
+                .map(|b| {
+                    let d2: f32 = (0..3).map(|k| (at[k] - b[k]).powi(2)).sum();
+                    0.002 / b[3].powi(3) * (-0.5 * d2 / (b[3] * b[3])).exp()
+                })
+                .sum::<f32>();
+        out.extend(at);
+        out.extend([length * rho.powf(-1.0 / 3.0), 1.0 / count as f32, rho]);
+    })
 }
 
 /// Variances, masses and colours.
-fn ellipsoid_table(folder: &Path, name: &str, count: usize, sigma: f32) -> Result<PathBuf> {
+fn write_ellipsoids(out: &mut impl Write, count: usize, sigma: f32) -> Result<()> {
     let mut random = uniform(3);
     let columns = [
         "x", "y", "z", "vxx", "vxy", "vxz", "vyy", "vyz", "vzz", "mass", "r", "g", "b",
     ];
-    table(folder, name, &columns, count, |out| {
+    table(out, &columns, count, |out| {
         let mut within = |a: f32, b: f32| a + (b - a) * random();
         out.extend([within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0)]);
         // L L^T of a lower triangle.
@@ -125,21 +122,22 @@ fn ellipsoid_table(folder: &Path, name: &str, count: usize, sigma: f32) -> Resul
 }
 
 pub(crate) fn ellipsoids(folder: &Path) -> Result<PathBuf> {
-    ellipsoid_table(folder, "ellipsoids.npy", 1_000_000, 0.004)
+    made(folder, "ellipsoids.npy", |out| {
+        write_ellipsoids(out, 1_000_000, 0.004)
+    })
 }
 
 pub(crate) fn few_ellipsoids(folder: &Path) -> Result<PathBuf> {
-    ellipsoid_table(folder, "few_ellipsoids.npy", 100_000, 0.02)
+    made(folder, "few_ellipsoids.npy", |out| {
+        write_ellipsoids(out, 100_000, 0.02)
+    })
 }
 
 pub(crate) fn spheres(folder: &Path) -> Result<PathBuf> {
     let mut random = uniform(4);
-    table(
-        folder,
-        "spheres.npy",
-        &["x", "y", "z", "sigma", "mass"],
-        20_000_000,
-        |out| {
+    made(folder, "spheres.npy", |out| {
+        let columns = ["x", "y", "z", "sigma", "mass"];
+        table(out, &columns, 20_000_000, |out| {
             out.extend([
                 random(),
                 random(),
@@ -147,8 +145,8 @@ pub(crate) fn spheres(folder: &Path) -> Result<PathBuf> {
                 0.001 + 0.001 * random(),
                 2e-8 * random(),
             ]);
-        },
-    )
+        })
+    })
 }
 
 /// A smooth field of six blobs, 0 to about 1.
@@ -216,108 +214,110 @@ fn bytes<const N: usize>(values: impl IntoIterator<Item = [u8; N]>) -> Vec<u8> {
     values.into_iter().flatten().collect()
 }
 
-/// Of a sector of a ring, bent and stretched, 128 nodes along each axis.
 pub(crate) fn curvilinear(folder: &Path) -> Result<PathBuf> {
-    const N: usize = 128;
-    made(folder, "sector.vts", |out| {
-        let (mut points, mut values) = (Vec::new(), Vec::new());
-        for k in 0..N {
-            for j in 0..N {
-                for i in 0..N {
-                    let [u, v, w] = [i, j, k].map(|n| n as f64 / (N - 1) as f64);
-                    let radius = 1.0 + u * u;
-                    let (sine, cosine) = (2.0 * v).sin_cos();
-                    let at = [radius * cosine, radius * sine, w + 0.1 * (3.0 * u).sin()];
-                    points.extend(at.map(|x| (x as f32).to_le_bytes()));
-                    values.push(field([u, v, w]).to_le_bytes());
-                }
-            }
-        }
-        let e = format!("0 {0} 0 {0} 0 {0}", N - 1);
-        let body = format!(
-            "<StructuredGrid WholeExtent=\"{e}\"><Piece Extent=\"{e}\">\
-             <PointData Scalars=\"f\"><DataArray type=\"Float32\" Name=\"f\" format=\"appended\" offset=\"{{}}\"/></PointData>\
-             <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"appended\" offset=\"{{}}\"/></Points>\
-             </Piece></StructuredGrid>"
-        );
-        vtk(
-            out,
-            "StructuredGrid",
-            &body,
-            &[bytes(values), bytes(points)],
-        )
-    })
+    made(folder, "sector.vts", |out| write_curvilinear(out, 128))
 }
 
-/// Of 54^3 cubes of jittered corners, six each.
-pub(crate) fn tetrahedra(folder: &Path) -> Result<PathBuf> {
-    const N: usize = 54;
-    made(folder, "tetrahedra.vtu", |out| {
-        let mut random = uniform(5);
-        let (mut points, mut values) = (Vec::new(), Vec::new());
-        for k in 0..=N {
-            for j in 0..=N {
-                for i in 0..=N {
-                    let at = [i, j, k].map(|n| {
-                        let inner = n > 0 && n < N;
-                        let jitter = if inner {
-                            0.5 * f64::from(random() - 0.5)
-                        } else {
-                            0.0
-                        };
-                        (n as f64 + jitter) / N as f64
-                    });
-                    points.extend(at.map(|x| (x as f32).to_le_bytes()));
-                    values.push(field(at).to_le_bytes());
-                }
+/// Of a sector of a ring, bent and stretched, so many nodes along each axis.
+pub(crate) fn write_curvilinear(out: &mut impl Write, nodes: usize) -> Result<()> {
+    let (mut points, mut values) = (Vec::new(), Vec::new());
+    for k in 0..nodes {
+        for j in 0..nodes {
+            for i in 0..nodes {
+                let [u, v, w] = [i, j, k].map(|n| n as f64 / (nodes - 1) as f64);
+                let radius = 1.0 + u * u;
+                let (sine, cosine) = (2.0 * v).sin_cos();
+                let at = [radius * cosine, radius * sine, w + 0.1 * (3.0 * u).sin()];
+                points.extend(at.map(|x| (x as f32).to_le_bytes()));
+                values.push(field([u, v, w]).to_le_bytes());
             }
         }
-        let mut cells = Vec::new();
-        for k in 0..N {
-            for j in 0..N {
-                for i in 0..N {
-                    // From corner to corner along the axes in each order.
-                    for order in [
-                        [0, 1, 2],
-                        [0, 2, 1],
-                        [1, 0, 2],
-                        [1, 2, 0],
-                        [2, 0, 1],
-                        [2, 1, 0],
-                    ] {
-                        let mut at = [i, j, k];
-                        for step in [None, Some(order[0]), Some(order[1]), Some(order[2])] {
-                            if let Some(axis) = step {
-                                at[axis] += 1;
-                            }
-                            let node = at[0] + (N + 1) * (at[1] + (N + 1) * at[2]);
-                            cells.push((node as i32).to_le_bytes());
+    }
+    let e = format!("0 {0} 0 {0} 0 {0}", nodes - 1);
+    let body = format!(
+        "<StructuredGrid WholeExtent=\"{e}\"><Piece Extent=\"{e}\">\
+         <PointData Scalars=\"f\"><DataArray type=\"Float32\" Name=\"f\" format=\"appended\" offset=\"{{}}\"/></PointData>\
+         <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"appended\" offset=\"{{}}\"/></Points>\
+         </Piece></StructuredGrid>"
+    );
+    vtk(
+        out,
+        "StructuredGrid",
+        &body,
+        &[bytes(values), bytes(points)],
+    )
+}
+
+pub(crate) fn tetrahedra(folder: &Path) -> Result<PathBuf> {
+    made(folder, "tetrahedra.vtu", |out| write_tetrahedra(out, 54))
+}
+
+/// Of so many cubes of jittered corners along each axis, six each.
+pub(crate) fn write_tetrahedra(out: &mut impl Write, cubes: usize) -> Result<()> {
+    let mut random = uniform(5);
+    let (mut points, mut values) = (Vec::new(), Vec::new());
+    for k in 0..=cubes {
+        for j in 0..=cubes {
+            for i in 0..=cubes {
+                let at = [i, j, k].map(|n| {
+                    let inner = n > 0 && n < cubes;
+                    let jitter = if inner {
+                        0.5 * f64::from(random() - 0.5)
+                    } else {
+                        0.0
+                    };
+                    (n as f64 + jitter) / cubes as f64
+                });
+                points.extend(at.map(|x| (x as f32).to_le_bytes()));
+                values.push(field(at).to_le_bytes());
+            }
+        }
+    }
+    let mut cells = Vec::new();
+    for k in 0..cubes {
+        for j in 0..cubes {
+            for i in 0..cubes {
+                // From corner to corner along the axes in each order.
+                for order in [
+                    [0, 1, 2],
+                    [0, 2, 1],
+                    [1, 0, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [2, 1, 0],
+                ] {
+                    let mut at = [i, j, k];
+                    for step in [None, Some(order[0]), Some(order[1]), Some(order[2])] {
+                        if let Some(axis) = step {
+                            at[axis] += 1;
                         }
+                        let node = at[0] + (cubes + 1) * (at[1] + (cubes + 1) * at[2]);
+                        cells.push((node as i32).to_le_bytes());
                     }
                 }
             }
         }
-        let count = cells.len() / 4;
-        let body = format!(
-            "<UnstructuredGrid><Piece NumberOfPoints=\"{}\" NumberOfCells=\"{count}\">\
-             <PointData Scalars=\"f\"><DataArray type=\"Float32\" Name=\"f\" format=\"appended\" offset=\"{{}}\"/></PointData>\
-             <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"appended\" offset=\"{{}}\"/></Points>\
-             <Cells><DataArray type=\"Int32\" Name=\"connectivity\" format=\"appended\" offset=\"{{}}\"/>\
-             <DataArray type=\"Int32\" Name=\"offsets\" format=\"appended\" offset=\"{{}}\"/>\
-             <DataArray type=\"UInt8\" Name=\"types\" format=\"appended\" offset=\"{{}}\"/></Cells>\
-             </Piece></UnstructuredGrid>",
-            values.len()
-        );
-        let ends = (1..=count).map(|n| (4 * n as i32).to_le_bytes());
-        let arrays = [
-            bytes(values),
-            bytes(points),
-            bytes(cells),
-            bytes(ends),
-            vec![10; count],
-        ];
-        vtk(out, "UnstructuredGrid", &body, &arrays)
-    })
+    }
+    let count = cells.len() / 4;
+    let body = format!(
+        "<UnstructuredGrid><Piece NumberOfPoints=\"{}\" NumberOfCells=\"{count}\">\
+         <PointData Scalars=\"f\"><DataArray type=\"Float32\" Name=\"f\" format=\"appended\" offset=\"{{}}\"/></PointData>\
+         <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"appended\" offset=\"{{}}\"/></Points>\
+         <Cells><DataArray type=\"Int32\" Name=\"connectivity\" format=\"appended\" offset=\"{{}}\"/>\
+         <DataArray type=\"Int32\" Name=\"offsets\" format=\"appended\" offset=\"{{}}\"/>\
+         <DataArray type=\"UInt8\" Name=\"types\" format=\"appended\" offset=\"{{}}\"/></Cells>\
+         </Piece></UnstructuredGrid>",
+        values.len()
+    );
+    let ends = (1..=count).map(|n| (4 * n as i32).to_le_bytes());
+    let arrays = [
+        bytes(values),
+        bytes(points),
+        bytes(cells),
+        bytes(ends),
+        vec![10; count],
+    ];
+    vtk(out, "UnstructuredGrid", &body, &arrays)
 }
 
 /// A box of side 2 with one texture of 512 x 512 on each face.
@@ -372,18 +372,20 @@ pub(crate) fn small(_: &Path) -> Result<PathBuf> {
 }
 
 pub(crate) fn lattice(folder: &Path) -> Result<PathBuf> {
-    const N: usize = 256;
-    made(folder, "lattice.raw", |out| {
-        for k in 0..N {
-            for j in 0..N {
-                for i in 0..N {
-                    let at = [i, j, k].map(|n| n as f64 / (N - 1) as f64);
-                    out.write_all(&[(200.0 * field(at)).min(255.0) as u8])?;
-                }
+    made(folder, "lattice.raw", |out| write_lattice(out, 256))
+}
+
+/// Bytes, so many along each axis.
+pub(crate) fn write_lattice(out: &mut impl Write, side: usize) -> Result<()> {
+    for k in 0..side {
+        for j in 0..side {
+            for i in 0..side {
+                let at = [i, j, k].map(|n| n as f64 / (side - 1) as f64);
+                out.write_all(&[(200.0 * field(at)).min(255.0) as u8])?;
             }
         }
-        Ok(())
-    })
+    }
+    Ok(())
 }
 
 /// Shows a third of [`lattice`].
