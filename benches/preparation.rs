@@ -31,7 +31,7 @@ use ewa_splat::{Renderer, SceneOptions};
 
 const SPH_COUNT: usize = 100_000;
 const GRID_NODES: usize = 64;
-/// Along each axis, six tetrahedra each: 52,728.
+/// Along each axis, six tetrahedra each: 48,000.
 const TETRAHEDRA_CUBES: usize = 20;
 const SURFEL_COUNT: usize = 100_000;
 const ELLIPSOID_COUNT: usize = 200_000;

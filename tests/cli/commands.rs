@@ -981,13 +981,8 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
         ];
         let output = run(folder.path(), &[&shared[..], options].concat());
         assert!(output.status.success(), "{}", text(&output.stderr));
-        let file = std::fs::File::open(folder.path().join(out)).unwrap();
-        let mut bytes = Vec::new();
-        std::io::Read::read_to_end(&mut &file, &mut bytes).unwrap();
-        let numbers = bytes[bytes.len() - 40 * 40 * 16..].chunks_exact(4);
-        numbers
-            .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
-            .collect::<Vec<f32>>()
+        let image = ewa_splat::io::read_image(&folder.path().join(out)).unwrap();
+        image.pixels.into_flattened()
     };
     let greatest = |a: &[f32], b: &[f32]| {
         a.iter()
@@ -1058,6 +1053,53 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
     let output = run(folder.path(), &none);
     assert!(!output.status.success() && text(&output.stderr).contains("one transfer function"));
     assert!(!folder.path().join("g.json").exists());
+}
+
+#[test]
+fn a_background_has_numbers_or_a_name() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("fog.csv"),
+        "x,y,z,sigma,mass\n0,0,0,0.1,0.1\n",
+    )
+    .unwrap();
+    let draw = |background: &str| {
+        let arguments = [
+            "render",
+            "fog.csv",
+            "--size",
+            "8x8",
+            "--out",
+            "a.npy",
+            "--background",
+            background,
+        ];
+        let output = run(folder.path(), &arguments);
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy"));
+        let corner = image.map_or([f32::NAN; 4], |image| image.pixel(0, 0));
+        (output.status.success(), text(&output.stderr), corner)
+    };
+    let (_, _, numbers) = draw("0,0.21586052,1");
+    // 128/255 is encoded: linear .2159.
+    for same in ["#0080ff", "rgb(0,128,255)"] {
+        for (a, b) in draw(same).2.iter().zip(numbers) {
+            assert!((a - b).abs() < 1e-4, "{same}");
+        }
+    }
+    assert_eq!(draw("navy").2, draw("#000080").2);
+    for (wrong, expected) in [
+        ("255,255,255", "#rrggbb"),
+        ("-1,0,0", "0 to 1"),
+        ("nave", "a name such as navy"),
+        ("#12345", "#1a1a33"),
+        ("transparent", "a name such as navy"),
+    ] {
+        let (succeeded, message, _) = draw(wrong);
+        assert!(
+            !succeeded && message.contains(expected),
+            "{wrong}: {message}"
+        );
+    }
 }
 
 /// The camera decides how many surfels a mesh gets, and then draws it: a pipe can be read once.

@@ -40,12 +40,16 @@ pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     let linear = numbers(text).ok().map(|rgb| DVec3::from(rgb).as_vec3());
     let encoded = || {
         let colour = csscolorparser::parse(text).ok().filter(|c| c.a >= 1.0)?;
-        Some(Vec3::from([colour.r, colour.g, colour.b].map(linear_from_srgb)))
+        Some(Vec3::from(
+            [colour.r, colour.g, colour.b].map(linear_from_srgb),
+        ))
     };
     match linear.or_else(encoded) {
         Some(rgb) if rgb.min_element() >= 0.0 && rgb.max_element() <= 1.0 => Ok(rgb.into()),
         Some(_) => Err("three numbers from 0 to 1, or #rrggbb for 0 to 255".into()),
-        None => Err("three numbers from 0 to 1 such as 0.1,0.1,0.2, #1a1a33, or a name such as navy".into()),
+        None => Err(
+            "three numbers from 0 to 1 such as 0.1,0.1,0.2, #1a1a33, or a name such as navy".into(),
+        ),
     }
 }
 

@@ -221,8 +221,9 @@ struct Output {
     /// What the image shows
     #[arg(long, value_enum, default_value = "scene")]
     show: ShowName,
-    /// Linear colour behind everything [default: none, the image stays transparent]
-    #[arg(long, value_name = "r,g,b", value_parser = parse::colour)]
+    /// Colour behind everything: linear numbers from 0 to 1, or a name or #rrggbb of the web [default: none,
+    /// the image stays transparent]
+    #[arg(long, value_name = "r,g,b|NAME", value_parser = parse::colour, allow_hyphen_values = true)]
     background: Option<[f32; 3]>,
     /// Write counts, memory and times as JSON
     #[arg(long, value_name = "FILE")]
