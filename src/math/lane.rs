@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn logarithms_and_lengths_are_right_to_a_few_roundings() {
         for i in -379_000..380_000 {
-            let x = 10_f64.powf(f64::from(i) * 1e-4) as f32;
+            let x = 10_f32.powf(i as f32 * 1e-4);
             let exact = f64::from(x).ln();
             let error = (f64::from(ln(x)) - exact).abs();
             assert!(error <= 2e-7 * exact.abs(), "{x}: {error}");

@@ -91,13 +91,12 @@ impl TransferFunction {
         let map = known_map(name)?;
         let neutral = |[lo, hi]: [f32; 2]| {
             let is_diverging = DIVERGING.contains(&name.to_ascii_lowercase().as_str());
-            is_diverging.then(|| {
-                if lo < 0.0 && hi > 0.0 {
-                    0.0
-                } else {
-                    lo + 0.5 * (hi - lo)
-                }
-            })
+            let middle = if lo < 0.0 && hi > 0.0 {
+                0.0
+            } else {
+                lo + 0.5 * (hi - lo)
+            };
+            is_diverging.then_some(middle)
         };
         Self::fitted(values, volumes, range, defaults, neutral, |_| {
             (Some(map), false)
