@@ -1056,6 +1056,32 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
 }
 
 #[test]
+fn a_target_moves_a_fitted_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    // Two specks; the camera is fitted to both.
+    let specks = "x,y,z,sigma,mass\n-2,0,0,0.05,0.1\n2,0,1,0.05,0.1\n";
+    std::fs::write(folder.path().join("two.csv"), specks).unwrap();
+    let draw = |options: &[&str]| {
+        let shared = ["render", "two.csv", "--size", "41x41", "--out", "a.npy"];
+        let output = run(folder.path(), &[&shared[..], options].concat());
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy"));
+        (output.status.success(), text(&output.stderr), image)
+    };
+    let middle = |options: &[&str]| draw(options).2.unwrap().pixel(20, 20)[3];
+    assert!(middle(&["--zoom", "2"]) < 1e-4);
+    for (target, zoom) in [("-2,0,0", "1"), ("2,0,1", "3"), ("2,0,1", "0.7")] {
+        let found = middle(&["--target", target, "--zoom", zoom, "--azimuth", "70"]);
+        assert!(found > 0.02, "{target} {zoom}: {found}");
+    }
+    assert!(middle(&["--target", "2,0,1", "--ortho", "3"]) > 0.02);
+    let (succeeded, message, _) = draw(&["--eye", "1,2,3", "--target", "1,2,3"]);
+    assert!(
+        !succeeded && message.contains("an eye away from the point looked at"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_background_has_numbers_or_a_name() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(

@@ -4,10 +4,10 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 
 use clap::Args;
-use ewa_splat::Result;
 use ewa_splat::io::Mesh;
 use ewa_splat::sample::mesh::most_pixels_per_area;
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera};
+use ewa_splat::{Error, Result};
 use glam::DVec3;
 
 use crate::parse;
@@ -35,9 +35,8 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           conflicts_with_all = ["azimuth", "elevation", "zoom"])]
     eye: Option<DVec3>,
-    /// Point looked at [default: the data's centre]
-    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
-          requires = "eye")]
+    /// Point looked at; a fitted camera is moved so that it is in the middle [default: the data's centre]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true)]
     target: Option<DVec3>,
     /// Direction that points up in the image [default: 0,0,1; of meshes alone 0,1,0]
     #[arg(long, value_name = "x,y,z", value_parser = parse::direction, allow_hyphen_values = true)]
@@ -83,13 +82,22 @@ impl CameraOptions {
         let size = size.unwrap_or(default_size);
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let up = self.up.unwrap_or(default_up);
+        let corners = boxes
+            .iter()
+            .map(|&(middle, half)| (middle - half, middle + half));
+        let all = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let centre = all.map(|(lower, upper)| (lower + upper) / 2.0);
         if let Some(eye) = self.eye {
-            let all = boxes
-                .iter()
-                .map(|&(middle, half)| (middle - half, middle + half));
-            let all = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            let centre = all.map_or(eye + DVec3::Y, |(lower, upper)| (lower + upper) / 2.0);
-            let target = self.target.unwrap_or(centre);
+            let target = self.target.or(centre).unwrap_or(eye + DVec3::Y);
+            if target == eye {
+                return Err(Error::invalid(
+                    "--eye",
+                    "camera",
+                    "an eye away from the point looked at",
+                    format!("both at {},{},{}", eye.x, eye.y, eye.z),
+                    "move the eye, or name another --target",
+                ));
+            }
             return Ok(match self.ortho {
                 Some(height) => Camera::orthographic(eye, target, up, height, size),
                 None => Camera::perspective(eye, target, up, fov, size),
@@ -108,7 +116,19 @@ impl CameraOptions {
         };
         // An empty picture's camera looks anywhere.
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
-        Ok(viewpoint.camera(boxes, lens, size).unwrap_or_else(unfitted))
+        let fitted = viewpoint.camera(boxes, lens, size).unwrap_or_else(unfitted);
+        Ok(match (self.target, centre) {
+            (Some(target), Some(centre)) => {
+                // As far from the eye as the data are.
+                let forward = fitted.forward();
+                let distance = (centre - fitted.eye).dot(forward);
+                Camera {
+                    eye: target - forward * distance,
+                    ..fitted
+                }
+            }
+            _ => fitted,
+        })
     }
 
     /// The pixels per unit area where a mesh is seen largest, drawn alone: see [`most_pixels_per_area`].
