@@ -1027,6 +1027,14 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
             "a range of its own",
         ),
         (&["--opacity-scale", "0"], "above 0"),
+        (
+            &["--column-density", "--range", "3,9"],
+            "cannot be used with",
+        ),
+        (
+            &["--column-density", "--opacity-scale", "2"],
+            "cannot be used with",
+        ),
     ] {
         let shared = ["render", "ramp.raw", "--dims", "16,16,16", "--out", "f.npy"];
         let output = run(folder.path(), &[&shared[..], options].concat());

@@ -3,7 +3,7 @@
 use ewa_splat::image::linear_from_srgb;
 use ewa_splat::scene::{Light, LightFrame};
 use ewa_splat::view::ClipPlane;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// `x,y,z`
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
@@ -150,8 +150,9 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 
 /// `LO,HI` of values.
 pub(crate) fn range(text: &str) -> Result<[f32; 2], String> {
-    let parsed: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse()).collect();
-    match parsed.ok().and_then(|v| <[f32; 2]>::try_from(v).ok()) {
+    let ends = finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok());
+    // Narrowed, ends may meet or leave the range of f32.
+    match ends.map(|ends| DVec2::from(ends).as_vec2().to_array()) {
         Some([lo, hi]) if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
         _ => Err("two finite numbers, the lower one first, such as 0,1".into()),
     }

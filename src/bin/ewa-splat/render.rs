@@ -130,8 +130,8 @@ struct Method {
     /// words, what the picture errs by
     #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
     measure_error: bool,
-    /// Draw as fast as the tolerance allows by measurement instead of by bounds: at the tolerance at which
-    /// 99.9 % of a sample of the picture just keep the one that was asked for
+    /// Draw as fast as the tolerance allows by measurement instead of by bounds: at the greatest one at which
+    /// a sample of the picture errs by less than half of the one that was asked for
     #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
     calibrate: bool,
     /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
@@ -145,7 +145,8 @@ struct Method {
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
-                                      "transfer_function", "show", "sub_pixel_opacity"])]
+                                      "transfer_function", "range", "opacity_scale",
+                                      "write_transfer_function", "show", "sub_pixel_opacity"])]
     column_density: bool,
 }
 
