@@ -12,7 +12,7 @@ use self::ticks::Tick;
 use crate::error::{Error, Result};
 use crate::image::{ColumnImage, Image};
 use crate::io::viridis;
-use crate::scene::TransferFunction;
+use crate::scene::{TransferFunction, ValueScale};
 
 /// A scale of colours and what it is called.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +23,7 @@ pub struct ColourBar {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Colours {
-    /// Over its range, linearly.
+    /// Over its range, evenly on its scale.
     Transfer(TransferFunction),
     /// Viridis over a range, logarithmically.
     Column([f64; 2]),
@@ -75,26 +75,44 @@ impl ColourBar {
         })
     }
 
+    /// The values at the ends.
     fn range(&self) -> [f64; 2] {
         match &self.colours {
-            Colours::Transfer(transfer) => transfer.range().map(f64::from),
+            Colours::Transfer(transfer) => {
+                let scale = transfer.value_scale();
+                transfer.range().map(|end| f64::from(scale.value(end)))
+            }
             Colours::Column(range) => *range,
         }
     }
 
-    fn ticks(&self, most: usize) -> Vec<Tick> {
+    /// Where values lie between the ends.
+    fn scale(&self) -> ValueScale {
         match &self.colours {
-            Colours::Transfer(_) => ticks::linear(self.range(), most),
-            Colours::Column(range) => ticks::logarithmic(*range, most),
+            Colours::Transfer(transfer) => transfer.value_scale(),
+            Colours::Column(_) => ValueScale::Log,
+        }
+    }
+
+    fn ticks(&self, most: usize) -> Vec<Tick> {
+        match self.scale() {
+            ValueScale::Linear => ticks::linear(self.range(), most),
+            ValueScale::Log => ticks::logarithmic(self.range(), most),
+            ValueScale::Symlog { linear } => ticks::symmetric(self.range(), linear.into(), most),
         }
     }
 
     /// How far up the bar a value lies, 0 to 1.
     fn fraction(&self, value: f64) -> f64 {
         let [low, high] = self.range();
-        let fraction = match self.colours {
-            Colours::Transfer(_) => (value - low) / (high - low),
-            Colours::Column(_) => (value / low).ln() / (high / low).ln(),
+        let fraction = match self.scale() {
+            ValueScale::Linear => (value - low) / (high - low),
+            ValueScale::Log => (value / low).ln() / (high / low).ln(),
+            scale @ ValueScale::Symlog { .. } => {
+                let [low, high, value] =
+                    [low, high, value].map(|v| f64::from(scale.position(narrowed(v))));
+                (value - low) / (high - low)
+            }
         };
         fraction.clamp(0.0, 1.0)
     }
@@ -104,10 +122,9 @@ impl ColourBar {
     fn at(&self, fraction: f64) -> ([f32; 3], Option<f32>) {
         match &self.colours {
             Colours::Transfer(transfer) => {
-                let [low, high] = self.range();
-                #[expect(clippy::cast_possible_truncation, reason = "between two f32")]
-                let value = (low + (high - low) * fraction) as f32;
-                let [r, g, b, extinction] = transfer.classify(value);
+                let [low, high] = transfer.range().map(f64::from);
+                let position = narrowed(low + (high - low) * fraction);
+                let [r, g, b, extinction] = transfer.classify(position);
                 let opacity = |extinction: f32| {
                     1.0 - (-f64::from(extinction) * transfer.unit_distance()).exp()
                 };
@@ -123,6 +140,11 @@ impl ColourBar {
             }
         }
     }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "between two f32")]
+fn narrowed(x: f64) -> f32 {
+    x as f32
 }
 
 /// Whether the bars have room in a picture of this width and height, asked before the work of one.

@@ -123,6 +123,41 @@ pub(super) fn linear([low, high]: [f64; 2], most: usize) -> Vec<Tick> {
     Vec::new()
 }
 
+/// Ticks of a scale that is linear within `linear` of 0 and logarithmic beyond, to either side: 0 and powers of ten
+/// beyond `linear`, every second, third ... where those are too many; those of a linear scale where they are too few.
+pub(super) fn symmetric([low, high]: [f64; 2], linear: f64, most: usize) -> Vec<Tick> {
+    if !(low < high && low.is_finite() && high.is_finite() && linear > 0.0) {
+        return Vec::new();
+    }
+    let reach = low.abs().max(high.abs());
+    let of_decade = |exponent: i32| [-1, 1].map(|mantissa| Tick { mantissa, exponent });
+    let is_within = |tick: &Tick| {
+        (low * (1.0 + SLACK.copysign(low))..=high * (1.0 + SLACK)).contains(&tick.value())
+    };
+    let (first, last) = (
+        rounded(linear.log10().ceil()),
+        rounded(reach.log10().floor()),
+    );
+    for stride in 1..=(last - first).max(1) {
+        let decades = (first..=last).filter(|e| (last - e) % stride == 0);
+        let mut ticks: Vec<Tick> = decades.flat_map(of_decade).filter(is_within).collect();
+        if low <= 0.0 && high >= 0.0 {
+            ticks.push(Tick {
+                mantissa: 0,
+                exponent: 0,
+            });
+        }
+        if ticks.len() <= most {
+            ticks.sort_unstable_by(|a, b| a.value().total_cmp(&b.value()));
+            if ticks.len() >= 2 {
+                return ticks;
+            }
+            break;
+        }
+    }
+    self::linear([low, high], most)
+}
+
 /// Ticks of a logarithmic scale: 1, 2 and 5 times powers of ten where they are no more than
 /// `most`, else powers of ten, every second, third ... where those are too many; the ticks of a linear
 /// scale where the range is less than a decade or so.

@@ -24,7 +24,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, Dataset, Geometry};
 use crate::math::factor_of_variance;
-use crate::scene::LocalModels;
+use crate::scene::{LocalModels, Surroundings};
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
     let taken = take_scalar(&mut dataset, options.field.as_deref())?;
@@ -159,7 +159,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     } else {
         Vec::new()
     };
-    let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
+    let mut sampled =
+        classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
     if kept.is_empty() {

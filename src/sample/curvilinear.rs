@@ -28,7 +28,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
 use crate::math::{lower_factor, normal_code};
-use crate::scene::{LocalModel, LocalModels, Values};
+use crate::scene::{LocalModel, LocalModels, Surroundings, Values};
 use crate::task::fill;
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -170,7 +170,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     } else {
         Vec::new()
     };
-    let mut sampled = classified_kernels(kernels, taken.values, report, options)?;
+    let mut sampled = classified_kernels(
+        kernels,
+        taken.values,
+        report,
+        Surroundings::Included,
+        options,
+    )?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
     if is_sharp {

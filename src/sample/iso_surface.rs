@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::narrowed;
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::math::tangents_of;
-use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, Values};
+use crate::scene::{Colour, LocalModels, Particles, PointVolume, Strength, ValueScale, Values};
 use crate::task::{Stage, Task};
 
 /// Kernels whose middle is farther from the surface, deviations of the field's values over them, have no disc: a
@@ -45,7 +45,7 @@ struct Over {
 /// field does not have.
 pub(super) fn iso_surface(
     volume: &PointVolume,
-    value: f64,
+    wanted: f64,
     task: Option<&Task>,
 ) -> Result<PointVolume> {
     let refuse = |expected: &str, found: &str| {
@@ -64,7 +64,7 @@ pub(super) fn iso_surface(
     };
     let [lo, hi] = values.finite_range().unwrap_or([0.0; 2]).map(f64::from);
     let absent = |expected: String| {
-        let found = value.to_string();
+        let found = wanted.to_string();
         Err(Error::invalid(
             Parameter::Flatten,
             "value",
@@ -74,7 +74,13 @@ pub(super) fn iso_surface(
         ))
     };
     // Phrased so that NaN is refused.
+    let scale = transfer.value_scale();
+    let value = match scale {
+        ValueScale::Linear => wanted,
+        _ => f64::from(scale.position(narrowed(wanted))),
+    };
     if !(lo <= value && value <= hi) {
+        let [lo, hi] = [lo, hi].map(|end| scale.value(narrowed(end)));
         return absent(format!("one that the field has, from {lo} to {hi}"));
     }
     let particles = &volume.particles;

@@ -9,7 +9,9 @@ use super::{
 };
 use crate::error::Result;
 use crate::io::{Association, Blanking, Dataset, Geometry};
-use crate::scene::{Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Values};
+use crate::scene::{
+    Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings, Values,
+};
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
@@ -56,7 +58,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         Vec::new(),
         taken.values,
         report,
-        mean_spacing,
+        (mean_spacing, Surroundings::Included),
         options,
     )?;
     let may_be_sharp = options.is_sharp() && taken.association == Association::Nodes;

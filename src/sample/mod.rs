@@ -41,7 +41,8 @@ use crate::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, LengthMeaning, SphKernel,
 };
 use crate::scene::{
-    Colour, Particles, PointVolume, Strength, TransferDefaults, TransferFunction, Values,
+    AutomaticOptions, Colour, Particles, PointVolume, ScaleName, Strength, Surroundings,
+    TransferDefaults, TransferFunction, ValueSample, Values,
 };
 use crate::task::Task;
 
@@ -72,6 +73,8 @@ pub struct SampleOptions {
     /// The range of an automatic transfer function, whether it has a colour map of its own or a named one; `None`
     /// looks at the values.
     pub range: Option<[f32; 2]>,
+    /// The scale of an automatic transfer function; `None` looks at the values.
+    pub scale: Option<ScaleName>,
     /// What the extinction of any transfer function is multiplied by.
     pub opacity_scale: f64,
     /// What the lengths of particles mean, where the data's own convention does not hold.
@@ -101,6 +104,9 @@ pub struct SampleOptions {
     /// Whether volumes that are classified by a field are to know it over each kernel's extent
     /// ([`PointVolume::local_models`]), six bytes for each particle. Lattices need none.
     pub local_models: bool,
+    /// Whether the report keeps what an automatic transfer function is chosen from
+    /// ([`SampleReport::value_sample`]), for one function of several data sets.
+    pub keeps_value_sample: bool,
     /// How the data end: [`PointVolume::boundary`].
     pub boundary: BoundaryChoice,
     /// Meshes: how many surfels.
@@ -149,6 +155,7 @@ impl Default for SampleOptions {
             transfer: TransferChoice::Automatic,
             unit_distance: None,
             range: None,
+            scale: None,
             opacity_scale: 1.0,
             length: None,
             kernel: None,
@@ -159,6 +166,7 @@ impl Default for SampleOptions {
             flatten: None,
             normals: false,
             local_models: true,
+            keeps_value_sample: false,
             boundary: BoundaryChoice::default(),
             spread: Spread::Automatic,
             seed: 0,
@@ -168,14 +176,16 @@ impl Default for SampleOptions {
 }
 
 /// Where the transfer function comes from.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum TransferChoice {
     /// From the values: [`TransferFunction::automatic`].
     Automatic,
     /// From a JSON file: [`TransferFunction::from_json`].
     File(PathBuf),
-    /// The same in the colours of a named map: [`TransferFunction::automatic_in`].
+    /// The same in the colours of a named map: [`AutomaticOptions::colour_map`].
     Named(String),
+    /// This one; the unit distance is its own, unless the options state one.
+    Given(TransferFunction),
 }
 
 /// A point volume and how it came about.
@@ -507,46 +517,67 @@ fn nothing_left(dataset: &Dataset, report: &SampleReport) -> Error {
     )
 }
 
-/// The transfer function for `values` that stand for `volumes` (empty: all the same);
-/// `mean_spacing` stands in for the unit distance.
-fn transfer_function(
-    values: &Values,
-    volumes: &[f32],
+/// The values' positions on the scale of the transfer function that is asked for, with the function.
+///
+/// - `sample`: what an automatic one is chosen from, noted in the report if that is wanted.
+/// - `mean_spacing`: stands in for the unit distance.
+fn under_function(
+    values: Values,
+    sample: impl FnOnce(&Values) -> ValueSample,
     mean_spacing: f64,
+    report: &mut SampleReport,
     options: &SampleOptions,
-) -> Result<TransferFunction> {
-    let defaults = TransferDefaults {
-        range: values.finite_range().unwrap_or([0.0, 1.0]),
-        unit_distance: options.unit_distance.unwrap_or(mean_spacing),
+) -> Result<(Values, TransferFunction)> {
+    report.value_range = values.finite_range();
+    let unit_distance = options.unit_distance.unwrap_or(mean_spacing);
+    let of_own = |colour_map: Option<&str>, report: &mut SampleReport| {
+        let automatic = AutomaticOptions {
+            colour_map,
+            range: options.range,
+            scale: options.scale,
+            unit_distance,
+        };
+        let sample = sample(&values);
+        let function = TransferFunction::automatic(&sample, &automatic);
+        report.value_sample = options.keeps_value_sample.then_some(sample);
+        function
     };
-    let range = options.range;
-    let transfer = match &options.transfer {
-        TransferChoice::Automatic => TransferFunction::automatic(values, volumes, range, &defaults),
-        TransferChoice::Named(name) => {
-            TransferFunction::automatic_in(name, values, volumes, range, &defaults)
-        }
+    let restated = |function: TransferFunction| match options.unit_distance {
+        Some(length) => function.with_unit_distance(length),
+        None => Ok(function),
+    };
+    let function = match &options.transfer {
+        TransferChoice::Automatic => of_own(None, report),
+        TransferChoice::Named(name) => of_own(Some(name), report),
+        TransferChoice::Given(function) => restated(function.clone()),
         TransferChoice::File(path) => {
-            if range.is_some() {
+            let chosen = [
+                (options.range.is_some(), "range", "a range"),
+                (options.scale.is_some(), "scale", "a scale"),
+            ];
+            if let Some((_, place, own)) = chosen.into_iter().find(|(is_stated, ..)| *is_stated) {
                 return Err(Error::invalid(
                     "transfer function",
-                    "range",
+                    place,
                     "an automatic transfer function, or a named colour map",
-                    "a file, which has a range of its own",
-                    "change the file, or leave the range out",
+                    format!("a file, which has {own} of its own"),
+                    format!("change the file, or leave the {place} out"),
                 ));
             }
             let text = std::fs::read_to_string(path).map_err(|e| {
                 Error::io(path, "opening", e, "name a transfer function that exists")
             })?;
-            let read = TransferFunction::from_json(path, &text, &defaults)?;
-            match options.unit_distance {
-                Some(length) => read.with_unit_distance(length),
-                None => Ok(read),
-            }
+            let defaults = TransferDefaults {
+                range: report.value_range.unwrap_or([0.0, 1.0]),
+                unit_distance,
+            };
+            restated(TransferFunction::from_json(path, &text, &defaults)?)
         }
     }?;
-    let unit_distance = transfer.unit_distance() / options.opacity_scale;
-    transfer.with_unit_distance(unit_distance)
+    let unit_distance = function.unit_distance() / options.opacity_scale;
+    let function = function.with_unit_distance(unit_distance)?;
+    report.unit_distance = unit_distance;
+    Ok((function.value_scale().positions(values), function))
 }
 
 /// A volume whose strength and colour are classified from `values`.
@@ -555,12 +586,18 @@ fn classified(
     volumes: Vec<f32>,
     values: Values,
     mut report: SampleReport,
-    mean_spacing: f64,
+    (mean_spacing, surroundings): (f64, Surroundings),
     options: &SampleOptions,
 ) -> Result<Sampled> {
-    let transfer_function = transfer_function(&values, &volumes, mean_spacing, options)?;
-    report.value_range = values.finite_range();
-    report.unit_distance = transfer_function.unit_distance();
+    let sample = |values: &Values| match surroundings {
+        Surroundings::Included => {
+            let spacing = options.unit_distance.unwrap_or(mean_spacing);
+            ValueSample::of_grid(values, &volumes, spacing)
+        }
+        Surroundings::Absent => ValueSample::of_body(values, &volumes, particles.positions()),
+    };
+    let (values, transfer_function) =
+        under_function(values, sample, mean_spacing, &mut report, options)?;
     report.particle_count = particles.len();
     Ok(Sampled {
         volume: PointVolume {
@@ -605,6 +642,7 @@ fn classified_kernels(
     kernels: Kernels,
     values: Values,
     report: SampleReport,
+    surroundings: Surroundings,
     options: &SampleOptions,
 ) -> Result<Sampled> {
     let mean_spacing = kernels.mean_spacing();
@@ -618,7 +656,7 @@ fn classified_kernels(
         kernels.volumes,
         values,
         report,
-        mean_spacing,
+        (mean_spacing, surroundings),
         options,
     )
 }

@@ -1,6 +1,7 @@
 //! What was chosen and what was left out.
 
 use super::mesh::MeshReport;
+use crate::scene::ValueSample;
 
 /// How a data set was sampled.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -21,6 +22,8 @@ pub struct SampleReport {
     pub findings: Vec<Finding>,
     /// How evenly surfels are spread, of a mesh.
     pub mesh: Option<MeshReport>,
+    /// What an automatic transfer function was chosen from, where it was asked for.
+    pub value_sample: Option<ValueSample>,
 }
 
 /// Samples with something about them.

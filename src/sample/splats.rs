@@ -4,13 +4,13 @@ use super::factor::factor_of_scales;
 use super::left_out::LeftOut;
 use super::{
     SampleOptions, SampleReport, Sampled, check_count, check_len, index_u32, keep, narrowed,
-    nothing_left, take_scalar, transfer_function,
+    nothing_left, take_scalar, under_function,
 };
 use crate::error::Result;
 use crate::image::linear_from_srgb;
 use crate::io::{Dataset, Geometry, SplatCloud};
 use crate::math::{HARMONIC_0, harmonics_count};
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::collect;
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
@@ -53,11 +53,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     report.particle_count = kept.len();
 
     let values = field.map(|f| keep(f.values, &kept));
-    let transfer_function = match &values {
-        Some(values) => Some(transfer_function(values, &[], 1.0, options)?),
-        None => None,
+    // Opacities are the splats' own: of the function only its colours are taken.
+    let of_splats = |values: &Values| ValueSample::of_body(values, &[], &[]);
+    let (values, transfer_function) = match values {
+        Some(values) => under_function(values, of_splats, 1.0, &mut report, options)
+            .map(|(values, function)| (Some(values), Some(function)))?,
+        None => (None, None),
     };
-    report.value_range = values.as_ref().and_then(Values::finite_range);
     let SplatCloud {
         positions,
         opacities,

@@ -30,9 +30,10 @@ pub(crate) use point_volume::is_classified;
 pub use point_volume::{Colour, Particles, PointVolume, Strength};
 pub use requirements::Requirements;
 pub use transfer_function::{
-    ALONE_DEPTH, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES, ColourSpace, ControlPoint,
-    LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY, MAX_PIECE_WIDTH,
-    MAX_WINDOWS, Piece, Slopes, TransferDefaults, TransferFunction, Weighting, Window,
+    ALONE_DEPTH, AutomaticOptions, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES,
+    ColourSpace, ControlPoint, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY,
+    MAX_PIECE_WIDTH, MAX_WINDOWS, Piece, ScaleName, Slopes, Surroundings, TransferDefaults,
+    TransferFunction, ValueSample, ValueScale, Weighting, Window,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use transfer_function::{

@@ -136,6 +136,16 @@ impl Strength {
 }
 
 impl Particles {
+    /// Their positions; none are stored of a lattice.
+    pub(crate) fn positions(&self) -> &[DVec3] {
+        match self {
+            Self::Lattice { .. } => &[],
+            Self::Isotropic { positions, .. }
+            | Self::Anisotropic { positions, .. }
+            | Self::Surfels { positions, .. } => positions,
+        }
+    }
+
     /// How many particles there are.
     pub fn len(&self) -> usize {
         match self {

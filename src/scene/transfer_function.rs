@@ -6,7 +6,9 @@ mod colour_maps;
 mod file;
 mod lobes;
 mod maxima;
+mod value_scale;
 
+pub use automatic::{AutomaticOptions, Surroundings, ValueSample};
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
@@ -20,6 +22,7 @@ pub(crate) use lobes::{
     LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
     MAX_WINDOW_CELLS, Row as LobeRow,
 };
+pub use value_scale::{ScaleName, ValueScale};
 
 use std::ops::Range;
 
@@ -46,11 +49,15 @@ pub(crate) const MAXIMUM_ROUNDING: f32 = 1.0 + 4.0 * f32::EPSILON;
 /// h²/8 of its second derivative: (h o'/(1 - o))² / (8 unit_distance) where the opacity o is
 /// linear; and by the grain of f32, EPSILON times the value where that is not small against h.
 ///
+/// Values are positions on a [`ValueScale`], linear unless [`Self::on_scale`] said otherwise: they lie evenly on it.
+///
 /// Opacities are stated per `unit_distance`: extinction = -ln(1 - opacity) / unit_distance,
 /// with the opacity held to [0, [`MAX_OPACITY`]].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
+    /// Positions on the values' scale.
     range: [f32; 2],
+    value_scale: ValueScale,
     /// Entries per unit of value.
     scale: f32,
     unit_distance: f64,
@@ -181,7 +188,7 @@ impl TransferFunction {
             let share = i as f32 / (CLASSIFICATION_TABLE_LEN - 1) as f32;
             [share, share, share, greatest]
         });
-        Self::from_table(table.collect(), self.range, self.unit_distance)
+        Self::from_table(table.collect(), self.range, self.unit_distance).on_scale(self.value_scale)
     }
 
     /// Linear red, green, blue and the extinction \[1/length\] of the value at a share of the range.
@@ -207,6 +214,7 @@ impl TransferFunction {
         };
         Self {
             range,
+            value_scale: ValueScale::Linear,
             scale,
             unit_distance,
             table,
@@ -272,7 +280,22 @@ impl TransferFunction {
         first..bisect(&is_not_above, first)
     }
 
-    /// The least and the greatest value of the table.
+    /// The same function, whose values are henceforth positions on a scale: its range, its table, and what
+    /// [`Self::classify`] is asked for.
+    #[must_use]
+    pub fn on_scale(self, value_scale: ValueScale) -> Self {
+        Self {
+            value_scale,
+            ..self
+        }
+    }
+
+    /// The scale on which the values lie that it is asked for.
+    pub fn value_scale(&self) -> ValueScale {
+        self.value_scale
+    }
+
+    /// The least and the greatest value of the table, as positions on [`Self::value_scale`].
     pub fn range(&self) -> [f32; 2] {
         self.range
     }
@@ -311,7 +334,7 @@ impl TransferFunction {
         for entry in &mut table {
             entry[3] = narrowed(f64::from(entry[3]) * factor);
         }
-        Ok(Self::from_table(table, self.range, unit_distance))
+        Ok(Self::from_table(table, self.range, unit_distance).on_scale(self.value_scale))
     }
 }
 

@@ -19,8 +19,8 @@ use ewa_splat::Filter;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::sample::{BoundaryChoice, SampleOptions, TransferChoice, grid, volume as sample};
 use ewa_splat::scene::{
-    Boundary, Colour, Lattice, Particles, PointVolume, Strength, TransferDefaults,
-    TransferFunction, Values,
+    AutomaticOptions, Boundary, Colour, Lattice, Particles, PointVolume, Strength,
+    TransferDefaults, TransferFunction, ValueSample, Values,
 };
 use ewa_splat::stages::splat::budget::WORST_PIXEL;
 use ewa_splat::view::{Camera, Lens, Viewpoint};
@@ -656,11 +656,8 @@ impl Scan {
 fn merged_scans_are_within_the_tolerance_of_exact_pictures() {
     const DIMS: [usize; 3] = [91, 97, 40];
     let automatic = |values: &Values| {
-        let defaults = TransferDefaults {
-            range: [0.0, 255.0],
-            unit_distance: 1.0,
-        };
-        TransferFunction::automatic(values, &[], None, &defaults).unwrap()
+        let sample = ValueSample::of_grid(values, &[], 1.0);
+        TransferFunction::automatic(&sample, &AutomaticOptions::default()).unwrap()
     };
     let shade = |v: f32| [v / 255.0, 0.5, 1.0 - v / 255.0];
     // Depths of 1 to 3 in all.

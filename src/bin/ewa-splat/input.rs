@@ -9,7 +9,7 @@ use ewa_splat::io::{
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
-use ewa_splat::scene::PointVolume;
+use ewa_splat::scene::{PointVolume, ScaleName};
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -36,6 +36,10 @@ pub(crate) struct DataOptions {
     /// thousandth at either end]
     #[arg(long, value_name = "LO,HI", value_parser = parse::range, allow_hyphen_values = true)]
     pub(crate) range: Option<[f32; 2]>,
+    /// Where values lie in an automatic transfer function: evenly, or by their logarithm; symlog is for either sign
+    /// [default: log where positive values lie over decades, otherwise linear]
+    #[arg(long, value_name = "SCALE", value_enum)]
+    pub(crate) scale: Option<Scale>,
     /// Make everything that a transfer function shows F times as dense
     #[arg(long, value_name = "F", value_parser = parse::positive, default_value_t = 1.0,
           hide_default_value = true, allow_hyphen_values = true)]
@@ -101,6 +105,13 @@ pub(crate) struct Scene {
     pub(crate) grids_only: bool,
     /// What points up: y where all are meshes, as their formats have it, z otherwise.
     pub(crate) up: DVec3,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Scale {
+    Linear,
+    Log,
+    Symlog,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -327,6 +338,11 @@ impl DataOptions {
             },
             unit_distance: self.unit_distance,
             range: self.range,
+            scale: self.scale.map(|scale| match scale {
+                Scale::Linear => ScaleName::Linear,
+                Scale::Log => ScaleName::Log,
+                Scale::Symlog => ScaleName::Symlog,
+            }),
             opacity_scale: self.opacity_scale,
             length: self.length.map(|length| match length {
                 Length::H => LengthMeaning::SmoothingLength,
@@ -359,6 +375,7 @@ impl DataOptions {
             },
             normals: false,
             local_models: true,
+            keeps_value_sample: false,
             spread: match (self.density, self.spacing) {
                 (Some(density), _) => Spread::Density(density),
                 (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),

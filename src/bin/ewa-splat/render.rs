@@ -145,7 +145,7 @@ struct Method {
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
     /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
-                                      "transfer_function", "range", "opacity_scale",
+                                      "transfer_function", "range", "scale", "opacity_scale",
                                       "write_transfer_function", "show", "sub_pixel_opacity"])]
     column_density: bool,
 }

@@ -101,7 +101,7 @@ impl DataIntegrator {
     /// Of one field of a lattice, a curvilinear or an unstructured grid.
     ///
     /// - `field`: as [`Dataset::scalar`] has it.
-    /// - `function`: what the field's values look like; the splats of the same data have theirs in
+    /// - `function`: what the field's values look like, interpolated on its scale; the splats of the same data have theirs in
     ///   [`PointVolume::transfer_function`](crate::scene::PointVolume::transfer_function).
     ///
     /// # Errors
@@ -111,6 +111,7 @@ impl DataIntegrator {
     pub fn new(dataset: Dataset, field: &str, function: TransferFunction) -> Result<Self> {
         dataset.validate()?;
         let (association, values) = dataset.scalar(field)?;
+        let values = function.value_scale().positions(values);
         let blanking = Blanking::of(&dataset)?;
         let counts = match &dataset.geometry {
             Geometry::Lattice(lattice) => {

@@ -14,11 +14,11 @@ use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
     DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, check_count, index_u32, keep,
-    narrowed, nothing_left, take_scalar, transfer_function,
+    narrowed, nothing_left, take_scalar, under_function,
 };
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
-use crate::scene::{Colour, Particles, PointVolume, Strength, Values};
+use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
 use crate::task::Stage;
 
 /// The name that the report gives to the field computed for bare positions. The logarithm,
@@ -227,16 +227,6 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let mean_spacing = Some((total / kept.len() as f64).cbrt()).filter(|s| *s > 0.0);
     let mean_spacing = mean_spacing.unwrap_or(1.0);
     let volumes: Vec<f32> = volumes.into_iter().map(narrowed).collect();
-    let transfer_function = match &values {
-        Some(values) => Some(transfer_function(values, &volumes, mean_spacing, options)?),
-        None => None,
-    };
-    report.value_range = values.as_ref().and_then(Values::finite_range);
-    report.unit_distance = transfer_function.as_ref().map_or_else(
-        || options.unit_distance.unwrap_or(mean_spacing),
-        |t| t.unit_distance(),
-    );
-
     let Geometry::Points { positions } = &mut dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
@@ -244,6 +234,13 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     if kept.len() < positions.len() {
         positions = kept.iter().map(|&i| positions[i as usize]).collect();
     }
+    report.unit_distance = options.unit_distance.unwrap_or(mean_spacing);
+    let of_body = |values: &Values| ValueSample::of_body(values, &volumes, &positions);
+    let (values, transfer_function) = match values {
+        Some(values) => under_function(values, of_body, mean_spacing, &mut report, options)
+            .map(|(values, function)| (Some(values), Some(function)))?,
+        None => (None, None),
+    };
     Ok(Sampled {
         volume: PointVolume {
             strength: if is_classified {

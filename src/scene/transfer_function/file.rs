@@ -5,11 +5,19 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{
-    ColourSpace, ControlPoint, TransferDefaults, TransferFunction, check_points, narrowed,
+    ColourSpace, ControlPoint, ScaleName, TransferDefaults, TransferFunction, ValueScale,
+    check_points, narrowed,
 };
 use crate::error::{Error, Place, Result};
 
-const OWN_KEYS: [&str; 4] = ["range", "unit_distance", "color_space", "points"];
+const OWN_KEYS: [&str; 6] = [
+    "range",
+    "scale",
+    "linear_within",
+    "unit_distance",
+    "color_space",
+    "points",
+];
 const POINT_KEYS: [&str; 3] = ["value", "color", "opacity"];
 
 /// A document with the name of its file, for messages.
@@ -34,6 +42,9 @@ impl TransferFunction {
     ///   it; two points at one value make a step;
     /// - `range` \[a, b\] (default: from the first point to the last): where the table lies;
     /// - `unit_distance` (default: `defaults`'): the length that opacities are stated over;
+    /// - `scale`: `linear` (default), `log` or `symlog`: where values lie between the points ([`ValueScale`]);
+    /// - `linear_within`: of a `symlog` scale, the distance from 0 up to which it is about linear (default: a
+    ///   thousandth of the range's greatest distance from 0);
     /// - `color_space`: `srgb` (default) or `linear`, for the colours and their interpolation.
     ///
     /// **ParaView's form**: an object, or a list of which the first object counts, with
@@ -91,6 +102,7 @@ impl TransferFunction {
     /// keep opacities and linear colours to 5e-4.
     pub fn to_json(&self) -> String {
         let unit = self.unit_distance();
+        let scale = self.value_scale();
         let [lo, hi] = self.range();
         let last = (self.table().len() - 1).max(1) as f64;
         let entries: Vec<[f32; 4]> = self
@@ -110,12 +122,22 @@ impl TransferFunction {
             .map(|i| {
                 let [red, green, blue, opacity] = entries[i];
                 let value = f64::from(lo) + (f64::from(hi) - f64::from(lo)) * (i as f64 / last);
-                json!({"value": narrowed(value), "color": [red, green, blue], "opacity": opacity})
+                let value = scale.value(narrowed(value));
+                json!({"value": value, "color": [red, green, blue], "opacity": opacity})
             })
             .collect();
-        let text = json!({
-            "range": [lo, hi], "unit_distance": unit, "color_space": "linear", "points": points,
+        let mut text = json!({
+            "range": [scale.value(lo), scale.value(hi)], "unit_distance": unit,
+            "color_space": "linear", "points": points,
         });
+        match scale {
+            ValueScale::Linear => {}
+            ValueScale::Log => text["scale"] = json!("log"),
+            ValueScale::Symlog { linear } => {
+                text["scale"] = json!("symlog");
+                text["linear_within"] = json!(linear);
+            }
+        }
         format!("{text:#}\n")
     }
 }
@@ -321,8 +343,56 @@ impl Document<'_> {
                 return Err(self.fault("color_space", "\"srgb\" or \"linear\"", describe(other)));
             }
         };
+        let scale = self.scale(object, range)?;
+        for (i, point) in points.iter_mut().enumerate() {
+            point.value = self.position(scale, point.value, &format!("points[{i}].value"))?;
+        }
+        let [lo, hi] = range;
+        let range = [
+            self.position(scale, lo, "range[0]")?,
+            self.position(scale, hi, "range[1]")?,
+        ];
         TransferFunction::from_points(&points, space, range, unit_distance)
+            .map(|function| function.on_scale(scale))
             .map_err(|e| self.renamed(e))
+    }
+
+    fn scale(&self, object: &Map<String, Value>, range: [f32; 2]) -> Result<ValueScale> {
+        let name = match object.get("scale") {
+            None => ScaleName::Linear,
+            Some(Value::String(s)) if s == "linear" => ScaleName::Linear,
+            Some(Value::String(s)) if s == "log" => ScaleName::Log,
+            Some(Value::String(s)) if s == "symlog" => ScaleName::Symlog,
+            Some(other) => {
+                let expected = "\"linear\", \"log\" or \"symlog\"";
+                return Err(self.fault("scale", expected, describe(other)));
+            }
+        };
+        let Some(linear) = object.get("linear_within") else {
+            return Ok(ScaleName::over(range, name));
+        };
+        let linear = self.number(linear, "linear_within")?;
+        if name != ScaleName::Symlog || linear < f32::MIN_POSITIVE {
+            return Err(self.fault(
+                "linear_within",
+                "a positive number beside a symlog scale",
+                linear.to_string(),
+            ));
+        }
+        Ok(ValueScale::Symlog { linear })
+    }
+
+    /// Where a value lies on a scale that has a place for it.
+    fn position(&self, scale: ValueScale, value: f32, place: &str) -> Result<f32> {
+        let position = scale.position(value);
+        match position.is_finite() {
+            true => Ok(position),
+            false => Err(self.fault(
+                place,
+                "a value above 0 for a logarithmic scale",
+                value.to_string(),
+            )),
+        }
     }
 
     fn paraview(

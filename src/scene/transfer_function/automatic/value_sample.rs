@@ -1,0 +1,276 @@
+//! The values that a transfer function is chosen from, with what they stand for in space.
+
+use glam::DVec3;
+
+use crate::scene::Values;
+use crate::scene::transfer_function::value_scale::ValueScale;
+
+/// Values looked at; more are sampled evenly. At 2^18 the thousandth at either end is still
+/// 262 values.
+const SAMPLE_LEN: usize = 1 << 18;
+
+/// Share of the values left outside the range at either end.
+const TAIL: f64 = 0.001;
+
+/// Half the width of the column through the middle of a body, as a share of its box's.
+const COLUMN_HALF_WIDTH: f64 = 0.125;
+
+/// Particles that a column through the middle must have, of those looked at, to stand for a line.
+const LEAST_IN_COLUMN: usize = 32;
+
+/// Whether data come with what is around the thing that they show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Surroundings {
+    /// Lattices and grids fill a box, or a channel: with air, with a free stream.
+    Included,
+    /// Cells of a mesh and particles are the thing itself.
+    Absent,
+}
+
+/// A value, the volume it stands for and what that adds to lines through the middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub(super) value: f32,
+    /// \[length³\]
+    pub(super) volume: f64,
+    /// Values of the data that it stands for.
+    pub(super) count: f64,
+    /// Length along x, y and z that it adds to a line through the middle.
+    pub(super) lengths: [f32; 3],
+}
+
+/// The finite values of a field, or 2^18 spread over them, with the volumes they stand for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ValueSample {
+    /// In rising order.
+    pub(super) samples: Vec<Sample>,
+    pub(super) surroundings: Surroundings,
+    /// Whether [`Sample::lengths`] are known.
+    pub(super) has_lengths: bool,
+}
+
+impl ValueSample {
+    /// Of a lattice or a grid, which fills its box.
+    ///
+    /// - `volumes`: what each value stands for \[length³\]; if empty, each stands for a cube of `spacing`.
+    pub fn of_grid(values: &Values, volumes: &[f32], spacing: f64) -> Self {
+        let volume = |i: usize| volumes.get(i).copied().map_or(spacing.powi(3), f64::from);
+        Self::new(values, volume, Surroundings::Included, &[])
+    }
+
+    /// Of cells or particles, around which there is nothing.
+    ///
+    /// - `volumes`: what each value stands for \[length³\]; if empty, all the same.
+    /// - `positions`: where each lies; if empty, a line through the data is as long as the cube root of their volume.
+    pub fn of_body(values: &Values, volumes: &[f32], positions: &[DVec3]) -> Self {
+        let volume = |i: usize| volumes.get(i).copied().map_or(1.0, f64::from);
+        Self::new(values, volume, Surroundings::Absent, positions)
+    }
+
+    fn new(
+        values: &Values,
+        volume: impl Fn(usize) -> f64,
+        surroundings: Surroundings,
+        positions: &[DVec3],
+    ) -> Self {
+        let picked = picked(values.len());
+        let count = values.len() as f64 / picked.len().max(1) as f64;
+        let is_sound = |&i: &usize| {
+            let volume = volume(i);
+            values.get(i).is_finite() && volume > 0.0 && volume.is_finite()
+        };
+        let picked: Vec<usize> = picked.into_iter().filter(is_sound).collect();
+        let column = (!positions.is_empty())
+            .then(|| Column::through(positions, &picked))
+            .flatten();
+        let mut samples: Vec<Sample> = picked
+            .into_iter()
+            .map(|i| {
+                let volume = volume(i) * count;
+                let lengths = column
+                    .as_ref()
+                    .map_or([0.0; 3], |column| column.lengths(positions[i], volume));
+                Sample {
+                    value: values.get(i),
+                    volume,
+                    count,
+                    lengths,
+                }
+            })
+            .collect();
+        samples.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
+        Self {
+            samples,
+            surroundings,
+            has_lengths: column.is_some(),
+        }
+    }
+
+    /// Those of several data sets that show one field. They have surroundings if any has.
+    pub fn joined(parts: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let mut parts = parts.into_iter();
+        let mut all = parts.next()?;
+        for part in parts {
+            all.samples.extend(part.samples);
+            all.has_lengths = false;
+            if part.surroundings == Surroundings::Included {
+                all.surroundings = Surroundings::Included;
+            }
+        }
+        all.samples
+            .sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
+        Some(all)
+    }
+
+    /// The values without a thousandth at either end; with them where nothing would be left between. `None` where no
+    /// value is finite.
+    pub(super) fn trimmed_range(&self) -> Option<[f32; 2]> {
+        let whole = [self.samples.first()?.value, self.samples.last()?.value];
+        let trimmed = [
+            self.at_share(TAIL, |s| s.count)?,
+            self.at_share(1.0 - TAIL, |s| s.count)?,
+        ];
+        Some(if trimmed[0] < trimmed[1] {
+            trimmed
+        } else {
+            whole
+        })
+    }
+
+    /// The value below which a share of the volume lies.
+    pub(super) fn at_volume(&self, share: f64) -> Option<f32> {
+        self.at_share(share, |s| s.volume)
+    }
+
+    /// The value below which a share of the values lies.
+    pub(super) fn at_count(&self, share: f64) -> Option<f32> {
+        self.at_share(share, |s| s.count)
+    }
+
+    fn at_share(&self, share: f64, weight: impl Fn(&Sample) -> f64) -> Option<f32> {
+        let wanted = share * self.samples.iter().map(&weight).sum::<f64>();
+        let mut up_to = 0.0;
+        let is_there = |s: &&Sample| {
+            up_to += weight(s);
+            up_to > wanted
+        };
+        let found = self.samples.iter().find(is_there);
+        Some(found.or(self.samples.last())?.value)
+    }
+
+    /// The length of a line through the data that lies in what `share` says of each sample: the middle one of the
+    /// lines along x, y and z; where these are not known, of a line as long as the volume's cube root.
+    pub(super) fn length_in(&self, share: impl Fn(&Sample) -> f64) -> f64 {
+        let total: f64 = self.samples.iter().map(|s| s.volume).sum();
+        let mean = self
+            .samples
+            .iter()
+            .map(|s| s.volume * share(s))
+            .sum::<f64>()
+            / total;
+        if !self.has_lengths {
+            return total.cbrt() * mean;
+        }
+        let along = |axis: usize| -> f64 {
+            let of = |s: &Sample| f64::from(s.lengths[axis]) * share(s);
+            self.samples.iter().map(of).sum()
+        };
+        let mut lengths = [0, 1, 2].map(along);
+        lengths.sort_unstable_by(f64::total_cmp);
+        lengths[1]
+    }
+}
+
+/// Which of `n` values are looked at.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "an index below the count of values"
+)]
+fn picked(n: usize) -> Vec<usize> {
+    if n <= SAMPLE_LEN {
+        return (0..n).collect();
+    }
+    // One from each of SAMPLE_LEN equal runs, at a place that hashing picks: a fixed
+    // stride would meet the same columns of every row.
+    (0..SAMPLE_LEN as u64)
+        .map(|k| {
+            let first = (u128::from(k) * n as u128 / SAMPLE_LEN as u128) as u64;
+            let next = (u128::from(k + 1) * n as u128 / SAMPLE_LEN as u128) as u64;
+            (first + split_mix(k) % (next - first).max(1)) as usize
+        })
+        .collect()
+}
+
+/// The output function of SplitMix64 (Steele, Lea, Flood 2014).
+pub(super) fn split_mix(k: u64) -> u64 {
+    let z = k.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Columns along the axes through the middle of the positions' box, a quarter of it wide.
+struct Column {
+    middle: DVec3,
+    half: DVec3,
+}
+
+impl Column {
+    /// Through most of the positions: a thousandth at either end of each axis is not looked at. `None` where a
+    /// column has too few of them to stand for a line, or no width.
+    fn through(positions: &[DVec3], picked: &[usize]) -> Option<Self> {
+        let mut ends = [[0.0; 2]; 3];
+        for (axis, ends) in ends.iter_mut().enumerate() {
+            let mut along: Vec<f64> = picked.iter().map(|&i| positions[i][axis]).collect();
+            along.sort_unstable_by(f64::total_cmp);
+            let last = along.len().checked_sub(1)?;
+            let tail = last / 1000;
+            *ends = [along[tail], along[last - tail]];
+        }
+        let [lo, hi] = [0, 1].map(|end| DVec3::from(ends.map(|of_axis| of_axis[end])));
+        let column = Self {
+            middle: 0.5 * (lo + hi),
+            half: COLUMN_HALF_WIDTH * (hi - lo),
+        };
+        let has_enough = |axis: usize| {
+            let within = |&&i: &&usize| column.has(positions[i])[axis];
+            picked.iter().filter(within).take(LEAST_IN_COLUMN).count() == LEAST_IN_COLUMN
+        };
+        (column.half.min_element() > 0.0 && (0..3).all(has_enough)).then_some(column)
+    }
+
+    /// Whether a position lies in the columns along x, y and z.
+    fn has(&self, position: DVec3) -> [bool; 3] {
+        let is_near = (position - self.middle).abs().cmple(self.half);
+        [0, 1, 2].map(|axis| is_near.test((axis + 1) % 3) && is_near.test((axis + 2) % 3))
+    }
+
+    /// What a volume there adds to the lengths of lines along x, y and z.
+    fn lengths(&self, position: DVec3, volume: f64) -> [f32; 3] {
+        let is_in = self.has(position);
+        [0, 1, 2].map(|axis| {
+            let area = 4.0 * self.half[(axis + 1) % 3] * self.half[(axis + 2) % 3];
+            #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+            let length = (volume / area) as f32;
+            if is_in[axis] { length } else { 0.0 }
+        })
+    }
+}
+
+impl ValueSample {
+    /// The same with its values' positions on a scale.
+    pub(super) fn on(&self, scale: ValueScale) -> Self {
+        let mut sample = self.clone();
+        if scale != ValueScale::Linear {
+            let mut positions = self.samples.iter().map(|s| scale.position(s.value));
+            let least = positions.find(|p| p.is_finite());
+            for s in &mut sample.samples {
+                // As a volume's values are counted: ValueScale::positions.
+                s.value = scale
+                    .position(s.value)
+                    .max(least.unwrap_or(f32::NEG_INFINITY));
+            }
+        }
+        sample
+    }
+}
