@@ -8,28 +8,53 @@
 @group(0) @binding(4) var<storage, read> state: PartState;
 @group(0) @binding(5) var<storage, read> views: array<BlockView>;
 @group(0) @binding(6) var<storage, read_write> classified: array<ClassifiedParticle>;
-// Codes of normals; none of surfels.
+// Codes of normals; surfels may have none.
 @group(0) @binding(7) var<storage, read> normals: array<u32>;
 
 // Whether particles are surfels, whose tangents say the normal and which light falls on from the
 // eye's side alone.
 override IS_SURFEL: bool = false;
 
-// The unit normal of a particle, camera space; zero for none.
-fn normal_of(block: u32, local: u32) -> vec3<f32> {
-    if IS_SURFEL {
-        var c = columns(camera_factor(rotation, block, local));
-        let plane_normal = unit_normal(c[0], c[1]);
-        if !plane_normal.exists {
-            return vec3<f32>(0.0);
-        }
-        return plane_normal.normal;
-    }
+// Whether normals are stored: of surfels those of a surface that is smoother than their planes.
+override HAS_NORMALS: bool = true;
+
+// The least cosine between a smooth normal and the direction to the eye.
+const LEAST_FACING: f32 = 0.01;
+
+// The unit normal that is stored of a particle, camera space; zero for none.
+fn stored_normal(block: u32, local: u32) -> vec3<f32> {
     let code = normals[particle_index(block, local)];
     if code == 0u {
         return vec3<f32>(0.0);
     }
     return times(rotation, unpack_normal(f32(code - 1u)));
+}
+
+// The unit normal of a surfel's plane, camera space; zero for none.
+fn plane_of(block: u32, local: u32) -> vec3<f32> {
+    var c = columns(camera_factor(rotation, block, local));
+    let plane_normal = unit_normal(c[0], c[1]);
+    if !plane_normal.exists {
+        return vec3<f32>(0.0);
+    }
+    return plane_normal.normal;
+}
+
+// The normal by which a surfel reflects whose surface is smoother than its plane, on the eye's side of the plane.
+fn smooth_normal(
+    plane: vec3<f32>,
+    stored: vec3<f32>,
+    to_eye: vec3<f32>,
+) -> vec3<f32> {
+    var outward = stored;
+    if dot3(plane, to_eye) < 0.0 {
+        outward = -stored;
+    }
+    let cosine = dot3(outward, to_eye);
+    if all(stored == vec3<f32>(0.0)) || cosine >= LEAST_FACING {
+        return outward;
+    }
+    return unit_or_zero(outward + to_eye * (LEAST_FACING - cosine));
 }
 
 @compute @workgroup_size(THREADS)
@@ -43,14 +68,25 @@ fn light(
     }
     let particle = classified[n];
     let view = views[particle.view];
-    let normal = normal_of(view.block, particle.local);
-    if all(normal == vec3<f32>(0.0)) {
-        return;
-    }
     var to_eye = vec3<f32>(0.0, 0.0, -1.0);
     if lighting.orthographic == 0u {
         let offset = times(rotation, world_offset(view.block, particle.local));
         to_eye = -unit_or_zero(vector(view.origin_camera) + offset);
+    }
+    var normal = vec3<f32>(0.0);
+    if HAS_NORMALS {
+        normal = stored_normal(view.block, particle.local);
+    }
+    if IS_SURFEL {
+        let plane = plane_of(view.block, particle.local);
+        if HAS_NORMALS {
+            normal = smooth_normal(plane, normal, to_eye);
+        } else {
+            normal = plane;
+        }
+    }
+    if all(normal == vec3<f32>(0.0)) {
+        return;
     }
     classified[n].carried = triple(lit(vector(particle.carried), normal, IS_SURFEL, to_eye));
 }

@@ -8,8 +8,8 @@ use crate::math::normal_of_code;
 use crate::record::{BlockView, Carried, ClassifiedParticle, LightingUniform};
 use crate::splat::unit_normal;
 
-/// Lights the colours of `classified`: of surfels by the normals of their planes, of other particles
-/// by those that the volume stores; does nothing elsewhere, nor to splats that state their opacity,
+/// Lights the colours of `classified`: by the normals that the volume stores, of surfels without any by those of
+/// their planes; does nothing elsewhere, nor to splats that state their opacity,
 /// whose colours are those of a radiance field, lit already.
 ///
 /// - `views`: with their origins in camera space.
@@ -36,10 +36,16 @@ pub fn light(
             -from_eye.normalize_or_zero()
         };
         let (normal, sides) = match (&volume.particles, &volume.normals) {
-            (BlockedParticles::Surfels { tangents, .. }, _) => {
+            (BlockedParticles::Surfels { tangents, .. }, codes) => {
                 let [ax, ay, az, bx, by, bz] = tangents[i];
                 let (a, b) = (Vec3::new(ax, ay, az), Vec3::new(bx, by, bz));
-                let normal = unit_normal(rotation * a, rotation * b).unwrap_or(Vec3::ZERO);
+                let plane = unit_normal(rotation * a, rotation * b).unwrap_or(Vec3::ZERO);
+                let normal = match codes {
+                    Some(codes) => {
+                        smooth_normal(plane, rotation * normal_of_code(codes[i]), to_eye)
+                    }
+                    None => plane,
+                };
                 (normal, Sides::Facing)
             }
             (_, Some(codes)) => (rotation * normal_of_code(codes[i]), Sides::Both),
@@ -52,6 +58,28 @@ pub fn light(
         .par_iter_mut()
         .with_min_len(GRAIN)
         .for_each(light_one);
+}
+
+/// The least cosine between a smooth normal and the direction to the eye: beyond a silhouette's bend it would face
+/// away, and light would fall on it from the other side.
+const LEAST_FACING: f32 = 0.01;
+
+/// The normal by which a surfel reflects whose surface is smoother than its plane, on the eye's side of the plane;
+/// zero where none is stored, and the surfel stays unlit.
+///
+/// - `plane`, `stored`, `to_eye`: camera space, unit length; the first two zero for none.
+#[inline]
+fn smooth_normal(plane: Vec3, stored: Vec3, to_eye: Vec3) -> Vec3 {
+    let outward = if plane.dot(to_eye) < 0.0 {
+        -stored
+    } else {
+        stored
+    };
+    let cosine = outward.dot(to_eye);
+    if stored == Vec3::ZERO || cosine >= LEAST_FACING {
+        return outward;
+    }
+    (outward + to_eye * (LEAST_FACING - cosine)).normalize_or_zero()
 }
 
 /// From which side light falls on what a normal stands for.

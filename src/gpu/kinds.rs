@@ -93,6 +93,8 @@ pub(super) struct Kinds {
     pub(super) has_member_depths: bool,
     /// Whether light falls on it.
     pub(super) is_lit: bool,
+    /// Whether normals are stored.
+    pub(super) has_normals: bool,
 }
 
 impl Kinds {
@@ -136,6 +138,7 @@ impl Kinds {
                 .as_ref()
                 .is_some_and(|m| !m.member_depths.is_empty()),
             is_lit: volume.is_lit(),
+            has_normals: volume.normals.is_some(),
         }
     }
 

@@ -45,14 +45,15 @@ pub(super) fn bind_light(
     }
     let kind = part.kinds.particles;
     let shader = &SHADERS[kind as usize];
+    let flag = |is: bool| f64::from(u8::from(is));
     let kernel = gpu.kernel(
         shader,
         "light",
         &[Read, Read, Uniform, Uniform, Read, Read, Write, Read],
-        &[(
-            "IS_SURFEL",
-            f64::from(u8::from(kind == ParticleKind::Surfels)),
-        )],
+        &[
+            ("IS_SURFEL", flag(kind == ParticleKind::Surfels)),
+            ("HAS_NORMALS", flag(part.kinds.has_normals)),
+        ],
     );
     let PartBuffers {
         state,

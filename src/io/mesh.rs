@@ -27,6 +27,9 @@ pub struct MeshPart {
     pub triangles: Vec<[u32; 3]>,
     /// Unit normals per corner; empty where the file has none.
     pub normals: Vec<Vec3>,
+    /// Whether triangles without normals are flat, as glTF says; those of other formats are smooth where they meet at
+    /// less than 40 degrees.
+    pub is_flat: bool,
     /// Texture coordinates per corner for each set, origin at the texture's top left corner, v down;
     /// sets that no material uses are left out and are empty.
     pub texture_coordinates: Vec<Vec<Vec2>>,
@@ -49,6 +52,13 @@ pub struct Material {
     pub emissive: [f32; 3],
     /// The texture of what is emitted (sRGB-encoded).
     pub emissive_texture: Option<TextureUse>,
+    /// The texture of normals: red, green and blue, 0 to 1 for -1 to 1, to the right and to the top of the texture and
+    /// outwards.
+    pub normal_texture: Option<TextureUse>,
+    /// What the first two components of those normals are multiplied by.
+    pub normal_scale: f32,
+    /// Whether light changes nothing.
+    pub is_unlit: bool,
     /// What alpha means.
     pub alpha: AlphaMode,
     /// Whether triangles are seen from behind, too.
@@ -118,6 +128,9 @@ impl Default for Material {
             base_texture: None,
             emissive: [0.0; 3],
             emissive_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            is_unlit: false,
             alpha: AlphaMode::Opaque,
             is_double_sided: true,
         }
@@ -199,7 +212,11 @@ impl Mesh {
             }
         }
         for material in &self.materials {
-            let textures = [&material.base_texture, &material.emissive_texture];
+            let textures = [
+                &material.base_texture,
+                &material.emissive_texture,
+                &material.normal_texture,
+            ];
             for used in textures.into_iter().flatten() {
                 if used.texture >= self.textures.len() {
                     let place = format!("material `{}`", material.name);

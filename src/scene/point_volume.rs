@@ -28,7 +28,8 @@ pub struct PointVolume {
     pub boundary: Option<Boundary>,
     /// Where light is to fall on particles: a direction of each, mostly that of its field's
     /// gradient ([`normal_code`](crate::math::normal_code); 0: none, the particle stays unlit).
-    /// Surfels have none: their tangents say it. A volume with normals has no levels of detail,
+    /// Surfels without any have those of their tangents; with some they are those of a surface that is smoother than
+    /// the surfels' planes, towards the front. A volume with normals has no levels of detail,
     /// because no bound is known of how merged particles would reflect.
     pub normals: Option<Vec<u32>>,
     /// What is known of the field over each particle's kernel, where particles have shapes of their
@@ -333,15 +334,6 @@ impl PointVolume {
         }
         if let Some(normals) = &self.normals {
             check("normals", normals.len())?;
-            if matches!(self.particles, Particles::Surfels { .. }) {
-                return Err(Error::invalid(
-                    "point volume",
-                    "normals",
-                    "none: the tangents of surfels say them",
-                    normals.len().to_string(),
-                    "leave them out",
-                ));
-            }
         }
         if let Some(models) = &self.local_models {
             check("local models", models.len())?;

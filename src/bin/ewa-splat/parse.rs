@@ -53,6 +53,23 @@ pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
+/// The value of `--background`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Background {
+    /// Nothing.
+    None,
+    /// Linear.
+    Colour([f32; 3]),
+}
+
+/// A [`colour`] or `none`.
+pub(crate) fn background(text: &str) -> Result<Background, String> {
+    if text.eq_ignore_ascii_case("none") {
+        return Ok(Background::None);
+    }
+    colour(text).map(Background::Colour)
+}
+
 /// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.
 pub(crate) fn light(text: &str) -> Result<Light, String> {
     let (direction, colour) = match finite_numbers(text).as_deref() {

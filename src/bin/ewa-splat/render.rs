@@ -28,7 +28,7 @@ use crate::input::DataOptions;
 use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
-use crate::parse::{self, Clip};
+use crate::parse::{self, Background, Clip};
 use crate::progress::{task_of, with_bar};
 use crate::truth::{ReferenceName, Truth};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of};
@@ -204,6 +204,9 @@ enum Detail {
     Off,
 }
 
+/// Behind pictures, linear: the sRGB colour #1c1c21, on which neither white nor black vanishes.
+const DEFAULT_BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
+
 #[derive(Clone, Copy, ValueEnum)]
 enum ShowName {
     /// The picture
@@ -222,10 +225,10 @@ struct Output {
     /// What the image shows
     #[arg(long, value_enum, default_value = "scene")]
     show: ShowName,
-    /// Colour behind everything: linear numbers from 0 to 1, or a name or #rrggbb of the web [default: none,
-    /// the image stays transparent]
-    #[arg(long, value_name = "r,g,b|NAME", value_parser = parse::colour, allow_hyphen_values = true)]
-    background: Option<[f32; 3]>,
+    /// Colour behind everything: linear numbers from 0 to 1, a name or #rrggbb of the web, or none, which leaves
+    /// the image transparent [default: a dark grey, #1c1c21, of png; none of others]
+    #[arg(long, value_name = "r,g,b|NAME|none", value_parser = parse::background, allow_hyphen_values = true)]
+    background: Option<Background>,
     /// Write counts, memory and times as JSON
     #[arg(long, value_name = "FILE")]
     stats: Option<PathBuf>,
@@ -489,7 +492,7 @@ impl Arguments {
         let mut settings = ReferenceSettings {
             error: self.method.tolerance.map_or(defaults.error, f64::from),
             low_pass_variance_px2: low_pass.into(),
-            background: self.output.background,
+            background: self.background(),
             ..defaults
         };
         let start = Instant::now();
@@ -629,7 +632,7 @@ impl Arguments {
             clip: self.clip_planes(),
             low_pass_variance_px2: low_pass,
             cutoff: self.method.cutoff,
-            background: self.output.background,
+            background: self.background(),
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             simd: defaults.simd,
@@ -651,14 +654,29 @@ impl Arguments {
     /// Whether light asks volumes for normals: slabs that are classified have slopes of their own, and so has a surface.
     fn asks_normals(&self) -> bool {
         let has_own = self.method.post_classification || self.data.flatten.is_some();
-        self.lighting().is_some() && !has_own
+        self.light.lighting().is_some() && !has_own
     }
 
-    /// How the scene is lit; an iso-surface is, unless its true image is wanted.
+    /// How the scene is lit: surfaces are, unless their true image is wanted or what is classified in slabs would be
+    /// lit with them.
     fn lighting(&self) -> Option<Lighting> {
-        let is_surface = self.data.flatten.is_some() && self.method.reference.is_none();
-        let of_surface = || is_surface.then(Lighting::default);
-        self.light.lighting().or_else(of_surface)
+        let lights_more = self.method.post_classification || self.method.reference.is_some();
+        let of_surfaces = !lights_more && !self.light.is_unlit();
+        self.light
+            .lighting()
+            .or_else(|| of_surfaces.then(Lighting::default))
+    }
+
+    /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked
+    /// for or none.
+    fn background(&self) -> Option<[f32; 3]> {
+        let is_picture =
+            self.is_png() && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
+        match self.output.background {
+            Some(Background::None) => None,
+            Some(Background::Colour(colour)) => Some(colour),
+            None => is_picture.then_some(DEFAULT_BACKGROUND),
+        }
     }
 }
 

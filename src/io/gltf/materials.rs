@@ -32,8 +32,8 @@ pub(super) struct MaterialSets {
     pub(super) sets: [Option<u32>; 2],
 }
 
-/// A material and which of its two textures the primitive has coordinates for.
-type Key = (Option<usize>, [bool; 2]);
+/// A material and which of its three textures the primitive has coordinates for.
+type Key = (Option<usize>, [bool; 3]);
 
 /// Materials and textures, made as primitives ask for them.
 pub(super) struct Materials<'b, 'f> {
@@ -83,7 +83,12 @@ impl<'b, 'f> Materials<'b, 'f> {
         let index = material.map(|m| m.value());
         let (base, emissive) = (base_texture(stated), stated.emissive_texture.as_ref());
         let is_there = |info: Option<&Info>| info.is_some_and(|info| has_set(set_of(info)));
-        let key = (index, [is_there(base), is_there(emissive)]);
+        let relief = stated.normal_texture.as_ref().map(of_normals);
+        let relief = relief.as_ref();
+        let key = (
+            index,
+            [is_there(base), is_there(emissive), is_there(relief)],
+        );
         if let Some(&known) = self.made.get(&key) {
             return Ok(known);
         }
@@ -117,6 +122,20 @@ impl<'b, 'f> Materials<'b, 'f> {
         if emissive_texture.is_some() {
             sets[second] = emissive_set;
         }
+        // Of a part's two sets one must be the relief's.
+        let free = sets.iter().position(Option::is_none);
+        let place = |set: u32| sets.iter().position(|own| *own == Some(set)).or(free);
+        let relief = relief.filter(|_| key.1[2]);
+        let normal_texture = match relief.and_then(|info| Some((info, place(set_of(info))?))) {
+            Some((info, place)) => {
+                let used = self.texture_use(info, place)?;
+                if used.is_some() {
+                    sets[place] = Some(set_of(info));
+                }
+                used
+            }
+            None => None,
+        };
         let strength = stated
             .extensions
             .as_ref()
@@ -134,6 +153,12 @@ impl<'b, 'f> Materials<'b, 'f> {
                 emissive.map(|c| c * strength)
             },
             emissive_texture,
+            normal_texture,
+            normal_scale: stated.normal_texture.as_ref().map_or(1.0, |n| n.scale),
+            is_unlit: stated
+                .extensions
+                .as_ref()
+                .is_some_and(|e| e.unlit.is_some()),
             alpha: match stated.alpha_mode {
                 Checked::Valid(StatedAlpha::Opaque) => AlphaMode::Opaque,
                 Checked::Valid(StatedAlpha::Mask) => {
@@ -271,6 +296,22 @@ fn specular(stated: &json::Material) -> Option<&json::extensions::material::PbrS
         && metallic.base_color_factor.0.iter().all(|c| *c >= 1.0);
     let extensions = stated.extensions.as_ref().filter(|_| says_nothing)?;
     extensions.pbr_specular_glossiness.as_ref()
+}
+
+/// A texture of normals as others are stated.
+fn of_normals(stated: &json::material::NormalTexture) -> Info {
+    let others = stated.extensions.as_ref().map(|e| &e.others);
+    let transform = others.and_then(|others| others.get("KHR_texture_transform"));
+    let texture_transform = transform.and_then(|t| serde_json::from_value(t.clone()).ok());
+    Info {
+        index: stated.index,
+        tex_coord: stated.tex_coord,
+        extensions: Some(json::extensions::texture::Info {
+            texture_transform,
+            ..json::extensions::texture::Info::default()
+        }),
+        extras: stated.extras.clone(),
+    }
 }
 
 /// The set of coordinates of a texture; a transform may name another.

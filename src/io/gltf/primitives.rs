@@ -176,6 +176,7 @@ impl<'b> PrimitiveReader<'b, '_> {
             part: MeshPart {
                 positions: used.iter().map(|&i| point(&positions, i)).collect(),
                 triangles,
+                is_flat: true,
                 ..MeshPart::default()
             },
             normals: normals.map_or(Vec::new(), |normals| {

@@ -353,6 +353,9 @@ impl<'a> Materials<'a> {
                 _ => stated.emissive.map(linear_from_srgb),
             },
             emissive_texture: emissive,
+            normal_texture: None,
+            normal_scale: 1.0,
+            is_unlit: false,
             alpha,
             is_double_sided: false,
         }

@@ -16,6 +16,7 @@
 mod cells;
 mod coverage;
 mod grid;
+mod normals;
 mod paint;
 mod pieces;
 mod spread;
@@ -27,11 +28,13 @@ mod texture;
 use super::{Finding, narrowed};
 use crate::error::{Error, Hint, Parameter, Result};
 use crate::io::Mesh;
+use crate::math::{normal_code, normal_of_code};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
 use crate::task::Task;
 
 use cells::Cells;
 use coverage::Ripple;
+use normals::Normals;
 use paint::Paints;
 pub use spread::most_pixels_per_area;
 use squares::Squares;
@@ -73,6 +76,9 @@ impl Default for MeshOptions {
         }
     }
 }
+
+/// Cosine of half a degree: planes of surfels that are all nearer to their surface's normals need none of their own.
+const SAME_NORMAL: f32 = 0.999_96;
 
 /// How many surfels a surface gets.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -217,6 +223,8 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
         is_used[mesh.parts[triangle.part as usize].material] = true;
     }
     let paints = Paints::new(mesh, &is_used);
+    let normals = Normals::new(&surface, &is_used);
+    let looks = (&paints, &normals);
     let mut volumes = Vec::new();
     let mut ripple = Ripple::default();
     let mut losses = Losses::default();
@@ -237,8 +245,8 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
         let rest = &squares.rest;
         let left = wanted.saturating_sub(squares.count).max(1);
         let cells = Cells::new(&surface, rest, left, options.seed, task)?;
-        let mut surfels = surfels::surfels(&surface, rest, &cells, &paints, width, task)?;
-        surfels.extend(squares.surfels(&surface, &paints, width));
+        let mut surfels = surfels::surfels(&surface, rest, &cells, looks, width, task)?;
+        surfels.extend(squares.surfels(&surface, looks, width));
         let each = area(triangles) / RIPPLE_POINTS as f64;
         let mut points = coverage::points(&cells.pieces, rest, each);
         points.extend(squares.points(&surface, each));
@@ -304,6 +312,8 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
     let mut tangents = Vec::with_capacity(surfels.len());
     let mut strengths = Vec::with_capacity(surfels.len());
     let mut colours = Vec::with_capacity(surfels.len());
+    let mut normals = Vec::with_capacity(surfels.len());
+    let mut is_flat = true;
     for surfel in surfels {
         if surfel.unpainted >= surfel.area {
             losses.colourless += 1;
@@ -337,6 +347,10 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
         tangents.push(shape);
         strengths.push(strength);
         colours.push(colour);
+        let code = normal_code(surfel.reflecting);
+        let plane = t1.cross(t2).try_normalize().unwrap_or_default();
+        is_flat &= normal_of_code(code).dot(plane) > SAME_NORMAL;
+        normals.push(code);
     }
     PointVolume {
         particles: Particles::Surfels {
@@ -353,7 +367,7 @@ fn volume(surface: &Surface, kind: Kind, surfels: &[Surfel], losses: &mut Losses
         values: None,
         transfer_function: None,
         boundary: None,
-        normals: None,
+        normals: (!is_flat).then_some(normals),
         local_models: None,
     }
 }

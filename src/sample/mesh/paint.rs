@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::surface::Triangle;
 use super::texture::{Pyramid, Weighing};
-use crate::io::{AlphaMode, Material, Mesh, TextureUse};
+use crate::io::{AlphaMode, Material, Mesh, MeshPart, TextureUse};
 
 /// The materials of a mesh, made ready.
 #[derive(Debug)]
@@ -37,7 +37,7 @@ impl<'a> Paints<'a> {
                 let index = used.as_ref().filter(|_| is_used)?.texture;
                 let texture = mesh.textures.get(index)?;
                 let bits = match weighing {
-                    Weighing::Alike => 0,
+                    Weighing::Alike | Weighing::Numbers => 0,
                     Weighing::Alpha => 1,
                     Weighing::AtLeast(cutoff) => 2 | u64::from(cutoff.to_bits()) << 2,
                 };
@@ -57,24 +57,11 @@ impl<'a> Paints<'a> {
         let indices = part.triangles[triangle.index as usize];
         let material = &self.mesh.materials[part.material];
         let [base, emissive] = self.textures[part.material];
-        let laid = |used: &Option<TextureUse>, pyramid: Option<usize>| {
-            let (Some(used), Some(pyramid)) = (used, pyramid) else {
-                return Some(None);
-            };
-            let Some(set) = part.texture_coordinates.get(used.coordinates) else {
-                return Some(None);
-            };
-            let mut uv = [DVec2::ZERO; 3];
-            for (uv, &index) in uv.iter_mut().zip(&indices) {
-                let at = set.get(index as usize)?;
-                *uv = used.transform.transform_point2(*at).as_dvec2();
+        let laid = |used: &Option<TextureUse>, pyramid: Option<usize>| match (used, pyramid) {
+            (Some(used), Some(pyramid)) if part.texture_coordinates.len() > used.coordinates => {
+                Laid::of(used, part, indices, &self.pyramids[pyramid]).map(Some)
             }
-            let [origin, a, b] = uv;
-            Some(Some(Laid {
-                pyramid: &self.pyramids[pyramid],
-                origin,
-                edges: [a - origin, b - origin],
-            }))
+            _ => Some(None),
         };
         let glows = material.emissive != [0.0; 3];
         let corner = |index: u32| part.colours.get(index as usize).unwrap_or(&[1.0; 4]);
@@ -93,11 +80,34 @@ impl<'a> Paints<'a> {
 
 /// A texture on a triangle.
 #[derive(Debug)]
-struct Laid<'a> {
+pub(super) struct Laid<'a> {
     pyramid: &'a Pyramid<'a>,
     /// Texture coordinates of the first corner, and along the two edges that begin there.
     origin: DVec2,
-    edges: [DVec2; 2],
+    pub(super) edges: [DVec2; 2],
+}
+
+impl<'a> Laid<'a> {
+    /// On the triangle of a part between the corners `indices`; `None` where one has no coordinates.
+    pub(super) fn of(
+        used: &TextureUse,
+        part: &MeshPart,
+        indices: [u32; 3],
+        pyramid: &'a Pyramid<'a>,
+    ) -> Option<Self> {
+        let set = part.texture_coordinates.get(used.coordinates)?;
+        let mut uv = [DVec2::ZERO; 3];
+        for (uv, index) in uv.iter_mut().zip(indices) {
+            let at = set.get(index as usize)?;
+            *uv = used.transform.transform_point2(*at).as_dvec2();
+        }
+        let [origin, a, b] = uv;
+        Some(Self {
+            pyramid,
+            origin,
+            edges: [a - origin, b - origin],
+        })
+    }
 }
 
 /// What one triangle of the mesh is painted with.
@@ -171,7 +181,7 @@ impl Coat<'_> {
 }
 
 impl Laid<'_> {
-    fn filtered(&self, middle: DVec2, [xx, xy, yy]: [f64; 3]) -> [f64; 4] {
+    pub(super) fn filtered(&self, middle: DVec2, [xx, xy, yy]: [f64; 3]) -> [f64; 4] {
         let [a, b] = self.edges;
         let between = |i: usize, j: usize| {
             xx * a[i] * a[j] + xy * (a[i] * b[j] + b[i] * a[j]) + yy * b[i] * b[j]

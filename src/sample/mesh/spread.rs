@@ -26,11 +26,7 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
         Spread::NoDenser(density) => (
             Parameter::SurfelDensity.into(),
             density,
-            if super::squares::m(6) {
-                automatic(surface, area)
-            } else {
-                automatic(surface, area).min(area * density)
-            },
+            automatic(surface, area).min(area * density),
         ),
         Spread::Density(density) => (Parameter::SurfelDensity.into(), density, area * density),
         Spread::Spacing(spacing) => (
@@ -88,10 +84,7 @@ pub fn most_pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
         }
         let normal = (b - a).cross(c - a).normalize_or_zero();
         match camera.projection {
-            Projection::Perspective => {
-                focal * normal.dot(a).abs()
-                    / (depth * depth * if super::squares::m(5) { 1.0 } else { depth })
-            }
+            Projection::Perspective => focal * normal.dot(a).abs() / (depth * depth * depth),
             Projection::Orthographic => focal * normal.z.abs(),
         }
     };

@@ -9,6 +9,7 @@ use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cells::random;
+use super::normals::Normals;
 use super::paint::Paints;
 use super::surface::{Surface, Triangle};
 use super::surfels::Surfel;
@@ -167,12 +168,13 @@ impl Squares {
     pub(super) fn surfels(
         &self,
         surface: &Surface,
-        paints: &Paints,
+        (paints, normals): (&Paints, &Normals),
         kernel_width: f64,
     ) -> Vec<Surfel> {
         let of_row = |row: &Row| {
             let plane = Plane::new(surface, &row.triangle);
             let coat = paints.coat(&row.triangle);
+            let normals = normals.of(surface, &row.triangle);
             let lookups = match &coat {
                 Some(coat) if !coat.is_plain() => LOOKUPS,
                 _ => 1,
@@ -183,17 +185,14 @@ impl Squares {
             let spread = m * m.transpose() * (side * side / 12.0);
             let variance = [spread.x_axis.x, spread.x_axis.y, spread.y_axis.y];
             let [x, y] = plane.axes;
-            let tangents = plane
-                .axes
-                .map(|axis| axis * kernel_width * if self::m(3) { 1.01 } else { 1.0 });
+            let tangents = plane.axes.map(|axis| axis * kernel_width);
             let first = row.first + row.shift;
             (0..row.count).map(move |i| {
                 let corner = first + DVec2::new(f64::from(i), 0.0);
                 let mut paint = [0.0; 4];
                 let mut unpainted = 0.0;
                 for part in 0..lookups * lookups {
-                    let at = DVec2::new((part % lookups) as f64, (part / lookups) as f64)
-                        + if self::m(4) { 0.3 } else { 0.5 };
+                    let at = DVec2::new((part % lookups) as f64, (part / lookups) as f64) + 0.5;
                     let middle = m * (corner + at * side);
                     match coat.as_ref().and_then(|c| c.of(middle, variance)) {
                         Some(found) => {
@@ -204,8 +203,10 @@ impl Squares {
                         None => unpainted += side * side,
                     }
                 }
-                let at = corner + if self::m(2) { 0.4 } else { 0.5 };
+                let at = corner + 0.5;
                 let [r, g, b, there] = paint;
+                let whole = variance.map(|v| v * (lookups * lookups) as f64);
+                let reflecting = normals.as_ref().map(|n| n.at(m * at, whole));
                 Surfel {
                     centre: plane.origin + x * at.x + y * at.y,
                     tangents,
@@ -213,6 +214,7 @@ impl Squares {
                     colour: [r / there, g / there, b / there],
                     share: there,
                     unpainted,
+                    reflecting: reflecting.unwrap_or_default(),
                 }
             })
         };
@@ -263,7 +265,7 @@ fn band(plane: &Plane, row: &Row) -> Vec<Triangle> {
         for i in 2..square.len() {
             let corners = [square[0], square[i - 1], square[i]];
             let area = 0.5 * (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
-            if area > 0.0 && !(self::m(1) && i == 3) {
+            if area > 0.0 {
                 parts.push(Triangle {
                     corners: corners.map(|c| plane.barycentric_from_plane * c),
                     area,
@@ -306,8 +308,4 @@ fn extent(polygon: &[DVec2]) -> Option<(f64, f64)> {
 )]
 fn rows_up_to(height: f64) -> usize {
     (height.ceil() + 1.0).max(0.0) as usize
-}
-
-pub(super) fn m(n: u32) -> bool {
-    std::env::var("H3_MUT").is_ok_and(|v| v == n.to_string())
 }

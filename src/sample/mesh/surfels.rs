@@ -4,6 +4,7 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cells::Cells;
+use super::normals::Normals;
 use super::paint::Paints;
 use super::pieces::variance;
 use super::surface::{Surface, Triangle};
@@ -36,6 +37,8 @@ pub(super) struct Surfel {
     pub(super) share: f64,
     /// Of the area, whose colour is not finite.
     pub(super) unpainted: f64,
+    /// By which light falls on it, of any length; zero where light changes nothing.
+    pub(super) reflecting: DVec3,
 }
 
 impl Surfel {
@@ -66,7 +69,7 @@ pub(super) fn surfels(
     surface: &Surface,
     triangles: &[Triangle],
     cells: &Cells,
-    paints: &Paints,
+    (paints, normals): (&Paints, &Normals),
     kernel_width: f64,
     task: Option<&Task>,
 ) -> Result<Vec<Surfel>> {
@@ -76,7 +79,14 @@ pub(super) fn surfels(
         .filter(|cell| stage.counts(*cell))
         .filter_map(|cell| {
             let pieces = cells.pieces_of(cell);
-            surfel(surface, triangles, cells, pieces, paints, kernel_width)
+            surfel(
+                surface,
+                triangles,
+                cells,
+                pieces,
+                (paints, normals),
+                kernel_width,
+            )
         })
         .collect();
     stage.check()?;
@@ -88,7 +98,7 @@ fn surfel(
     triangles: &[Triangle],
     cells: &Cells,
     indices: &[u32],
-    paints: &Paints,
+    (paints, normals): (&Paints, &Normals),
     kernel_width: f64,
 ) -> Option<Surfel> {
     let pieces = || indices.iter().map(|&i| &cells.pieces[i as usize]);
@@ -115,6 +125,7 @@ fn surfel(
 
     let mut second = DMat3::ZERO;
     let mut paint = [0.0; 4];
+    let mut reflecting = DVec3::ZERO;
     let mut unpainted = 0.0;
     let mut nearest = (f64::INFINITY, DVec3::ZERO, normal);
     for piece in pieces() {
@@ -136,6 +147,9 @@ fn surfel(
             corners.iter().map(square).sum::<f64>() / 12.0
         };
         let flat = [flat(0, 0), flat(0, 1), flat(1, 1)];
+        if let Some(normals) = normals.of(surface, triangle) {
+            reflecting += share * normals.at(middle, flat);
+        }
         match paints.coat(triangle).and_then(|c| c.of(middle, flat)) {
             Some(p) => {
                 for (sum, p) in paint.iter_mut().zip(p) {
@@ -159,6 +173,7 @@ fn surfel(
         colour: [r / there, g / there, b / there],
         share: there / area,
         unpainted,
+        reflecting,
     })
 }
 

@@ -58,6 +58,8 @@ pub(super) enum Weighing {
     Alpha,
     /// One where alpha is at least this, nothing below.
     AtLeast(f32),
+    /// One, and red, green and blue are numbers from 0 to 1 instead of encoded light.
+    Numbers,
 }
 
 /// A texture and its coarser levels.
@@ -157,7 +159,7 @@ impl<'a> Pyramid<'a> {
         ];
         let texels = [texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1)];
         match self.weighing {
-            Weighing::Alike | Weighing::Alpha => {
+            Weighing::Alike | Weighing::Alpha | Weighing::Numbers => {
                 let texels = texels.map(|t| decoded(t, self.weighing));
                 weighted(&weights, &texels)
             }
@@ -270,6 +272,7 @@ fn decoded([r, g, b, alpha]: [u8; 4], weighing: Weighing) -> [f32; 4] {
     let alpha = f32::from(alpha) / 255.0;
     let weight = match weighing {
         Weighing::Alike => 1.0,
+        Weighing::Numbers => return [r, g, b, 255].map(|c| f32::from(c) / 255.0),
         Weighing::Alpha => alpha,
         Weighing::AtLeast(cutoff) => f32::from(u8::from(alpha >= cutoff)),
     };
