@@ -14,6 +14,7 @@ use crate::common::Random;
 use ewa_splat::io::{
     AlphaMode, Dataset, Geometry, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
 };
+use ewa_splat::math::normal_of_code;
 use ewa_splat::sample::mesh::{
     MeshOptions, MeshReport, SampledMesh, Spread, most_pixels_per_area, surfels,
 };
@@ -729,6 +730,110 @@ fn factors_corners_and_glow_make_the_colour() {
                 s.colour
             );
         }
+    }
+}
+
+/// The normals by which surfels reflect: stored ones, else those of their planes.
+fn reflecting(sampled: &SampledMesh) -> Vec<DVec3> {
+    let of_volume = |volume: &PointVolume| match &volume.normals {
+        Some(codes) => codes
+            .iter()
+            .map(|c| normal_of_code(*c).as_dvec3())
+            .collect(),
+        None => list(volume).iter().map(Surfel::normal).collect::<Vec<_>>(),
+    };
+    sampled.volumes.iter().flat_map(of_volume).collect()
+}
+
+#[test]
+fn coarse_meshes_reflect_as_the_smooth_ones_that_they_stand_for() {
+    // Facets of a sphere of 12 rows lie up to 7.5 degrees off along the meridians and the equator.
+    let mut mesh = sphere(12);
+    // Its corners at a pole are one, up to the sine of π.
+    for position in &mut mesh.parts[0].positions {
+        *position = (*position * 1e12).round() / 1e12;
+    }
+    let greatest = |mesh: &Mesh| {
+        let sampled = sampled(mesh, 4000);
+        let surfels = all(&sampled);
+        let normals = reflecting(&sampled);
+        let off = surfels.iter().zip(normals).map(|(s, n)| {
+            let outwards = s.at.normalize();
+            n.dot(outwards).clamp(-1.0, 1.0).acos().to_degrees()
+        });
+        off.fold(0.0, f64::max)
+    };
+    // Made smooth: triangles meet at 15 degrees. A corner's normal is the mean of its triangles'.
+    let smooth = greatest(&mesh);
+    assert!(smooth < 3.0, "{smooth}");
+    // As the file says.
+    let normal = |p: &DVec3| p.normalize().as_vec3();
+    mesh.parts[0].normals = mesh.parts[0].positions.iter().map(normal).collect();
+    let stated = greatest(&mesh);
+    assert!(stated < 1.0, "{stated}");
+    // Turned inside out they mean the same side of the surface.
+    for normal in &mut mesh.parts[0].normals {
+        *normal = -*normal;
+    }
+    assert!((greatest(&mesh) - stated).abs() < 1e-6);
+    // Flat, as glTF has it: nothing is stored.
+    mesh.parts[0].normals.clear();
+    mesh.parts[0].is_flat = true;
+    assert!(greatest(&mesh) > 5.0);
+    let cube = sampled(&cube(), 600);
+    assert!(cube.volumes.iter().all(|v| v.normals.is_none()));
+}
+
+#[test]
+fn textures_of_normals_tilt_what_reflects() {
+    // 30 degrees to the right of the texture, and as many to its top.
+    let (sine, cosine) = (0.5_f64, 0.75_f64.sqrt());
+    let code = |x: f64| (255.0 * (0.5 + 0.5 * x)).round() as u8;
+    let tilted = |x: f64, y: f64| {
+        let pixel = [code(sine * x), code(sine * y), code(cosine), 255];
+        let unused = Material {
+            normal_texture: whole_texture(),
+            ..material(AlphaMode::Opaque)
+        };
+        let unused = Material {
+            base_texture: None,
+            ..unused
+        };
+        textured(unused, [4, 4], move |_, _| pixel)
+    };
+    let check = |mesh: &Mesh, expected: DVec3| {
+        for normal in reflecting(&sampled(mesh, 300)) {
+            // Codes of eight bits: half a level of each component is .2 degrees.
+            let degrees = normal
+                .dot(expected.normalize())
+                .clamp(-1.0, 1.0)
+                .acos()
+                .to_degrees();
+            assert!(degrees < 0.5, "{normal} {expected}");
+        }
+    };
+    // u runs along x and v, downwards in the texture, along y.
+    check(&tilted(1.0, 0.0), DVec3::new(sine, 0.0, cosine));
+    check(&tilted(0.0, 1.0), DVec3::new(0.0, -sine, cosine));
+    // Mirrored on the surface: to the right of the texture is to the left of it.
+    let mut mirrored = tilted(1.0, 0.0);
+    for uv in &mut mirrored.parts[0].texture_coordinates[0] {
+        uv.x = -uv.x;
+    }
+    check(&mirrored, DVec3::new(-sine, 0.0, cosine));
+    let mut half = tilted(1.0, 0.0);
+    half.materials[0].normal_scale = 0.5;
+    check(&half, DVec3::new(0.5 * sine, 0.0, cosine));
+}
+
+#[test]
+fn what_light_does_not_change_has_no_normal() {
+    let mut mesh = plane();
+    mesh.materials[0].is_unlit = true;
+    let sampled = sampled(&mesh, 100);
+    for volume in &sampled.volumes {
+        let codes = volume.normals.as_ref().unwrap();
+        assert!(codes.len() == volume.particles.len() && codes.iter().all(|c| *c == 0));
     }
 }
 

@@ -324,6 +324,7 @@ fn triangle() -> Mesh {
     };
     Mesh {
         parts: vec![MeshPart {
+            is_flat: false,
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
             triangles: vec![[0, 1, 2]],
             normals: vec![Vec3::Z; 3],

@@ -66,6 +66,11 @@ fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, 
         kernel_width: 0.6,
     };
     let origin = middle;
+    let surfels = Particles::Surfels {
+        positions: positions.clone(),
+        tangents,
+        is_one_sided: false,
+    };
     let kinds = [
         ("uniform", lattice(LatticeSpacing::Uniform { origin, step })),
         (
@@ -86,20 +91,14 @@ fn volumes(random: &mut Random, middle: DVec3, size: f64) -> Vec<(&'static str, 
                 factors,
             },
         ),
-        (
-            "surfels",
-            Particles::Surfels {
-                positions,
-                tangents,
-                is_one_sided: false,
-            },
-        ),
+        ("surfels", surfels.clone()),
+        ("round surfels", surfels),
     ];
     kinds
         .into_iter()
         .map(|(name, particles)| {
             let count = particles.len();
-            let is_flat = matches!(particles, Particles::Surfels { .. });
+            let is_flat = name == "surfels";
             let normals = (0..count).map(|i| match i % 7 {
                 0 => 0,
                 // The corners of what codes may be.

@@ -7,6 +7,7 @@
 )]
 
 use ewa_splat::Filter;
+use ewa_splat::math::normal_code;
 use ewa_splat::render::SimdLevel;
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
@@ -287,6 +288,9 @@ fn scene() -> Vec<PointVolume> {
             areas.push((step * step * 1.25_f64.sqrt()) as f32);
         }
     }
+    // A surface that is rounder than its surfels.
+    let rounder = |p: &DVec3| normal_code(DVec3::new(0.5 + 0.3 * p.x, 0.3 * p.y, -1.0));
+    let normals = positions.iter().map(rounder).collect();
     let surface = PointVolume {
         particles: Particles::Surfels {
             positions,
@@ -298,7 +302,7 @@ fn scene() -> Vec<PointVolume> {
         values: None,
         transfer_function: None,
         boundary: None,
-        normals: None,
+        normals: Some(normals),
         local_models: None,
     };
     vec![field, surface]

@@ -314,6 +314,60 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
 }
 
 #[test]
+fn surfels_reflect_by_the_normals_that_are_stored() {
+    // A wall that faces the eye, whose surface is said to be tilted.
+    let drawn = |normal: DVec3, behind: bool, code: Option<u32>| {
+        let cells = (-8..=8).flat_map(|i| (-8..=8).map(move |j| (i, j)));
+        let positions: Vec<DVec3> = cells
+            .map(|(i, j)| DVec3::new(0.1 * f64::from(i), 0.0, 0.1 * f64::from(j)))
+            .collect();
+        let count = positions.len();
+        let wall = PointVolume {
+            strength: Strength::Surface(vec![0.01; count]),
+            particles: Particles::Surfels {
+                // The front faces -y: x cross z.
+                tangents: vec![[0.06, 0.0, 0.0, 0.0, 0.0, 0.06]; count],
+                positions,
+                is_one_sided: false,
+            },
+            colour: Colour::Uniform([0.5; 3]),
+            values: None,
+            transfer_function: None,
+            boundary: None,
+            normals: Some(vec![code.unwrap_or(normal_code(normal)); count]),
+            local_models: None,
+        };
+        let side = if behind { DVec3::Y } else { -DVec3::Y };
+        let lights = Lighting {
+            specular: 0.0,
+            ..lighting(&[world(side, [1.0; 3])])
+        };
+        let camera = Camera::orthographic(3.0 * side, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
+        draw(&[wall], &camera, &settings(Some(lights))).pixels[8 * 16 + 8][0]
+    };
+    for degrees in [0.0_f64, 20.0, 60.0] {
+        let angle = degrees.to_radians();
+        let normal = DVec3::new(angle.sin(), -angle.cos(), 0.0);
+        let expected = 0.5 * (0.1 + 0.7 * angle.cos());
+        for behind in [false, true] {
+            let found = f64::from(drawn(normal, behind, None));
+            assert!(
+                (found - expected).abs() < 0.5 * 0.7 * CODE,
+                "{degrees} {behind}: {found}"
+            );
+        }
+    }
+    // One that faces away from an eye that sees the front counts as just turned to it.
+    let away = f64::from(drawn(DVec3::new(1.0, 0.3, 0.0), false, None));
+    assert!(
+        (away - 0.5 * (0.1 + 0.7 * 0.01)).abs() < 0.5 * 0.7 * CODE,
+        "{away}"
+    );
+    // Without a direction nothing is lit.
+    assert!((drawn(DVec3::Y, false, Some(NO_NORMAL)) - 0.5).abs() < 1e-6);
+}
+
+#[test]
 fn the_world_may_turn_with_its_lights() {
     let mut random = Random::new(5);
     let turn = random.rotation();
@@ -479,7 +533,7 @@ fn lights_out_of_range_are_refused() {
         values: None,
         transfer_function: None,
         boundary: None,
-        normals: Some(vec![1]),
+        normals: Some(vec![1, 2]),
         local_models: None,
     };
     assert!(surfels.validate().is_err());
