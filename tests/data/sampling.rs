@@ -416,6 +416,24 @@ fn the_default_field_is_the_first_that_varies() {
         ..dataset(lattice(), fields())
     };
     assert_eq!(chosen(plot3d), "Density");
+    // What is constant is not shown while anything varies, not even a density, nor what holds colours.
+    let vector = |name: &str, components: [[u8; 2]; 3]| {
+        let components = components.map(|c| Values::U8(c.to_vec()));
+        Field {
+            name: name.into(),
+            association: Association::Nodes,
+            source: FieldSource::Vector(components.to_vec()),
+        }
+    };
+    let still = vector("still", [[1, 1]; 3]);
+    let colours = vector("Colors", [[1, 200]; 3]);
+    let moving = vector("moving", [[1, 1], [3, 3], [0, 9]]);
+    let fields = vec![f("density", 1.0, 1.0), colours, still, moving];
+    let plot3d = Dataset {
+        format: "PLOT3D grid",
+        ..dataset(lattice(), fields)
+    };
+    assert_eq!(chosen(plot3d), "moving");
     let fails = volume(dataset(lattice(), vec![]), &SampleOptions::default()).unwrap_err();
     assert!(fails.to_string().contains("a field to show"));
 }
@@ -438,6 +456,30 @@ fn masses(sampled: &Sampled) -> &[f32] {
         Strength::Mass(m) => m,
         _ => panic!("masses expected"),
     }
+}
+
+#[test]
+fn arrays_of_colours_colour_particles() {
+    let mut data = table(&[
+        ("sigma", &[0.1, 0.2]),
+        ("mass", &[1.0, 2.0]),
+        ("rho", &[1.0, 3.0]),
+    ]);
+    let channel = |bytes: [u8; 2]| Values::U8(bytes.to_vec());
+    data.fields.push(Field {
+        name: "rgb".into(),
+        association: Association::Nodes,
+        source: FieldSource::Vector(vec![
+            channel([255, 0]),
+            channel([0, 188]),
+            channel([0, 255]),
+            channel([9, 9]),
+        ]),
+    });
+    // Bytes are encoded: 188 is half of the light.
+    let half = ewa_splat::image::linear_from_srgb(188.0 / 255.0);
+    let expected = Colour::PerParticle(vec![[1.0, 0.0, 0.0], [0.0, half, 1.0]]);
+    assert_eq!(sample(data).volume.colour, expected);
 }
 
 #[test]

@@ -111,12 +111,12 @@ pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset>
         }
     }
 
-    let mut fields = Vec::new();
+    let (mut fields, mut notes) = (Vec::new(), Vec::new());
     let solution = solution
         .map(Path::to_path_buf)
         .or_else(|| solution::beside(input));
     if let Some(solution) = solution {
-        fields.extend(solution::read(&solution, input, &layout)?);
+        (fields, notes) = solution::read(&solution, input, &layout)?;
     }
     if layout.blanked {
         // Derived fields stay last.
@@ -129,6 +129,7 @@ pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset>
     }
     let geometry = Geometry::Curvilinear { blocks };
     let mut dataset = Dataset::new(path, "PLOT3D grid", geometry, fields);
+    dataset.notes.append(&mut notes);
     if !others.is_empty() {
         dataset.notes.push(format!(
             "Read as {}; its size is also that of {}.",

@@ -44,7 +44,11 @@ pub(super) fn beside(input: Input<'_>) -> Option<PathBuf> {
 ///
 /// # Errors
 /// The solution is of another grid, or of no readable size.
-pub(super) fn read(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Result<Vec<Field>> {
+pub(super) fn read(
+    path: &Path,
+    grid: Input<'_>,
+    grid_layout: &Layout,
+) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
     let grid = grid.path;
     let node_counts = grid_layout.node_counts().unwrap_or_default();
@@ -137,20 +141,35 @@ pub(super) fn read(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Result
         }
         Ok(Values::F32(all))
     };
-    Ok(vec![
-        node_field("density", FieldSource::Scalar(variable(0)?)),
+    let (density, energy) = (variable(0)?, variable(4)?);
+    // What is nowhere above 0 was not stored, and nothing follows from it.
+    let is_stored = |values: &Values| values.finite_range().is_some_and(|[_, most]| most > 0.0);
+    let has = [is_stored(&density), is_stored(&energy)];
+    let mut fields = vec![
+        node_field("density", FieldSource::Scalar(density)),
         node_field(
             "momentum",
             FieldSource::Vector(vec![variable(1)?, variable(2)?, variable(3)?]),
         ),
-        node_field("energy", FieldSource::Scalar(variable(4)?)),
-        node_field(
-            "velocity_magnitude",
-            FieldSource::Derived(velocity_magnitude),
-        ),
-        node_field("pressure", FieldSource::Derived(pressure)),
-        node_field("mach", FieldSource::Derived(mach)),
-    ])
+        node_field("energy", FieldSource::Scalar(energy)),
+    ];
+    let mut notes = Vec::new();
+    let mut derive = |name: &str, needs: &[usize], how: fn(&Dataset) -> Result<Values>| match needs
+        .iter()
+        .find(|variable| !has[**variable])
+    {
+        None => fields.push(node_field(name, FieldSource::Derived(how))),
+        Some(variable) => {
+            let missing = ["density", "energy"][*variable];
+            notes.push(format!(
+                "{name} is not derived: {missing} is nowhere above 0"
+            ));
+        }
+    };
+    derive("velocity_magnitude", &[0], velocity_magnitude);
+    derive("pressure", &[0, 1], pressure);
+    derive("mach", &[0, 1], mach);
+    Ok((fields, notes))
 }
 
 /// Where the dimensions of a grid and of a solution part: what was expected, what was found.

@@ -1,9 +1,9 @@
 //! The columns of a table, by name.
 
-use super::super::{TakenScalar, check_len, describes_the_grid};
+use super::super::{TakenScalar, check_len, describes_the_grid, is_colour};
 use crate::error::{Error, Result};
 use crate::image::linear_from_srgb;
-use crate::io::{Association, Dataset, FieldSource, Smoothing};
+use crate::io::{Association, Dataset, Field, FieldSource, Smoothing};
 use crate::scene::Values;
 
 pub(super) const VARIANCE: [&str; 6] = ["vxx", "vxy", "vxz", "vyy", "vyz", "vzz"];
@@ -67,6 +67,19 @@ impl<'a> Columns<'a> {
                 "the file is damaged",
             )),
             stored => Ok(stored),
+        }
+    }
+
+    /// Red, green and blue of the first array that holds colours ([`is_colour`]).
+    pub(super) fn colours(&self) -> Option<[&'a Values; 3]> {
+        let of_nodes = |f: &&Field| f.association == Association::Nodes && is_colour(f);
+        let found = self.dataset.fields.iter().find(of_nodes)?;
+        match &found.source {
+            FieldSource::Vector(components) => match components.as_slice() {
+                [r, g, b, ..] if r.len() == self.count => Some([r, g, b]),
+                _ => None,
+            },
+            _ => None,
         }
     }
 

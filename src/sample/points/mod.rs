@@ -61,7 +61,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let is_classified = matches!(mass, Mass::Classified(_));
     let rgb = match columns.set(RGB)? {
         Some(rgb) => Some(rgb),
-        None => columns.set(RED_GREEN_BLUE)?,
+        None => columns.set(RED_GREEN_BLUE)?.or_else(|| columns.colours()),
     };
 
     // The field: the one named; else, where masses are classified, a default one.
