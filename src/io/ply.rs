@@ -1,4 +1,4 @@
-//! PLY: particle tables, and splats in the layout of Kerbl et al. 2023 (INRIA's).
+//! PLY: particle tables, meshes, and splats in the layout of Kerbl et al. 2023 (INRIA's).
 //!
 //! A text header names elements and the properties of each; the body holds the elements one
 //! after another, as text or as binary numbers in either byte order. The header is obeyed as
@@ -15,7 +15,8 @@
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
 //! | all others | fields |
 //!
-//! A file with `f_dc_0` has the splat layout, any other is a table. A comment
+//! A file with `f_dc_0` has the splat layout; of the others, one with faces is a mesh (see
+//! [`super::ply_mesh`]) unless its points are asked for, and any other is a table. A comment
 //! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
 //! *Mip-Splatting*, that keeps opacity times area.
 //!
@@ -27,10 +28,12 @@ use std::path::Path;
 
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
+use super::ply_mesh::{self, Faces};
 use super::ply_splats::splats;
 use super::ply_table::{Member, Rows, Table};
-use super::scalars::ScalarType;
+use super::scalars::{Encoding, ScalarType, double};
 use super::table::dataset;
+use super::{OpenOptions, ReadAs};
 use crate::error::{Error, Result};
 
 const FORMAT: &str = "PLY particle table";
@@ -40,11 +43,12 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"ply\n") || head.starts_with(b"ply\r")
 }
 
-/// Reads particles or splats.
+/// Reads particles, a mesh or splats.
 ///
 /// # Errors
-/// A broken header, a body shorter than it says, no positions, or half a splat layout.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+/// A broken header, a body shorter than it says, no positions, half a splat layout, a face of
+/// vertices that are not there, or an image named by `options` that cannot be read.
+pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
     let header = Header::parse(path, &bytes)?;
@@ -69,9 +73,23 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         ));
     }
     let mut notes = Vec::new();
-    let rows = header.rows(path, &bytes, vertex, &mut notes)?;
+    let has = |name: &str| {
+        header.elements[vertex]
+            .properties
+            .iter()
+            .any(|p| p.name == name)
+    };
+    let is_splats = has("f_dc_0");
+    let is_mesh = !is_splats && options.read_as != Some(ReadAs::Points);
+    let mut faces = Faces::of(&header.elements, header.elements[vertex].count);
+    let read = faces.as_mut().filter(|_| is_mesh);
+    let rows = header.rows(path, &bytes, vertex, read, &mut notes)?;
     let table = Table { path, rows: &rows };
-    let mut data = if rows.members.iter().any(|m| m.name == "f_dc_0") {
+    if let (true, Some(faces)) = (is_mesh, faces) {
+        let texture = options.texture.as_deref();
+        return ply_mesh::dataset(input, &table, faces, &header.comments, texture, notes);
+    }
+    let mut data = if is_splats {
         splats(&table, &header.comments, &mut notes)?
     } else {
         let (positions, used) = table.positions()?;
@@ -105,19 +123,22 @@ enum Format {
     Binary { big_endian: bool },
 }
 
-struct Element {
-    name: String,
-    count: usize,
-    properties: Vec<Property>,
+/// A kind of row, as the header describes it.
+pub(super) struct Element {
+    pub(super) name: String,
+    /// How many rows the header says that there are.
+    pub(super) count: usize,
+    pub(super) properties: Vec<Property>,
 }
 
-struct Property {
-    name: String,
-    kind: Kind,
+/// One number of a row, or a list of them.
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) kind: Kind,
 }
 
 #[derive(Clone, Copy)]
-enum Kind {
+pub(super) enum Kind {
     Scalar(ScalarType),
     List { count: ScalarType, item: ScalarType },
 }
@@ -205,13 +226,14 @@ impl Header {
         })
     }
 
-    /// The scalars of element `wanted` as columns; all elements are walked over, so that a body
-    /// that ends early is found out wherever it ends.
+    /// The scalars of element `wanted` as columns, and what `faces` takes; all elements are walked
+    /// over, so that a body that ends early is found out wherever it ends.
     fn rows<'a>(
         &self,
         path: &Path,
         bytes: &'a [u8],
         wanted: usize,
+        mut faces: Option<&mut Faces>,
         notes: &mut Vec<String>,
     ) -> Result<Rows<'a>> {
         let mut body = Body {
@@ -225,16 +247,21 @@ impl Header {
             let first = body.at;
             let mut copied = Vec::new();
             let keep = columns.as_ref().filter(|c| c.is_copied);
-            body.walk(element, keep.map(|_| &mut copied))
-                .map_err(|fault| {
-                    Error::format(
-                        path,
-                        format!("element `{}`, {}", element.name, fault.row),
-                        fault.expected,
-                        fault.found,
-                        "the file is cut off or its header is wrong: get or write it again",
-                    )
-                })?;
+            let is_face = faces.as_mut().is_some_and(|faces| faces.begin(i));
+            let taker = match (keep, &mut faces) {
+                (Some(_), _) => Taker::Scalars(&mut copied),
+                (None, Some(faces)) if is_face => Taker::Faces(faces),
+                _ => Taker::None,
+            };
+            body.walk(element, taker).map_err(|fault| {
+                Error::format(
+                    path,
+                    format!("element `{}`, {}", element.name, fault.row),
+                    fault.expected,
+                    fault.found,
+                    "the file is cut off or its header is wrong: get or write it again",
+                )
+            })?;
             if let Some(columns) = columns {
                 rows = Some(Rows {
                     count: element.count,
@@ -376,6 +403,15 @@ fn append(out: &mut Vec<u8>, number: f64, scalar: ScalarType) -> Option<()> {
     Some(())
 }
 
+/// What becomes of the numbers of an element.
+enum Taker<'t> {
+    /// They are passed over.
+    None,
+    /// Scalars are appended, byte for byte; text as [`append`] has it.
+    Scalars(&'t mut Vec<u8>),
+    Faces(&'t mut Faces),
+}
+
 /// The elements of a file, walked over front to back.
 struct Body<'a> {
     format: Format,
@@ -390,12 +426,23 @@ struct Fault {
     found: String,
 }
 
+impl Fault {
+    /// A face that cannot be: what was expected and what was found.
+    fn of_face(row: String, (expected, found): (String, String)) -> Self {
+        Self {
+            row,
+            expected,
+            found,
+        }
+    }
+}
+
 impl<'a> Body<'a> {
-    /// Passes over an element; `copy` takes its scalars.
-    fn walk(&mut self, element: &Element, copy: Option<&mut Vec<u8>>) -> Result<(), Fault> {
+    /// Passes over an element.
+    fn walk(&mut self, element: &Element, taker: Taker<'_>) -> Result<(), Fault> {
         match self.format {
-            Format::Ascii => self.walk_text(element, copy),
-            Format::Binary { big_endian } => self.walk_binary(element, big_endian, copy),
+            Format::Ascii => self.walk_text(element, taker),
+            Format::Binary { big_endian } => self.walk_binary(element, big_endian, taker),
         }
     }
 
@@ -403,7 +450,7 @@ impl<'a> Body<'a> {
         &mut self,
         element: &Element,
         big_endian: bool,
-        mut copy: Option<&mut Vec<u8>>,
+        mut taker: Taker<'_>,
     ) -> Result<(), Fault> {
         let left = self.bytes.len() - self.at;
         let short = |row: usize| Fault {
@@ -425,14 +472,16 @@ impl<'a> Body<'a> {
             return Ok(());
         }
         // A row has a list, so it takes a byte at least, and the file bounds the loop.
+        let mut items = Vec::new();
         for row in 0..element.count {
-            for property in &element.properties {
-                match property.kind {
+            for (p, property) in element.properties.iter().enumerate() {
+                let (bytes, scalar) = match property.kind {
                     Kind::Scalar(scalar) => {
                         let number = self.take(scalar.size()).ok_or_else(|| short(row))?;
-                        if let Some(copy) = &mut copy {
+                        if let Taker::Scalars(copy) = &mut taker {
                             copy.extend_from_slice(number);
                         }
+                        (number, scalar)
                     }
                     Kind::List { count, item } => {
                         let count = self
@@ -448,9 +497,19 @@ impl<'a> Body<'a> {
                                 ..short(row)
                             });
                         };
-                        let passed = count.checked_mul(item.size()).and_then(|n| self.take(n));
-                        passed.ok_or_else(|| short(row))?;
+                        let list = count.checked_mul(item.size()).and_then(|n| self.take(n));
+                        (list.ok_or_else(|| short(row))?, item)
                     }
+                };
+                if let Taker::Faces(faces) = &mut taker
+                    && faces.wants(p)
+                {
+                    let encoding = Encoding { scalar, big_endian };
+                    items.clear();
+                    let numbers = bytes.chunks_exact(scalar.size());
+                    items.extend(numbers.map(|bytes| double(bytes, encoding)));
+                    let taken = faces.take(p, &items);
+                    taken.map_err(|fault| Fault::of_face(short(row).row, fault))?;
                 }
             }
         }
@@ -465,14 +524,11 @@ impl<'a> Body<'a> {
     }
 
     /// One line per row; empty lines are passed over.
-    fn walk_text(
-        &mut self,
-        element: &Element,
-        mut copy: Option<&mut Vec<u8>>,
-    ) -> Result<(), Fault> {
+    fn walk_text(&mut self, element: &Element, mut taker: Taker<'_>) -> Result<(), Fault> {
         if element.properties.is_empty() {
             return Ok(());
         }
+        let mut items = Vec::new();
         for row in 0..element.count {
             let place = || format!("row {row} of {}", element.count);
             let Some(line) = self.next_text_line() else {
@@ -494,11 +550,14 @@ impl<'a> Body<'a> {
                     },
                 })
             };
-            for property in &element.properties {
+            for (p, property) in element.properties.iter().enumerate() {
+                items.clear();
+                let wanted = matches!(&taker, Taker::Faces(faces) if faces.wants(p));
                 match property.kind {
                     Kind::Scalar(scalar) => {
                         let number = number(&property.name)?;
-                        if let Some(copy) = &mut copy {
+                        items.push(number);
+                        if let Taker::Scalars(copy) = &mut taker {
                             append(copy, number, scalar).ok_or_else(|| Fault {
                                 row: place(),
                                 expected: format!("an integer of the type of `{}`", property.name),
@@ -511,10 +570,17 @@ impl<'a> Body<'a> {
                         // Ends with the line at the latest.
                         let mut passed = 0.0;
                         while passed < count {
-                            number(&property.name)?;
+                            let item = number(&property.name)?;
+                            if wanted {
+                                items.push(item);
+                            }
                             passed += 1.0;
                         }
                     }
+                }
+                if let (true, Taker::Faces(faces)) = (wanted, &mut taker) {
+                    let taken = faces.take(p, &items);
+                    taken.map_err(|fault| Fault::of_face(place(), fault))?;
                 }
             }
             if let Some(word) = words.next() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
 use ewa_splat::io::{
-    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, SphKernel,
+    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, ReadAs, SphKernel,
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -25,7 +25,10 @@ pub(crate) struct DataOptions {
     /// PLOT3D solution of a grid; by default a file beside it, named with q for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
-    /// OBJ mesh: image for the parts that have texture coordinates and no texture
+    /// What to make of points with faces (PLY, VTK) [default: a mesh]
+    #[arg(long = "as", value_enum, value_name = "WHAT")]
+    pub(crate) read_as: Option<ReadAsName>,
+    /// OBJ or PLY mesh: image for the parts that have texture coordinates and no texture
     #[arg(long, value_name = "FILE")]
     pub(crate) texture: Option<PathBuf>,
     /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name for the colours of the automatic
@@ -101,6 +104,15 @@ pub(crate) struct Scene {
     pub(crate) grids_only: bool,
     /// What points up: y where all are meshes, as their formats have it, z otherwise.
     pub(crate) up: DVec3,
+}
+
+/// What to make of points with faces.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum ReadAsName {
+    /// The points as particles, with all that is known of them as fields
+    Points,
+    /// A mesh
+    Mesh,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -196,6 +208,10 @@ impl DataOptions {
                 raw,
                 solution: self.solution.clone(),
                 texture: self.texture.clone(),
+                read_as: self.read_as.map(|name| match name {
+                    ReadAsName::Points => ReadAs::Points,
+                    ReadAsName::Mesh => ReadAs::Mesh,
+                }),
             },
         )
     }
