@@ -42,6 +42,7 @@ mod spz;
 mod spz_write;
 mod table;
 mod texture;
+mod up;
 mod vti;
 mod vtk_array;
 mod vtk_codec;
@@ -83,6 +84,7 @@ pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use crate::common::real_data;
-use crate::support::meshes::{SQUARE, png};
+use crate::support::meshes::{SQUARE, png, rich_gltf};
 use crate::support::splats::{
     Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz,
 };
@@ -686,5 +686,49 @@ fn real_files_with_faces_are_meshes() {
             assert!((p.length() - 0.5).abs() < 1e-6, "{name}: {p}");
             assert!(n.as_dvec3().dot(*p) > 0.4, "{name}: {p} {n}");
         }
+    }
+}
+
+#[test]
+fn every_format_says_what_is_up() {
+    let folder = Folder::new();
+    let square: Vec<Vec<f64>> = SQUARE.chunks(3).map(<[f64]>::to_vec).collect();
+    let face = [vec![3.0, 0.0, 1.0, 2.0]];
+    let elements: [Element<'_>; 2] = [("vertex", &XYZ, &square), ("face", INDICES, &face)];
+    let splats = some_splats(4, 0);
+    let surface = piece(
+        vec![],
+        "NumberOfPolys=\"1\"",
+        vec![("Polys", runs(&[0, 1, 2], &[3]))],
+    );
+    let disc = b"x,y,z\n0,0,0\n9,1,0\n0,0,9\n9,1,9\n";
+    for (name, bytes, expected) in [
+        (
+            "a.obj",
+            b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec(),
+            DVec3::Y,
+        ),
+        ("a.glb", rich_gltf().glb(), DVec3::Y),
+        ("b.glb", glb_splats(&splats), DVec3::Y),
+        ("a.ply", Ply::Big.file("", &elements), DVec3::Z),
+        (
+            "a.vtp",
+            vtk_xml(VtkEncoding::RAW, "PolyData", "", &[surface]),
+            DVec3::Z,
+        ),
+        (
+            "b.ply",
+            splat_ply(Ply::Little, "", &splats, &[]),
+            DVec3::NEG_Y,
+        ),
+        ("a.splat", splat_records(&splats), DVec3::NEG_Y),
+        // Turned to the axes of the two before it.
+        ("a.spz", spz(3, 0, &splats), DVec3::NEG_Y),
+        ("a.csv", b"x,y,z\n0,0,0\n9,9,9\n".to_vec(), DVec3::Z),
+        ("b.csv", disc.to_vec(), DVec3::Y),
+    ] {
+        let up = folder.open(name, &bytes).up();
+        assert_eq!(up.direction, expected, "{name}: {}", up.reason);
+        assert!(!up.reason.is_empty());
     }
 }

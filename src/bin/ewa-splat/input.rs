@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
 use ewa_splat::io::{
-    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, ReadAs, SphKernel,
+    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, ReadAs, SphKernel, Up,
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -102,7 +102,7 @@ pub(crate) struct Scene {
     pub(crate) fields: Vec<Option<String>>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
-    /// What points up: y where all are meshes, as their formats have it, z otherwise.
+    /// What points up where no option says it.
     pub(crate) up: DVec3,
 }
 
@@ -249,7 +249,7 @@ impl DataOptions {
         &self,
         inputs: &[PathBuf],
         options: &SampleOptions,
-        most_pixels: impl Fn(&Mesh) -> Result<Option<f64>>,
+        most_pixels: impl Fn(&Mesh, DVec3) -> Result<Option<f64>>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_surface()?;
@@ -257,8 +257,9 @@ impl DataOptions {
             volumes: Vec::new(),
             fields: Vec::new(),
             grids_only: true,
-            up: DVec3::Y,
+            up: DVec3::Z,
         };
+        let mut ups = Vec::new();
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
@@ -266,16 +267,14 @@ impl DataOptions {
                 dataset.geometry,
                 Geometry::Points { .. } | Geometry::Mesh(_)
             );
-            if !matches!(dataset.geometry, Geometry::Mesh(_)) {
-                scene.up = DVec3::Z;
-            }
+            ups.push(dataset.up());
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
             let mut options = options.clone();
             if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
                 && options.spread == Spread::Automatic
-                && let Some(density) = most_pixels(mesh)?
+                && let Some(density) = most_pixels(mesh, dataset.up().direction)?
             {
                 options.spread = Spread::NoDenser(density);
             }
@@ -290,6 +289,7 @@ impl DataOptions {
         if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             return Err(refused_surface("a field", "none"));
         }
+        scene.up = Up::of_scene(ups).direction;
         Ok(scene)
     }
 

@@ -20,7 +20,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine2, Vec2};
+use glam::{Affine2, DVec3, Vec2};
 
 pub(crate) use scan::looks_like;
 
@@ -84,6 +84,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     mesh.parts = parts;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "Wavefront OBJ mesh", Geometry::Mesh(mesh), Vec::new());
+    data.format_up = Some((DVec3::Y, "OBJ mostly has y up"));
     data.notes = notes;
     Ok(data)
 }
