@@ -27,6 +27,8 @@ mod npz;
 mod obj;
 mod plot3d;
 mod ply;
+mod ply_body;
+mod ply_header;
 mod ply_mesh;
 mod ply_splats;
 mod ply_table;

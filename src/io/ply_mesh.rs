@@ -1,4 +1,5 @@
-//! Meshes in PLY files: what their elements and properties mean. `ply.rs` has the parser.
+//! Meshes in PLY files: what their elements and properties mean. `ply_header.rs` and
+//! `ply_body.rs` have the parser.
 //!
 //! | element | property | what |
 //! |---|---|---|
@@ -24,7 +25,7 @@ use super::closed::are_closed;
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
-use super::ply::{Element, Kind};
+use super::ply_header::{Element, Kind};
 use super::ply_table::Table;
 use super::polygons::{approximate_note, strip, triangles};
 use super::scalars::ScalarType;

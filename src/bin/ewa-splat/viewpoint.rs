@@ -47,8 +47,8 @@ pub(crate) struct CameraOptions {
     /// Orthographic projection of this height in world units [column densities: fitted]
     #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
     ortho: Option<f64>,
-    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z
-    /// [default: 30]
+    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z, with y
+    /// down along +z     /// [default: 30]
     #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
     azimuth: Option<f64>,
     /// Fitted camera: degrees above the horizon [default: 25]
