@@ -94,13 +94,19 @@ pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         let (positions, used) = table.positions()?;
         dataset(path, FORMAT, positions, table.fields(&used)?)?
     };
-    let faces = header.elements.iter().find(|e| e.name == "face");
+    let is_faces = |name: &str| matches!(name, "face" | "tristrips");
+    let faces = header.elements.iter().find(|e| is_faces(&e.name));
     if let (Geometry::Points { .. }, Some(faces)) = (&data.geometry, faces)
         && faces.count > 0
     {
         notes.push(format!(
-            "a mesh: its {} faces are not used, its vertices are particles",
-            faces.count
+            "a mesh: its {} {} are not used, its vertices are particles",
+            faces.count,
+            if faces.name == "face" {
+                "faces"
+            } else {
+                "strips"
+            }
         ));
     }
     data.notes = notes;

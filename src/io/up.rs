@@ -64,9 +64,12 @@ impl Dataset {
         let guessed = match &self.geometry {
             Geometry::Splats(_) => (DVec3::NEG_Y, "training scenes of splats have y down"),
             Geometry::Points { positions } => of_layer(positions),
-            Geometry::Mesh(_) => (DVec3::Z, "this format's meshes state nothing"),
+            Geometry::Mesh(_) => (
+                DVec3::Z,
+                "meshes of a format that states nothing: z by convention",
+            ),
             Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => {
-                (DVec3::Z, "of grids")
+                (DVec3::Z, "grids: z by convention")
             }
         };
         let (direction, reason) = self.format_up.unwrap_or(guessed);
@@ -94,7 +97,7 @@ fn of_layer(positions: &[DVec3]) -> (DVec3, &'static str) {
         (true, ..) => (DVec3::X, "across a flat layer of particles"),
         (_, true, _) => (DVec3::Y, "across a flat layer of particles"),
         (.., true) => (DVec3::Z, "across a flat layer of particles"),
-        _ => (DVec3::Z, "of particles"),
+        _ => (DVec3::Z, "particles: z by convention"),
     }
 }
 

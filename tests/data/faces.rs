@@ -188,6 +188,9 @@ fn ply_strips_keep_their_sides() {
             assert_eq!(normals.len(), 10);
             assert!(normals.iter().all(|n| *n == DVec3::Z), "{normals:?}");
             assert!(data.notes.is_empty(), "{:?}", data.notes);
+            let file = std::fs::read(&data.path).unwrap();
+            let points = read_as(&folder, "a.ply", &file, ReadAs::Points).unwrap();
+            assert!(points.notes[0].contains("1 strips are not used"));
         }
     }
 }
