@@ -72,6 +72,8 @@ pub enum Parameter {
     SurfelDensity,
     /// [`Spread::Spacing`](crate::sample::mesh::Spread::Spacing).
     SurfelSpacing,
+    /// [`OpenOptions::read_as`](crate::io::OpenOptions::read_as).
+    ReadAs,
     /// [`RawLayout::dims`](crate::io::RawLayout::dims).
     RawDims,
     /// [`RawLayout::spacing`](crate::io::RawLayout::spacing) and
@@ -128,6 +130,7 @@ impl fmt::Display for Parameter {
             Self::Flatten => "value to flatten at",
             Self::SurfelDensity => "density of surfels",
             Self::SurfelSpacing => "spacing of surfels",
+            Self::ReadAs => "what it is to be read as",
             Self::RawDims => "dimensions",
             Self::RawGeometry => "spacing and origin",
         })

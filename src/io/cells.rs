@@ -33,6 +33,8 @@ impl CellMesh {
 pub struct CellKind(pub u8);
 
 impl CellKind {
+    /// Nothing: a place that is kept free.
+    pub const EMPTY: Self = Self(0);
     /// A single node.
     pub const VERTEX: Self = Self(1);
     /// Several nodes, each a point of its own.
@@ -47,6 +49,8 @@ impl CellKind {
     pub const TRIANGLE_STRIP: Self = Self(6);
     /// A polygon.
     pub const POLYGON: Self = Self(7);
+    /// A rectangle whose nodes are numbered x fastest.
+    pub const PIXEL: Self = Self(8);
     /// A quadrilateral.
     pub const QUAD: Self = Self(9);
     /// A tetrahedron.
@@ -59,6 +63,8 @@ impl CellKind {
     pub const WEDGE: Self = Self(13);
     /// A pyramid over a quadrilateral.
     pub const PYRAMID: Self = Self(14);
+    /// A polygon with a node on each of its edges.
+    pub const QUADRATIC_POLYGON: Self = Self(36);
     /// A solid bounded by any polygons.
     pub const POLYHEDRON: Self = Self(42);
 
@@ -117,6 +123,30 @@ impl CellKind {
             81 => "Bezier pyramid",
             _ => "unknown cell",
         }
+    }
+
+    /// Whether it is a piece of a surface.
+    pub(crate) fn is_flat(self) -> bool {
+        let has_any_count = matches!(
+            self,
+            Self::TRIANGLE_STRIP | Self::POLYGON | Self::QUADRATIC_POLYGON
+        );
+        has_any_count || self.flat_corner_count().is_some()
+    }
+
+    /// How many corners a piece of a surface has, if its kind says it. Cells of higher order are
+    /// taken by their corners, which VTK numbers first.
+    pub(crate) fn flat_corner_count(self) -> Option<usize> {
+        match self.0 {
+            5 | 22 | 34 | 69 | 76 => Some(3),
+            8 | 9 | 23 | 28 | 30 | 70 | 77 => Some(4),
+            _ => None,
+        }
+    }
+
+    /// Whether it has no area: points, lines, nothing.
+    pub(crate) fn is_thin(self) -> bool {
+        matches!(self.0, 0..=4 | 21 | 35 | 68 | 75)
     }
 
     /// Whether it is a solid whose faces are known: a polyhedron states them.

@@ -22,6 +22,8 @@ pub struct Dataset {
     /// Which fields carry the lengths, masses and densities of smoothed particles, where the
     /// format says so; tables are known by their columns' names instead.
     pub smoothing: Option<Smoothing>,
+    /// What points up, a unit vector, and why, in a few words, where the format says so; see [`Dataset::up`].
+    pub format_up: Option<(DVec3, &'static str)>,
     /// What the reader left out or took for granted, one sentence each, for people.
     pub notes: Vec<String>,
 }
@@ -127,6 +129,7 @@ impl Dataset {
             geometry,
             fields,
             smoothing: None,
+            format_up: None,
             notes: Vec::new(),
         }
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{Mesh, MeshPart};
+use super::{Material, Mesh, MeshPart};
 use crate::error::{Error, Result};
 
 /// A triangle's area over the square of its longest side below which its corners are collinear
@@ -139,6 +139,18 @@ fn unit_normals(part: &mut MeshPart) {
     }
     for n in &mut part.normals {
         *n = unit(*n).unwrap_or(Vec3::Z);
+    }
+}
+
+/// Linear grey of what states no colour: 80 % when sRGB-encoded, so that white light leaves it short of white.
+const PLAIN_GREY: f32 = 0.604;
+
+/// The material of a mesh whose format has none: white under colours of its own, light grey else.
+pub(crate) fn plain(has_colours: bool) -> Material {
+    let grey = if has_colours { 1.0 } else { PLAIN_GREY };
+    Material {
+        base_colour: [grey, grey, grey, 1.0],
+        ..Material::default()
     }
 }
 

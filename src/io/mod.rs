@@ -8,6 +8,7 @@
 mod atomic;
 mod blanking;
 mod cells;
+mod closed;
 mod column_file;
 mod count_file;
 mod csv;
@@ -26,8 +27,12 @@ mod npz;
 mod obj;
 mod plot3d;
 mod ply;
+mod ply_body;
+mod ply_header;
+mod ply_mesh;
 mod ply_splats;
 mod ply_table;
+mod polygons;
 mod polyhedron;
 mod raw;
 mod samples;
@@ -39,6 +44,7 @@ mod spz;
 mod spz_write;
 mod table;
 mod texture;
+mod up;
 mod vti;
 mod vtk_array;
 mod vtk_codec;
@@ -47,6 +53,7 @@ mod vtk_grid;
 mod vtk_legacy;
 mod vtk_meshes;
 mod vtk_pieces;
+mod vtk_surface;
 mod vtk_xml;
 mod vtp;
 mod vtr;
@@ -79,12 +86,13 @@ pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
 use file::Input;
 
-use crate::error::{Advice, Error, Hint, Result};
+use crate::error::{Advice, Error, Hint, Parameter, Result};
 
 /// What files do not say about themselves.
 #[derive(Debug, Clone, Default)]
@@ -94,9 +102,21 @@ pub struct OpenOptions {
     /// The solution of a PLOT3D grid; without it, one beside the grid is taken. Other formats
     /// ignore it.
     pub solution: Option<PathBuf>,
-    /// An image for the parts of an OBJ mesh that have texture coordinates and no texture. Other
+    /// An image for the parts of an OBJ or PLY mesh that have texture coordinates and no texture. Other
     /// formats ignore it.
     pub texture: Option<PathBuf>,
+    /// What to make of a file that may be one or the other; without it a file with faces is a mesh. A
+    /// file that cannot be read as this is refused.
+    pub read_as: Option<ReadAs>,
+}
+
+/// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReadAs {
+    /// Particles, with all that is known of the points as fields.
+    Points,
+    /// A mesh.
+    Mesh,
 }
 
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
@@ -166,11 +186,11 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="ImageData"` | VTK image data |
 /// | `<VTKFile type="RectilinearGrid"` | VTK rectilinear grid |
 /// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
-/// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid |
-/// | `<VTKFile type="PolyData"` | VTK polygonal data |
+/// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid; a mesh where all cells are flat |
+/// | `<VTKFile type="PolyData"` | VTK polygonal data: a mesh, or particles |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
-/// | `ply` and the end of a line | PLY particle table, or splats in INRIA's layout |
+/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
 /// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
@@ -229,6 +249,33 @@ pub fn read_with(
 }
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    let data = recognised(input, options)?;
+    let (wanted, is_so) = match options.read_as {
+        None => return Ok(data),
+        Some(ReadAs::Points) => ("points", matches!(data.geometry, Geometry::Points { .. })),
+        Some(ReadAs::Mesh) => ("a mesh", matches!(data.geometry, Geometry::Mesh(_))),
+    };
+    if is_so {
+        return Ok(data);
+    }
+    let found = match data.geometry {
+        Geometry::Lattice(_) | Geometry::Curvilinear { .. } => "a grid",
+        Geometry::Cells(_) => "an unstructured grid",
+        Geometry::Points { .. } => "points without faces",
+        Geometry::Splats(_) => "splats",
+        Geometry::Mesh(_) => "a mesh of a format that is read as nothing else",
+    };
+    Err(Error::format(
+        input.path,
+        "geometry",
+        format!("what can be read as {wanted}"),
+        found,
+        Hint::LeaveOut(Parameter::ReadAs),
+    ))
+}
+
+/// Reads a file as what its content, or else its name, says that it is.
+fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
     /// Enough for every magic number and for a line of column names.
     const HEAD: usize = 4096;
@@ -244,16 +291,16 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             "ImageData" | "PImageData" => vti::read(input),
             "RectilinearGrid" | "PRectilinearGrid" => vtr::read(input),
             "StructuredGrid" | "PStructuredGrid" => vts::read(input),
-            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input),
-            "PolyData" | "PPolyData" => vtp::read(input),
+            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, options.read_as),
+            "PolyData" | "PPolyData" => vtp::read(input, options.read_as),
             other => Err(refuse_vtk_type(path, other)),
         };
     }
     if head.starts_with(vtk_legacy::MAGIC) {
-        return vtk_legacy::read(input);
+        return vtk_legacy::read(input, options.read_as);
     }
     if ply::looks_like(&head) {
-        return ply::read(input);
+        return ply::read(input, options);
     }
     if extension == "spz" || spz::looks_like(&head) {
         return spz::read(input);

@@ -1,4 +1,4 @@
-//! PLY: particle tables, and splats in the layout of Kerbl et al. 2023 (INRIA's).
+//! PLY: particle tables, meshes, and splats in the layout of Kerbl et al. 2023 (INRIA's).
 //!
 //! A text header names elements and the properties of each; the body holds the elements one
 //! after another, as text or as binary numbers in either byte order. The header is obeyed as
@@ -15,7 +15,8 @@
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
 //! | all others | fields |
 //!
-//! A file with `f_dc_0` has the splat layout, any other is a table. A comment
+//! A file with `f_dc_0` has the splat layout; of the others, one with faces is a mesh (see
+//! [`super::ply_mesh`]) unless its points are asked for, and any other is a table. A comment
 //! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
 //! *Mip-Splatting*, that keeps opacity times area.
 //!
@@ -23,14 +24,15 @@
 //! for the 62 numbers of a splat), `serde-ply` 0.2 into structs whose fields are known when the
 //! program is compiled; columns are read here from where they lie.
 
-use std::path::Path;
-
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
+use super::ply_body::rows;
+use super::ply_header::{Header, Property};
+use super::ply_mesh::{self, Faces};
 use super::ply_splats::splats;
-use super::ply_table::{Member, Rows, Table};
-use super::scalars::ScalarType;
+use super::ply_table::Table;
 use super::table::dataset;
+use super::{OpenOptions, ReadAs};
 use crate::error::{Error, Result};
 
 const FORMAT: &str = "PLY particle table";
@@ -40,11 +42,12 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"ply\n") || head.starts_with(b"ply\r")
 }
 
-/// Reads particles or splats.
+/// Reads particles, a mesh or splats.
 ///
 /// # Errors
-/// A broken header, a body shorter than it says, no positions, or half a splat layout.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+/// A broken header, a body shorter than it says, no positions, half a splat layout, a face of
+/// vertices that are not there, or an image named by `options` that cannot be read.
+pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
     let header = Header::parse(path, &bytes)?;
@@ -69,509 +72,43 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         ));
     }
     let mut notes = Vec::new();
-    let rows = header.rows(path, &bytes, vertex, &mut notes)?;
+    let has = |name: &str| {
+        header.elements[vertex]
+            .properties
+            .iter()
+            .any(|p| p.name == name)
+    };
+    let is_splats = has("f_dc_0");
+    let is_mesh = !is_splats && options.read_as != Some(ReadAs::Points);
+    let mut faces = Faces::of(&header.elements, header.elements[vertex].count);
+    let read = faces.as_mut().filter(|_| is_mesh);
+    let rows = rows(&header, path, &bytes, vertex, read, &mut notes)?;
     let table = Table { path, rows: &rows };
-    let mut data = if rows.members.iter().any(|m| m.name == "f_dc_0") {
+    if let (true, Some(faces)) = (is_mesh, faces) {
+        let texture = options.texture.as_deref();
+        return ply_mesh::dataset(input, &table, faces, &header.comments, texture, notes);
+    }
+    let mut data = if is_splats {
         splats(&table, &header.comments, &mut notes)?
     } else {
         let (positions, used) = table.positions()?;
         dataset(path, FORMAT, positions, table.fields(&used)?)?
     };
-    let faces = header.elements.iter().find(|e| e.name == "face");
+    let is_faces = |name: &str| matches!(name, "face" | "tristrips");
+    let faces = header.elements.iter().find(|e| is_faces(&e.name));
     if let (Geometry::Points { .. }, Some(faces)) = (&data.geometry, faces)
         && faces.count > 0
     {
         notes.push(format!(
-            "a mesh: its {} faces are not used, its vertices are particles",
-            faces.count
+            "a mesh: its {} {} are not used, its vertices are particles",
+            faces.count,
+            if faces.name == "face" {
+                "faces"
+            } else {
+                "strips"
+            }
         ));
     }
     data.notes = notes;
     Ok(data)
-}
-
-/// What the text at the beginning says.
-struct Header {
-    format: Format,
-    elements: Vec<Element>,
-    comments: Vec<String>,
-    /// The first byte after it.
-    body: usize,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Format {
-    Ascii,
-    Binary { big_endian: bool },
-}
-
-struct Element {
-    name: String,
-    count: usize,
-    properties: Vec<Property>,
-}
-
-struct Property {
-    name: String,
-    kind: Kind,
-}
-
-#[derive(Clone, Copy)]
-enum Kind {
-    Scalar(ScalarType),
-    List { count: ScalarType, item: ScalarType },
-}
-
-impl Header {
-    fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let broken = |line: usize, expected: &str, found: &str| {
-            Error::format(
-                path,
-                format!("header, line {line}"),
-                expected,
-                format!("`{}`", found.chars().take(60).collect::<String>()),
-                "write the file again",
-            )
-        };
-        let mut format = None;
-        let mut elements: Vec<Element> = Vec::new();
-        let mut comments = Vec::new();
-        let mut at = 0;
-        for number in 1.. {
-            let Some((line, next)) = line(bytes, at) else {
-                return Err(Error::format(
-                    path,
-                    "header",
-                    "a line `end_header`",
-                    "the end of the file",
-                    "the file is cut off: get it again",
-                ));
-            };
-            at = next;
-            let line = String::from_utf8_lossy(line);
-            let mut words = line.split_ascii_whitespace();
-            let word = words.next().unwrap_or_default();
-            let rest: Vec<&str> = words.collect();
-            match (word, rest.as_slice()) {
-                ("ply", []) if number == 1 => {}
-                ("end_header", []) => break,
-                ("comment" | "obj_info", _) => {
-                    let text = line.trim_start()[word.len()..].trim();
-                    comments.push(text.to_owned());
-                }
-                ("", _) => {}
-                ("format", [name, _]) => {
-                    format = match *name {
-                        "ascii" => Some(Format::Ascii),
-                        "binary_little_endian" => Some(Format::Binary { big_endian: false }),
-                        "binary_big_endian" => Some(Format::Binary { big_endian: true }),
-                        _ => None,
-                    };
-                    if format.is_none() {
-                        let expected = "format ascii, binary_little_endian or binary_big_endian";
-                        return Err(broken(number, expected, &line));
-                    }
-                }
-                ("element", [name, count]) => elements.push(Element {
-                    name: (*name).to_owned(),
-                    count: count
-                        .parse()
-                        .map_err(|_| broken(number, "element NAME COUNT", &line))?,
-                    properties: Vec::new(),
-                }),
-                ("property", rest) => {
-                    let property = property(rest).zip(elements.last_mut());
-                    let Some((property, element)) = property else {
-                        let expected = "property TYPE NAME or property list TYPE TYPE NAME, \
-                                        after an element";
-                        return Err(broken(number, expected, &line));
-                    };
-                    element.properties.push(property);
-                }
-                _ => {
-                    let expected = "format, element, property, comment or end_header";
-                    return Err(broken(number, expected, &line));
-                }
-            }
-        }
-        let Some(format) = format else {
-            return Err(broken(1, "a line `format`", "none before end_header"));
-        };
-        Ok(Self {
-            format,
-            elements,
-            comments,
-            body: at,
-        })
-    }
-
-    /// The scalars of element `wanted` as columns; all elements are walked over, so that a body
-    /// that ends early is found out wherever it ends.
-    fn rows<'a>(
-        &self,
-        path: &Path,
-        bytes: &'a [u8],
-        wanted: usize,
-        notes: &mut Vec<String>,
-    ) -> Result<Rows<'a>> {
-        let mut body = Body {
-            format: self.format,
-            bytes,
-            at: self.body,
-        };
-        let mut rows = None;
-        for (i, element) in self.elements.iter().enumerate() {
-            let columns = (i == wanted).then(|| Columns::of(element, self.format));
-            let first = body.at;
-            let mut copied = Vec::new();
-            let keep = columns.as_ref().filter(|c| c.is_copied);
-            body.walk(element, keep.map(|_| &mut copied))
-                .map_err(|fault| {
-                    Error::format(
-                        path,
-                        format!("element `{}`, {}", element.name, fault.row),
-                        fault.expected,
-                        fault.found,
-                        "the file is cut off or its header is wrong: get or write it again",
-                    )
-                })?;
-            if let Some(columns) = columns {
-                rows = Some(Rows {
-                    count: element.count,
-                    step: columns.step,
-                    big_endian: columns.big_endian,
-                    members: columns.members,
-                    data: if columns.is_copied {
-                        copied.into()
-                    } else {
-                        bytes[first..body.at].into()
-                    },
-                });
-            }
-        }
-        let left = body.left();
-        if left > 0 {
-            notes.push(format!("{left} bytes after the last element are not read"));
-        }
-        rows.ok_or_else(|| Error::format(path, "header", "an element `vertex`", "none", "give one"))
-    }
-}
-
-/// The line that begins at `at`, without its end, and where the next one begins. Lines end with
-/// \n, \r\n or \r.
-fn line(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
-    let rest = bytes.get(at..)?;
-    let end = rest.iter().position(|&b| b == b'\n' || b == b'\r')?;
-    let after = if rest[end..].starts_with(b"\r\n") {
-        2
-    } else {
-        1
-    };
-    Some((&rest[..end], at + end + after))
-}
-
-fn property(words: &[&str]) -> Option<Property> {
-    let (name, kind) = match words {
-        ["list", count, item, name] => {
-            let count = scalar_type(count)?;
-            if matches!(count, ScalarType::F32 | ScalarType::F64) {
-                return None;
-            }
-            let item = scalar_type(item)?;
-            (name, Kind::List { count, item })
-        }
-        [scalar, name] => (name, Kind::Scalar(scalar_type(scalar)?)),
-        _ => return None,
-    };
-    Some(Property {
-        name: (*name).to_owned(),
-        kind,
-    })
-}
-
-/// A scalar type by its old or its new name.
-fn scalar_type(name: &str) -> Option<ScalarType> {
-    use ScalarType as S;
-    Some(match name {
-        "char" | "int8" => S::I8,
-        "uchar" | "uint8" => S::U8,
-        "short" | "int16" => S::I16,
-        "ushort" | "uint16" => S::U16,
-        "int" | "int32" => S::I32,
-        "uint" | "uint32" => S::U32,
-        "int64" | "longlong" => S::I64,
-        "uint64" | "ulonglong" => S::U64,
-        "float" | "float32" => S::F32,
-        "double" | "float64" => S::F64,
-        _ => return None,
-    })
-}
-
-/// Where the scalars of an element stand in its rows.
-struct Columns {
-    members: Vec<Member>,
-    /// Bytes per row.
-    step: usize,
-    big_endian: bool,
-    /// Whether rows are copied without their lists, or parsed from text, before they are read.
-    is_copied: bool,
-}
-
-impl Columns {
-    fn of(element: &Element, format: Format) -> Self {
-        let is_list = |p: &Property| matches!(p.kind, Kind::List { .. });
-        let mut members = Vec::new();
-        let mut step = 0;
-        for property in &element.properties {
-            let Kind::Scalar(scalar) = property.kind else {
-                continue;
-            };
-            let scalar = stored_as(scalar, format);
-            members.push(Member {
-                name: property.name.clone(),
-                scalar,
-                offset: step,
-            });
-            step += scalar.size();
-        }
-        Self {
-            members,
-            step,
-            big_endian: format == Format::Binary { big_endian: true },
-            is_copied: format == Format::Ascii || element.properties.iter().any(is_list),
-        }
-    }
-}
-
-/// The type of a column in memory. Text may hold more digits than the type that the header gives
-/// it, and positions can use them: all but small integers is kept in double precision.
-fn stored_as(scalar: ScalarType, format: Format) -> ScalarType {
-    use ScalarType as S;
-    match (format, scalar) {
-        (Format::Ascii, S::I32 | S::U32 | S::I64 | S::U64 | S::F32) => S::F64,
-        _ => scalar,
-    }
-}
-
-/// Appends a number of a text as `scalar`, little-endian; `None` where that cannot hold it.
-fn append(out: &mut Vec<u8>, number: f64, scalar: ScalarType) -> Option<()> {
-    use ScalarType as S;
-    let [least, most] = match stored_as(scalar, Format::Ascii) {
-        S::I8 => [i8::MIN.into(), i8::MAX.into()],
-        S::U8 => [0, u8::MAX.into()],
-        S::I16 => [i16::MIN.into(), i16::MAX.into()],
-        S::U16 => [0, u16::MAX.into()],
-        _ => {
-            out.extend_from_slice(&number.to_le_bytes());
-            return Some(());
-        }
-    };
-    let is_there = number.fract() == 0.0 && number >= f64::from(least) && number <= f64::from(most);
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "within the range of the type"
-    )]
-    let whole = is_there.then_some(number as i32)?;
-    out.extend_from_slice(&whole.to_le_bytes()[..scalar.size()]);
-    Some(())
-}
-
-/// The elements of a file, walked over front to back.
-struct Body<'a> {
-    format: Format,
-    bytes: &'a [u8],
-    at: usize,
-}
-
-/// What stands in the body in place of a row.
-struct Fault {
-    row: String,
-    expected: String,
-    found: String,
-}
-
-impl<'a> Body<'a> {
-    /// Passes over an element; `copy` takes its scalars.
-    fn walk(&mut self, element: &Element, copy: Option<&mut Vec<u8>>) -> Result<(), Fault> {
-        match self.format {
-            Format::Ascii => self.walk_text(element, copy),
-            Format::Binary { big_endian } => self.walk_binary(element, big_endian, copy),
-        }
-    }
-
-    fn walk_binary(
-        &mut self,
-        element: &Element,
-        big_endian: bool,
-        mut copy: Option<&mut Vec<u8>>,
-    ) -> Result<(), Fault> {
-        let left = self.bytes.len() - self.at;
-        let short = |row: usize| Fault {
-            row: format!("row {row} of {}", element.count),
-            expected: "a whole row".into(),
-            found: "the end of the file".into(),
-        };
-        // Rows of one size are passed over in one step: none may be there for a count to be huge.
-        let size = element
-            .properties
-            .iter()
-            .try_fold(0, |sum, p| match p.kind {
-                Kind::Scalar(scalar) => Some(sum + scalar.size()),
-                Kind::List { .. } => None,
-            });
-        if let Some(size) = size {
-            let all = element.count.checked_mul(size).filter(|&n| n <= left);
-            self.at += all.ok_or_else(|| short(left / size.max(1)))?;
-            return Ok(());
-        }
-        // A row has a list, so it takes a byte at least, and the file bounds the loop.
-        for row in 0..element.count {
-            for property in &element.properties {
-                match property.kind {
-                    Kind::Scalar(scalar) => {
-                        let number = self.take(scalar.size()).ok_or_else(|| short(row))?;
-                        if let Some(copy) = &mut copy {
-                            copy.extend_from_slice(number);
-                        }
-                    }
-                    Kind::List { count, item } => {
-                        let count = self
-                            .take(count.size())
-                            .map(|b| integer(b, count, big_endian));
-                        let Some(count) = count else {
-                            return Err(short(row));
-                        };
-                        let Some(count) = count else {
-                            return Err(Fault {
-                                expected: "lists of a length of 0 or more".into(),
-                                found: "a negative length".into(),
-                                ..short(row)
-                            });
-                        };
-                        let passed = count.checked_mul(item.size()).and_then(|n| self.take(n));
-                        passed.ok_or_else(|| short(row))?;
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
-        let end = self.at.checked_add(count)?;
-        let taken = self.bytes.get(self.at..end)?;
-        self.at = end;
-        Some(taken)
-    }
-
-    /// One line per row; empty lines are passed over.
-    fn walk_text(
-        &mut self,
-        element: &Element,
-        mut copy: Option<&mut Vec<u8>>,
-    ) -> Result<(), Fault> {
-        if element.properties.is_empty() {
-            return Ok(());
-        }
-        for row in 0..element.count {
-            let place = || format!("row {row} of {}", element.count);
-            let Some(line) = self.next_text_line() else {
-                return Err(Fault {
-                    row: place(),
-                    expected: "a line of numbers".into(),
-                    found: "the end of the file".into(),
-                });
-            };
-            let mut words = line.split_ascii_whitespace();
-            let mut number = |name: &str| -> Result<f64, Fault> {
-                let word = words.next().unwrap_or_default();
-                word.parse().map_err(|_| Fault {
-                    row: place(),
-                    expected: format!("a number for `{}`", shortened(name)),
-                    found: match word {
-                        "" => "the end of the line".into(),
-                        word => format!("`{}`", shortened(word)),
-                    },
-                })
-            };
-            for property in &element.properties {
-                match property.kind {
-                    Kind::Scalar(scalar) => {
-                        let number = number(&property.name)?;
-                        if let Some(copy) = &mut copy {
-                            append(copy, number, scalar).ok_or_else(|| Fault {
-                                row: place(),
-                                expected: format!("an integer of the type of `{}`", property.name),
-                                found: number.to_string(),
-                            })?;
-                        }
-                    }
-                    Kind::List { .. } => {
-                        let count = number(&property.name)?;
-                        // Ends with the line at the latest.
-                        let mut passed = 0.0;
-                        while passed < count {
-                            number(&property.name)?;
-                            passed += 1.0;
-                        }
-                    }
-                }
-            }
-            if let Some(word) = words.next() {
-                return Err(Fault {
-                    row: place(),
-                    expected: "as many numbers as the header names".into(),
-                    found: format!("one more, `{}`", shortened(word)),
-                });
-            }
-        }
-        Ok(())
-    }
-
-    fn next_text_line(&mut self) -> Option<String> {
-        loop {
-            if self.at >= self.bytes.len() {
-                return None;
-            }
-            let (text, next) =
-                line(self.bytes, self.at).unwrap_or((&self.bytes[self.at..], self.bytes.len()));
-            self.at = next;
-            if !text.trim_ascii().is_empty() {
-                return Some(String::from_utf8_lossy(text).into_owned());
-            }
-        }
-    }
-
-    /// Bytes that no element holds; white space at the end of text does not count.
-    fn left(&self) -> usize {
-        let rest = &self.bytes[self.at..];
-        match self.format {
-            Format::Ascii => rest.trim_ascii().len(),
-            Format::Binary { .. } => rest.len(),
-        }
-    }
-}
-
-/// A list's length; `None` where it is negative.
-fn integer(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Option<usize> {
-    let fold = |n: u64, &b: &u8| n << 8 | u64::from(b);
-    let n = if big_endian {
-        bytes.iter().fold(0, fold)
-    } else {
-        bytes.iter().rev().fold(0, fold)
-    };
-    let is_signed = matches!(
-        scalar,
-        ScalarType::I8 | ScalarType::I16 | ScalarType::I32 | ScalarType::I64
-    );
-    let sign = 1_u64 << (8 * bytes.len() - 1);
-    if is_signed && n & sign != 0 {
-        return None;
-    }
-    // Beyond `usize` it is longer than any file.
-    Some(usize::try_from(n).unwrap_or(usize::MAX))
-}
-
-fn shortened(word: &str) -> String {
-    word.chars().take(40).collect()
 }

@@ -147,6 +147,34 @@ pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Optio
     }
 }
 
+/// One number in double precision, from as many bytes as its type has. Lists of a few numbers are read by it:
+/// what reads columns is made for long ones.
+pub(crate) fn double(bytes: &[u8], encoding: Encoding) -> f64 {
+    use ScalarType as S;
+    let mut word = [0; 8];
+    for (i, byte) in bytes.iter().enumerate().take(8) {
+        let place = if encoding.big_endian {
+            bytes.len().min(8) - 1 - i
+        } else {
+            i
+        };
+        word[place] = *byte;
+    }
+    let [a, b, c, d, ..] = word;
+    match encoding.scalar {
+        S::U8 => f64::from(a),
+        S::I8 => f64::from(i8::from_le_bytes([a])),
+        S::I16 => f64::from(i16::from_le_bytes([a, b])),
+        S::U16 => f64::from(u16::from_le_bytes([a, b])),
+        S::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+        S::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+        S::I64 => i64::from_le_bytes(word) as f64,
+        S::U64 => u64::from_le_bytes(word) as f64,
+        S::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+        S::F64 => f64::from_le_bytes(word),
+    }
+}
+
 /// Integers as node numbers, sizes or kinds of cells: exact, and never negative. The error is the
 /// place of the first number that is negative, too large or no integer.
 pub(crate) fn node_ids(bytes: &[u8], encoding: Encoding) -> Result<Vec<u32>, usize> {

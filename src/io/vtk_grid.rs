@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
-use super::{CellKind, CellMesh};
+use super::{CellKind, CellMesh, ReadAs, vtk_surface};
 use crate::error::{Error, Result};
 
-/// A data set of cells, checked; of particles where the only cells are points, or where there are
-/// none.
+/// A data set of cells, checked; a mesh where they are a surface; particles where the only cells
+/// are points, or where there are none, or where `read_as` asks for a surface's points.
 ///
 /// Values of vertex cells become the particles' own where there is one cell for each node;
 /// otherwise they are left out, with a note.
@@ -20,15 +20,20 @@ pub(super) fn dataset(
     format: &'static str,
     mesh: CellMesh,
     mut fields: Vec<Field>,
+    read_as: Option<ReadAs>,
 ) -> Result<Dataset> {
     check(path, &mesh)?;
     let is_point = |kind: &CellKind| {
         matches!(
             *kind,
-            CellKind(0) | CellKind::VERTEX | CellKind::POLY_VERTEX
+            CellKind::EMPTY | CellKind::VERTEX | CellKind::POLY_VERTEX
         )
     };
-    if !mesh.kinds.iter().all(is_point) {
+    let is_mesh = vtk_surface::is_surface(&mesh);
+    if is_mesh && read_as != Some(ReadAs::Points) {
+        return vtk_surface::dataset(path, format, mesh, fields);
+    }
+    if !is_mesh && !mesh.kinds.iter().all(is_point) {
         return Ok(Dataset::new(path, format, Geometry::Cells(mesh), fields));
     }
 
@@ -150,10 +155,11 @@ fn check_cell(kind: CellKind, cell: &[u32], node_count: usize) -> Result<(), Str
             Err(format!("{} numbers after its faces", rest.len()))
         };
     }
-    let corner_count = kind.faces().map_or(0, |faces| {
+    let corner_count = kind.faces().map(|faces| {
         let corners = faces.iter().flat_map(|f| f.iter());
         corners.max().map_or(0, |&c| usize::from(c) + 1)
     });
+    let corner_count = corner_count.or(kind.flat_corner_count()).unwrap_or(0);
     if cell.len() < corner_count {
         return Err(format!("{} nodes", cell.len()));
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::dataset::{Association, Dataset};
 use super::vtk_array::Array;
 use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
-use super::{CellKind, CellMesh, vtk_grid};
+use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -109,7 +109,12 @@ pub(super) fn read_offsets(
 ///
 /// # Errors
 /// No part, or more nodes or entries than `u32` counts.
-pub(super) fn join(path: &Path, format: &'static str, mut parts: Vec<Part>) -> Result<Dataset> {
+pub(super) fn join(
+    path: &Path,
+    format: &'static str,
+    mut parts: Vec<Part>,
+    read_as: Option<ReadAs>,
+) -> Result<Dataset> {
     let mut notes = Vec::new();
     let mut fields = Vec::new();
     for association in [Association::Nodes, Association::Cells] {
@@ -134,7 +139,7 @@ pub(super) fn join(path: &Path, format: &'static str, mut parts: Vec<Part>) -> R
     for part in meshes {
         append_mesh(path, &mut mesh, part)?;
     }
-    let mut data = vtk_grid::dataset(path, format, mesh, fields)?;
+    let mut data = vtk_grid::dataset(path, format, mesh, fields, read_as)?;
     data.notes.splice(0..0, notes);
     Ok(data)
 }

@@ -19,7 +19,7 @@ use super::dataset::Dataset;
 use super::file::Input;
 use super::vtk_meshes::{Part, Runs, join};
 use super::vtk_pieces::{self, Piece};
-use super::{CellKind, CellMesh};
+use super::{CellKind, CellMesh, ReadAs};
 use crate::error::{Error, Result};
 
 /// An element, the attribute with its number of cells, and the kind of a cell with so many nodes.
@@ -47,7 +47,7 @@ const ELEMENTS: [Element; 4] = [
 ///
 /// # Errors
 /// Not such data, damaged arrays, cells of nodes that are not there.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let ((), parts) = vtk_pieces::read(
         input,
@@ -64,7 +64,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
             Part::read(piece, cell_count, || read_cells(piece, cell_counts))
         },
     )?;
-    join(path, "VTK polygonal data", parts)
+    join(path, "VTK polygonal data", parts, read_as)
 }
 
 /// The cells of a piece, without the nodes' positions.

@@ -30,7 +30,7 @@ use super::dataset::Dataset;
 use super::file::Input;
 use super::vtk_meshes::{Part, Runs, join, read_indices, read_offsets};
 use super::vtk_pieces::{self, Piece};
-use super::{CellKind, CellMesh};
+use super::{CellKind, CellMesh, ReadAs};
 use crate::error::{Error, Result};
 
 const CELLS: &str = "Cells";
@@ -39,7 +39,7 @@ const CELLS: &str = "Cells";
 ///
 /// # Errors
 /// Not such a grid, damaged arrays, cells of nodes that are not there.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let ((), parts) = vtk_pieces::read(
         input,
@@ -50,7 +50,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
             Part::read(piece, cell_count, || read_cells(piece, cell_count))
         },
     )?;
-    join(path, "VTK unstructured grid", parts)
+    join(path, "VTK unstructured grid", parts, read_as)
 }
 
 /// The cells of a piece, without the nodes' positions.

@@ -43,7 +43,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
                 mesh.cell_count(),
                 mesh.kinds[0].name()
             ),
-            "surfaces and lines are not rendered: give a volume mesh, or the points alone",
+            "lines are not rendered: give a volume mesh, a surface, or the points alone",
         ));
     }
     let of_nodes = taken.association == Association::Nodes;

@@ -17,7 +17,8 @@ pub enum Lens {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viewpoint {
     /// Degrees around the axis that points up: with z up 0 looks along +y, 90 along -x; with y up 0
-    /// looks along -z, at the front of a glTF scene, 90 along -x.
+    /// looks along -z, at the front of a glTF scene, 90 along -x; with -y up 0 looks along +z, as the first
+    /// camera of a training scene may, 90 along -x.
     pub azimuth_deg: f64,
     /// Degrees above the horizon.
     pub elevation_deg: f64,
@@ -161,6 +162,7 @@ mod tests {
         for up in [
             DVec3::Z,
             DVec3::Y,
+            DVec3::NEG_Y,
             DVec3::new(1.0, -2.0, 0.5).normalize(),
             -DVec3::Z,
         ] {
@@ -178,16 +180,20 @@ mod tests {
             let (dx, dy) = (above.x - middle.x, above.y - middle.y);
             assert!(dy < -5.0 && dx.abs() < 0.05 * dy.abs(), "{up}: {dx} {dy}");
         }
-        // With y up a camera without azimuth looks along -z.
-        let view = Viewpoint {
-            azimuth_deg: 0.0,
-            elevation_deg: 0.0,
-            zoom: 1.0,
-            up: DVec3::Y,
-        };
-        let boxes = [(DVec3::ZERO, DVec3::ONE)];
-        let camera = view.camera(&boxes, Lens::FovDeg(40.0), [64; 2]).unwrap();
-        assert!(camera.eye.z > 1.0 && camera.eye.truncate().length() < 1e-9);
+        // With y up a camera without azimuth looks along -z, with y down along +z; either has +x on its right.
+        for up in [DVec3::Y, DVec3::NEG_Y] {
+            let view = Viewpoint {
+                azimuth_deg: 0.0,
+                elevation_deg: 0.0,
+                zoom: 1.0,
+                up,
+            };
+            let boxes = [(DVec3::ZERO, DVec3::ONE)];
+            let camera = view.camera(&boxes, Lens::FovDeg(40.0), [64; 2]).unwrap();
+            assert!(camera.eye.z * up.y > 1.0 && camera.eye.truncate().length() < 1e-9);
+            let right = camera.project(DVec3::X).unwrap();
+            assert!(right.x > 40.0 && (right.y - 32.0).abs() < 1e-9, "{right}");
+        }
     }
 
     #[test]

@@ -581,6 +581,76 @@ fn info_describes_meshes() {
     assert_eq!(*texture, serde_json::json!([64, 64]));
 }
 
+/// A square in PLY: a mesh with z up, or its points when these are asked for.
+#[test]
+fn faces_are_a_mesh_unless_points_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+               property float z\nproperty float mass\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n\
+               0 0 0 1\n4 0 0 1\n4 0 4 2\n0 0 4 2\n4 0 1 2 3\n";
+    std::fs::write(folder.path().join("a.ply"), ply).unwrap();
+    std::fs::write(folder.path().join("b.csv"), "x,y,z\n0,0,0\n1,1,1\n").unwrap();
+    let info = |arguments: &[&str]| -> serde_json::Value {
+        let arguments = [&["info", "--json"], arguments].concat();
+        serde_json::from_slice(&run(folder.path(), &arguments).stdout).unwrap()
+    };
+    let mesh = info(&["a.ply"]);
+    assert_eq!(mesh["geometry"]["triangles"], 2);
+    assert_eq!(mesh["up"]["direction"], serde_json::json!([0.0, 0.0, 1.0]));
+    let points = info(&["a.ply", "--as", "points"]);
+    assert_eq!(points["geometry"]["count"], 4);
+    assert_eq!(points["fields"][0]["name"], "mass");
+    // A flat layer across y.
+    assert_eq!(
+        points["up"]["direction"],
+        serde_json::json!([0.0, 1.0, 0.0])
+    );
+    let table = run(folder.path(), &["info", "a.ply"]);
+    let table = String::from_utf8_lossy(&table.stdout).into_owned();
+    assert!(table.contains("up                 0, 0, 1 ("), "{table}");
+
+    let refused = run(folder.path(), &["info", "b.csv", "--as", "mesh"]);
+    let error = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(
+        error.contains("found points without faces; leave --as out"),
+        "{error}"
+    );
+}
+
+/// Two splats, red over blue where y points down, alone and beside a mesh that has y up.
+#[test]
+fn what_is_up_is_drawn_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let splat = |y: f32, colour: [u8; 4]| -> Vec<u8> {
+        let floats = [0.0, y, 0.0, 0.2, 0.2, 0.2].map(f32::to_le_bytes).concat();
+        [&floats[..], &colour, &[255, 128, 128, 128]].concat()
+    };
+    let splats = [splat(-1.0, [255, 0, 0, 255]), splat(1.0, [0, 0, 255, 255])].concat();
+    std::fs::write(folder.path().join("a.splat"), splats).unwrap();
+    let mesh = "v 0 0 0\nv .01 0 0\nv 0 .01 0\nf 1 2 3\n";
+    std::fs::write(folder.path().join("b.obj"), mesh).unwrap();
+    let is_red_above = |more: &[&str]| {
+        let view = ["--size", "40x40", "--elevation", "0", "--out", "a.npy"];
+        let arguments = [&["render"], more, &view].concat();
+        let output = run(folder.path(), &arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let image = ewa_splat::io::read_image(&folder.path().join("a.npy")).unwrap();
+        let height_of = |channel: usize| {
+            let sum = |f: &dyn Fn(usize) -> f32| -> f32 {
+                let pixels = image.pixels.iter().enumerate();
+                pixels.map(|(i, p)| f(i) * p[channel]).sum()
+            };
+            sum(&|i| (i / 40) as f32) / sum(&|_| 1.0)
+        };
+        height_of(0) + 10.0 < height_of(2)
+    };
+    assert!(is_red_above(&["a.splat"]));
+    assert!(is_red_above(&["b.obj", "a.splat"]));
+    assert!(!is_red_above(&["a.splat", "--up", "0,1,0"]));
+}
+
 /// A file of one splat, from its bytes to its pixel.
 #[test]
 fn a_splat_file_is_described_and_rendered() {

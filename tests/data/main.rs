@@ -15,6 +15,7 @@ mod support;
 mod bad_input;
 mod cells;
 mod convert;
+mod faces;
 mod fixtures;
 mod from_bytes;
 mod hdf5;

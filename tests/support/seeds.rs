@@ -98,12 +98,14 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("a.spz".into(), spz(2 + degree as u32 % 2, 0, &splats)));
                 let vertices: &[&str] = &["list uchar int l", "float x", "double y", "short z"];
                 let rows = [vec![1.0, 7.0, 0.5, 1.5, 2.0], vec![0.0, 3.5, 4.5, 5.0]];
-                let faces: &[&str] = &["list uchar int vertex_indices"];
+                let others: &[&str] = &["list uchar int indices"];
                 let elements: [Element<'_>; 2] = [
                     ("vertex", vertices, &rows),
-                    ("face", faces, &[vec![3.0, 0.0, 1.0, 0.0]]),
+                    ("range_grid", others, &[vec![3.0, 0.0, 1.0, 0.0]]),
                 ];
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
+                seeds.push(("c.ply".into(), mesh_ply(encoding)));
+                seeds.push(("d.ply".into(), strips_ply(encoding)));
             }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
             for degree in 0..2 {
@@ -125,6 +127,78 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         }
         seeds
     })
+}
+
+/// A mesh with all that a PLY file says of one: colours, normals, coordinates of vertices and of faces, two
+/// textures that are not there, a concave polygon.
+fn mesh_ply(encoding: Ply) -> Vec<u8> {
+    let vertices: &[&str] = &[
+        "float x",
+        "float y",
+        "double z",
+        "float nx",
+        "float ny",
+        "float nz",
+        "uchar red",
+        "uchar green",
+        "uchar blue",
+        "uchar alpha",
+        "float s",
+        "float t",
+        "short quality",
+    ];
+    let places = [[0.0, 0.0], [2.0, -1.0], [0.5, 0.0], [2.0, 1.0], [0.0, 3.0]];
+    let rows = places.map(|[x, y]| {
+        vec![
+            x,
+            y,
+            0.5,
+            0.0,
+            0.0,
+            1.0,
+            250.0,
+            100.0,
+            7.0,
+            128.0,
+            x / 3.0,
+            y / 3.0,
+            9.0,
+        ]
+    });
+    let faces: &[&str] = &[
+        "list uchar int vertex_indices",
+        "list uchar float texcoord",
+        "uchar texnumber",
+    ];
+    let uv = [0.0, 0.0, 0.5, 0.0, 0.5, 0.5, 0.0, 0.5];
+    let polygons = [
+        [&[4.0, 0.0, 1.0, 2.0, 3.0, 8.0], &uv[..], &[0.0]].concat(),
+        [&[3.0, 0.0, 3.0, 4.0, 6.0], &uv[..6], &[1.0]].concat(),
+    ];
+    let elements: [Element<'_>; 2] = [("vertex", vertices, &rows), ("face", faces, &polygons)];
+    encoding.file(
+        "comment TextureFile a.png\ncomment TextureFile b.png\n",
+        &elements,
+    )
+}
+
+/// Strips of triangles, apart from each other.
+fn strips_ply(encoding: Ply) -> Vec<u8> {
+    let vertices: &[&str] = &[
+        "float x",
+        "float y",
+        "float z",
+        "float red",
+        "float green",
+        "float blue",
+    ];
+    let rows: Vec<Vec<f64>> = (0..8)
+        .map(|i| vec![f64::from(i / 2), f64::from(i % 2), 1.0, 0.5, 0.25, 0.0])
+        .collect();
+    let strip = vec![9.0, 0.0, 1.0, 2.0, 3.0, -1.0, 4.0, 5.0, 6.0, 7.0];
+    let list: &[&str] = &["list int int vertex_indices"];
+    let elements: [Element<'_>; 2] = [("vertex", vertices, &rows), ("tristrips", list, &[strip])];
+    encoding.file("", &elements)
 }
 
 /// Polygons that take more than a fan: a star and a ring with a cut.
@@ -190,7 +264,8 @@ pub(crate) fn legacy_vtk() -> Vec<Vec<u8>> {
             vtk.array("POINTS 8", &coordinates);
             vtk.cells("VERTICES", &[&[0]]);
             vtk.cells("POLYGONS", &[&[0, 1, 2], &[2, 3, 4, 5]]);
-            values(vtk, 3);
+            vtk.cells("TRIANGLE_STRIPS", &[&[0, 1, 4, 5]]);
+            values(vtk, 4);
         }
     };
     let mut files = Vec::new();
@@ -260,12 +335,31 @@ pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
         vec![super::int32("connectivity", 1, nodes), offsets]
     };
     let surface = XmlPiece {
-        attributes: "NumberOfPoints=\"8\" NumberOfVerts=\"1\" NumberOfPolys=\"1\"".into(),
+        attributes: "NumberOfPoints=\"8\" NumberOfVerts=\"1\" NumberOfPolys=\"1\" \
+                     NumberOfStrips=\"1\""
+            .into(),
+        elements: vec![
+            (
+                "PointData",
+                vec![
+                    super::uint8("colours", 3, &[99; 24]),
+                    super::float32("Normals", 3, &CUBE),
+                ],
+            ),
+            ("CellData", vec![super::uint8("vtkGhostType", 1, &[0; 3])]),
+            points.clone(),
+            ("Verts", runs(&[7], 1)),
+            ("Polys", runs(&[0, 1, 2, 3], 4)),
+            ("Strips", runs(&[0, 1, 4, 5, 7], 5)),
+        ],
+    };
+    let lone = XmlPiece {
+        attributes: "NumberOfPoints=\"8\" NumberOfVerts=\"1\" NumberOfLines=\"1\"".into(),
         elements: vec![
             values.clone(),
             points.clone(),
             ("Verts", runs(&[7], 1)),
-            ("Polys", runs(&[0, 1, 2, 3], 4)),
+            ("Lines", runs(&[0, 1, 2, 3], 4)),
         ],
     };
     let whole = "WholeExtent=\"0 2 0 1 0 1\"";
@@ -278,5 +372,6 @@ pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
         file("a.vts", "StructuredGrid", whole, &blocks),
         file("a.vtu", "UnstructuredGrid", "", &solids),
         file("a.vtp", "PolyData", "", &[surface.clone(), surface]),
+        file("b.vtp", "PolyData", "", &[lone.clone(), lone]),
     ]
 }

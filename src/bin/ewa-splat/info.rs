@@ -146,6 +146,7 @@ fn describe(dataset: &Dataset) -> Result<Value> {
             )
         }
     };
+    let up = dataset.up();
     let mut fields = Vec::new();
     for field in &dataset.fields {
         let values = dataset.field_scalar(field)?;
@@ -164,6 +165,7 @@ fn describe(dataset: &Dataset) -> Result<Value> {
         "file": dataset.path.display().to_string(),
         "format": dataset.format,
         "geometry": geometry,
+        "up": { "direction": up.direction.to_array(), "reason": up.reason },
         "bounds": [lower.to_array(), upper.to_array()],
         "fields": fields,
         "notes": dataset.notes,
@@ -322,6 +324,14 @@ fn print_table(description: &Value) {
     if geometry["spacing"].is_array() {
         row("spacing", vector(&geometry["spacing"]));
     }
+    row(
+        "up",
+        format!(
+            "{} ({})",
+            vector(&description["up"]["direction"]),
+            text(&description["up"]["reason"])
+        ),
+    );
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));
     if description["particles"].is_u64() {

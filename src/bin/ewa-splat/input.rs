@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
 use ewa_splat::io::{
-    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, SphKernel,
+    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, ReadAs, SphKernel, Up,
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -25,7 +25,10 @@ pub(crate) struct DataOptions {
     /// PLOT3D solution of a grid; by default a file beside it, named with q for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
-    /// OBJ mesh: image for the parts that have texture coordinates and no texture
+    /// What to make of points with faces (PLY, VTK) [default: a mesh]
+    #[arg(long = "as", value_enum, value_name = "WHAT")]
+    pub(crate) read_as: Option<ReadAsName>,
+    /// OBJ or PLY mesh: image for the parts that have texture coordinates and no texture
     #[arg(long, value_name = "FILE")]
     pub(crate) texture: Option<PathBuf>,
     /// Transfer function: a JSON file (ours or ParaView's), or a colour map's name for the colours of the automatic
@@ -103,8 +106,17 @@ pub(crate) struct Scene {
     pub(crate) fields: Vec<Option<String>>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
-    /// What points up: y where all are meshes, as their formats have it, z otherwise.
+    /// What points up where no option says it.
     pub(crate) up: DVec3,
+}
+
+/// What to make of points with faces.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum ReadAsName {
+    /// The points as particles, with all that is known of them as fields
+    Points,
+    /// A mesh
+    Mesh,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -207,6 +219,10 @@ impl DataOptions {
                 raw,
                 solution: self.solution.clone(),
                 texture: self.texture.clone(),
+                read_as: self.read_as.map(|name| match name {
+                    ReadAsName::Points => ReadAs::Points,
+                    ReadAsName::Mesh => ReadAs::Mesh,
+                }),
             },
         )
     }
@@ -244,7 +260,7 @@ impl DataOptions {
         &self,
         inputs: &[PathBuf],
         options: &SampleOptions,
-        most_pixels: impl Fn(&Mesh) -> Result<Option<f64>>,
+        most_pixels: impl Fn(&Mesh, DVec3) -> Result<Option<f64>>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_surface()?;
@@ -252,8 +268,9 @@ impl DataOptions {
             volumes: Vec::new(),
             fields: Vec::new(),
             grids_only: true,
-            up: DVec3::Y,
+            up: DVec3::Z,
         };
+        let mut ups = Vec::new();
         for path in inputs {
             progress.set_message(format!("reading {}", path.display()));
             let dataset = self.open(path)?;
@@ -261,16 +278,14 @@ impl DataOptions {
                 dataset.geometry,
                 Geometry::Points { .. } | Geometry::Mesh(_)
             );
-            if !matches!(dataset.geometry, Geometry::Mesh(_)) {
-                scene.up = DVec3::Z;
-            }
+            ups.push(dataset.up());
             for note in &dataset.notes {
                 progress.suspend(|| eprintln!("{}: {note}", path.display()));
             }
             let mut options = options.clone();
             if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
                 && options.spread == Spread::Automatic
-                && let Some(density) = most_pixels(mesh)?
+                && let Some(density) = most_pixels(mesh, dataset.up().direction)?
             {
                 options.spread = Spread::NoDenser(density);
             }
@@ -285,6 +300,7 @@ impl DataOptions {
         if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             return Err(refused_surface("a field", "none"));
         }
+        scene.up = Up::of_scene(ups).direction;
         Ok(scene)
     }
 

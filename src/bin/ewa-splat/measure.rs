@@ -83,7 +83,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task_of(&progress),
         ..arguments.data.sample_options()
     };
-    let most_pixels = |mesh: &Mesh| arguments.camera.most_pixels(mesh, arguments.size, &[]);
+    let most_pixels = |mesh: &Mesh, up| {
+        let camera = &arguments.camera;
+        camera.most_pixels(mesh, up, arguments.size, &[])
+    };
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, most_pixels, &progress)?;

@@ -288,7 +288,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..arguments.data.sample_options()
     };
     let planes = arguments.clip_planes();
-    let most_pixels = |mesh: &Mesh| arguments.camera.most_pixels(mesh, arguments.size, &planes);
+    let most_pixels = |mesh: &Mesh, up| {
+        let camera = &arguments.camera;
+        camera.most_pixels(mesh, up, arguments.size, &planes)
+    };
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, most_pixels, &progress)?;

@@ -38,7 +38,7 @@ pub(crate) struct CameraOptions {
     /// Point looked at; a fitted camera is moved so that it is in the middle [default: the data's centre]
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true)]
     target: Option<DVec3>,
-    /// Direction that points up in the image [default: 0,0,1; of meshes alone 0,1,0]
+    /// Direction that points up in the image [default: what `info` says of the data]
     #[arg(long, value_name = "x,y,z", value_parser = parse::direction, allow_hyphen_values = true)]
     up: Option<DVec3>,
     /// Vertical field of view in degrees, 1 to 179 [default: 35]
@@ -47,8 +47,8 @@ pub(crate) struct CameraOptions {
     /// Orthographic projection of this height in world units [column densities: fitted]
     #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
     ortho: Option<f64>,
-    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z
-    /// [default: 30]
+    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z, with y
+    /// down along +z     /// [default: 30]
     #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
     azimuth: Option<f64>,
     /// Fitted camera: degrees above the horizon [default: 25]
@@ -131,10 +131,11 @@ impl CameraOptions {
         })
     }
 
-    /// The pixels per unit area where a mesh is seen largest, drawn alone: see [`most_pixels_per_area`].
+    /// The pixels per unit area where a mesh is seen largest, drawn alone with `up` up: see [`most_pixels_per_area`].
     pub(crate) fn most_pixels(
         &self,
         mesh: &Mesh,
+        up: DVec3,
         size: Option<[usize; 2]>,
         planes: &[ClipPlane],
     ) -> Result<Option<f64>> {
@@ -146,7 +147,7 @@ impl CameraOptions {
         };
         let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
         let boxes = left_of(all, planes);
-        let camera = self.camera(&boxes, DVec3::Y, size, DEFAULT_SIZE, DEFAULT_LENS)?;
+        let camera = self.camera(&boxes, up, size, DEFAULT_SIZE, DEFAULT_LENS)?;
         Ok(most_pixels_per_area(mesh, &camera))
     }
 }

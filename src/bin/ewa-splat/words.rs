@@ -130,6 +130,7 @@ fn option(parameter: Parameter) -> String {
         Parameter::Flatten => "--flatten",
         Parameter::SurfelDensity => "--density",
         Parameter::SurfelSpacing => "--spacing",
+        Parameter::ReadAs => "--as",
         Parameter::RawDims => "--dims",
         Parameter::RawGeometry => "--spacing and --origin",
         other => return other.to_string(),

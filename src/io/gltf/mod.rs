@@ -24,6 +24,7 @@ mod primitives;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use glam::DVec3;
 use gltf_json::Root;
 use serde_json::Value;
 
@@ -101,6 +102,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let mesh = scene(&buffers, &mut notes)?;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "glTF mesh", Geometry::Mesh(mesh), Vec::new());
+    data.format_up = Some((DVec3::Y, "glTF has y up"));
     data.notes = notes;
     Ok(data)
 }

@@ -98,6 +98,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         ));
     }
     let mut data = cloud.dataset(path, "glTF splats", Vec::new())?;
+    data.format_up = Some((DVec3::Y, "glTF has y up"));
     data.notes = notes;
     Ok(data)
 }

@@ -11,31 +11,30 @@
 //! | `p`, `l`, `curv`, `surf` | nothing, with a note |
 //!
 //! OBJ does not say whether a surface is seen from behind. Where all that a material covers is
-//! closed and encloses a volume, with its front outwards, it is not: see [`closed`].
+//! closed and encloses a volume, with its front outwards, it is not: see [`super::closed`].
 
-mod closed;
 mod mtl;
-mod polygons;
 mod scan;
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use glam::{Affine2, DVec3, Vec2};
 
 pub(crate) use scan::looks_like;
 
+use super::closed::are_closed;
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::mesh_part::{LeftOut, check_not_empty, finish};
-use super::texture::ImageBudget;
+use super::polygons::{approximate_note, triangles};
+use super::texture::{ImageBudget, find};
 use super::vtk_xml::clip;
 use super::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Result};
 use crate::image::linear_from_srgb;
 use mtl::{Map, MtlMaterial};
-use polygons::Outcome;
 use scan::{Faces, Group, Scan};
 
 /// Reads a mesh; `texture` is bound to parts that have texture coordinates and no texture.
@@ -59,7 +58,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
         ));
     }
     let mut parts = parts(&scan, &mut notes);
-    let are_closed = closed::are_closed(&parts);
+    let are_closed = are_closed(&parts);
 
     let mut materials = Materials::new(input, &scan, &mut notes);
     if let Some(texture) = texture {
@@ -85,6 +84,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
     mesh.parts = parts;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "Wavefront OBJ mesh", Geometry::Mesh(mesh), Vec::new());
+    data.format_up = Some((DVec3::Y, "OBJ mostly has y up"));
     data.notes = notes;
     Ok(data)
 }
@@ -106,12 +106,7 @@ fn parts(scan: &Scan, notes: &mut Vec<String>) -> Vec<MeshPart> {
         .zip(&scan.groups)
         .map(|(faces, group)| part_of(scan, faces, group, colour_scale, &mut approximate))
         .collect();
-    if approximate > 0 {
-        notes.push(format!(
-            "{approximate} polygons cross themselves or have no area: fans of triangles stand \
-             for them"
-        ));
-    }
+    notes.extend(approximate_note(approximate));
     parts
 }
 
@@ -153,43 +148,6 @@ fn part_of(
     }
     part.triangles = triangles(&indices, &faces.ends, &part.positions, approximate);
     part
-}
-
-/// The triangles of polygons whose corners end at `ends`.
-fn triangles(
-    indices: &[u32],
-    ends: &[usize],
-    positions: &[DVec3],
-    approximate: &mut usize,
-) -> Vec<[u32; 3]> {
-    if ends.iter().enumerate().all(|(i, end)| *end == 3 * (i + 1)) {
-        return indices.as_chunks::<3>().0.to_vec();
-    }
-    let mut triangles: Vec<[u32; 3]> = Vec::new();
-    let (mut corners, mut local) = (Vec::new(), Vec::new());
-    let mut start = 0;
-    for &end in ends {
-        // A corner named twice in a row is one.
-        let mut face = indices[start..end].to_vec();
-        start = end;
-        face.dedup();
-        while face.len() > 1 && face.first() == face.last() {
-            face.pop();
-        }
-        if face.len() < 3 {
-            // Left out and counted with the others that have no area.
-            triangles.extend(face.first().map(|&i| [i; 3]));
-            continue;
-        }
-        corners.clear();
-        corners.extend(face.iter().map(|&i| positions[i as usize]));
-        local.clear();
-        if polygons::triangulate(&corners, &mut local) == Outcome::Approximate {
-            *approximate += 1;
-        }
-        triangles.extend(local.iter().map(|t: &[usize; 3]| t.map(|i| face[i])));
-    }
-    triangles
 }
 
 /// A vertex's colour, linear; white where it has none and others have one.
@@ -362,19 +320,6 @@ impl<'a> Materials<'a> {
     }
 }
 
-/// The file that a statement names: relative to the folder, or by its last name in it, as for
-/// paths of another machine.
-fn find(input: Input<'_>, name: &str) -> Option<PathBuf> {
-    let folder = input.path.parent().unwrap_or(Path::new(""));
-    let name = name.replace('\\', "/");
-    let last = name.rsplit('/').next().unwrap_or("");
-    [name.as_str(), last]
-        .into_iter()
-        .filter(|n| !n.is_empty())
-        .map(|n| folder.join(n))
-        .find(|file| input.has_beside(file))
-}
-
 /// What a texture is made of: two textures of one key are one.
 #[derive(PartialEq, Eq, Hash)]
 struct TextureKey {
@@ -410,18 +355,7 @@ impl<'a> Images<'a> {
 
     /// The texture that the user names: an error where it cannot be read.
     fn named_by_user(&mut self, path: &Path) -> Result<usize> {
-        let decoded = self
-            .budget
-            .decode(&self.input.read_beside(path)?)
-            .map_err(|reason| {
-                Error::format(
-                    path,
-                    "texture",
-                    "a PNG or JPEG image",
-                    format!("a file that {reason}"),
-                    Hint::NameOtherTexture,
-                )
-            })?;
+        let decoded = self.budget.named_by_user(self.input, path)?;
         self.textures.push(Texture {
             image: Arc::new(decoded),
             wrap: [Wrap::Repeat; 2],
@@ -434,23 +368,10 @@ impl<'a> Images<'a> {
         if let Some(known) = self.decoded.get(name) {
             return known.clone();
         }
-        let decoded = match find(self.input, name) {
-            None => Err(format!("no file `{}`", clip(name))),
-            Some(file) => self
-                .input
-                .read_beside(&file)
-                .map_err(|e| e.to_string())
-                .and_then(|bytes| {
-                    self.budget
-                        .decode(&bytes)
-                        .map_err(|reason| format!("image `{}` {reason}", clip(name)))
-                }),
-        };
-        let decoded = match decoded {
+        let decoded = match self.budget.named(self.input, name) {
             Ok(decoded) => Some(Arc::new(decoded)),
             Err(reason) => {
-                self.notes
-                    .push(format!("{reason}: its texture is not used"));
+                self.notes.push(reason);
                 None
             }
         };

@@ -18,8 +18,8 @@
 //! | `STRUCTURED_POINTS` | `DIMENSIONS`, `ORIGIN`, `SPACING` or `ASPECT_RATIO` | uniform lattice |
 //! | `RECTILINEAR_GRID` | `DIMENSIONS`, `X_COORDINATES`, `Y_COORDINATES`, `Z_COORDINATES` | rectilinear lattice |
 //! | `STRUCTURED_GRID` | `DIMENSIONS`, `POINTS` | curvilinear block |
-//! | `UNSTRUCTURED_GRID` | `POINTS`, `CELLS`, `CELL_TYPES` | cells, or particles |
-//! | `POLYDATA` | `POINTS`, `VERTICES`, `LINES`, `POLYGONS`, `TRIANGLE_STRIPS` | cells, or particles |
+//! | `UNSTRUCTURED_GRID` | `POINTS`, `CELLS`, `CELL_TYPES` | cells, a mesh, or particles |
+//! | `POLYDATA` | `POINTS`, `VERTICES`, `LINES`, `POLYGONS`, `TRIANGLE_STRIPS` | a mesh, or particles |
 //!
 //! `EXTENT` (first and last node along each axis) may stand for `DIMENSIONS`. Keywords are of
 //! either case. `FIELD` before the attributes belongs to the file as a whole and is left out, and
@@ -39,7 +39,7 @@ use self::cells::CellList;
 use self::scan::{Block, Scanner, quote};
 use super::dataset::{CurvilinearBlock, Dataset, Geometry};
 use super::file::Input;
-use super::{CellKind, CellMesh, vtk_grid};
+use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::Result;
 use crate::scene::{Lattice, LatticeSpacing};
 
@@ -51,13 +51,13 @@ pub(crate) const MAGIC: &[u8] = b"# vtk DataFile";
 /// # Errors
 /// A kind of data that has no geometry, a section that is missing or cut short, counts that do
 /// not agree.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
-    parse(path, &bytes)
+    parse(path, &bytes, read_as)
 }
 
-fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
+fn parse(path: &Path, bytes: &[u8], read_as: Option<ReadAs>) -> Result<Dataset> {
     let scan = &mut Scanner::new(path, bytes);
     header(scan)?;
     scan.section = "DATASET".to_owned();
@@ -74,8 +74,8 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Dataset> {
         "STRUCTURED_POINTS" => structured_points(scan),
         "RECTILINEAR_GRID" => rectilinear_grid(scan),
         "STRUCTURED_GRID" => structured_grid(scan),
-        "UNSTRUCTURED_GRID" => unstructured_grid(scan),
-        "POLYDATA" => polydata(scan),
+        "UNSTRUCTURED_GRID" => unstructured_grid(scan, read_as),
+        "POLYDATA" => polydata(scan, read_as),
         "FIELD" => Err(no_geometry(scan, "fields without a geometry")),
         _ => Err(no_geometry(scan, &format!("`{}`", quote(word)))),
     }
@@ -402,7 +402,7 @@ fn structured_grid(scan: &mut Scanner<'_>) -> Result<Dataset> {
     )
 }
 
-fn unstructured_grid(scan: &mut Scanner<'_>) -> Result<Dataset> {
+fn unstructured_grid(scan: &mut Scanner<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     let mut nodes = None;
     let mut list = None;
     let mut kinds = None;
@@ -431,10 +431,16 @@ fn unstructured_grid(scan: &mut Scanner<'_>) -> Result<Dataset> {
             format!("{}", kinds.len()),
         ));
     }
-    cell_dataset(scan, "legacy VTK unstructured grid", nodes, list, kinds)
+    let mesh = CellMesh {
+        nodes,
+        kinds,
+        offsets: list.offsets,
+        connectivity: list.connectivity,
+    };
+    cell_dataset(scan, "legacy VTK unstructured grid", mesh, read_as)
 }
 
-fn polydata(scan: &mut Scanner<'_>) -> Result<Dataset> {
+fn polydata(scan: &mut Scanner<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     /// In the order in which cell data counts them, wherever they stand.
     const LISTS: [&str; 4] = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
     let mut nodes = None;
@@ -471,30 +477,29 @@ fn polydata(scan: &mut Scanner<'_>) -> Result<Dataset> {
             all.append(&list, scan)?;
         }
     }
-    cell_dataset(scan, "legacy VTK polygonal data", nodes, all, kinds)
-}
-
-/// Cells, or particles, with the attributes that follow.
-fn cell_dataset(
-    scan: &mut Scanner<'_>,
-    format: &'static str,
-    nodes: Vec<DVec3>,
-    list: CellList,
-    kinds: Vec<CellKind>,
-) -> Result<Dataset> {
-    let samples = Samples {
-        nodes: nodes.len(),
-        cells: kinds.len(),
-        keeps_cells: true,
-    };
-    let (fields, notes) = attributes::read(scan, samples)?;
     let mesh = CellMesh {
         nodes,
         kinds,
-        offsets: list.offsets,
-        connectivity: list.connectivity,
+        offsets: all.offsets,
+        connectivity: all.connectivity,
     };
-    let mut data = vtk_grid::dataset(scan.path(), format, mesh, fields)?;
+    cell_dataset(scan, "legacy VTK polygonal data", mesh, read_as)
+}
+
+/// Cells, a mesh or particles, with the attributes that follow.
+fn cell_dataset(
+    scan: &mut Scanner<'_>,
+    format: &'static str,
+    mesh: CellMesh,
+    read_as: Option<ReadAs>,
+) -> Result<Dataset> {
+    let samples = Samples {
+        nodes: mesh.nodes.len(),
+        cells: mesh.cell_count(),
+        keeps_cells: true,
+    };
+    let (fields, notes) = attributes::read(scan, samples)?;
+    let mut data = vtk_grid::dataset(scan.path(), format, mesh, fields, read_as)?;
     data.notes.splice(0..0, notes);
     Ok(data)
 }

@@ -16,18 +16,82 @@ const MOST_FANS: usize = 16;
 
 /// How a polygon was triangulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
+enum Outcome {
     /// As it should.
     Exact,
     /// It crosses itself or has no area: a fan stands for it.
     Approximate,
 }
 
+/// The triangles of polygons, in their order.
+///
+/// - `indices`: the polygons' corners, one polygon after another, as indices into `positions`.
+/// - `ends`: where each polygon's end, the last one with all.
+/// - `approximate`: is raised by the polygons that a fan stands for; see [`approximate_note`].
+///
+/// A polygon without three corners becomes a triangle without an area: it is counted with those.
+pub(crate) fn triangles(
+    indices: &[u32],
+    ends: &[usize],
+    positions: &[DVec3],
+    approximate: &mut usize,
+) -> Vec<[u32; 3]> {
+    if ends.iter().enumerate().all(|(i, end)| *end == 3 * (i + 1)) {
+        return indices.as_chunks::<3>().0.to_vec();
+    }
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    let (mut corners, mut local) = (Vec::new(), Vec::new());
+    let mut start = 0;
+    for &end in ends {
+        // A corner named twice in a row is one.
+        let mut face = indices[start..end].to_vec();
+        start = end;
+        face.dedup();
+        while face.len() > 1 && face.first() == face.last() {
+            face.pop();
+        }
+        if face.len() < 3 {
+            // Left out and counted with the others that have no area.
+            triangles.extend(face.first().map(|&i| [i; 3]));
+            continue;
+        }
+        corners.clear();
+        corners.extend(face.iter().map(|&i| positions[i as usize]));
+        local.clear();
+        if triangulate(&corners, &mut local) == Outcome::Approximate {
+            *approximate += 1;
+        }
+        triangles.extend(local.iter().map(|t: &[usize; 3]| t.map(|i| face[i])));
+    }
+    triangles
+}
+
+/// What is to be said of polygons that a fan stands for.
+pub(crate) fn approximate_note(count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        format!(
+            "{count} polygons cross themselves or have no area: fans of triangles stand for them"
+        )
+    })
+}
+
+/// Appends the triangles of a strip, with its winding: each corner from the third on makes one
+/// with the two before it. Those of fewer than three corners, by which strips turn or are joined,
+/// are passed over.
+pub(crate) fn strip(corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
+    for (i, window) in corners.windows(3).enumerate() {
+        let [a, b, c] = [window[0], window[1], window[2]];
+        if a != b && b != c && c != a {
+            triangles.push(if i % 2 == 0 { [a, b, c] } else { [b, a, c] });
+        }
+    }
+}
+
 /// Appends the triangles of one polygon, as indices of its corners, and says how it went.
 ///
 /// The plane is that of Newell's normal. A polygon may touch itself (a hole reached by a cut that
 /// is passed twice): what it winds around once is inside.
-pub(super) fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Outcome {
+fn triangulate(corners: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Outcome {
     let n = corners.len();
     match n {
         0..=2 => return Outcome::Exact,

@@ -12,7 +12,7 @@ use crate::io::MeshPart;
 /// closed where each of its edges has two triangles that pass it in opposite directions, and
 /// turned outwards where it encloses a positive volume. Triangles with a corner that is not
 /// finite are not looked at.
-pub(super) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
+pub(crate) fn are_closed(parts: &[MeshPart]) -> Vec<bool> {
     let mut vertices: HashMap<[u64; 3], u32> = HashMap::new();
     let mut places: Vec<DVec3> = Vec::new();
     let mut triangles: Vec<(usize, [u32; 3])> = Vec::new();

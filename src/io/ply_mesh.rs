@@ -1,0 +1,485 @@
+//! Meshes in PLY files: what their elements and properties mean. `ply_header.rs` and
+//! `ply_body.rs` have the parser.
+//!
+//! | element | property | what |
+//! |---|---|---|
+//! | `vertex` | `x`, `y`, `z` | corners |
+//! | | `red`, `green`, `blue`, `alpha`, or these after `diffuse_` | colours, sRGB-encoded: whole bytes or words, or 0 to 1, or 0 to 255 where one exceeds 1 |
+//! | | `nx`, `ny`, `nz` | normals |
+//! | | `s`, `t`, or `u`, `v`, or `texture_u`, `texture_v`, or `texture_s`, `texture_t` | texture coordinates, v upwards |
+//! | `face` | the list `vertex_indices` or `vertex_index` | a polygon of any size, concave ones too |
+//! | | the list `texcoord` | u and v of each of its corners, in place of the vertices' |
+//! | | `texnumber` | which of several textures, from 0 |
+//! | `tristrips` | the list `vertex_indices` or `vertex_index` | strips of triangles, one after another with -1 between them |
+//!
+//! Comments `TextureFile NAME` name textures. Nothing in PLY says what its units and axes are, nor whether a
+//! surface is seen from behind: where it is closed with its front outwards, it is not (see [`super::closed`]).
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Affine2, DVec3, Vec2, Vec3};
+
+use super::closed::are_closed;
+use super::dataset::{Dataset, Geometry};
+use super::file::Input;
+use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
+use super::ply_header::{Element, Kind};
+use super::ply_table::Table;
+use super::polygons::{approximate_note, strip, triangles};
+use super::scalars::ScalarType;
+use super::table::list;
+use super::texture::ImageBudget;
+use super::{AlphaMode, Mesh, MeshPart, Texture, TextureUse, Wrap};
+use crate::error::Result;
+use crate::image::linear_from_srgb;
+
+const FORMAT: &str = "PLY mesh";
+
+/// The polygons of a file, taken while its body is walked over.
+#[derive(Debug)]
+pub(super) struct Faces {
+    vertex_count: usize,
+    /// Elements and their properties that say something of faces.
+    roles: Vec<(usize, usize, Role)>,
+    /// The element whose rows are taken.
+    element: usize,
+    /// Vertices of all polygons; strips are triangles already.
+    corners: Vec<u32>,
+    /// Where each polygon's end.
+    ends: Vec<usize>,
+    /// u and v of corners, one after the other.
+    coordinates: Vec<f32>,
+    /// Where each polygon's end.
+    coordinate_ends: Vec<usize>,
+    /// For each polygon the number of its texture.
+    texture_numbers: Vec<u32>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Role {
+    Polygon,
+    Strips,
+    Coordinates,
+    TextureNumber,
+}
+
+impl Faces {
+    /// What the elements of a file with so many vertices hold of faces; `None` where that is nothing.
+    pub(super) fn of(elements: &[Element], vertex_count: usize) -> Option<Self> {
+        let mut roles = Vec::new();
+        for (e, element) in elements.iter().enumerate().filter(|(_, e)| e.count > 0) {
+            for (p, property) in element.properties.iter().enumerate() {
+                let is_list = matches!(property.kind, Kind::List { .. });
+                let role = match (element.name.as_str(), property.name.as_str(), is_list) {
+                    ("face", "vertex_indices" | "vertex_index", true) => Role::Polygon,
+                    ("tristrips", "vertex_indices" | "vertex_index", true) => Role::Strips,
+                    ("face", "texcoord", true) => Role::Coordinates,
+                    ("face", "texnumber", false) => Role::TextureNumber,
+                    _ => continue,
+                };
+                // A second list of the same name is no other face.
+                if !roles.iter().any(|(_, _, known)| *known == role) {
+                    roles.push((e, p, role));
+                }
+            }
+        }
+        let has_faces = roles
+            .iter()
+            .any(|(_, _, role)| matches!(role, Role::Polygon | Role::Strips));
+        has_faces.then(|| Self {
+            vertex_count,
+            roles,
+            element: 0,
+            corners: Vec::new(),
+            ends: Vec::new(),
+            coordinates: Vec::new(),
+            coordinate_ends: Vec::new(),
+            texture_numbers: Vec::new(),
+        })
+    }
+
+    /// Whether rows of an element are taken; they are the next that [`Faces::take`] gets.
+    pub(super) fn begin(&mut self, element: usize) -> bool {
+        self.element = element;
+        self.roles.iter().any(|(e, _, _)| *e == element)
+    }
+
+    fn role(&self, property: usize) -> Option<Role> {
+        let same = |(e, p, _): &&(usize, usize, Role)| (*e, *p) == (self.element, property);
+        self.roles.iter().find(same).map(|(_, _, role)| *role)
+    }
+
+    /// Whether a property of the element is taken.
+    pub(super) fn wants(&self, property: usize) -> bool {
+        self.role(property).is_some()
+    }
+
+    /// Takes the numbers of one property of a row.
+    ///
+    /// # Errors
+    /// A vertex that is not there: what was expected, what was found.
+    pub(super) fn take(&mut self, property: usize, items: &[f64]) -> Result<(), (String, String)> {
+        match self.role(property) {
+            Some(Role::Polygon) => {
+                for &item in items {
+                    let corner = self.vertex(item)?;
+                    self.corners.push(corner);
+                }
+                self.ends.push(self.corners.len());
+            }
+            Some(Role::Strips) => {
+                // -1, or what it is as an unsigned number.
+                let is_end = |item: &f64| *item < 0.0 || *item == f64::from(u32::MAX);
+                let mut triangles = Vec::new();
+                for run in items.split(is_end) {
+                    let run = run.iter().map(|&item| self.vertex(item));
+                    strip(&run.collect::<Result<Vec<u32>, _>>()?, &mut triangles);
+                }
+                for triangle in triangles {
+                    self.corners.extend(triangle);
+                    self.ends.push(self.corners.len());
+                }
+            }
+            Some(Role::Coordinates) => {
+                let items = items.iter().copied();
+                self.coordinates.extend(items.map(super::scalars::narrow));
+                self.coordinate_ends.push(self.coordinates.len());
+            }
+            Some(Role::TextureNumber) => {
+                let number = items.first().copied().and_then(whole);
+                self.texture_numbers.push(number.unwrap_or(u32::MAX));
+            }
+            None => {}
+        }
+        Ok(())
+    }
+
+    fn vertex(&self, item: f64) -> Result<u32, (String, String)> {
+        let vertex = whole(item).filter(|&i| (i as usize) < self.vertex_count);
+        vertex.ok_or_else(|| {
+            let expected = format!("vertices among {}, counted from 0", self.vertex_count);
+            (expected, format!("vertex {item}"))
+        })
+    }
+
+    /// Forgets texture coordinates that are not two for each corner of each polygon, and numbers of
+    /// textures that are not one for each polygon.
+    fn check(&mut self, notes: &mut Vec<String>) {
+        let fit = self.ends.len() == self.coordinate_ends.len()
+            && (self.ends.iter().zip(&self.coordinate_ends)).all(|(e, c)| 2 * e == *c);
+        if !fit {
+            if !self.coordinates.is_empty() {
+                notes.push(
+                    "texture coordinates of faces are not two for each corner: not used".into(),
+                );
+            }
+            self.coordinates.clear();
+        }
+        if self.texture_numbers.len() != self.ends.len() {
+            self.texture_numbers.clear();
+        }
+    }
+}
+
+/// A whole number from 0 on; `None` for any other.
+fn whole(number: f64) -> Option<u32> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "within the range of the type, and compared after"
+    )]
+    let rounded = (0.0..=f64::from(u32::MAX))
+        .contains(&number)
+        .then_some(number as u32);
+    rounded.filter(|&n| f64::from(n) == number)
+}
+
+/// What vertices have beside their places; each empty where they do not have it.
+#[derive(Debug)]
+struct Vertices {
+    positions: Vec<DVec3>,
+    colours: Vec<[f32; 4]>,
+    normals: Vec<Vec3>,
+    coordinates: Vec<Vec2>,
+}
+
+/// Puts a mesh together from its vertices and faces.
+///
+/// - `comments`: of the header.
+/// - `texture`: an image of the user's, for what has texture coordinates and no texture.
+///
+/// # Errors
+/// No positions, no triangle with an area, or a `texture` that cannot be read. Textures that the
+/// file names and that cannot be read are told of in notes.
+pub(super) fn dataset(
+    input: Input<'_>,
+    table: &Table<'_>,
+    mut faces: Faces,
+    comments: &[String],
+    texture: Option<&Path>,
+    mut notes: Vec<String>,
+) -> Result<Dataset> {
+    faces.check(&mut notes);
+    let vertices = Vertices::read(table, &mut notes)?;
+    let has_coordinates = !(faces.coordinates.is_empty() && vertices.coordinates.is_empty());
+    let mut images = ImageBudget::default();
+    let mut mesh = Mesh::default();
+    let add = |mesh: &mut Mesh, image| {
+        mesh.textures.push(Texture {
+            image: Arc::new(image),
+            wrap: [Wrap::Repeat; 2],
+        });
+        mesh.textures.len() - 1
+    };
+    let fallback = match texture {
+        Some(path) => Some(images.named_by_user(input, path)?),
+        None => None,
+    };
+    let fallback = fallback.map(|image| add(&mut mesh, image));
+    let names = comments.iter().filter_map(|c| texture_file(c));
+    let mut named = Vec::new();
+    for name in names {
+        if !has_coordinates {
+            notes
+                .push("it names textures and has no texture coordinates: they are not used".into());
+            break;
+        }
+        let image = images.named(input, name);
+        let image = image.map_err(|note| notes.push(note)).ok();
+        named.push(image.map(|image| add(&mut mesh, image)));
+    }
+
+    let mut approximate = 0;
+    for (number, group) in groups(faces, named.len()) {
+        let mut part = group.part(&vertices, &mut approximate);
+        let texture = named.get(number).copied().flatten().or(fallback);
+        let texture = texture.filter(|_| has_coordinates);
+        part.material = mesh.materials.len();
+        let mut material = plain(!part.colours.is_empty() || texture.is_some());
+        match texture {
+            Some(texture) => {
+                if !part.colours.is_empty() {
+                    notes.push("colours of vertices are not used beside the texture".into());
+                    part.colours.clear();
+                }
+                material.base_texture = Some(TextureUse {
+                    texture,
+                    coordinates: 0,
+                    transform: Affine2::IDENTITY,
+                });
+            }
+            None => part.texture_coordinates.clear(),
+        }
+        if part.colours.iter().any(|c| c[3] < 1.0) {
+            material.alpha = AlphaMode::Blend;
+        }
+        mesh.materials.push(material);
+        mesh.parts.push(part);
+    }
+    notes.extend(approximate_note(approximate));
+    let are_closed = are_closed(&mesh.parts);
+    let mut left_out = LeftOut::default();
+    for (part, is_closed) in mesh.parts.iter_mut().zip(are_closed) {
+        mesh.materials[part.material].is_double_sided = !is_closed;
+        finish(part, &mut left_out);
+    }
+    notes.extend(left_out.notes());
+    notes.dedup();
+    mesh.parts.retain(|part| !part.triangles.is_empty());
+    check_not_empty(table.path, &mesh)?;
+    let mut data = Dataset::new(table.path, FORMAT, Geometry::Mesh(mesh), Vec::new());
+    data.notes = notes;
+    Ok(data)
+}
+
+/// The file that a comment names as a texture.
+fn texture_file(comment: &str) -> Option<&str> {
+    let (word, name) = comment.split_once(char::is_whitespace)?;
+    word.eq_ignore_ascii_case("TextureFile")
+        .then(|| name.trim())
+        .filter(|name| !name.is_empty())
+}
+
+/// Polygons of one texture.
+#[derive(Debug, Default)]
+struct Group {
+    corners: Vec<u32>,
+    ends: Vec<usize>,
+    /// u and v for each corner, or nothing.
+    coordinates: Vec<f32>,
+    /// Whether it has only a part of the polygons, or vertices have another place in each texture: corners
+    /// are then numbered anew.
+    is_renumbered: bool,
+}
+
+/// The polygons by the numbers of their textures, of which there are `texture_count`.
+fn groups(faces: Faces, texture_count: usize) -> Vec<(usize, Group)> {
+    if texture_count < 2 || faces.texture_numbers.is_empty() {
+        let whole = Group {
+            is_renumbered: !faces.coordinates.is_empty(),
+            corners: faces.corners,
+            ends: faces.ends,
+            coordinates: faces.coordinates,
+        };
+        return vec![(0, whole)];
+    }
+    // The last group has what names none of them.
+    let mut groups: Vec<Group> = Vec::new();
+    groups.resize_with(texture_count + 1, Group::default);
+    let mut start = 0;
+    for (&end, &number) in faces.ends.iter().zip(&faces.texture_numbers) {
+        let group = &mut groups[texture_count.min(number as usize)];
+        group.is_renumbered = true;
+        group.corners.extend_from_slice(&faces.corners[start..end]);
+        group.ends.push(group.corners.len());
+        if !faces.coordinates.is_empty() {
+            let coordinates = &faces.coordinates[2 * start..2 * end];
+            group.coordinates.extend_from_slice(coordinates);
+        }
+        start = end;
+    }
+    let numbered = groups.into_iter().enumerate();
+    numbered.filter(|(_, g)| !g.ends.is_empty()).collect()
+}
+
+impl Group {
+    /// The polygons as triangles; `approximate` counts those that a fan stands for.
+    fn part(self, vertices: &Vertices, approximate: &mut usize) -> MeshPart {
+        let mut part = MeshPart::default();
+        let mut coordinates = Vec::new();
+        let mut indices = self.corners;
+        if self.is_renumbered {
+            let (uvs, _) = self.coordinates.as_chunks::<2>();
+            let mut index_of: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+            for (i, index) in indices.iter_mut().enumerate() {
+                let uv = uvs.get(i).map(|uv| Vec2::new(uv[0], 1.0 - uv[1]));
+                let key = uv.unwrap_or_default().to_array().map(f32::to_bits);
+                let next = u32::try_from(index_of.len()).unwrap_or(u32::MAX);
+                let vertex = *index as usize;
+                *index = *index_of.entry((*index, key)).or_insert(next);
+                if *index < next {
+                    continue;
+                }
+                part.positions.push(vertices.positions[vertex]);
+                part.colours.extend(vertices.colours.get(vertex));
+                part.normals.extend(vertices.normals.get(vertex));
+                coordinates.extend(uv.or(vertices.coordinates.get(vertex).copied()));
+            }
+        } else {
+            part.positions.clone_from(&vertices.positions);
+            part.colours.clone_from(&vertices.colours);
+            part.normals.clone_from(&vertices.normals);
+            coordinates.clone_from(&vertices.coordinates);
+        }
+        if !coordinates.is_empty() {
+            part.texture_coordinates.push(coordinates);
+        }
+        part.triangles = triangles(&indices, &self.ends, &part.positions, approximate);
+        part
+    }
+}
+
+impl Vertices {
+    /// The columns that mean something to a mesh; notes name the others.
+    fn read(table: &Table<'_>, notes: &mut Vec<String>) -> Result<Self> {
+        let (positions, mut used) = table.positions()?;
+        let mut columns = |names: &[&str]| -> Result<Option<Vec<Vec<f32>>>> {
+            let members: Option<Vec<usize>> = names.iter().map(|name| table.index(name)).collect();
+            let Some(members) = members else {
+                return Ok(None);
+            };
+            used.extend(&members);
+            let columns: Result<_> = members.into_iter().map(|m| table.floats(m)).collect();
+            columns.map(Some)
+        };
+        let mut vertices = Self {
+            positions,
+            colours: Vec::new(),
+            normals: Vec::new(),
+            coordinates: Vec::new(),
+        };
+        for names in [
+            ["s", "t"],
+            ["u", "v"],
+            ["texture_u", "texture_v"],
+            ["texture_s", "texture_t"],
+        ] {
+            if let Some([u, v]) = columns(&names)?.as_deref() {
+                // v upwards in the file.
+                let pairs = u.iter().zip(v).map(|(&u, &v)| Vec2::new(u, 1.0 - v));
+                vertices.coordinates = pairs.collect();
+                break;
+            }
+        }
+        if let Some([x, y, z]) = columns(&["nx", "ny", "nz"])?.as_deref() {
+            let normals = x
+                .iter()
+                .zip(y)
+                .zip(z)
+                .map(|((&x, &y), &z)| Vec3::new(x, y, z));
+            vertices.normals = normals.collect();
+        }
+        for (rgb, alpha) in [
+            (["red", "green", "blue"], "alpha"),
+            (
+                ["diffuse_red", "diffuse_green", "diffuse_blue"],
+                "diffuse_alpha",
+            ),
+        ] {
+            let Some(mut colours) = columns(&rgb)? else {
+                continue;
+            };
+            let greatest = scale_colours(table, &rgb, &mut colours);
+            if greatest > 1.0 {
+                notes.push("colours of vertices exceed 1 and are taken as 0 to 255".into());
+            }
+            let mut alphas = columns(&[alpha])?.unwrap_or_default();
+            scale_colours(table, &[alpha], &mut alphas);
+            let mut alphas = alphas.pop().unwrap_or_default();
+            // Written by programs that have no opacity, and nothing would be seen.
+            if !alphas.is_empty() && alphas.iter().all(|a| *a == 0.0) {
+                notes.push("the opacity of all vertices is 0 and is not used".into());
+                alphas.clear();
+            }
+            vertices.colours = (0..vertices.positions.len())
+                .map(|i| {
+                    let [r, g, b] = [0, 1, 2].map(|c| linear_from_srgb(colours[c][i]));
+                    [r, g, b, alphas.get(i).map_or(1.0, |a| a.clamp(0.0, 1.0))]
+                })
+                .collect();
+            break;
+        }
+        let members = table.rows.members.iter().enumerate();
+        let others = members.filter(|(i, _)| !used.contains(i));
+        let mut others = others.map(|(_, member)| member.name.as_str()).peekable();
+        if others.peek().is_some() {
+            notes.push(format!(
+                "columns of a mesh's vertices are not shown: {}",
+                list(others)
+            ));
+        }
+        Ok(vertices)
+    }
+}
+
+/// Brings colours to 0 to 1 by the type of their columns, `names`: that of a byte or a word says
+/// its greatest value. Returns the greatest of all others before they were brought to it.
+fn scale_colours(table: &Table<'_>, names: &[&str], colours: &mut [Vec<f32>]) -> f32 {
+    let numbers = colours.iter().flatten().copied().fold(0.0, f32::max);
+    let scalar = names
+        .first()
+        .and_then(|name| table.index(name))
+        .map(|m| table.rows.members[m].scalar);
+    let (scale, greatest) = match scalar {
+        Some(ScalarType::U8) => (255.0, 0.0),
+        Some(ScalarType::U16) => (65535.0, 0.0),
+        _ if numbers > 1.0 => (255.0, numbers),
+        _ => (1.0, numbers),
+    };
+    for colour in colours.iter_mut().flatten() {
+        *colour = (*colour / scale).clamp(0.0, f32::INFINITY);
+    }
+    greatest
+}

@@ -1,0 +1,174 @@
+//! Which way is up in a data set: what a picture that is told nothing else has at its top.
+//!
+//! | data | up |
+//! |---|---|
+//! | glTF, its splats too; OBJ | +y: what the formats or their writers agree on |
+//! | other splats | -y: training scenes have y down, and what is read is turned to their axes |
+//! | particles in a flat layer across x or y | the axis across it |
+//! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |
+
+use glam::DVec3;
+
+use super::dataset::{Dataset, Geometry};
+
+/// A layer's thickness over the lesser of its other two extents, below which it is flat.
+const FLAT: f64 = 0.25;
+
+/// Which way is up, and why.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Up {
+    /// Along an axis; unit length.
+    pub direction: DVec3,
+    /// For people, in a few words.
+    pub reason: &'static str,
+    /// Whether a mesh says it. Beside other data it says nothing: see [`Up::of_scene`].
+    pub is_of_mesh: bool,
+}
+
+impl Up {
+    /// What points up in a picture of several data sets: the first that is no mesh says it, or the
+    /// first of meshes alone; z where there is none.
+    ///
+    /// ```
+    /// use ewa_splat::io::{OpenOptions, Up, read};
+    /// use glam::DVec3;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let mesh = read("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &OpenOptions::default())?;
+    /// let disc = read("b.csv", b"x,y,z\n0,0,0\n9,0,0\n0,0,9\n9,1,9\n", &OpenOptions::default())?;
+    /// let grain = read("c.csv", b"x,y,z\n0,0,0\n9,9,9\n", &OpenOptions::default())?;
+    /// assert_eq!(Up::of_scene([mesh.up()]).direction, DVec3::Y);
+    /// assert_eq!(Up::of_scene([mesh.up(), grain.up()]).direction, DVec3::Z);
+    /// assert_eq!(Up::of_scene([disc.up(), grain.up()]).direction, DVec3::Y);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn of_scene(all: impl IntoIterator<Item = Self>) -> Self {
+        let none = Self {
+            direction: DVec3::Z,
+            reason: "no data",
+            is_of_mesh: true,
+        };
+        let first_of = |chosen: Option<Self>, next: Self| match chosen {
+            Some(known) if next.is_of_mesh || !known.is_of_mesh => Some(known),
+            _ => Some(next),
+        };
+        all.into_iter().fold(None, first_of).unwrap_or(none)
+    }
+}
+
+impl Dataset {
+    /// Which way is up: as the format has it ([`Dataset::format_up`]), or else as what it holds suggests.
+    pub fn up(&self) -> Up {
+        let is_of_mesh = matches!(self.geometry, Geometry::Mesh(_));
+        let guessed = match &self.geometry {
+            Geometry::Splats(_) => (DVec3::NEG_Y, "training scenes of splats have y down"),
+            Geometry::Points { positions } => of_layer(positions),
+            Geometry::Mesh(_) => (
+                DVec3::Z,
+                "meshes of a format that states nothing: z by convention",
+            ),
+            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => {
+                (DVec3::Z, "grids: z by convention")
+            }
+        };
+        let (direction, reason) = self.format_up.unwrap_or(guessed);
+        Up {
+            direction,
+            reason,
+            is_of_mesh,
+        }
+    }
+}
+
+/// The axis across a flat layer of particles, a disc of stars say; z of all others.
+fn of_layer(positions: &[DVec3]) -> (DVec3, &'static str) {
+    let finite = positions.iter().filter(|p| p.is_finite());
+    let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| {
+        (a.min(*p), b.max(*p))
+    });
+    let extent = high - low;
+    // Phrased so that no extent, and extents that overflow, are no layer.
+    let is_thin = |axis: usize| {
+        let others = [1, 2].map(|step| extent[(axis + step) % 3]);
+        extent[axis].is_finite() && extent[axis] < FLAT * others[0].min(others[1])
+    };
+    match (is_thin(0), is_thin(1), is_thin(2)) {
+        (true, ..) => (DVec3::X, "across a flat layer of particles"),
+        (_, true, _) => (DVec3::Y, "across a flat layer of particles"),
+        (.., true) => (DVec3::Z, "across a flat layer of particles"),
+        _ => (DVec3::Z, "particles: z by convention"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::io::{CellMesh, Mesh, SplatCloud};
+
+    fn up(geometry: Geometry) -> Up {
+        Dataset::new(Path::new("a"), "made", geometry, Vec::new()).up()
+    }
+
+    fn points(extent: [f64; 3]) -> Up {
+        let high = DVec3::from(extent);
+        let positions = vec![
+            DVec3::NAN,
+            DVec3::ONE,
+            DVec3::ONE + high,
+            DVec3::ONE + high / 2.0,
+        ];
+        up(Geometry::Points { positions })
+    }
+
+    #[test]
+    fn flat_layers_of_particles_lie() {
+        for (extent, expected) in [
+            ([1.0, 1.0, 1.0], DVec3::Z),
+            ([4.0, 4.0, 0.5], DVec3::Z),
+            ([4.0, 0.5, 4.0], DVec3::Y),
+            ([0.5, 4.0, 4.0], DVec3::X),
+            // On either side of a quarter of the lesser of the others.
+            ([9.0, 0.99, 4.0], DVec3::Y),
+            ([9.0, 1.01, 4.0], DVec3::Z),
+            // Lines, a point and a sheet without any thickness.
+            ([4.0, 0.0, 0.0], DVec3::Z),
+            ([0.0, 4.0, 0.0], DVec3::Z),
+            ([0.0; 3], DVec3::Z),
+            ([4.0, 0.0, 4.0], DVec3::Y),
+        ] {
+            assert_eq!(points(extent).direction, expected, "{extent:?}");
+        }
+        assert_eq!(points([f64::MAX, f64::INFINITY, 1.0]).direction, DVec3::Z);
+        let nothing = Geometry::Points { positions: vec![] };
+        assert_eq!(up(nothing).direction, DVec3::Z);
+    }
+
+    #[test]
+    fn the_first_that_is_no_mesh_says_what_is_up() {
+        let mesh = up(Geometry::Mesh(Mesh::default()));
+        let splats = up(Geometry::Splats(SplatCloud::default()));
+        let grid = up(Geometry::Cells(CellMesh::default()));
+        let [y_mesh, layer] = [
+            Up {
+                direction: DVec3::Y,
+                ..mesh
+            },
+            points([4.0, 0.5, 4.0]),
+        ];
+        for (all, expected) in [
+            (vec![], DVec3::Z),
+            (vec![mesh], DVec3::Z),
+            (vec![y_mesh, mesh], DVec3::Y),
+            (vec![mesh, y_mesh], DVec3::Z),
+            (vec![y_mesh, grid], DVec3::Z),
+            (vec![y_mesh, mesh, splats, grid], DVec3::NEG_Y),
+            (vec![grid, splats], DVec3::Z),
+            (vec![layer, mesh, grid], DVec3::Y),
+        ] {
+            assert_eq!(Up::of_scene(all.clone()).direction, expected, "{all:?}");
+        }
+    }
+}

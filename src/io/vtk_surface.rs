@@ -1,0 +1,185 @@
+//! Flat cells of VTK files as a mesh.
+//!
+//! | array of the points | what |
+//! |---|---|
+//! | the first of three or four bytes each | colours, sRGB-encoded, and opacity |
+//! | `Normals`, three numbers each | normals |
+//!
+//! Cells of higher order are taken by their corners, and those that ghost arrays take out are left out.
+//! The surface is seen from behind, too, unless it is closed with its front outwards (see [`super::closed`]).
+
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::blanking::Blanking;
+use super::closed::are_closed;
+use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
+use super::polygons::{approximate_note, strip, triangles};
+use super::table::list;
+use super::{AlphaMode, CellKind, CellMesh, Mesh, MeshPart};
+use crate::error::Result;
+use crate::image::linear_from_srgb;
+use crate::scene::Values;
+
+/// Whether cells are a surface: some are flat, and none is a solid or of a kind that is not known.
+pub(super) fn is_surface(cells: &CellMesh) -> bool {
+    cells.kinds.iter().any(|kind| kind.is_flat())
+        && cells
+            .kinds
+            .iter()
+            .all(|kind| kind.is_flat() || kind.is_thin())
+}
+
+/// The mesh of checked cells that [`is_surface`] holds for.
+///
+/// # Errors
+/// No triangle with an area.
+pub(super) fn dataset(
+    path: &Path,
+    format: &'static str,
+    cells: CellMesh,
+    fields: Vec<Field>,
+) -> Result<Dataset> {
+    let mut data = Dataset::new(path, format, Geometry::Cells(cells), fields);
+    let blanking = Blanking::of(&data)?;
+    let Geometry::Cells(cells) =
+        std::mem::replace(&mut data.geometry, Geometry::Mesh(Mesh::default()))
+    else {
+        unreachable!("it was made above")
+    };
+    let fields = std::mem::take(&mut data.fields);
+
+    let mut part = MeshPart::default();
+    let mut used = Vec::new();
+    if let Some((i, colours)) = colours(&fields, cells.nodes.len()) {
+        used.push(i);
+        part.colours = colours;
+    }
+    if let Some((i, normals)) = normals(&fields, cells.nodes.len()) {
+        used.push(i);
+        part.normals = normals;
+    }
+    let (mut hidden, mut thin, mut higher) = (0, 0, 0);
+    let (mut corners, mut ends) = (Vec::new(), Vec::new());
+    for (i, &kind) in cells.kinds.iter().enumerate() {
+        let cell = cells.cell(i);
+        if kind.is_thin() {
+            thin += usize::from(kind != CellKind::EMPTY);
+            continue;
+        }
+        if blanking.cell(i) || cell.iter().any(|&n| blanking.node(n as usize)) {
+            hidden += 1;
+            continue;
+        }
+        higher += usize::from(kind.is_of_higher_order());
+        if kind == CellKind::TRIANGLE_STRIP {
+            let mut triangles = Vec::new();
+            strip(cell, &mut triangles);
+            for triangle in triangles {
+                corners.extend(triangle);
+                ends.push(corners.len());
+            }
+            continue;
+        }
+        outline(kind, cell, &mut corners);
+        ends.push(corners.len());
+    }
+    part.positions = cells.nodes;
+    let mut approximate = 0;
+    part.triangles = triangles(&corners, &ends, &part.positions, &mut approximate);
+
+    let mut material = plain(!part.colours.is_empty());
+    if part.colours.iter().any(|c| c[3] < 1.0) {
+        material.alpha = AlphaMode::Blend;
+    }
+    material.is_double_sided = are_closed(std::slice::from_ref(&part)) != [true];
+    let mut left_out = LeftOut::default();
+    finish(&mut part, &mut left_out);
+    let mesh = Mesh {
+        parts: vec![part],
+        materials: vec![material],
+        textures: Vec::new(),
+    };
+    check_not_empty(path, &mesh)?;
+    data.geometry = Geometry::Mesh(mesh);
+
+    for (count, what) in [
+        (thin, "points and lines are not shown beside the surface"),
+        (
+            hidden,
+            "cells are hidden, or copies of another piece's, and left out",
+        ),
+        (higher, "cells are of higher order: drawn by their corners"),
+    ] {
+        if count > 0 {
+            data.notes.push(format!("{count} {what}"));
+        }
+    }
+    data.notes.extend(approximate_note(approximate));
+    data.notes.extend(left_out.notes());
+    let others = fields.iter().enumerate().filter(|(i, _)| !used.contains(i));
+    let mut others = others.map(|(_, field)| field.name.as_str()).peekable();
+    if others.peek().is_some() {
+        data.notes.push(format!(
+            "fields of a surface are not shown: {}",
+            list(others)
+        ));
+    }
+    Ok(data)
+}
+
+/// Appends the corners of a flat cell, in order around it.
+fn outline(kind: CellKind, cell: &[u32], corners: &mut Vec<u32>) {
+    match (kind, kind.flat_corner_count()) {
+        (CellKind::PIXEL, _) => corners.extend([0, 1, 3, 2].map(|i: usize| cell[i])),
+        // Nodes on the edges follow those at the corners.
+        (CellKind::QUADRATIC_POLYGON, _) => corners.extend(&cell[..cell.len() / 2]),
+        (_, Some(count)) => corners.extend(&cell[..count]),
+        (_, None) => corners.extend(cell),
+    }
+}
+
+/// The first field of points with three or four bytes each, as linear RGBA.
+fn colours(fields: &[Field], count: usize) -> Option<(usize, Vec<[f32; 4]>)> {
+    fields.iter().enumerate().find_map(|(i, field)| {
+        let FieldSource::Vector(components) = &field.source else {
+            return None;
+        };
+        let bytes = |c: &Values| match c {
+            Values::U8(bytes) if bytes.len() == count => Some(bytes.clone()),
+            _ => None,
+        };
+        let bytes: Option<Vec<Vec<u8>>> = components.iter().map(bytes).collect();
+        let bytes = bytes.filter(|c| matches!(c.len(), 3 | 4))?;
+        if field.association != Association::Nodes {
+            return None;
+        }
+        let share = |byte: u8| f32::from(byte) / 255.0;
+        let colour = |p: usize| {
+            let [r, g, b] = [0, 1, 2].map(|c| linear_from_srgb(share(bytes[c][p])));
+            [r, g, b, bytes.get(3).map_or(1.0, |alpha| share(alpha[p]))]
+        };
+        Some((i, (0..count).map(colour).collect()))
+    })
+}
+
+/// The normals of points.
+fn normals(fields: &[Field], count: usize) -> Option<(usize, Vec<Vec3>)> {
+    fields.iter().enumerate().find_map(|(i, field)| {
+        let is_normals =
+            field.association == Association::Nodes && field.name.eq_ignore_ascii_case("normals");
+        match &field.source {
+            FieldSource::Vector(xyz) if is_normals => {
+                let [x, y, z] = xyz.as_slice() else {
+                    return None;
+                };
+                let is_whole = [x, y, z].iter().all(|c| c.len() == count);
+                let normal = |p: usize| Vec3::new(x.get(p), y.get(p), z.get(p));
+                is_whole.then(|| (i, (0..count).map(normal).collect()))
+            }
+            _ => None,
+        }
+    })
+}
