@@ -20,7 +20,7 @@ use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
 use ewa_splat::sample::{BoundaryChoice, SampleOptions, TransferChoice, grid, volume as sample};
 use ewa_splat::scene::{
     AutomaticOptions, Boundary, Colour, Lattice, Particles, PointVolume, Strength,
-    TransferDefaults, TransferFunction, ValueSample, Values,
+    TransferFunction, ValueSample, Values,
 };
 use ewa_splat::stages::splat::budget::WORST_PIXEL;
 use ewa_splat::view::{Camera, Lens, Viewpoint};

@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.difference {
         check_image_path(path)?;
         check_collisions(
-            &[arguments.a.clone(), arguments.b.clone()],
+            [&arguments.a, &arguments.b].into_iter(),
             std::iter::once(path),
         )?;
     }

@@ -48,7 +48,7 @@ struct Converted {
 /// What reading, sampling, converting and writing say; an output that is an input.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_splats_path(&arguments.out)?;
-    check_collisions(&arguments.inputs, std::iter::once(&arguments.out))?;
+    check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
     let bar = progress::bar(arguments.inputs.len() as u64 + 1);
     let mut converted = Converted::default();
     for path in &arguments.inputs {

@@ -4,15 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
-use ewa_splat::io::{
-    Dataset, Geometry, LengthMeaning, Mesh, OpenOptions, RawLayout, RawType, ReadAs, SphKernel, Up,
-};
+use ewa_splat::io::{Dataset, LengthMeaning, OpenOptions, RawLayout, RawType, ReadAs, SphKernel};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
-use ewa_splat::scene::{PointVolume, ScaleName};
+use ewa_splat::scene::ScaleName;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
-use indicatif::ProgressBar;
 
 use crate::parse::{self, Spacing};
 
@@ -99,17 +96,6 @@ pub(crate) struct DataOptions {
     pub(crate) endian: Endian,
 }
 
-/// What the inputs hold.
-pub(crate) struct Scene {
-    pub(crate) volumes: Vec<PointVolume>,
-    /// What each volume shows: the name of its field.
-    pub(crate) fields: Vec<Option<String>>,
-    /// Whether all are grids, whose kernels follow the spacing.
-    pub(crate) grids_only: bool,
-    /// What points up where no option says it.
-    pub(crate) up: DVec3,
-}
-
 /// What to make of points with faces.
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum ReadAsName {
@@ -189,9 +175,18 @@ pub(crate) enum Endian {
     Big,
 }
 
-fn refused_surface(expected: &'static str, found: &'static str) -> Error {
+pub(crate) fn refused_surface(expected: &'static str, found: &'static str) -> Error {
     let advice = Hint::LeaveOut(Parameter::Flatten);
     Error::invalid(Parameter::Flatten, "data", expected, found, advice)
+}
+
+/// A transfer function by the name of its file or of a colour map, which has no dot and no slash in it.
+pub(crate) fn transfer_of(name: &str) -> TransferChoice {
+    if name.contains(['.', '/', '\\']) || Path::new(name).exists() {
+        TransferChoice::File(name.into())
+    } else {
+        TransferChoice::Named(name.to_owned())
+    }
 }
 
 impl DataOptions {
@@ -253,76 +248,8 @@ impl DataOptions {
         }
     }
 
-    /// Reads and samples all of a scene, and says what was left out. A mesh alone, for which no number of
-    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area where
-    /// the mesh is seen largest. (Beside other data the camera is not known before these are sampled.)
-    pub(crate) fn scene(
-        &self,
-        inputs: &[PathBuf],
-        options: &SampleOptions,
-        most_pixels: impl Fn(&Mesh, DVec3) -> Result<Option<f64>>,
-        progress: &ProgressBar,
-    ) -> Result<Scene> {
-        self.check_surface()?;
-        let mut scene = Scene {
-            volumes: Vec::new(),
-            fields: Vec::new(),
-            grids_only: true,
-            up: DVec3::Z,
-        };
-        let mut ups = Vec::new();
-        for path in inputs {
-            progress.set_message(format!("reading {}", path.display()));
-            let dataset = self.open(path)?;
-            scene.grids_only &= !matches!(
-                dataset.geometry,
-                Geometry::Points { .. } | Geometry::Mesh(_)
-            );
-            ups.push(dataset.up());
-            for note in &dataset.notes {
-                progress.suspend(|| eprintln!("{}: {note}", path.display()));
-            }
-            let mut options = options.clone();
-            if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
-                && options.spread == Spread::Automatic
-                && let Some(density) = most_pixels(mesh, dataset.up().direction)?
-            {
-                options.spread = Spread::NoDenser(density);
-            }
-            let sampled = ewa_splat::sample::scene(dataset, &options)?;
-            for line in sampled.report.warnings() {
-                progress.suspend(|| eprintln!("{}: {line}", path.display()));
-            }
-            scene.volumes.extend(sampled.volumes);
-            let field = sampled.report.field;
-            scene.fields.resize(scene.volumes.len(), field);
-        }
-        if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
-            return Err(refused_surface("a field", "none"));
-        }
-        scene.up = Up::of_scene(ups).direction;
-        Ok(scene)
-    }
-
-    /// The scene's volumes with kernels of another width, read anew.
-    pub(crate) fn scene_at_kernel_width(
-        &self,
-        inputs: &[PathBuf],
-        kernel_width: f64,
-    ) -> Result<Vec<PointVolume>> {
-        let options = SampleOptions {
-            kernel_width,
-            ..self.sample_options()
-        };
-        let mut volumes = Vec::new();
-        for path in inputs {
-            volumes.extend(ewa_splat::sample::scene(self.open(path)?, &options)?.volumes);
-        }
-        Ok(volumes)
-    }
-
     /// Refuses to show a value beside options that say nothing then.
-    fn check_surface(&self) -> Result<()> {
+    pub(crate) fn check_surface(&self) -> Result<()> {
         if self.flatten.is_some() && self.unit_distance.is_some() {
             let found = "--unit-distance beside it";
             return Err(refused_surface("an opaque surface", found));
@@ -344,14 +271,10 @@ impl DataOptions {
         SampleOptions {
             field: self.field.clone(),
             kernel_width: self.kernel_width(),
-            transfer: match &self.transfer_function {
-                None => TransferChoice::Automatic,
-                // A colour map's name has no dot and no slash in it.
-                Some(name) if name.contains(['.', '/', '\\']) || Path::new(name).exists() => {
-                    TransferChoice::File(name.into())
-                }
-                Some(name) => TransferChoice::Named(name.clone()),
-            },
+            transfer: self
+                .transfer_function
+                .as_deref()
+                .map_or(TransferChoice::Automatic, transfer_of),
             unit_distance: self.unit_distance,
             range: self.range,
             scale: self.scale.map(|scale| match scale {

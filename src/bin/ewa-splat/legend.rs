@@ -8,7 +8,7 @@ use ewa_splat::legend::{ColourBar, draw_legend};
 use ewa_splat::scene::Colour;
 use ewa_splat::{Error, Image, Result};
 
-use crate::input::Scene;
+use crate::scene::Scene;
 
 /// What a field without a name is called.
 const UNNAMED: &str = "value";

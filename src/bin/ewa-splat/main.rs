@@ -26,6 +26,7 @@ mod outputs;
 mod parse;
 mod progress;
 mod render;
+mod scene;
 mod truth;
 mod viewpoint;
 mod words;

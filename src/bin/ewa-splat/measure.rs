@@ -16,10 +16,11 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Error, Image, Renderer, Result, Settings};
 use indicatif::ProgressBar;
 
-use crate::input::{DataOptions, Scene};
+use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, task_of, with_bar};
+use crate::scene::{Input, Scene, paths};
 use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS};
 
@@ -35,9 +36,10 @@ const REFERENCE_DATA: &str = "reference-data.exr";
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Files to render together
-    #[arg(required = true)]
-    inputs: Vec<PathBuf>,
+    /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
+    /// function
+    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
+    inputs: Vec<Input>,
     /// Folder for report.html, report.json, report.csv and the reference; made if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -74,7 +76,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
-    check_collisions(&arguments.inputs, outputs(folder).iter())?;
+    check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;
     // Hidden where standard error is no terminal.
     let progress = ProgressBar::new_spinner();
     progress.enable_steady_tick(Duration::from_millis(100));
@@ -133,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }),
     };
     let about = About {
-        inputs: arguments.inputs.iter().map(|p| name(p)).collect(),
+        inputs: arguments.inputs.iter().map(|i| name(&i.path)).collect(),
         command: command_line(),
         reference: references.summary,
         reference_data: references.data_summary,

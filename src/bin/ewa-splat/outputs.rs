@@ -7,11 +7,11 @@ use ewa_splat::{Error, Result};
 
 /// Refuses an output that would replace an input or another output.
 pub(crate) fn check_collisions<'a>(
-    inputs: &[PathBuf],
+    inputs: impl Iterator<Item = &'a PathBuf>,
     outputs: impl Iterator<Item = &'a PathBuf>,
 ) -> Result<()> {
     let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    let mut taken: Vec<PathBuf> = inputs.iter().map(real).collect();
+    let mut taken: Vec<PathBuf> = inputs.map(real).collect();
     for path in outputs {
         let path = real(path);
         if taken.contains(&path) {

@@ -30,14 +30,16 @@ use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
 use crate::progress::{task_of, with_bar};
+use crate::scene::{Input, paths};
 use crate::truth::{ReferenceName, Truth};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Files to render together
-    #[arg(required = true)]
-    inputs: Vec<PathBuf>,
+    /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
+    /// function
+    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
+    inputs: Vec<Input>,
     /// Image to write: png, exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,
@@ -267,7 +269,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         arguments.output.stats.as_ref(),
         arguments.output.write_transfer_function.as_ref(),
     ];
-    check_collisions(&arguments.inputs, outputs.into_iter().flatten())?;
+    check_collisions(paths(&arguments.inputs), outputs.into_iter().flatten())?;
     if let Some(lighting) = arguments.lighting() {
         lighting.validate()?;
     }

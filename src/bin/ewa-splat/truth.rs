@@ -1,7 +1,6 @@
 //! What the true image is of: kernels, or the data they stand for.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
 
 use clap::ValueEnum;
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
@@ -10,6 +9,7 @@ use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{Error, Result};
 
 use crate::input::DataOptions;
+use crate::scene::Input;
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 pub(crate) enum ReferenceName {
@@ -57,7 +57,7 @@ impl Truth {
     /// Of the one grid among the inputs, read anew, by the transfer function that its kernels have.
     pub(crate) fn of_data(
         data: &DataOptions,
-        inputs: &[PathBuf],
+        inputs: &[Input],
         scene: &[PointVolume],
         fields: &[Option<String>],
     ) -> Result<Self> {
@@ -80,9 +80,9 @@ impl Truth {
             let found = "the surface of --flatten".into();
             return refuse("scene", "a volume", found, advice);
         }
-        let dataset = data.open(input)?;
+        let dataset = data.open(&input.path)?;
         let ([volume], [Some(field)]) = (scene, fields) else {
-            let found = format!("{} ({})", input.display(), dataset.format);
+            let found = format!("{} ({})", input.path.display(), dataset.format);
             let advice = "take --reference kernels";
             return refuse("scene", "a grid with a field", found, advice);
         };

@@ -1,0 +1,307 @@
+//! What the inputs of a command hold together: which fields they show, and by which functions.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use ewa_splat::io::{Dataset, Geometry, Mesh, Up};
+use ewa_splat::sample::mesh::Spread;
+use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
+use ewa_splat::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
+use ewa_splat::{Error, Result};
+use glam::DVec3;
+use indicatif::ProgressBar;
+
+use crate::input::{DataOptions, refused_surface, transfer_of};
+
+/// A file, and what is to be shown of it where that is not what the options say of all.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Input {
+    pub(crate) path: PathBuf,
+    field: Option<String>,
+    function: Option<String>,
+}
+
+impl Input {
+    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. Where a file is called that with the @ in it, it is meant.
+    pub(crate) fn parse(path: PathBuf) -> Self {
+        let text = path
+            .to_str()
+            .filter(|text| text.contains('@') && !path.exists());
+        let parts: Vec<&str> = text.map_or_else(Vec::new, |text| text.split('@').collect());
+        let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
+        match parts.as_slice() {
+            [file, field] => Self {
+                path: file.into(),
+                field: stated(field),
+                function: None,
+            },
+            [file, field, function] => Self {
+                path: file.into(),
+                field: stated(field),
+                function: stated(function),
+            },
+            _ => Self {
+                path,
+                field: None,
+                function: None,
+            },
+        }
+    }
+
+    /// For clap.
+    pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
+        PathBufValueParser::new().map(Self::parse)
+    }
+}
+
+/// The files.
+pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
+    inputs.iter().map(|input| &input.path)
+}
+
+/// What the inputs hold.
+pub(crate) struct Scene {
+    pub(crate) volumes: Vec<PointVolume>,
+    /// What each volume shows: the name of its field.
+    pub(crate) fields: Vec<Option<String>>,
+    /// Whether all are grids, whose kernels follow the spacing.
+    pub(crate) grids_only: bool,
+    /// What points up: [`Up::of_scene`].
+    pub(crate) up: DVec3,
+}
+
+/// An input's volumes, and how they came about.
+struct Read {
+    volumes: Vec<PointVolume>,
+    report: SampleReport,
+    is_grid: bool,
+    up: Up,
+    /// Whether its transfer function is chosen from its own values.
+    is_automatic: bool,
+}
+
+impl DataOptions {
+    /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
+    /// that is chosen from values share one, of the values of all.
+    ///
+    /// A mesh alone, for which no number of
+    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area where
+    /// the mesh is seen largest. (Beside other data the camera is not known before these are sampled.)
+    pub(crate) fn scene(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        most_pixels: impl Fn(&Mesh, DVec3) -> Result<Option<f64>>,
+        progress: &ProgressBar,
+    ) -> Result<Scene> {
+        self.check_surface()?;
+        let options = SampleOptions {
+            keeps_value_sample: inputs.len() > 1 && !options.for_columns,
+            ..options.clone()
+        };
+        let mut missing = Vec::new();
+        let mut reads = Vec::new();
+        for input in inputs {
+            progress.set_message(format!("reading {}", input.path.display()));
+            let dataset = self.open(&input.path)?;
+            for note in &dataset.notes {
+                progress.suspend(|| eprintln!("{}: {note}", input.path.display()));
+            }
+            let mut options = self.of_input(input, &options);
+            if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
+                && options.spread == Spread::Automatic
+                && let Some(density) = most_pixels(mesh, dataset.up().direction)?
+            {
+                options.spread = Spread::NoDenser(density);
+            }
+            // What one input lacks another may have.
+            if let (Some(field), None, true) = (&options.field, &input.field, inputs.len() > 1)
+                && !matches!(dataset.geometry, Geometry::Mesh(_))
+                && let Some(error) = absence(&dataset, field)
+            {
+                missing.push((input, error));
+                options.field = None;
+            }
+            let read = read(dataset, &options)?;
+            for line in read.report.warnings() {
+                progress.suspend(|| eprintln!("{}: {line}", input.path.display()));
+            }
+            reads.push(read);
+        }
+        let wanted = options.field.as_deref().unwrap_or_default();
+        let is_wanted = |read: &Read| {
+            let shown = read.report.field.as_deref();
+            shown.is_some_and(|shown| shown.eq_ignore_ascii_case(wanted))
+        };
+        let is_shown = reads.iter().any(is_wanted);
+        for (input, error) in missing {
+            if !is_shown {
+                return Err(error);
+            }
+            let (path, field) = (input.path.display(), wanted);
+            progress.suspend(|| eprintln!("{path}: no field `{field}`: shown by its own"));
+        }
+        self.share_functions(inputs, &options, &mut reads, progress)?;
+        let mut scene = Scene {
+            volumes: Vec::new(),
+            fields: Vec::new(),
+            grids_only: reads.iter().all(|read| read.is_grid),
+            up: DVec3::Z,
+        };
+        let mut ups = Vec::new();
+        for read in reads {
+            ups.push(read.up);
+            scene.volumes.extend(read.volumes);
+            scene.fields.resize(scene.volumes.len(), read.report.field);
+        }
+        if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
+            return Err(refused_surface("a field", "none"));
+        }
+        scene.up = Up::of_scene(ups).direction;
+        Ok(scene)
+    }
+
+    /// The options of one input.
+    fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
+        let mut own = options.clone();
+        own.field = input.field.clone().or(own.field);
+        if let Some(function) = &input.function {
+            own.transfer = transfer_of(function);
+        }
+        own
+    }
+
+    /// Samples inputs again that show the same field, by one function of the values of all.
+    fn share_functions(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        reads: &mut [Read],
+        progress: &ProgressBar,
+    ) -> Result<()> {
+        let mut of_field: HashMap<(String, Option<String>), Vec<usize>> = HashMap::new();
+        for (i, (read, input)) in reads.iter().zip(inputs).enumerate() {
+            if let (Some(field), true, Some(_)) = (
+                &read.report.field,
+                read.is_automatic,
+                &read.report.value_sample,
+            ) {
+                let key = (field.to_lowercase(), input.function.clone());
+                of_field.entry(key).or_default().push(i);
+            }
+        }
+        for members in of_field.into_values().filter(|members| members.len() > 1) {
+            let samples = members
+                .iter()
+                .filter_map(|&i| reads[i].report.value_sample.take());
+            let Some(sample) = ValueSample::joined(samples.collect::<Vec<_>>()) else {
+                continue;
+            };
+            let first = self.of_input(&inputs[members[0]], options);
+            // Of the finest one: opacities of others are stated over the same length.
+            let units = members.iter().map(|&i| reads[i].report.unit_distance);
+            let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
+            let function = TransferFunction::automatic(
+                &sample,
+                &AutomaticOptions {
+                    colour_map: match &first.transfer {
+                        TransferChoice::Named(name) => Some(name),
+                        _ => None,
+                    },
+                    range: first.range,
+                    scale: first.scale,
+                    unit_distance,
+                },
+            )?;
+            for i in members {
+                let input = &inputs[i];
+                progress.set_message(format!("reading {}", input.path.display()));
+                // Freed before the next is there.
+                reads[i].volumes.clear();
+                let own = SampleOptions {
+                    transfer: TransferChoice::Given(function.clone()),
+                    keeps_value_sample: false,
+                    ..self.of_input(input, options)
+                };
+                reads[i] = read(self.open(&input.path)?, &own)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The scene's volumes with kernels of another width, read anew.
+    pub(crate) fn scene_at_kernel_width(
+        &self,
+        inputs: &[Input],
+        kernel_width: f64,
+    ) -> Result<Vec<PointVolume>> {
+        let options = SampleOptions {
+            kernel_width,
+            ..self.sample_options()
+        };
+        let mut volumes = Vec::new();
+        for input in inputs {
+            let dataset = self.open(&input.path)?;
+            volumes.extend(
+                ewa_splat::sample::scene(dataset, &self.of_input(input, &options))?.volumes,
+            );
+        }
+        Ok(volumes)
+    }
+}
+
+/// Why a field cannot be shown, if it is not there.
+fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
+    let name = selector.rsplit_once(':').map_or(selector, |(name, _)| name);
+    let is_there = |name: &str| {
+        let mut names = dataset.fields.iter().map(|f| &f.name);
+        names.any(|own| own.eq_ignore_ascii_case(name))
+    };
+    if is_there(selector) || is_there(name) {
+        return None;
+    }
+    dataset.scalar(selector).err()
+}
+
+fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
+    let is_grid = !matches!(
+        dataset.geometry,
+        Geometry::Points { .. } | Geometry::Mesh(_)
+    );
+    let up = dataset.up();
+    let SampledScene { volumes, report } = ewa_splat::sample::scene(dataset, options)?;
+    Ok(Read {
+        volumes,
+        report,
+        is_grid,
+        up,
+        is_automatic: matches!(
+            options.transfer,
+            TransferChoice::Automatic | TransferChoice::Named(_)
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_name_a_file_a_field_and_a_function() {
+        let parse = |text: &str| Input::parse(text.into());
+        let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
+            path: path.into(),
+            field: field.map(str::to_owned),
+            function: function.map(str::to_owned),
+        };
+        assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
+        assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));
+        assert_eq!(
+            parse("a.vtu@v:x@f.json"),
+            of("a.vtu", Some("v:x"), Some("f.json"))
+        );
+        assert_eq!(parse("a.vtu@@plasma"), of("a.vtu", None, Some("plasma")));
+        assert_eq!(parse("a@b@c@d"), of("a@b@c@d", None, None));
+    }
+}
