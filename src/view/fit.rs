@@ -34,6 +34,18 @@ const FILL: f64 = 0.92;
 /// A box by its middle and its half extents, world units.
 pub type Bounds = (DVec3, DVec3);
 
+/// The middle and the radius \[world units\] of a sphere around boxes, about the middle of what they span; `None` where
+/// there is no box.
+pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
+    let corners = boxes
+        .iter()
+        .map(|&(middle, half)| (middle - half, middle + half));
+    let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+    let centre = (lower + upper) / 2.0;
+    let reach = |&(middle, half): &Bounds| ((middle - centre).abs() + half).length();
+    Some((centre, boxes.iter().map(reach).fold(0.0, f64::max)))
+}
+
 impl Viewpoint {
     /// The camera of this direction that sees all of `boxes` as large and as centred as it can;
     /// `None` where there is no box.
@@ -42,6 +54,36 @@ impl Viewpoint {
     /// x - ex = ± t (z - ez). So A + t ez <= ex <= B - t ez with A the greatest x - t z and B the
     /// least x + t z of the data: ez is the greatest that leaves room, ex the middle.
     pub fn camera(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
+        // Least and greatest n . p over all boxes.
+        self.fitted(lens, size, |n| {
+            boxes.iter().fold(
+                (f64::INFINITY, f64::NEG_INFINITY),
+                |(least, most), &(middle, half)| {
+                    let (centre, reach) = (n.dot(middle), n.abs().dot(half));
+                    (least.min(centre - reach), most.max(centre + reach))
+                },
+            )
+        })
+    }
+
+    /// The camera of this direction that sees all of the sphere around `boxes`, as large as it can; `None` where there
+    /// is no box. From every side it is as far away, so that turning it neither cuts the data nor pulses.
+    pub fn camera_around(&self, boxes: &[Bounds], lens: Lens, size: [usize; 2]) -> Option<Camera> {
+        let (middle, radius) = sphere_around(boxes)?;
+        self.fitted(lens, size, |n| {
+            let (centre, reach) = (n.dot(middle), n.length() * radius);
+            (centre - reach, centre + reach)
+        })
+    }
+
+    /// - `extent`: the least and the greatest n . p of the points to be seen; infinite and the other way round where
+    ///   there are none.
+    fn fitted(
+        &self,
+        lens: Lens,
+        size: [usize; 2],
+        extent: impl Fn(DVec3) -> (f64, f64),
+    ) -> Option<Camera> {
         let (azimuth, elevation) = (
             self.azimuth_deg.to_radians(),
             self.elevation_deg.to_radians(),
@@ -60,16 +102,6 @@ impl Viewpoint {
         let upright = DQuat::from_rotation_arc(DVec3::Z, self.up);
         let (forward, up) = (upright * forward, upright * up);
         let (right, down) = (forward.cross(up), -up);
-        // Least and greatest n . p over all boxes.
-        let extent = |n: DVec3| {
-            boxes.iter().fold(
-                (f64::INFINITY, f64::NEG_INFINITY),
-                |(least, most), &(middle, half)| {
-                    let (centre, reach) = (n.dot(middle), n.abs().dot(half));
-                    (least.min(centre - reach), most.max(centre + reach))
-                },
-            )
-        };
         let (near, far) = extent(forward);
         if !(near <= far) {
             return None;
@@ -117,6 +149,56 @@ impl Viewpoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_turning_camera_keeps_its_distance_and_sees_all() {
+        let boxes = [
+            (DVec3::new(0.5, 1.5, 7.0), DVec3::new(3.5, 0.5, 2.0)),
+            (DVec3::new(9.0, -4.0, 1.0), DVec3::new(0.1, 2.0, 0.3)),
+        ];
+        let (middle, radius) = sphere_around(&boxes).unwrap();
+        let corners = boxes.iter().flat_map(|&(middle, half)| {
+            (0..8).map(move |i| {
+                let sign = |a: usize| if i >> a & 1 == 0 { -1.0 } else { 1.0 };
+                middle + half * DVec3::new(sign(0), sign(1), sign(2))
+            })
+        });
+        let corners: Vec<DVec3> = corners.collect();
+        // Around what all span: no corner is farther, one is at the least span's half.
+        assert!(
+            corners
+                .iter()
+                .all(|c| c.distance(middle) <= radius * (1.0 + 1e-12))
+        );
+        for lens in [Lens::FovDeg(40.0), Lens::OrthoHeight(None)] {
+            let mut distances = Vec::new();
+            for step in 0..12 {
+                let view = Viewpoint {
+                    azimuth_deg: 30.0 * f64::from(step),
+                    elevation_deg: 25.0,
+                    zoom: 1.0,
+                    up: DVec3::Y,
+                };
+                let camera = view.camera_around(&boxes, lens, [300, 200]).unwrap();
+                distances.push(camera.eye.distance(middle));
+                for corner in &corners {
+                    let p = camera.camera_from_world * (*corner - camera.eye);
+                    let scale = match lens {
+                        Lens::FovDeg(_) => 1.0 / p.z,
+                        Lens::OrthoHeight(_) => 1.0,
+                    };
+                    let px = camera.focal_px * p.truncate() * scale + camera.centre_px;
+                    assert!(px.cmpge(glam::DVec2::ZERO).all() && px.x <= 300.0 && px.y <= 200.0);
+                }
+            }
+            assert!(
+                distances
+                    .iter()
+                    .all(|d| (d / distances[0] - 1.0).abs() < 1e-12)
+            );
+        }
+        assert!(sphere_around(&[]).is_none());
+    }
 
     #[test]
     fn every_corner_is_seen_and_the_picture_is_filled_and_centred() {

@@ -6,10 +6,12 @@
 
 mod camera;
 mod camera_file;
+mod camera_path;
 mod clip;
 mod fit;
 
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
+pub use camera_path::{CameraPath, KeyCamera};
 pub use clip::{ClipPlane, clip_boxes};
-pub use fit::{Bounds, Lens, Viewpoint};
+pub use fit::{Bounds, Lens, Viewpoint, sphere_around};

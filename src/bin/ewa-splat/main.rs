@@ -12,6 +12,7 @@ macro_rules! say {
 }
 pub(crate) use say;
 
+mod animation;
 mod column;
 mod compare;
 mod convert;
@@ -27,6 +28,7 @@ mod parse;
 mod progress;
 mod render;
 mod scene;
+mod sequence;
 mod truth;
 mod viewpoint;
 mod words;

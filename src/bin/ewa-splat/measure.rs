@@ -22,7 +22,7 @@ use crate::parse;
 use crate::progress::{bar, task_of, with_bar};
 use crate::scene::{Input, Scene, paths};
 use crate::truth::Truth;
-use crate::viewpoint::{CameraOptions, DEFAULT_LENS};
+use crate::viewpoint::{CameraOptions, DEFAULT_LENS, most_pixels};
 
 /// Width and height of a measurement in pixels.
 const DEFAULT_SIZE: [usize; 2] = [256, 256];
@@ -85,13 +85,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task_of(&progress),
         ..arguments.data.sample_options()
     };
-    let most_pixels = |mesh: &Mesh, up| {
+    let densest = |mesh: &Mesh, up| {
         let camera = &arguments.camera;
-        camera.most_pixels(mesh, up, arguments.size, &[])
+        most_pixels(mesh, &[], |boxes| {
+            let lens = DEFAULT_LENS;
+            Ok(vec![camera.camera(
+                boxes,
+                up,
+                arguments.size,
+                DEFAULT_SIZE,
+                lens,
+            )?])
+        })
     };
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, most_pixels, &progress)?;
+        .scene(&arguments.inputs, &options, densest, &progress)?;
     let mut renderer = Renderer::new(scene.volumes.clone())?;
     let camera = arguments.camera.camera(
         &renderer.visible_boxes(),

@@ -9,7 +9,7 @@ use ewa_splat::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
-use ewa_splat::legend::{ColourBar, check_legend_size};
+use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend};
 use ewa_splat::measure::{ErrorSample, SampledError, median_times};
 use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
@@ -17,11 +17,14 @@ use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::{Lighting, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
-use ewa_splat::view::{Camera, ClipPlane, Lens};
-use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
+use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens};
+use ewa_splat::{
+    Backend, ColumnSettings, Error, Image, Renderer, Result, SceneOptions, Settings, Show,
+};
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::animation::{self, Animation};
 use crate::count::describe;
 use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
@@ -29,10 +32,11 @@ use crate::legend::{LegendOptions, bars, write_with_legend};
 use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
-use crate::progress::{task_of, with_bar};
+use crate::progress::{bar, task_of, with_bar};
 use crate::scene::{Input, paths};
+use crate::sequence::SequenceOptions;
 use crate::truth::{ReferenceName, Truth};
-use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of};
+use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of, most_pixels};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -63,6 +67,8 @@ pub(crate) struct Arguments {
     cut: CutOptions,
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
+    #[command(flatten)]
+    sequence: SequenceOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -250,7 +256,7 @@ struct Output {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let begun = Instant::now();
-    check_image_path(&arguments.out)?;
+    arguments.check_sequence()?;
     let layers = [&arguments.output.depth, &arguments.output.normals];
     for path in layers.into_iter().flatten() {
         check_depth_path(path)?;
@@ -289,14 +295,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task.clone(),
         ..arguments.data.sample_options()
     };
+    if arguments.sequence.is_series() {
+        return arguments.draw_series(&options, &progress);
+    }
     let planes = arguments.clip_planes();
-    let most_pixels = |mesh: &Mesh, up| {
-        let camera = &arguments.camera;
-        camera.most_pixels(mesh, up, arguments.size, &planes)
+    let cameras = |boxes: &[Bounds], up, lens| {
+        let (sequence, size) = (&arguments.sequence, arguments.size);
+        sequence.cameras(&arguments.camera, boxes, up, size, lens)
     };
+    let densest =
+        |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, DEFAULT_LENS));
     let scene = arguments
         .data
-        .scene(&arguments.inputs, &options, most_pixels, &progress)?;
+        .scene(&arguments.inputs, &options, densest, &progress)?;
     let is_column = arguments.method.column_density;
     let legend = match arguments.legend.legend {
         true if !is_column => bars(&scene)?,
@@ -338,9 +349,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         (renderer.visible_boxes(), DEFAULT_LENS)
     };
     let boxes = left_of(all, &arguments.clip_planes());
-    let camera = arguments
-        .camera
-        .camera(&boxes, up, arguments.size, DEFAULT_SIZE, lens)?;
+    let cameras = cameras(&boxes, up, lens)?;
+    let camera = cameras[0].clone();
     let backend = arguments.backend(&renderer, &camera);
     let mut renderer = renderer.on_backend(backend)?;
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
@@ -360,6 +370,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return arguments.integrate(&truth, &camera, low_pass, &legend, prepared);
     }
     let mut settings = arguments.settings(low_pass);
+    if arguments.sequence.is_asked_for() {
+        let mut animation = arguments.animation(&cameras)?;
+        let bar = bar(cameras.len() as u64).with_message("rendering");
+        for camera in &cameras {
+            let image = renderer.render(camera, &settings)?;
+            arguments.push(&mut animation, image, &legend)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        return animation.finish();
+    }
     let asked = settings.tolerance;
     let mut sample = None;
     if arguments.method.calibrate {
@@ -484,6 +505,94 @@ fn in_words(error: &SampledError, asked: f32, drawn: f32) -> String {
 }
 
 impl Arguments {
+    /// Whether what is written can hold what is asked for.
+    fn check_sequence(&self) -> Result<()> {
+        let fault = |option: &'static str, expected: &str, found: &str| {
+            let advice = "leave it out";
+            Err(Error::invalid(option, "use", expected, found, advice))
+        };
+        let is_animated = matches!(animation::extension(&self.out).as_str(), "apng" | "gif");
+        if self.sequence.has_rate() && !is_animated {
+            return fault("--rate", "an .apng or a .gif", "files of one picture");
+        }
+        match self.sequence.is_asked_for() {
+            true if self.output.stats.is_some() => {
+                fault("--stats", "one picture", "a sequence of them")
+            }
+            true => animation::check_path(&self.out),
+            false => check_image_path(&self.out),
+        }
+    }
+
+    /// A file or files for pictures of these cameras.
+    fn animation(&self, cameras: &[Camera]) -> Result<Animation> {
+        let size = [cameras[0].width, cameras[0].height];
+        Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
+    }
+
+    /// Adds a picture with its legend.
+    fn push(&self, animation: &mut Animation, image: &Image, legend: &[ColourBar]) -> Result<()> {
+        let rate = self.sequence.rate();
+        if legend.is_empty() {
+            return animation.push(image, rate);
+        }
+        let mut image = image.clone();
+        draw_legend(legend, &mut image)?;
+        animation.push(&image, rate)
+    }
+
+    /// A picture of each input, from one camera and by one transfer function.
+    fn draw_series(&self, options: &SampleOptions, progress: &ProgressBar) -> Result<()> {
+        let series = self.data.series(&self.inputs, options, progress)?;
+        let options = SampleOptions {
+            transfer: series.transfer,
+            ..options.clone()
+        };
+        let planes = self.clip_planes();
+        let boxes = left_of(series.boxes, &planes);
+        let place = |up| {
+            let options = &self.camera;
+            options.camera(&boxes, up, self.size, DEFAULT_SIZE, DEFAULT_LENS)
+        };
+        let bar = bar(self.inputs.len() as u64).with_message("rendering");
+        let mut camera = None;
+        let mut animation = None;
+        for input in &self.inputs {
+            let densest = |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up)?]));
+            let step = std::slice::from_ref(input);
+            let mut scene = self.data.scene(step, &options, densest, progress)?;
+            let legend = match self.legend.legend {
+                true => bars(&scene)?,
+                false => Vec::new(),
+            };
+            if self.cut.cut_faces {
+                add_faces(&mut scene.volumes, &planes)?;
+            }
+            // What is up of the first step is up of all.
+            let camera = match &camera {
+                Some(camera) => camera,
+                None => camera.insert(place(scene.up)?),
+            };
+            let animation = match &mut animation {
+                Some(animation) => animation,
+                None => {
+                    let cameras = vec![camera.clone(); self.inputs.len()];
+                    animation.insert(self.animation(&cameras)?)
+                }
+            };
+            let renderer = Renderer::new(scene.volumes)?;
+            let backend = self.backend(&renderer, camera);
+            let mut renderer = renderer.on_backend(backend)?;
+            let suitable = renderer.suitable_low_pass_px2();
+            let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
+            let image = renderer.render(camera, &settings)?;
+            self.push(animation, image, &legend)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        animation.map_or(Ok(()), Animation::finish)
+    }
+
     /// Writes the true image, and its stated error with the statistics.
     fn integrate(
         &self,
@@ -675,8 +784,9 @@ impl Arguments {
     /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked
     /// for or none.
     fn background(&self) -> Option<[f32; 3]> {
-        let is_picture =
-            self.is_png() && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
+        let is_animated = matches!(animation::extension(&self.out).as_str(), "apng" | "gif");
+        let is_picture = (self.is_png() || is_animated)
+            && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
         match self.output.background {
             Some(Background::None) => None,
             Some(Background::Colour(colour)) => Some(colour),

@@ -8,7 +8,8 @@ use ewa_splat::io::{Dataset, Geometry, Mesh, Up};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
 use ewa_splat::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
-use ewa_splat::{Error, Result};
+use ewa_splat::view::Bounds;
+use ewa_splat::{Error, Renderer, Result, SceneOptions};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
@@ -172,6 +173,42 @@ impl DataOptions {
         own
     }
 
+    /// What the steps of a series share: the function of the values of all, and a box around each.
+    pub(crate) fn series(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+    ) -> Result<Series> {
+        let options = SampleOptions {
+            keeps_value_sample: true,
+            local_models: false,
+            ..options.clone()
+        };
+        let (mut boxes, mut samples) = (Vec::new(), Vec::new());
+        let mut unit_distance = f64::INFINITY;
+        for input in inputs {
+            progress.set_message(format!("reading {}", input.path.display()));
+            let own = self.of_input(input, &options);
+            let step = read(self.open(&input.path)?, &own)?;
+            unit_distance = unit_distance.min(step.report.unit_distance);
+            samples.extend(step.report.value_sample);
+            let whole = SceneOptions {
+                level_of_detail: false,
+                ..SceneOptions::default()
+            };
+            boxes.extend(Renderer::with_options(step.volumes, &whole)?.boxes());
+        }
+        let transfer = match ValueSample::joined(samples) {
+            None => options.transfer.clone(),
+            Some(sample) => {
+                let unit_distance = options.opacity_scale * unit_distance;
+                TransferChoice::Given(shared_function(&sample, &options, unit_distance)?)
+            }
+        };
+        Ok(Series { transfer, boxes })
+    }
+
     /// Samples inputs again that show the same field, by one function of the values of all.
     fn share_functions(
         &self,
@@ -202,18 +239,7 @@ impl DataOptions {
             // Of the finest one: opacities of others are stated over the same length.
             let units = members.iter().map(|&i| reads[i].report.unit_distance);
             let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
-            let function = TransferFunction::automatic(
-                &sample,
-                &AutomaticOptions {
-                    colour_map: match &first.transfer {
-                        TransferChoice::Named(name) => Some(name),
-                        _ => None,
-                    },
-                    range: first.range,
-                    scale: first.scale,
-                    unit_distance,
-                },
-            )?;
+            let function = shared_function(&sample, &first, unit_distance)?;
             for i in members {
                 let input = &inputs[i];
                 progress.set_message(format!("reading {}", input.path.display()));
@@ -249,6 +275,31 @@ impl DataOptions {
         }
         Ok(volumes)
     }
+}
+
+/// What the steps of a series share.
+pub(crate) struct Series {
+    /// Their transfer function.
+    pub(crate) transfer: TransferChoice,
+    /// Around the data of all.
+    pub(crate) boxes: Vec<Bounds>,
+}
+
+fn shared_function(
+    sample: &ValueSample,
+    options: &SampleOptions,
+    unit_distance: f64,
+) -> Result<TransferFunction> {
+    let automatic = AutomaticOptions {
+        colour_map: match &options.transfer {
+            TransferChoice::Named(name) => Some(name),
+            _ => None,
+        },
+        range: options.range,
+        scale: options.scale,
+        unit_distance,
+    };
+    TransferFunction::automatic(sample, &automatic)
 }
 
 /// Why a field cannot be shown, if it is not there.

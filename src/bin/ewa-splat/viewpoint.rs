@@ -3,10 +3,12 @@
 use std::cell::OnceCell;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use ewa_splat::io::Mesh;
 use ewa_splat::sample::mesh::most_pixels_per_area;
-use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera};
+use ewa_splat::view::{
+    Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera, sphere_around,
+};
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 
@@ -26,7 +28,7 @@ pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 pub(crate) struct CameraOptions {
     /// Camera in JSON: eye, target, up and fov_deg or ortho_height, or a calibrated one
     #[arg(long, value_name = "FILE", conflicts_with_all =
-          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom"])]
+          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit"])]
     camera: Option<PathBuf>,
     /// What the file says: read once, because a pipe can be.
     #[arg(skip)]
@@ -57,6 +59,16 @@ pub(crate) struct CameraOptions {
     /// Fitted camera: magnification
     #[arg(long, value_name = "F", value_parser = parse::positive)]
     zoom: Option<f64>,
+    /// What a fitted camera shows: the data as large as this view of them allows, or the sphere around all of them,
+    /// which is as large from every side
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["eye", "camera"])]
+    fit: Option<Fit>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Fit {
+    View,
+    All,
 }
 
 impl CameraOptions {
@@ -82,11 +94,7 @@ impl CameraOptions {
         let size = size.unwrap_or(default_size);
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let up = self.up.unwrap_or(default_up);
-        let corners = boxes
-            .iter()
-            .map(|&(middle, half)| (middle - half, middle + half));
-        let all = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-        let centre = all.map(|(lower, upper)| (lower + upper) / 2.0);
+        let centre = sphere_around(boxes).map(|(centre, _)| centre);
         if let Some(eye) = self.eye {
             let target = self.target.or(centre).unwrap_or(eye + DVec3::Y);
             if target == eye {
@@ -103,8 +111,44 @@ impl CameraOptions {
                 None => Camera::perspective(eye, target, up, fov, size),
             });
         }
+        let is_turned = self.fit == Some(Fit::All);
+        Ok(self.fitted(0.0, boxes, up, size, default_lens, is_turned))
+    }
+
+    /// The camera that is fitted to the sphere around all data, turned by some degrees.
+    pub(crate) fn turned(
+        &self,
+        turn_deg: f64,
+        boxes: &[Bounds],
+        default_up: DVec3,
+        size: [usize; 2],
+        default_lens: Lens,
+    ) -> Result<Camera> {
+        if self.fit == Some(Fit::View) {
+            return Err(Error::invalid(
+                "--fit",
+                "value",
+                "all, for a turn around the data",
+                "view",
+                "leave it out",
+            ));
+        }
+        let up = self.up.unwrap_or(default_up);
+        Ok(self.fitted(turn_deg, boxes, up, size, default_lens, true))
+    }
+
+    fn fitted(
+        &self,
+        turn_deg: f64,
+        boxes: &[Bounds],
+        up: DVec3,
+        size: [usize; 2],
+        default_lens: Lens,
+        is_around: bool,
+    ) -> Camera {
+        let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let viewpoint = Viewpoint {
-            azimuth_deg: self.azimuth.unwrap_or(30.0),
+            azimuth_deg: self.azimuth.unwrap_or(30.0) + turn_deg,
             elevation_deg: self.elevation.unwrap_or(25.0),
             zoom: self.zoom.unwrap_or(1.0),
             up,
@@ -116,8 +160,13 @@ impl CameraOptions {
         };
         // An empty picture's camera looks anywhere.
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
-        let fitted = viewpoint.camera(boxes, lens, size).unwrap_or_else(unfitted);
-        Ok(match (self.target, centre) {
+        let fitted = match is_around {
+            true => viewpoint.camera_around(boxes, lens, size),
+            false => viewpoint.camera(boxes, lens, size),
+        };
+        let fitted = fitted.unwrap_or_else(unfitted);
+        let centre = sphere_around(boxes).map(|(centre, _)| centre);
+        match (self.target, centre) {
             (Some(target), Some(centre)) => {
                 // As far from the eye as the data are.
                 let forward = fitted.forward();
@@ -128,28 +177,30 @@ impl CameraOptions {
                 }
             }
             _ => fitted,
-        })
+        }
     }
+}
 
-    /// The pixels per unit area where a mesh is seen largest, drawn alone with `up` up: see [`most_pixels_per_area`].
-    pub(crate) fn most_pixels(
-        &self,
-        mesh: &Mesh,
-        up: DVec3,
-        size: Option<[usize; 2]>,
-        planes: &[ClipPlane],
-    ) -> Result<Option<f64>> {
-        let positions = mesh.parts.iter().flat_map(|part| &part.positions);
-        let corners = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
-        let bounds = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-        let Some((low, high)) = bounds else {
-            return Ok(None);
-        };
-        let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
-        let boxes = left_of(all, planes);
-        let camera = self.camera(&boxes, up, size, DEFAULT_SIZE, DEFAULT_LENS)?;
-        Ok(most_pixels_per_area(mesh, &camera))
-    }
+/// The pixels per unit area where a mesh is seen largest by any of the cameras for its boxes, drawn alone: see
+/// [`most_pixels_per_area`].
+pub(crate) fn most_pixels(
+    mesh: &Mesh,
+    planes: &[ClipPlane],
+    cameras: impl Fn(&[Bounds]) -> Result<Vec<Camera>>,
+) -> Result<Option<f64>> {
+    let positions = mesh.parts.iter().flat_map(|part| &part.positions);
+    let corners = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
+    let bounds = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let Some((low, high)) = bounds else {
+        return Ok(None);
+    };
+    let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
+    let boxes = left_of(all, planes);
+    let cameras = cameras(&boxes)?;
+    let densities = cameras
+        .iter()
+        .filter_map(|camera| most_pixels_per_area(mesh, camera));
+    Ok(densities.reduce(f64::max))
 }
 
 /// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.
