@@ -156,6 +156,15 @@ pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
     layout(bars, size).map(|_| ())
 }
 
+/// How many columns at the right of a picture of this width and height the bars' plates take, with a gap before them;
+/// 0 without bars, and where they have no room.
+pub fn legend_width(bars: &[ColourBar], size: [usize; 2]) -> usize {
+    let plates = layout(bars, size).unwrap_or_default();
+    let first = plates.first();
+    let left = first.map(|first| first.plate.left.saturating_sub(first.font.line_px() / 2));
+    left.map_or(0, |left| size[0].saturating_sub(left))
+}
+
 /// Draws colour bars into the right upper corner of a picture; nothing outside their plates changes.
 ///
 /// Colours are opaque, as a transfer function states them: what a sample looks like where nothing

@@ -12,7 +12,7 @@ use ewa_splat::measure::{
 use ewa_splat::reference::{PixelFilter, ReferenceFrame, ReferenceSettings};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::Classification;
-use ewa_splat::view::Camera;
+use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Error, Image, Renderer, Result, Settings};
 use indicatif::ProgressBar;
 
@@ -22,7 +22,7 @@ use crate::parse;
 use crate::progress::{bar, task_of, with_bar};
 use crate::scene::{Input, Scene, paths};
 use crate::truth::Truth;
-use crate::viewpoint::{CameraOptions, DEFAULT_LENS, most_pixels};
+use crate::viewpoint::{CameraOptions, Canvas, most_pixels};
 
 /// Width and height of a measurement in pixels.
 const DEFAULT_SIZE: [usize; 2] = [256, 256];
@@ -85,30 +85,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         task: task_of(&progress),
         ..arguments.data.sample_options()
     };
+    let canvas = Canvas {
+        default_size: DEFAULT_SIZE,
+        ..Canvas::of(arguments.size)
+    };
     let densest = |mesh: &Mesh, up| {
-        let camera = &arguments.camera;
-        most_pixels(mesh, &[], |boxes| {
-            let lens = DEFAULT_LENS;
-            Ok(vec![camera.camera(
-                boxes,
-                up,
-                arguments.size,
-                DEFAULT_SIZE,
-                lens,
-            )?])
-        })
+        let of_boxes = |boxes: &[Bounds]| Ok(vec![arguments.camera.camera(boxes, up, &canvas)?]);
+        most_pixels(mesh, &[], of_boxes)
     };
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, densest, &progress)?;
     let mut renderer = Renderer::new(scene.volumes.clone())?;
-    let camera = arguments.camera.camera(
-        &renderer.visible_boxes(),
-        scene.up,
-        arguments.size,
-        DEFAULT_SIZE,
-        DEFAULT_LENS,
-    )?;
+    let boxes = renderer.visible_boxes();
+    let camera = arguments.camera.camera(&boxes, scene.up, &canvas)?;
     let suitable = renderer.suitable_low_pass_px2();
     let low_pass = arguments.low_pass.unwrap_or(suitable);
     progress.finish_and_clear();

@@ -9,7 +9,7 @@ use ewa_splat::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
-use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend};
+use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width};
 use ewa_splat::measure::{ErrorSample, SampledError, median_times};
 use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
@@ -36,7 +36,7 @@ use crate::progress::{bar, task_of, with_bar};
 use crate::scene::{Input, paths};
 use crate::sequence::SequenceOptions;
 use crate::truth::{ReferenceName, Truth};
-use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of, most_pixels};
+use crate::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -299,12 +299,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return arguments.draw_series(&options, &progress);
     }
     let planes = arguments.clip_planes();
-    let cameras = |boxes: &[Bounds], up, lens| {
-        let (sequence, size) = (&arguments.sequence, arguments.size);
-        sequence.cameras(&arguments.camera, boxes, up, size, lens)
+    let cameras = |boxes: &[Bounds], up, canvas: &Canvas| {
+        let sequence = &arguments.sequence;
+        sequence.cameras(&arguments.camera, boxes, up, canvas)
     };
-    let densest =
-        |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, DEFAULT_LENS));
+    let whole = Canvas::of(arguments.size);
+    let densest = |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
     let scene = arguments
         .data
         .scene(&arguments.inputs, &options, densest, &progress)?;
@@ -343,13 +343,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         ..SceneOptions::default()
     };
     let renderer = Renderer::with_options(scene, &scene_options)?;
-    let (all, lens) = if is_column {
-        (renderer.boxes(), Lens::OrthoHeight(None))
+    let (all, canvas) = if is_column {
+        let lens = Lens::OrthoHeight(None);
+        (renderer.boxes(), Canvas { lens, ..whole })
     } else {
-        (renderer.visible_boxes(), DEFAULT_LENS)
+        let room_px = legend_width(&legend, whole.size());
+        (renderer.visible_boxes(), Canvas { room_px, ..whole })
     };
     let boxes = left_of(all, &arguments.clip_planes());
-    let cameras = cameras(&boxes, up, lens)?;
+    let cameras = cameras(&boxes, up, &canvas)?;
     let camera = cameras[0].clone();
     let backend = arguments.backend(&renderer, &camera);
     let mut renderer = renderer.on_backend(backend)?;
@@ -550,15 +552,14 @@ impl Arguments {
         };
         let planes = self.clip_planes();
         let boxes = left_of(series.boxes, &planes);
-        let place = |up| {
-            let options = &self.camera;
-            options.camera(&boxes, up, self.size, DEFAULT_SIZE, DEFAULT_LENS)
-        };
+        let whole = Canvas::of(self.size);
+        let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
         let bar = bar(self.inputs.len() as u64).with_message("rendering");
         let mut camera = None;
         let mut animation = None;
         for input in &self.inputs {
-            let densest = |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up)?]));
+            let densest =
+                |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
             let step = std::slice::from_ref(input);
             let mut scene = self.data.scene(step, &options, densest, progress)?;
             let legend = match self.legend.legend {
@@ -571,7 +572,10 @@ impl Arguments {
             // What is up of the first step is up of all.
             let camera = match &camera {
                 Some(camera) => camera,
-                None => camera.insert(place(scene.up)?),
+                None => {
+                    let room_px = legend_width(&legend, whole.size());
+                    camera.insert(place(scene.up, &Canvas { room_px, ..whole })?)
+                }
             };
             let animation = match &mut animation {
                 Some(animation) => animation,

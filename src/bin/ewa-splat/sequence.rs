@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
-use ewa_splat::view::{Bounds, Camera, CameraPath, Lens};
+use ewa_splat::view::{Bounds, Camera, CameraPath};
 use glam::DVec3;
 
-use crate::viewpoint::{CameraOptions, DEFAULT_SIZE};
+use crate::viewpoint::{CameraOptions, Canvas};
 
 /// What has one picture.
 const OF_ONE: [&str; 9] = [
@@ -69,19 +69,17 @@ impl SequenceOptions {
         options: &CameraOptions,
         boxes: &[Bounds],
         up: DVec3,
-        size: Option<[usize; 2]>,
-        lens: Lens,
+        canvas: &Canvas,
     ) -> Result<Vec<Camera>> {
-        let default = size.unwrap_or(DEFAULT_SIZE);
         match (&self.camera_path, self.turntable) {
-            (Some(path), _) => Ok(CameraPath::read(path)?.cameras(default)),
+            (Some(path), _) => Ok(CameraPath::read(path)?.cameras(canvas.size())),
             (None, Some(count)) => (0..count)
                 .map(|i| {
                     let turn = 360.0 * f64::from(i) / f64::from(count);
-                    options.turned(turn, boxes, up, default, lens)
+                    options.turned(turn, boxes, up, canvas)
                 })
                 .collect(),
-            (None, None) => Ok(vec![options.camera(boxes, up, size, DEFAULT_SIZE, lens)?]),
+            (None, None) => Ok(vec![options.camera(boxes, up, canvas)?]),
         }
     }
 }

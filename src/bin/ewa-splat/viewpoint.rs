@@ -23,6 +23,43 @@ pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
 /// Width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 
+/// What a camera's picture is like where its options do not say.
+#[derive(Clone, Copy)]
+pub(crate) struct Canvas {
+    /// Width and height in pixels, where they are asked for.
+    pub(crate) size: Option<[usize; 2]>,
+    /// Those where neither this nor a camera's file says any.
+    pub(crate) default_size: [usize; 2],
+    /// Of a fitted camera.
+    pub(crate) lens: Lens,
+    /// Columns at the right that a fitted camera leaves free, where half of the picture is left.
+    pub(crate) room_px: usize,
+}
+
+impl Canvas {
+    /// Of a picture of all of this size.
+    pub(crate) fn of(size: Option<[usize; 2]>) -> Self {
+        Self {
+            size,
+            default_size: DEFAULT_SIZE,
+            lens: DEFAULT_LENS,
+            room_px: 0,
+        }
+    }
+
+    /// The size of its picture, where no file says one.
+    pub(crate) fn size(&self) -> [usize; 2] {
+        self.size.unwrap_or(self.default_size)
+    }
+
+    /// The part of the picture to which a camera is fitted.
+    fn inner(&self) -> [usize; 2] {
+        let [width, height] = self.size();
+        let is_roomy = 2 * self.room_px <= width;
+        [width - if is_roomy { self.room_px } else { 0 }, height]
+    }
+}
+
 #[derive(Args)]
 #[command(next_help_heading = "Camera")]
 pub(crate) struct CameraOptions {
@@ -72,26 +109,22 @@ enum Fit {
 }
 
 impl CameraOptions {
-    /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_size`
-    /// holds where neither `size` nor a camera's file says another. A fitted camera
-    /// has `default_lens` where no option gives one; `default_up` points up where no option says
-    /// what does.
+    /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_up` points up where no
+    /// option says what does.
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
         default_up: DVec3,
-        size: Option<[usize; 2]>,
-        default_size: [usize; 2],
-        default_lens: Lens,
+        canvas: &Canvas,
     ) -> Result<Camera> {
         if let Some(path) = &self.camera {
             if let Some(camera) = self.read.get() {
                 return Ok(camera.clone());
             }
-            let camera = read_camera(path, size)?;
+            let camera = read_camera(path, canvas.size)?;
             return Ok(self.read.get_or_init(|| camera).clone());
         }
-        let size = size.unwrap_or(default_size);
+        let size = canvas.size();
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let up = self.up.unwrap_or(default_up);
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
@@ -112,7 +145,7 @@ impl CameraOptions {
             });
         }
         let is_turned = self.fit == Some(Fit::All);
-        Ok(self.fitted(0.0, boxes, up, size, default_lens, is_turned))
+        Ok(self.fitted(0.0, boxes, up, canvas, is_turned))
     }
 
     /// The camera that is fitted to the sphere around all data, turned by some degrees.
@@ -121,8 +154,7 @@ impl CameraOptions {
         turn_deg: f64,
         boxes: &[Bounds],
         default_up: DVec3,
-        size: [usize; 2],
-        default_lens: Lens,
+        canvas: &Canvas,
     ) -> Result<Camera> {
         if self.fit == Some(Fit::View) {
             return Err(Error::invalid(
@@ -134,7 +166,7 @@ impl CameraOptions {
             ));
         }
         let up = self.up.unwrap_or(default_up);
-        Ok(self.fitted(turn_deg, boxes, up, size, default_lens, true))
+        Ok(self.fitted(turn_deg, boxes, up, canvas, true))
     }
 
     fn fitted(
@@ -142,10 +174,10 @@ impl CameraOptions {
         turn_deg: f64,
         boxes: &[Bounds],
         up: DVec3,
-        size: [usize; 2],
-        default_lens: Lens,
+        canvas: &Canvas,
         is_around: bool,
     ) -> Camera {
+        let (size, whole) = (canvas.inner(), canvas.size());
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let viewpoint = Viewpoint {
             azimuth_deg: self.azimuth.unwrap_or(30.0) + turn_deg,
@@ -156,7 +188,7 @@ impl CameraOptions {
         let lens = match (self.ortho, self.fov) {
             (Some(height), _) => Lens::OrthoHeight(Some(height)),
             (None, Some(fov)) => Lens::FovDeg(fov),
-            (None, None) => default_lens,
+            (None, None) => canvas.lens,
         };
         // An empty picture's camera looks anywhere.
         let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
@@ -164,7 +196,11 @@ impl CameraOptions {
             true => viewpoint.camera_around(boxes, lens, size),
             false => viewpoint.camera(boxes, lens, size),
         };
-        let fitted = fitted.unwrap_or_else(unfitted);
+        // What is left free lies to the right of what it was fitted to.
+        let fitted = Camera {
+            width: whole[0],
+            ..fitted.unwrap_or_else(unfitted)
+        };
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
         match (self.target, centre) {
             (Some(target), Some(centre)) => {
