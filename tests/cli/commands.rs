@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-fn run(folder: &Path, arguments: &[&str]) -> Output {
+pub(crate) fn run(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_ewa-splat"))
         .args(arguments)
         .current_dir(folder)
@@ -13,14 +13,14 @@ fn run(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-fn fixture(name: &str) -> String {
+pub(crate) fn fixture(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fixtures")
         .join(name);
     path.to_str().unwrap().to_string()
 }
 
-fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
@@ -28,7 +28,7 @@ fn json(path: PathBuf) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-fn files(folder: &Path) -> Vec<String> {
+pub(crate) fn files(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = entries
         .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
@@ -276,46 +276,6 @@ fn bad_input_is_one_line_and_leaves_nothing() {
 }
 
 #[test]
-fn bad_usage_is_status_2() {
-    let folder = tempfile::tempdir().unwrap();
-    let wake = fixture("wake.xyz");
-    for arguments in [
-        &["render"][..],
-        &["render", &wake],
-        &["render", &wake, "--out", "a.png", "--size", "0x4"],
-        &["render", &wake, "--out", "a.png", "--fov", "180"],
-        &["render", &wake, "--out", "a.png", "--eye", "1,2"],
-        &["render", &wake, "--out", "a.png", "--tolerance", "nan"],
-        &["render", &wake, "--out", "a.png", "--filter", "best"],
-        &[
-            "render",
-            &wake,
-            "--out",
-            "a.png",
-            "--show",
-            "count",
-            "--reference",
-        ],
-        &[
-            "render",
-            &wake,
-            "--out",
-            "a.npy",
-            "--column-density",
-            "--flatten",
-            ".6",
-        ],
-        &["paint"],
-    ] {
-        assert_eq!(
-            run(folder.path(), arguments).status.code(),
-            Some(2),
-            "{arguments:?}"
-        );
-    }
-}
-
-#[test]
 fn counts_are_written_as_numbers_and_in_colours() {
     let folder = tempfile::tempdir().unwrap();
     let (wake, transfer) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
@@ -370,11 +330,14 @@ fn a_legend_is_drawn_over_the_picture() {
         run(folder.path(), &arguments)
     };
     let read = |name: &str| ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
-    let wake_with = ["--transfer-function", &transfer, "--out"];
+    // A camera that does not make room.
+    let camera = ["--eye", "-6,-11,6", "--target", "-2.5,0,0", "--fov", "30"];
+    let own = [&["--transfer-function", &transfer][..], &camera, &["--out"]].concat();
+    let wake_with = own.as_slice();
     for (plain, drawn) in [("a.npy", "b.npy"), ("a.exr", "b.exr"), ("a.pfm", "b.pfm")] {
-        let made = render(&wake, &[&wake_with[..], &[plain]].concat());
+        let made = render(&wake, &[wake_with, &[plain]].concat());
         assert!(made.status.success());
-        let made = render(&wake, &[&wake_with[..], &[drawn, "--legend"]].concat());
+        let made = render(&wake, &[wake_with, &[drawn, "--legend"]].concat());
         assert!(made.status.success(), "{}", text(&made.stderr));
         let (plain, drawn) = (read(plain), read(drawn));
         let is_changed: Vec<bool> = plain
@@ -393,7 +356,30 @@ fn a_legend_is_drawn_over_the_picture() {
         assert!(changed(120..240, 0..150) > 5000);
     }
     assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
-    let made = render(&wake, &[&wake_with[..], &["b.png", "--legend"]].concat());
+    // A fitted one does: nothing of the data lies under the plate.
+    let fitted = |more: &[&str]| {
+        let arguments = [&["--transfer-function", &transfer][..], more].concat();
+        assert!(render(&wake, &arguments).status.success());
+    };
+    fitted(&["--out", "f.npy", "--legend"]);
+    let drawn = read("f.npy");
+    let is_data = |x: usize| (0..200).any(|y| (0.01..0.8).contains(&drawn.pixel(x, y)[3]));
+    let last = (0..240).rev().find(|&x| is_data(x)).unwrap();
+    // The plate lets .15 through, along many rows at the top.
+    let is_plate = |x: usize| {
+        let rows = (12..60).filter(|&y| (drawn.pixel(x, y)[3] - 0.85).abs() < 1e-3);
+        rows.count() > 20
+    };
+    let first = (0..240).find(|&x| is_plate(x)).unwrap();
+    assert!(last < first, "{last} {first}");
+    // Without one all of the picture is the data's.
+    fitted(&["--out", "f.npy"]);
+    let drawn = read("f.npy");
+    assert!((first..240).any(|x| (0..200).any(|y| drawn.pixel(x, y)[3] > 0.01)));
+    let made = render(
+        &wake,
+        &[wake_with, &["b.png", "--legend", "--background", "none"]].concat(),
+    );
     assert!(made.status.success());
     // A sixteenth bit of sRGB lies between.
     for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
@@ -1191,6 +1177,26 @@ fn a_background_has_numbers_or_a_name() {
         }
     }
     assert_eq!(draw("navy").2, draw("#000080").2);
+    assert!(draw("None").2[3] < 0.9);
+    // Of a picture to look at a dark grey, where nothing else is asked for.
+    let pixel = |more: &[&str]| {
+        let words = ["render", "fog.csv", "--size", "8x8", "--out", "a.png"];
+        assert!(
+            run(folder.path(), &[&words[..], more].concat())
+                .status
+                .success()
+        );
+        let image = ewa_splat::io::read_image(&folder.path().join("a.png")).unwrap();
+        image.pixel(0, 0)
+    };
+    let clear = pixel(&["--background", "none"]);
+    let shown = pixel(&[]);
+    assert!(clear[3] < 0.9 && shown[3] >= 1.0);
+    // sRGB #1c1c21, and half a level of a byte.
+    for (c, grey) in [0.0116, 0.0116, 0.0152].into_iter().enumerate() {
+        let expected = clear[c] + (1.0 - clear[3]) * grey;
+        assert!((shown[c] - expected).abs() < 0.005, "{c}");
+    }
     for (wrong, expected) in [
         ("255,255,255", "#rrggbb"),
         ("-1,0,0", "0 to 1"),

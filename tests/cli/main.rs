@@ -10,5 +10,7 @@
 mod common;
 
 mod commands;
+mod defaults;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod usage;

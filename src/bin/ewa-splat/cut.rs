@@ -1,6 +1,7 @@
 //! `ewa-splat render --clip ... --cut-faces`
 
 use clap::Args;
+use ewa_splat::math::NO_NORMAL;
 use ewa_splat::sample::cut_faces;
 use ewa_splat::scene::{Particles, PointVolume, Strength};
 use ewa_splat::view::ClipPlane;
@@ -16,7 +17,13 @@ pub(crate) struct CutOptions {
 }
 
 /// Adds the faces of the planes through all volumes of fields; splats and surfels have none.
-pub(crate) fn add_faces(volumes: &mut Vec<PointVolume>, planes: &[ClipPlane]) -> Result<()> {
+///
+/// - `is_lit`: whether light falls on them; otherwise they show the transfer function's colours as they are.
+pub(crate) fn add_faces(
+    volumes: &mut Vec<PointVolume>,
+    planes: &[ClipPlane],
+    is_lit: bool,
+) -> Result<()> {
     let has_field = |v: &&PointVolume| {
         let is_flat = matches!(v.particles, Particles::Surfels { .. });
         matches!(v.strength, Strength::Classified { .. }) && !is_flat
@@ -35,6 +42,9 @@ pub(crate) fn add_faces(volumes: &mut Vec<PointVolume>, planes: &[ClipPlane]) ->
         .filter(has_field)
         .map(|v| cut_faces(v, planes));
     let faces = faces.collect::<Result<Vec<_>>>()?;
-    volumes.extend(faces.into_iter().flatten());
+    for mut face in faces.into_iter().flatten() {
+        face.normals = (!is_lit).then(|| vec![NO_NORMAL; face.particles.len()]);
+        volumes.push(face);
+    }
     Ok(())
 }

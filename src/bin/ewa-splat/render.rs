@@ -15,7 +15,7 @@ use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::scene::{Lighting, PointVolume, TransferFunction};
+use ewa_splat::scene::{Lighting, Particles, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens};
 use ewa_splat::{
@@ -314,8 +314,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         _ => Vec::new(),
     };
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    if arguments.is_lit() && !arguments.method.post_classification {
+        check_lit(&scene)?;
+    }
     if arguments.cut.cut_faces {
-        add_faces(&mut scene, &arguments.clip_planes())?;
+        add_faces(&mut scene, &arguments.clip_planes(), arguments.is_lit())?;
     }
     if let Some(path) = &arguments.output.write_transfer_function {
         write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
@@ -468,6 +471,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Refuses light where nothing has a normal.
+fn check_lit(scene: &[PointVolume]) -> Result<()> {
+    let reflects = |volume: &PointVolume| {
+        let is_surface = matches!(volume.particles, Particles::Surfels { .. });
+        is_surface || volume.normals.is_some()
+    };
+    if scene.iter().any(reflects) {
+        return Ok(());
+    }
+    let expected = "surfaces, or volumes with a field";
+    let found = "splats or particles without one";
+    Err(Error::invalid(
+        "--lit",
+        "inputs",
+        expected,
+        found,
+        "leave it out",
+    ))
+}
+
 /// The transfer function that is to be written: of all volumes the same.
 fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
     let fault = |found: String| {
@@ -567,7 +590,7 @@ impl Arguments {
                 false => Vec::new(),
             };
             if self.cut.cut_faces {
-                add_faces(&mut scene.volumes, &planes)?;
+                add_faces(&mut scene.volumes, &planes, self.is_lit())?;
             }
             // What is up of the first step is up of all.
             let camera = match &camera {
@@ -783,6 +806,11 @@ impl Arguments {
         self.light
             .lighting()
             .or_else(|| of_surfaces.then(Lighting::default))
+    }
+
+    /// Whether light is asked for.
+    fn is_lit(&self) -> bool {
+        self.light.lighting().is_some()
     }
 
     /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked

@@ -76,13 +76,114 @@ pub(crate) struct Scene {
 struct Read {
     volumes: Vec<PointVolume>,
     report: SampleReport,
-    is_grid: bool,
+    kind: Kind,
     up: Up,
     /// Whether its transfer function is chosen from its own values.
     is_automatic: bool,
 }
 
+/// What an input is, as far as options are for one kind alone.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Raw,
+    Plot3d,
+    Grid,
+    Points,
+    Splats,
+    Mesh,
+}
+
+impl Kind {
+    fn of(dataset: &Dataset) -> Self {
+        match &dataset.geometry {
+            Geometry::Lattice(_) if dataset.format == "raw volume" => Self::Raw,
+            Geometry::Curvilinear { .. } if dataset.format.contains("PLOT3D") => Self::Plot3d,
+            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => Self::Grid,
+            Geometry::Points { .. } => Self::Points,
+            Geometry::Splats(_) => Self::Splats,
+            Geometry::Mesh(_) => Self::Mesh,
+        }
+    }
+
+    fn is_grid(self) -> bool {
+        matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
+    }
+}
+
 impl DataOptions {
+    /// Refuses options that are for what none of the inputs is.
+    fn check_use(&self, reads: &[Read]) -> Result<()> {
+        let any = |is: fn(Kind) -> bool| reads.iter().any(|read| is(read.kind));
+        let mut volumes = reads.iter().flat_map(|read| &read.volumes);
+        let is_classified = volumes.any(|volume| volume.transfer_function.is_some());
+        let is_classified = is_classified || self.flatten.is_some();
+        let classified = "data that a transfer function shows";
+        let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
+        let (raw, meshes) = (any(|k| k == Kind::Raw), any(|k| k == Kind::Mesh));
+        let has_fields = any(|k| k != Kind::Mesh);
+        let has_unit = is_classified || points;
+        let options = [
+            (
+                "--field",
+                self.field.is_some(),
+                has_fields,
+                "data with fields",
+            ),
+            ("--dims", self.dims.is_some(), raw, "a raw volume"),
+            (
+                "--solution",
+                self.solution.is_some(),
+                any(|k| k == Kind::Plot3d),
+                "a PLOT3D grid",
+            ),
+            ("--texture", self.texture.is_some(), meshes, "a mesh"),
+            ("--density", self.density.is_some(), meshes, "a mesh"),
+            (
+                "--spacing",
+                self.spacing.is_some(),
+                meshes || raw,
+                "a mesh or a raw volume",
+            ),
+            (
+                "--transfer-function",
+                self.transfer_function.is_some(),
+                is_classified,
+                classified,
+            ),
+            ("--range", self.range.is_some(), is_classified, classified),
+            ("--scale", self.scale.is_some(), is_classified, classified),
+            (
+                "--opacity-scale",
+                (self.opacity_scale - 1.0).abs() > 0.0,
+                is_classified,
+                classified,
+            ),
+            (
+                "--unit-distance",
+                self.unit_distance.is_some(),
+                has_unit,
+                classified,
+            ),
+            ("--boundary", self.boundary.is_some(), grids, "a grid"),
+            ("--length", self.length.is_some(), points, "particles"),
+            ("--kernel", self.kernel.is_some(), points, "particles"),
+            ("--radius", self.radius.is_some(), points, "particles"),
+        ];
+        for (option, is_given, is_used, expected) in options {
+            if is_given && !is_used {
+                let found = "none";
+                return Err(Error::invalid(
+                    option,
+                    "inputs",
+                    expected,
+                    found,
+                    "leave it out",
+                ));
+            }
+        }
+        Ok(())
+    }
+
     /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
     /// that is chosen from values share one, of the values of all.
     ///
@@ -144,10 +245,15 @@ impl DataOptions {
             progress.suspend(|| eprintln!("{path}: no field `{field}`: shown by its own"));
         }
         self.share_functions(inputs, &options, &mut reads, progress)?;
+        if !options.for_columns {
+            self.check_use(&reads)?;
+        }
         let mut scene = Scene {
             volumes: Vec::new(),
             fields: Vec::new(),
-            grids_only: reads.iter().all(|read| read.is_grid),
+            grids_only: reads
+                .iter()
+                .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
             up: DVec3::Z,
         };
         let mut ups = Vec::new();
@@ -316,16 +422,13 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
 }
 
 fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
-    let is_grid = !matches!(
-        dataset.geometry,
-        Geometry::Points { .. } | Geometry::Mesh(_)
-    );
+    let kind = Kind::of(&dataset);
     let up = dataset.up();
     let SampledScene { volumes, report } = ewa_splat::sample::scene(dataset, options)?;
     Ok(Read {
         volumes,
         report,
-        is_grid,
+        kind,
         up,
         is_automatic: matches!(
             options.transfer,

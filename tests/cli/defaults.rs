@@ -1,0 +1,199 @@
+//! The picture that a stranger gets of each real file, without an option.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::{Path, PathBuf};
+
+use crate::commands::{run, text};
+use crate::common::real_data;
+use ewa_splat::io::read_image;
+
+/// Endings of files that belong to others, or are of formats that are not read (yet).
+const PASSED_OVER: &[&str] = &[
+    "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "ex2",
+    "hdf", "stl", "3mf", "nc", "mhd", "nrrd", "nhdr", "ksplat", "json", "case", "pvd", "vtm",
+];
+
+/// Files that are refused for what is in them; each with a part of the reason.
+const REFUSED: &[(&str, &str)] = &[
+    ("BoxMetaDraco.gltf", "KHR_draco_mesh_compression"),
+    ("BoxMeshopt.glb", "EXT_meshopt_compression"),
+    ("guitar.compressed.ply", "compressed PLY"),
+    ("minimal-raw.spz", "version"),
+    ("minimal-v4.spz", "version"),
+];
+
+/// Files with a few points that are far from one another, each far below the picture.
+const SCATTERED: &[&str] = &["test-splat.3-points", "concave_polygon"];
+
+const SIZE: usize = 160;
+
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            walk(&path, found);
+        } else {
+            found.push(path);
+        }
+    }
+}
+
+fn is_tried(path: &Path) -> bool {
+    let name = path.file_name().unwrap().to_str().unwrap();
+    let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
+    // Steps of one series and pieces of one grid look alike.
+    let is_again = name.contains("T000") && !name.contains("T0000")
+        || name.contains("chombo3d_") && name.len() > 14;
+    // Variables of EnSight have no endings of their own; the head's samples belong to its header.
+    let is_part =
+        path.components().any(|c| c.as_os_str() == "ensight") || name == "HeadMRVolume.raw";
+    let is_grid = name == "bluntfinxyz.bin";
+    is_grid || !(PASSED_OVER.contains(&ending) || is_again || is_part)
+}
+
+#[test]
+fn default_pictures_of_all_real_files_show_them() {
+    let Some(manifest) = real_data("MANIFEST.md") else {
+        return;
+    };
+    let mut found = Vec::new();
+    walk(manifest.parent().unwrap(), &mut found);
+    let folder = tempfile::tempdir().unwrap();
+    let mut drawn = 0;
+    for path in found.iter().filter(|path| is_tried(path)) {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let input = path.to_str().unwrap();
+        let size = format!("{SIZE}x{SIZE}");
+        let mut words = vec![
+            "render",
+            input,
+            "--out",
+            "a.npy",
+            "--size",
+            &size,
+            "--backend",
+            "cpu",
+        ];
+        // A raw volume says nothing of itself.
+        words.extend(match name {
+            "engine_256x256x128_uint8.raw" => &["--dims", "256,256,128"][..],
+            "nucleon_41x41x41_uint8.raw" => &["--dims", "41,41,41"],
+            _ => &[],
+        });
+        let output = run(folder.path(), &words);
+        let said = text(&output.stderr);
+        if let Some((_, reason)) = REFUSED.iter().find(|(refused, _)| *refused == name) {
+            assert!(
+                output.status.code() == Some(1) && said.contains(reason),
+                "{name}: {said}"
+            );
+            continue;
+        }
+        assert!(output.status.success(), "{name}: {said}");
+        let image = read_image(&folder.path().join("a.npy")).unwrap();
+        let alphas: Vec<f32> = image.pixels.iter().map(|p| p[3]).collect();
+        let shown: Vec<usize> = (0..alphas.len()).filter(|&i| alphas[i] > 0.02).collect();
+        assert!(!shown.is_empty(), "{name}: nothing to be seen");
+        let extent = |of: fn(usize) -> usize| {
+            let places = shown.iter().map(|&i| of(i));
+            let (first, last) = (places.clone().min().unwrap(), places.max().unwrap());
+            (last - first + 1) as f32 / SIZE as f32
+        };
+        let filled = extent(|i| i % SIZE).max(extent(|i| i / SIZE));
+        if SCATTERED
+            .iter()
+            .all(|scattered| !name.starts_with(scattered))
+        {
+            // Kernels end softly beyond what the camera is fitted to.
+            assert!((0.33..=1.0).contains(&filled), "{name}: fills {filled}");
+        }
+        // Something is plain to see, and where a field is shown half of the picture can be looked through.
+        let mut seen: Vec<f32> = shown.iter().map(|&i| alphas[i]).collect();
+        seen.sort_by(f32::total_cmp);
+        let (middle, most) = (seen[seen.len() / 2], seen[seen.len() - 1]);
+        assert!(most > 0.3, "{name}: no more than {most}");
+        let is_surface = ["gltf", "glb", "obj", "ply", "splat", "spz", "vtp"]
+            .iter()
+            .any(|ending| name.ends_with(ending));
+        assert!(
+            is_surface || middle < 0.97,
+            "{name}: half of it hides all ({middle})"
+        );
+        drawn += 1;
+    }
+    assert!(drawn > 30, "{drawn} files");
+}
+
+/// What a transfer function's file says of opacities.
+fn opacities(file: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let function: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let points = function["points"].as_array().unwrap();
+    points
+        .iter()
+        .map(|p| p["opacity"].as_f64().unwrap())
+        .collect()
+}
+
+#[test]
+fn nothing_of_meshes_and_particles_is_invisible() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in [
+        "unstructured/can.vtu",
+        "unstructured/disk_out_ref.vtu",
+        "unstructured/CylinderLinear.vtk",
+        "particles/phantom_mhd_00000.csv",
+        "particles/bunny_frame_14_7705_particles.vtk",
+        "particles/halo_low_res.npy",
+    ] {
+        let Some(path) = real_data(name) else {
+            continue;
+        };
+        let words = [
+            "render",
+            path.to_str().unwrap(),
+            "--out",
+            "a.png",
+            "--size",
+            "32x32",
+            "--backend",
+            "cpu",
+            "--write-transfer-function",
+            "f.json",
+        ];
+        let output = run(folder.path(), &words);
+        assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+        let found = opacities(&folder.path().join("f.json"));
+        assert!(found.iter().all(|o| *o > 0.0), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn pieces_of_one_field_share_one_function() {
+    let folder = tempfile::tempdir().unwrap();
+    let pieces: Option<Vec<PathBuf>> = (0..16)
+        .map(|i| real_data(&format!("formats/collections/chombo3d/chombo3d_{i}.vti")))
+        .collect();
+    let Some(pieces) = pieces else { return };
+    let mut words = vec![
+        "render",
+        "--out",
+        "a.png",
+        "--size",
+        "200x200",
+        "--backend",
+        "cpu",
+        "--legend",
+        "--write-transfer-function",
+        "f.json",
+    ];
+    words.extend(pieces.iter().map(|p| p.to_str().unwrap()));
+    // Different functions would be refused.
+    let output = run(folder.path(), &words);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(opacities(&folder.path().join("f.json")).len() > 2);
+}

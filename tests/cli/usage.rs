@@ -1,0 +1,185 @@
+//! Wrong usage: what the program says of it, and with which status it ends.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use crate::commands::{files, fixture, run, text};
+
+/// A command line after the program's name, with `WAKE`, `DUCK` ... for files; the exit status; a part of the message.
+const WRONG: &[(&str, i32, &str)] = &[
+    ("render", 2, "required arguments"),
+    ("render WAKE", 2, "--out"),
+    (
+        "render WAKE --out a.png --size 0x4",
+        2,
+        "width and a height",
+    ),
+    (
+        "render WAKE --out a.png --fov 180",
+        2,
+        "degrees from 1 to 179",
+    ),
+    (
+        "render WAKE --out a.png --eye 1,2",
+        2,
+        "three finite numbers",
+    ),
+    (
+        "render WAKE --out a.png --eye 1,2,3 --target 1,2,3",
+        1,
+        "away from the point looked at",
+    ),
+    (
+        "render WAKE --out a.png --eye 1,2,3 --fit all",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render WAKE --out a.png --tolerance nan",
+        2,
+        "between 0 and 1",
+    ),
+    (
+        "render WAKE --out a.png --filter best",
+        2,
+        "possible values",
+    ),
+    ("render WAKE --out a.png --range 2,1", 2, "lower one first"),
+    ("render WAKE --out a.png --background 2,0,0", 2, "0 to 1"),
+    (
+        "render WAKE --out a.png --scale log --range -1,2",
+        1,
+        "above 0",
+    ),
+    (
+        "render WAKE --out a.png --transfer-function jet",
+        1,
+        "viridis, plasma",
+    ),
+    (
+        "render WAKE --out a.png --lit --unlit",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render BOX --out a.png --dims 2,2,2",
+        1,
+        "expected a raw volume, found none",
+    ),
+    (
+        "render WAKE --out a.png --density 10",
+        1,
+        "expected a mesh, found none",
+    ),
+    (
+        "render WAKE --out a.png --texture b.png",
+        1,
+        "expected a mesh, found none",
+    ),
+    (
+        "render WAKE --out a.png --radius 1",
+        1,
+        "expected particles, found none",
+    ),
+    (
+        "render WAKE --out a.png --flatten 1e9",
+        1,
+        "one that the field has",
+    ),
+    ("render WAKE --out a.png --rate 5", 1, "--rate"),
+    ("render WAKE --out a.png --turntable 4", 1, "turn_%04d.png"),
+    ("render WAKE --out a.mp4 --turntable 4", 1, "ffmpeg"),
+    ("render WAKE --out a_%d.png --turntable 1", 2, "2..=100000"),
+    (
+        "render WAKE --out a_%d.png --turntable 4 --frames 3",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render WAKE --out a_%d.png --turntable 4 --fit view",
+        1,
+        "--fit",
+    ),
+    (
+        "render WAKE --out a_%d.png --turntable 4 --stats s.json",
+        1,
+        "one picture",
+    ),
+    (
+        "render WAKE --out a_%d.png --camera-path none.json",
+        1,
+        "camera path",
+    ),
+    (
+        "render WAKE@nothing --out a.png",
+        1,
+        "no field of that name",
+    ),
+    (
+        "render WAKE WAKE --field nothing --out a.png",
+        1,
+        "no field of that name",
+    ),
+    (
+        "render BOX --out a.png --range 0,1",
+        1,
+        "a transfer function shows",
+    ),
+    (
+        "render BOX --out a.png --field f",
+        1,
+        "expected data with fields",
+    ),
+    (
+        "render BOX --out a.png --boundary sharp",
+        1,
+        "expected a grid, found none",
+    ),
+    (
+        "render SPLATS --out a.png --lit",
+        1,
+        "surfaces, or volumes with a field",
+    ),
+    (
+        "render SPLATS --out a.png --opacity-scale 2",
+        1,
+        "a transfer function shows",
+    ),
+    ("render SPLATS --out a.png --as mesh", 1, "read as a mesh"),
+    ("render none.vtu --out a.png", 1, "none.vtu"),
+    ("render WAKE --out none/a.png", 1, "an existing folder"),
+    ("paint", 2, "unrecognized subcommand"),
+];
+
+#[test]
+fn wrong_usage_is_named_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let sources = tempfile::tempdir().unwrap();
+    let path = |name: &str| sources.path().join(name).to_str().unwrap().to_owned();
+    let (cube, splats) = (path("box.obj"), path("three.splat"));
+    std::fs::write(&cube, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    // Three splats of 32 bytes: position, scale, colour, rotation.
+    let mut bytes = Vec::new();
+    for i in 0..3u8 {
+        let numbers = [f32::from(i), 0.0, 0.0, 0.3, 0.3, 0.3];
+        bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+        bytes.extend([200, 100, 50, 255, 255, 128, 128, 128]);
+    }
+    std::fs::write(&splats, bytes).unwrap();
+    let wake = fixture("wake.xyz");
+    for (line, status, part) in WRONG {
+        let line = line
+            .replace("WAKE", &wake)
+            .replace("BOX", &cube)
+            .replace("SPLATS", &splats);
+        let words: Vec<&str> = line.split(' ').collect();
+        let output = run(folder.path(), &words);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(*status), "{line}: {said}");
+        assert!(said.contains(part), "{line}: {said}");
+        // One line of a fault; usage takes more.
+        if *status == 1 {
+            let faults = said.lines().filter(|l| l.starts_with("error: "));
+            assert_eq!(faults.count(), 1, "{line}: {said}");
+        }
+        assert!(files(folder.path()).is_empty(), "{line}");
+    }
+}
