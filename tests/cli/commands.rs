@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-fn run(folder: &Path, arguments: &[&str]) -> Output {
+pub(crate) fn run(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_ewa-splat"))
         .args(arguments)
         .current_dir(folder)
@@ -13,14 +13,14 @@ fn run(folder: &Path, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-fn fixture(name: &str) -> String {
+pub(crate) fn fixture(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fixtures")
         .join(name);
     path.to_str().unwrap().to_string()
 }
 
-fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
@@ -28,7 +28,7 @@ fn json(path: PathBuf) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-fn files(folder: &Path) -> Vec<String> {
+pub(crate) fn files(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = entries
         .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
@@ -393,7 +393,9 @@ fn a_legend_is_drawn_over_the_picture() {
         assert!(changed(120..240, 0..150) > 5000);
     }
     assert_ne!(read("a.npy").pixels, read("b.npy").pixels);
-    let made = render(&wake, &[&wake_with[..], &["b.png", "--legend"]].concat());
+    // As transparent as the numbers: what is to be looked at has a grey behind it by itself.
+    let transparent = ["b.png", "--legend", "--background", "none"];
+    let made = render(&wake, &[&wake_with[..], &transparent].concat());
     assert!(made.status.success());
     // A sixteenth bit of sRGB lies between.
     for (a, b) in read("b.npy").pixels.iter().zip(&read("b.png").pixels) {
