@@ -9,6 +9,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod annotations;
 mod commands;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod manners;

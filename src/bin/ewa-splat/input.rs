@@ -10,6 +10,7 @@ use ewa_splat::io::{
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::{PointVolume, ScaleName};
+use ewa_splat::view::Bounds;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -108,6 +109,17 @@ pub(crate) struct Scene {
     pub(crate) grids_only: bool,
     /// What points up where no option says it.
     pub(crate) up: DVec3,
+    /// The least and the greatest coordinates of each input's data.
+    pub(crate) corners: Vec<(DVec3, DVec3)>,
+}
+
+impl Scene {
+    /// The box of all data; `None` where nothing has a place.
+    pub(crate) fn bounds(&self) -> Option<Bounds> {
+        let corners = self.corners.iter().copied();
+        let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
+    }
 }
 
 /// What to make of points with faces.
@@ -269,6 +281,7 @@ impl DataOptions {
             fields: Vec::new(),
             grids_only: true,
             up: DVec3::Z,
+            corners: Vec::new(),
         };
         let mut ups = Vec::new();
         for path in inputs {
@@ -279,8 +292,9 @@ impl DataOptions {
                 Geometry::Points { .. } | Geometry::Mesh(_)
             );
             ups.push(dataset.up());
+            scene.corners.extend(dataset.bounds());
             for note in &dataset.notes {
-                progress.suspend(|| eprintln!("{}: {note}", path.display()));
+                progress.suspend(|| crate::progress::note!("{}: {note}", path.display()));
             }
             let mut options = options.clone();
             if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
@@ -291,7 +305,7 @@ impl DataOptions {
             }
             let sampled = ewa_splat::sample::scene(dataset, &options)?;
             for line in sampled.report.warnings() {
-                progress.suspend(|| eprintln!("{}: {line}", path.display()));
+                progress.suspend(|| crate::progress::note!("{}: {line}", path.display()));
             }
             scene.volumes.extend(sampled.volumes);
             let field = sampled.report.field;

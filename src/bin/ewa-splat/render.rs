@@ -1,7 +1,7 @@
 //! `ewa-splat render`
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use ewa_splat::Filter;
@@ -9,7 +9,6 @@ use ewa_splat::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
-use ewa_splat::legend::{ColourBar, check_legend_size};
 use ewa_splat::measure::{ErrorSample, SampledError, median_times};
 use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
@@ -19,17 +18,17 @@ use ewa_splat::scene::{Lighting, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
-use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::annotations::{AnnotationOptions, Overlays};
 use crate::count::describe;
 use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
-use crate::legend::{LegendOptions, bars, write_with_legend};
+use crate::legend::{LegendOptions, bars};
 use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
-use crate::progress::{task_of, with_bar};
+use crate::progress::{spinner, task_of, with_bar};
 use crate::truth::{ReferenceName, Truth};
 use crate::viewpoint::{CameraOptions, DEFAULT_LENS, DEFAULT_SIZE, left_of};
 
@@ -61,6 +60,8 @@ pub(crate) struct Arguments {
     cut: CutOptions,
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
+    #[command(flatten)]
+    annotations: AnnotationOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -272,10 +273,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         lighting.validate()?;
     }
     arguments.check_legend()?;
+    arguments.annotations.check(arguments.numbers())?;
     arguments.method.check_composite()?;
     // Hidden where standard error is no terminal.
-    let progress = ProgressBar::new_spinner();
-    progress.enable_steady_tick(Duration::from_millis(100));
+    let progress = spinner();
 
     let task = task_of(&progress);
 
@@ -300,6 +301,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         true if !is_column => bars(&scene)?,
         _ => Vec::new(),
     };
+    let bounds = scene.bounds();
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
     if arguments.cut.cut_faces {
         add_faces(&mut scene, &arguments.clip_planes())?;
@@ -347,15 +349,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         read_ms,
         prepare_ms,
     };
+    let overlays = Overlays::new(&arguments.annotations, legend, bounds, &camera)?;
     if is_column {
-        return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
+        return arguments.draw_column(
+            &mut renderer,
+            &camera,
+            &fields,
+            overlays,
+            prepared,
+            &progress,
+        );
     }
-    check_legend_size(&legend, [camera.width, camera.height])?;
     let suitable = renderer.suitable_low_pass_px2();
     let low_pass = arguments.method.low_pass.unwrap_or(suitable);
     if let Some(truth) = truth {
         progress.finish_and_clear();
-        return arguments.integrate(&truth, &camera, low_pass, &legend, prepared);
+        return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
     }
     let mut settings = arguments.settings(low_pass);
     let asked = settings.tolerance;
@@ -391,7 +400,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shows_count {
         write_count(&arguments.out, renderer.image())?;
     } else {
-        write_with_legend(&arguments.out, renderer.image(), &legend)?;
+        overlays.write(&arguments.out, renderer.image())?;
     }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
@@ -417,7 +426,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         stats["tolerance_asked"] = json!(asked);
         stats["measured_error"] = json!(error);
         if arguments.output.stats.is_none() {
-            progress.suspend(|| eprintln!("{}", in_words(&error, asked, settings.tolerance)));
+            progress.suspend(|| {
+                crate::progress::note!("{}", in_words(&error, asked, settings.tolerance))
+            });
         }
     }
     if let Some(path) = &arguments.output.stats {
@@ -425,18 +436,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     progress.finish_and_clear();
     if footprints == 0 {
-        eprintln!("nothing visible: no particle reaches the image with an opacity above zero");
+        crate::progress::note!(
+            "nothing visible: no particle reaches the image with an opacity above zero"
+        );
     } else if shows_count {
-        eprintln!("{}", describe(renderer.image(), arguments.is_png()));
+        crate::progress::note!("{}", describe(renderer.image(), arguments.is_png()));
     }
     if let (Some(layers), None) = (layers, arguments.method.slab_thickness) {
         let tolerance = f64::from(settings.tolerance);
         if layers.error > tolerance {
-            eprintln!(
+            crate::progress::note!(
                 "slabs {:.1e} thick are thicker than the tolerance of {tolerance:.1e} asks of the \
                  thinnest kernels: they err by {:.1e} at most, as a rule far less; --slab-thickness \
                  makes them thinner",
-                layers.thickness, layers.error
+                layers.thickness,
+                layers.error
             );
         }
     }
@@ -488,7 +502,7 @@ impl Arguments {
         truth: &Truth,
         camera: &Camera,
         low_pass: f32,
-        legend: &[ColourBar],
+        overlays: &Overlays,
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
@@ -504,7 +518,7 @@ impl Arguments {
             truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        write_with_legend(&self.out, &frame.image, legend)?;
+        overlays.write(&self.out, &frame.image)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({
                 "particles": truth.particle_count(),
@@ -546,6 +560,15 @@ impl Arguments {
             return fault("--column-density", "a png, which is a picture", found);
         }
         Ok(())
+    }
+
+    /// The option that writes numbers instead of a picture, and what it would take for one.
+    fn numbers(&self) -> Option<(&'static str, &'static str)> {
+        if matches!(self.output.show, ShowName::Count) {
+            return Some(("--show", "scene or choice"));
+        }
+        let is_column = self.method.column_density && !self.is_png();
+        is_column.then_some(("--column-density", "a png, which is a picture"))
     }
 
     /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
