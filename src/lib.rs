@@ -76,7 +76,8 @@
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
-//! | `legend` | colour bars in pictures (feature `legend`) |
+//! | `overlay` | what is drawn over pictures: text, plates, lines (feature `legend`) |
+//! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
 //! | [`measure`] | how far one picture is from another, and what accuracy costs |
 //!
 //! [`accuracy`] is a page on what each approximation costs and how far it is off, [`irregular`] one
@@ -114,6 +115,8 @@
 
 #[doc = include_str!("../docs/accuracy.md")]
 pub mod accuracy {}
+#[cfg(feature = "legend")]
+pub mod annotate;
 mod blocks;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
@@ -130,6 +133,8 @@ pub mod irregular {}
 pub mod legend;
 pub mod math;
 pub mod measure;
+#[cfg(feature = "legend")]
+mod overlay;
 mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}

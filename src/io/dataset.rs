@@ -89,6 +89,13 @@ impl CurvilinearBlock {
     }
 }
 
+fn bounds(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
+    points
+        .filter(|p| p.is_finite())
+        .map(|p| (p, p))
+        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
 /// Named numbers at the samples of a [`Dataset`].
 #[derive(Debug, Clone)]
 pub struct Field {
@@ -131,6 +138,29 @@ impl Dataset {
             smoothing: None,
             format_up: None,
             notes: Vec::new(),
+        }
+    }
+
+    /// The least and the greatest coordinates of all samples, nodes or corners that are finite; `None` where
+    /// none is.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        match &self.geometry {
+            Geometry::Lattice(lattice) => {
+                let last = lattice.dims.map(|n| n.saturating_sub(1));
+                let end = |i: usize, axis: usize| if i >> axis & 1 == 0 { 0 } else { last[axis] };
+                bounds((0..8).map(|i| lattice.position([0, 1, 2].map(|axis| end(i, axis)))))
+            }
+            Geometry::Curvilinear { blocks } => {
+                bounds(blocks.iter().flat_map(|block| block.nodes.iter().copied()))
+            }
+            Geometry::Cells(mesh) => bounds(mesh.nodes.iter().copied()),
+            Geometry::Splats(cloud) => bounds(cloud.positions.iter().copied()),
+            Geometry::Mesh(mesh) => bounds(
+                mesh.parts
+                    .iter()
+                    .flat_map(|part| part.positions.iter().copied()),
+            ),
+            Geometry::Points { positions } => bounds(positions.iter().copied()),
         }
     }
 

@@ -4,14 +4,13 @@
 //! transfer function, with its name, a bar of its colours, round numbers beside it and, to the left of
 //! the bar, its opacity as a curve.
 
-mod text;
 mod ticks;
 
-use self::text::Font;
 use self::ticks::Tick;
 use crate::error::{Error, Result};
 use crate::image::{ColumnImage, Image};
 use crate::io::viridis;
+use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{TransferFunction, ValueScale};
 
 /// A scale of colours and what it is called.
@@ -29,12 +28,6 @@ enum Colours {
     Column([f64; 2]),
 }
 
-/// The share of what is behind a plate that it hides. Linear, and black: over white it leaves .15, and
-/// white text on that has 5.3 times its luminance (1.05 / .20 as WCAG 2 counts), where 4.5 are asked
-/// for of legible text.
-const PLATE_OPACITY: f32 = 0.85;
-/// The share of a picture's height that a line of text has, where the font allows.
-const LINE_SHARE: f64 = 1.0 / 40.0;
 /// The share of a picture's height that a bar has, where there is room.
 const BAR_SHARE: f64 = 0.35;
 /// The share of a picture's width that all titles together may have before they are shortened.
@@ -156,13 +149,19 @@ pub fn check_legend_size(bars: &[ColourBar], size: [usize; 2]) -> Result<()> {
     layout(bars, size).map(|_| ())
 }
 
-/// How many columns at the right of a picture of this width and height the bars' plates take, with a gap before them;
-/// 0 without bars, and where they have no room.
+/// How many columns of a picture lie to the left of all plates.
+///
+/// # Errors
+/// Those of [`check_legend_size`].
+pub fn columns_beside_legend(bars: &[ColourBar], size: [usize; 2]) -> Result<usize> {
+    let plates = layout(bars, size)?;
+    Ok(plates.first().map_or(size[0], |first| first.plate.left))
+}
+
+/// How many columns at the right of a picture of this width and height the plates take; 0 without bars, and where they
+/// have no room.
 pub fn legend_width(bars: &[ColourBar], size: [usize; 2]) -> usize {
-    let plates = layout(bars, size).unwrap_or_default();
-    let first = plates.first();
-    let left = first.map(|first| first.plate.left.saturating_sub(first.font.line_px() / 2));
-    left.map_or(0, |left| size[0].saturating_sub(left))
+    columns_beside_legend(bars, size).map_or(0, |left| size[0] - left)
 }
 
 /// Draws colour bars into the right upper corner of a picture; nothing outside their plates changes.
@@ -191,33 +190,6 @@ pub fn draw_legend(bars: &[ColourBar], image: &mut Image) -> Result<()> {
     Ok(())
 }
 
-/// Pixels from `left` and `top` on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Rect {
-    left: usize,
-    top: usize,
-    width: usize,
-    height: usize,
-}
-
-impl Rect {
-    fn right(&self) -> usize {
-        self.left + self.width
-    }
-
-    fn bottom(&self) -> usize {
-        self.top + self.height
-    }
-}
-
-/// A line of text in the picture.
-#[derive(Debug, Clone)]
-struct Line {
-    text: String,
-    left: usize,
-    top: usize,
-}
-
 /// A tick: its row of the bar, and its label.
 #[derive(Debug, Clone)]
 struct Mark {
@@ -240,13 +212,7 @@ struct Plate {
 
 /// The plates side by side, the last one in the corner.
 fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "shares of a picture's sides"
-    )]
-    let share = |side: usize, share: f64| (side as f64 * share) as usize;
-    let font = Font::of_line(share(width.min(height), LINE_SHARE));
+    let font = font_of([width, height]);
     let line = font.line_px();
     let gap = line / 2;
     // Above and below the bar: the margin, the plate's rim, and the title with a gap.
@@ -373,9 +339,9 @@ impl Plate {
                 height: thickness,
             };
             fill(image, tick, grey(1.0), 1.0);
-            self.write(image, &mark.label);
+            mark.label.draw(self.font, image);
         }
-        self.write(image, &self.title);
+        self.title.draw(self.font, image);
     }
 
     /// One row of the opacity's curve: grey from the bar outwards, as far as the share says.
@@ -390,34 +356,6 @@ impl Plate {
                 ..row
             };
             fill(image, pixel, [OUTLINE, OUTLINE, OUTLINE, 1.0], coverage);
-        }
-    }
-
-    fn write(&self, image: &mut Image, line: &Line) {
-        self.font.draw(&line.text, |x, y, coverage| {
-            let pixel = Rect {
-                left: line.left + x,
-                top: line.top + y,
-                width: 1,
-                height: 1,
-            };
-            fill(image, pixel, [1.0; 4], coverage);
-        });
-    }
-}
-
-/// Lays a colour (linear, opaque) over pixels, `coverage` of it.
-fn fill(image: &mut Image, rect: Rect, colour: [f32; 4], coverage: f32) {
-    for y in rect.top..rect.bottom().min(image.height) {
-        let row = y * image.width;
-        for pixel in &mut image.pixels[row + rect.left..row + rect.right().min(image.width)] {
-            for (channel, new) in pixel.iter_mut().zip(colour) {
-                *channel = if coverage >= 1.0 {
-                    new
-                } else {
-                    *channel * (1.0 - coverage) + new * coverage
-                };
-            }
         }
     }
 }

@@ -193,3 +193,29 @@ fn what_the_gpu_cannot_is_refused() {
     );
     assert!(output.status.success());
 }
+
+/// Where there is no desktop Mesa's layers look for one, and complain on standard error unless they are kept from it.
+#[test]
+fn drivers_say_nothing_where_there_is_no_desktop() {
+    if gpu().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for runtime in [None, Some("relative")] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ewa-splat"));
+        command
+            .args(["render", "--size", "40x30", "--out", "a.png", "--backend"])
+            .args(["gpu", "--quiet"])
+            .arg(fixture("particles.csv"))
+            .env_remove("XDG_RUNTIME_DIR")
+            // Which leaves the layer out that complains.
+            .env_remove("NODEVICE_SELECT")
+            .current_dir(folder.path());
+        if let Some(runtime) = runtime {
+            command.env("XDG_RUNTIME_DIR", runtime);
+        }
+        let output = command.output().unwrap();
+        assert!(output.status.success());
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "", "{runtime:?}");
+    }
+}

@@ -9,8 +9,10 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod annotations;
 mod commands;
 mod defaults;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod manners;
 mod usage;

@@ -7,7 +7,8 @@ use ewa_splat::{ColumnImage, Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::legend::{column_title, write_with_legend};
+use crate::annotations::Overlays;
+use crate::legend::column_title;
 use crate::render::{Arguments, Prepared, stats};
 
 impl Arguments {
@@ -17,6 +18,7 @@ impl Arguments {
         renderer: &mut Renderer,
         camera: &Camera,
         fields: &[Option<String>],
+        overlays: Overlays,
         prepared: Prepared,
         progress: &ProgressBar,
     ) -> Result<()> {
@@ -41,12 +43,11 @@ impl Arguments {
             let title = column_title(fields);
             ColourBar::of_column(&title, column)
         });
-        match bar.flatten() {
-            Some(bar) => {
-                let picture = column_picture(column);
-                write_with_legend(&self.out, &picture, &[bar])?;
-            }
-            None => write_column(&self.out, column)?,
+        let overlays = overlays.with_bars(bar.flatten().into_iter().collect());
+        if overlays.is_empty() {
+            write_column(&self.out, column)?;
+        } else {
+            overlays.write(&self.out, &column_picture(column))?;
         }
         if let Some(path) = self.stats_path() {
             let mut stats = stats(renderer, &times, prepared);
@@ -62,15 +63,17 @@ impl Arguments {
         }
         progress.finish_and_clear();
         if amplitudes.not_finite > 0 {
-            eprintln!(
+            crate::progress::note!(
                 "{} values are not finite and add nothing",
                 amplitudes.not_finite
             );
         }
         if counts.footprints == 0 {
-            eprintln!("nothing visible: no particle with a value but zero reaches the image");
+            crate::progress::note!(
+                "nothing visible: no particle with a value but zero reaches the image"
+            );
         } else if self.is_png() {
-            eprintln!("{}", colours(column));
+            crate::progress::note!("{}", colours(column));
         }
         Ok(())
     }

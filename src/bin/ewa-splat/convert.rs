@@ -139,7 +139,7 @@ impl Converted {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {
                         for line in sampled.report.warnings() {
-                            bar.suspend(|| eprintln!("{}: {line}", path.display()));
+                            bar.suspend(|| crate::progress::note!("{}: {line}", path.display()));
                         }
                     }
                 }

@@ -1,113 +1,228 @@
 //! `ewa-splat info`
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use ewa_splat::Result;
-use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Geometry, Mesh, TextureUse};
+use ewa_splat::error::{Advice, Hint};
+use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, TextureUse};
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
 use ewa_splat::stages::blocks::BlockedVolume;
-use glam::DVec3;
+use ewa_splat::{Error, Result};
 use serde_json::{Value, json};
 
+use crate::files::Files;
+use crate::info_table::{print_rows, print_table, problem_line};
 use crate::input::DataOptions;
+use crate::progress::bar;
+use crate::words::problem;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// File to describe
-    input: PathBuf,
-    /// Print JSON
+    /// Files to describe; folders, for all files in them that are recognised, and patterns with * and ? are
+    /// taken, too
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// Print JSON: of one file an object, else a list of them
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     data: DataOptions,
 }
 
+/// # Errors
+/// A single file that cannot be read; of several none that can; a field named that is not there.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let dataset = arguments.data.open(&arguments.input)?;
-    let mut description = describe(&dataset)?;
-    // A mesh has no field, and what is made of it depends on the picture.
-    if matches!(dataset.geometry, Geometry::Mesh(_)) {
-        print(&description, arguments.json);
-        return Ok(());
-    }
-    // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
-    if dataset.fields.is_empty()
-        && !matches!(
-            dataset.geometry,
-            Geometry::Points { .. } | Geometry::Splats(_)
-        )
-    {
-        if let Some(notes) = description["notes"].as_array_mut() {
-            notes.push(json!(
-                "no field to show: for a PLOT3D grid name its solution with --solution"
-            ));
+    let files = Files::of(&arguments.inputs)?;
+    if let ([path], false) = (&files.paths[..], files.is_list) {
+        let description = arguments.description(path, true)?;
+        if arguments.json {
+            crate::say!("{description:#}");
+        } else {
+            print_table(&description);
         }
-        print(&description, arguments.json);
         return Ok(());
     }
-    // What rendering makes of it.
-    let sampled = arguments.data.sample(dataset)?;
-    let report = &sampled.report;
-    description["shown"] = json!(report.field);
-    description["lengths"] = json!(report.lengths);
-    description["left_out"] = json!(report.warnings());
-    if let Some(shapes) = ShapeStatistics::of(&sampled.volume.particles) {
-        description["kernels"] = json!({
-            "percentiles": PERCENTILES,
-            "size": shapes.size,
-            "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
-        });
+    let progress = bar(files.paths.len() as u64);
+    let (mut known, mut unknown) = (Vec::new(), Vec::new());
+    for path in &files.paths {
+        progress.set_message(format!("reading {}", path.display()));
+        match arguments.description(path, arguments.json || files.paths.len() == 1) {
+            Ok(description) => known.push(description),
+            Err(error) => {
+                let file = path.display().to_string();
+                unknown.push(json!({ "file": file, "error": why_unread(&error) }));
+            }
+        }
+        progress.inc(1);
     }
-    description["requirements"] = json!(Requirements::of(&sampled.volume));
-    description["particles"] = json!(sampled.volume.particles.len());
-    let family = BlockedVolume::with_detail(sampled.volume);
-    description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));
-    print(&description, arguments.json);
+    progress.finish_and_clear();
+    let known_count = known.len();
+    if arguments.json {
+        known.append(&mut unknown.clone());
+        crate::say!("{:#}", Value::Array(known));
+    } else {
+        match &known[..] {
+            [] => {}
+            [alone] if files.paths.len() == 1 => print_table(alone),
+            several => print_rows(several),
+        }
+        if !(known.is_empty() || unknown.is_empty()) {
+            crate::say!("");
+        }
+        for file in &unknown {
+            crate::say!("{}", problem_line(file, "error"));
+        }
+    }
+    if known_count == 0 {
+        return Err(Error::invalid(
+            "info",
+            "inputs",
+            "one file at least that can be read",
+            format!("none among {}", files.paths.len()),
+            "name other files or folders",
+        ));
+    }
     Ok(())
 }
 
-fn print(description: &Value, as_json: bool) {
-    if as_json {
-        crate::say!("{description:#}");
-    } else {
-        print_table(description);
+/// Why one of several files is not read: in few words where it is of another format, because the list of those
+/// that are read is long.
+fn why_unread(error: &Error) -> String {
+    match error {
+        Error::Format {
+            advice: Advice::Hint(Hint::ConvertOrGiveLayout),
+            ..
+        } => "not recognised".into(),
+        Error::Format { place, found, .. } if place.to_string() == "format" => found.clone(),
+        _ => problem(error),
     }
 }
 
-fn describe(dataset: &Dataset) -> Result<Value> {
-    let (geometry, lower, upper) = match &dataset.geometry {
-        Geometry::Lattice(lattice) => {
-            let last = lattice.dims.map(|n| n.saturating_sub(1));
-            let kind = match &lattice.spacing {
-                LatticeSpacing::Uniform { step, .. } => json!({
-                    "kind": "regular lattice", "dims": lattice.dims,
-                    "spacing": [step.x_axis.length(), step.y_axis.length(), step.z_axis.length()],
-                }),
-                LatticeSpacing::Rectilinear { .. } => {
-                    json!({ "kind": "rectilinear lattice", "dims": lattice.dims })
-                }
-            };
-            let corners = (0..8).map(|i| {
-                lattice.position([0, 1, 2].map(|a| if i >> a & 1 == 0 { 0 } else { last[a] }))
-            });
-            let (lower, upper) = bounds(corners);
-            (kind, lower, upper)
+impl Arguments {
+    /// All that can be said of a file. What cannot be drawn still has its geometry and its fields, and under
+    /// `problem` what is wrong.
+    ///
+    /// - `with_blocks`: whether memory is described, too, for which particles are sorted into blocks.
+    ///
+    /// # Errors
+    /// A file that cannot be read, and a field named that is not there.
+    fn description(&self, path: &Path, with_blocks: bool) -> Result<Value> {
+        let dataset = self.data.open(path)?;
+        let mut description = describe(&dataset);
+        let mut note = |text: String| {
+            if let Some(notes) = description["notes"].as_array_mut() {
+                notes.push(json!(text));
+            }
+        };
+        // One length for all replaces them.
+        if self.data.radius.is_none()
+            && let Some(text) = logarithms(&dataset)
+        {
+            note(text);
         }
-        Geometry::Curvilinear { blocks } => {
-            let nodes = || blocks.iter().flat_map(|b| b.nodes.iter().copied());
-            let (lower, upper) = bounds(nodes());
-            let dims: Vec<_> = blocks.iter().map(|b| b.dims).collect();
-            (
-                json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes().count() }),
-                lower,
-                upper,
+        // A mesh has no field, and what is made of it depends on the picture.
+        if matches!(dataset.geometry, Geometry::Mesh(_)) {
+            return Ok(description);
+        }
+        // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
+        if dataset.fields.is_empty()
+            && !matches!(
+                dataset.geometry,
+                Geometry::Points { .. } | Geometry::Splats(_)
             )
+        {
+            note("no field to show: for a PLOT3D grid name its solution with --solution".into());
+            return Ok(description);
+        }
+        if let Some(field) = &self.data.field {
+            dataset.scalar(field)?;
+        }
+        // What rendering makes of it.
+        let sampled = match self.data.sample(dataset) {
+            Ok(sampled) => sampled,
+            Err(error) => {
+                description["problem"] = json!(problem(&error));
+                return Ok(description);
+            }
+        };
+        let report = &sampled.report;
+        description["shown"] = json!(report.field);
+        description["lengths"] = json!(report.lengths);
+        description["left_out"] = json!(report.warnings());
+        description["particles"] = json!(sampled.volume.particles.len());
+        if !with_blocks {
+            return Ok(description);
+        }
+        if let Some(shapes) = ShapeStatistics::of(&sampled.volume.particles) {
+            description["kernels"] = json!({
+                "percentiles": PERCENTILES,
+                "size": shapes.size,
+                "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
+            });
+        }
+        description["requirements"] = json!(Requirements::of(&sampled.volume));
+        let family = BlockedVolume::with_detail(sampled.volume);
+        description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));
+        Ok(description)
+    }
+}
+
+/// What is said of scales below 0, which look like logarithms where standard deviations belong.
+fn logarithms(dataset: &Dataset) -> Option<String> {
+    let count = match &dataset.geometry {
+        Geometry::Splats(cloud) => {
+            let is_below = |scales: &&[f32; 3]| scales.iter().any(|s| *s < 0.0);
+            cloud.scales.iter().filter(is_below).count()
+        }
+        Geometry::Points { positions } => {
+            let columns = ["scale_0", "scale_1", "scale_2"].map(|name| dataset.scalar(name).ok());
+            let is_below = |i: usize| {
+                let mut values = columns.iter().flatten().map(|(_, values)| values);
+                values.any(|values| i < values.len() && values.get(i) < 0.0)
+            };
+            (0..positions.len()).filter(|i| is_below(*i)).count()
+        }
+        _ => 0,
+    };
+    let advice = if matches!(dataset.geometry, Geometry::Points { .. }) {
+        "write their exponentials, or give all particles one size with --radius"
+    } else {
+        "convert the file by a program that writes standard deviations"
+    };
+    (count > 0).then(|| {
+        format!(
+            "{count} of the {} have scales below 0: they look like logarithms, and {} has standard \
+             deviations; no option reads them: {advice}",
+            if matches!(dataset.geometry, Geometry::Points { .. }) {
+                "particles"
+            } else {
+                "splats"
+            },
+            dataset.format,
+        )
+    })
+}
+
+/// What a file holds: geometry and fields, whatever can be made of them.
+fn describe(dataset: &Dataset) -> Value {
+    let geometry = match &dataset.geometry {
+        Geometry::Lattice(lattice) => match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => json!({
+                "kind": "regular lattice", "dims": lattice.dims,
+                "spacing": [step.x_axis.length(), step.y_axis.length(), step.z_axis.length()],
+            }),
+            LatticeSpacing::Rectilinear { .. } => {
+                json!({ "kind": "rectilinear lattice", "dims": lattice.dims })
+            }
+        },
+        Geometry::Curvilinear { blocks } => {
+            let nodes: usize = blocks.iter().map(|b| b.nodes.len()).sum();
+            let dims: Vec<_> = blocks.iter().map(|b| b.dims).collect();
+            json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes })
         }
         Geometry::Cells(mesh) => {
-            let (lower, upper) = bounds(mesh.nodes.iter().copied());
             let mut kinds: BTreeMap<CellKind, usize> = BTreeMap::new();
             for kind in &mesh.kinds {
                 *kinds.entry(*kind).or_default() += 1;
@@ -117,59 +232,51 @@ fn describe(dataset: &Dataset) -> Result<Value> {
                 .map(|(kind, count)| json!({ "kind": kind.name(), "count": count }))
                 .collect();
             let (nodes, cells) = (mesh.nodes.len(), mesh.cell_count());
-            (
-                json!({ "kind": "unstructured grid", "nodes": nodes, "cells": cells, "cell_kinds": kinds }),
-                lower,
-                upper,
-            )
+            json!({ "kind": "unstructured grid", "nodes": nodes, "cells": cells, "cell_kinds": kinds })
         }
-        Geometry::Splats(cloud) => {
-            let (lower, upper) = bounds(cloud.positions.iter().copied());
-            let count = cloud.positions.len();
-            let kind = json!({
-                "kind": "splats", "count": count, "degree": cloud.harmonics_degree,
-                "anti_aliased": cloud.is_anti_aliased,
-            });
-            (kind, lower, upper)
-        }
-        Geometry::Mesh(mesh) => {
-            let corners = mesh.parts.iter().flat_map(|p| p.positions.iter().copied());
-            let (lower, upper) = bounds(corners);
-            (describe_mesh(mesh), lower, upper)
-        }
-        Geometry::Points { positions } => {
-            let (lower, upper) = bounds(positions.iter().copied());
-            (
-                json!({ "kind": "points", "count": positions.len() }),
-                lower,
-                upper,
-            )
-        }
+        Geometry::Splats(cloud) => json!({
+            "kind": "splats", "count": cloud.positions.len(), "degree": cloud.harmonics_degree,
+            "anti_aliased": cloud.is_anti_aliased,
+        }),
+        Geometry::Mesh(mesh) => describe_mesh(mesh),
+        Geometry::Points { positions } => json!({ "kind": "points", "count": positions.len() }),
     };
     let up = dataset.up();
-    let mut fields = Vec::new();
-    for field in &dataset.fields {
-        let values = dataset.field_scalar(field)?;
-        fields.push(json!({
-            "name": field.name,
-            "of": match field.association {
-                Association::Nodes => "nodes",
-                Association::Cells => "cells",
-            },
-            "type": values.type_name(),
-            "range": values.finite_range(),
-            "non_finite": values.non_finite_count(),
-        }));
-    }
-    Ok(json!({
+    let bounds = dataset.bounds();
+    let fields: Vec<Value> = dataset
+        .fields
+        .iter()
+        .map(|f| describe_field(dataset, f))
+        .collect();
+    json!({
         "file": dataset.path.display().to_string(),
         "format": dataset.format,
         "geometry": geometry,
         "up": { "direction": up.direction.to_array(), "reason": up.reason },
-        "bounds": [lower.to_array(), upper.to_array()],
+        "bounds": bounds.map(|(lower, upper)| [lower.to_array(), upper.to_array()]),
         "fields": fields,
         "notes": dataset.notes,
-    }))
+    })
+}
+
+/// A field's values, or what is wrong with them.
+fn describe_field(dataset: &Dataset, field: &Field) -> Value {
+    let mut description = json!({
+        "name": field.name,
+        "of": match field.association {
+            Association::Nodes => "nodes",
+            Association::Cells => "cells",
+        },
+    });
+    match dataset.field_scalar(field) {
+        Ok(values) => {
+            description["type"] = json!(values.type_name());
+            description["range"] = json!(values.finite_range());
+            description["non_finite"] = json!(values.non_finite_count());
+        }
+        Err(error) => description["problem"] = json!(problem(&error)),
+    }
+    description
 }
 
 /// What a mesh consists of; materials with the triangles that they cover.
@@ -210,198 +317,4 @@ fn describe_mesh(mesh: &Mesh) -> Value {
         "kind": "mesh", "triangles": mesh.triangle_count(), "parts": mesh.parts.len(),
         "textures": mesh.textures.len(), "materials": materials,
     })
-}
-
-fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
-    points
-        .filter(|p| p.is_finite())
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| {
-            (a.min(p), b.max(p))
-        })
-}
-
-/// Blocks whose dimensions the table lists.
-const MOST_BLOCKS: usize = 8;
-
-/// Materials that the table lists.
-const MOST_MATERIALS: usize = 16;
-
-/// The percentiles of a row, in words.
-const AT: &str = "least, 5 %, median, 95 %, greatest";
-
-/// `[2, 3, 4]` as `2 x 3 x 4`.
-fn times(dims: &Value) -> String {
-    let dims = dims.as_array().into_iter().flatten();
-    dims.map(Value::to_string).collect::<Vec<_>>().join(" x ")
-}
-
-/// Six significant digits, in powers of ten where they would not be seen otherwise.
-fn significant(x: f64) -> String {
-    let size = x.abs();
-    if size > 0.0 && !(1e-4..1e7).contains(&size) {
-        return format!("{x:.5e}");
-    }
-    let text = format!("{x:.6}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" {
-        "0".into()
-    } else {
-        text.into()
-    }
-}
-
-/// A material in a line: `5856 triangles, "spot", opaque, one-sided, texture 1024 x 1024`.
-fn material_line(material: &Value) -> String {
-    let cutoff = &material["cutoff"];
-    let alpha = material["alpha"].as_str().unwrap_or("");
-    let mut line = format!(
-        "{} triangles, {}, {alpha}{}, {}",
-        material["triangles"],
-        material["name"],
-        cutoff
-            .as_f64()
-            .map_or(String::new(), |at| format!(" at {}", significant(at))),
-        if material["double_sided"] == true {
-            "two-sided"
-        } else {
-            "one-sided"
-        },
-    );
-    for (name, kind) in [
-        ("base_texture", "texture"),
-        ("emissive_texture", "emission"),
-    ] {
-        if material[name].is_array() {
-            line.push_str(&format!(", {kind} {}", times(&material[name])));
-        }
-    }
-    line
-}
-
-fn print_table(description: &Value) {
-    let text = |v: &Value| v.as_str().map_or_else(|| v.to_string(), str::to_string);
-    let row = |name: &str, value: String| crate::say!("{name:<18} {value}");
-    row("file", text(&description["file"]));
-    row("format", text(&description["format"]));
-    let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), significant);
-    let vector = |v: &Value| {
-        let numbers = v.as_array().into_iter().flatten().map(number);
-        numbers.collect::<Vec<String>>().join(", ")
-    };
-    let lines = |v: &Value| v.as_array().cloned().unwrap_or_default();
-    let geometry = &description["geometry"];
-    row("kind", text(&geometry["kind"]));
-    match &geometry["dims"] {
-        Value::Array(blocks) if blocks.first().is_some_and(Value::is_array) => {
-            let shown = blocks.iter().take(MOST_BLOCKS).map(times);
-            let mut shown: Vec<String> = shown.collect();
-            if blocks.len() > MOST_BLOCKS {
-                shown.push(format!("... {} blocks in all", blocks.len()));
-            }
-            row("nodes along i, j, k", shown.join(", "));
-        }
-        Value::Array(_) => row("samples", times(&geometry["dims"])),
-        _ => {}
-    }
-    for name in ["nodes", "cells", "count", "triangles", "parts", "textures"] {
-        if let Some(count) = geometry[name].as_u64() {
-            row(name, count.to_string());
-        }
-    }
-    for kind in lines(&geometry["cell_kinds"]) {
-        row(
-            "  of kind",
-            format!("{} {}", text(&kind["count"]), text(&kind["kind"])),
-        );
-    }
-    let materials = lines(&geometry["materials"]);
-    for material in materials.iter().take(MOST_MATERIALS) {
-        row("  of material", material_line(material));
-    }
-    if materials.len() > MOST_MATERIALS {
-        row("", format!("... {} materials in all", materials.len()));
-    }
-    if geometry["spacing"].is_array() {
-        row("spacing", vector(&geometry["spacing"]));
-    }
-    row(
-        "up",
-        format!(
-            "{} ({})",
-            vector(&description["up"]["direction"]),
-            text(&description["up"]["reason"])
-        ),
-    );
-    row("lower bound", vector(&description["bounds"][0]));
-    row("upper bound", vector(&description["bounds"][1]));
-    if description["particles"].is_u64() {
-        row("particles", text(&description["particles"]));
-    }
-    if description["shown"].is_string() {
-        row("shown field", text(&description["shown"]));
-    }
-    if description["lengths"].is_string() {
-        row("lengths", text(&description["lengths"]));
-    }
-    let kernels = &description["kernels"];
-    if kernels.is_object() {
-        row(
-            "kernel sigma",
-            format!("{} ({})", vector(&kernels["size"]), AT),
-        );
-        row(
-            "anisotropy",
-            format!("{} ({})", vector(&kernels["anisotropy"]), AT),
-        );
-    }
-    if let Some(bytes) = description["bytes_per_particle"].as_f64() {
-        let requirements = &description["requirements"];
-        let stored = [
-            (
-                "positions",
-                requirements["positions"].as_bool() == Some(true),
-            ),
-            ("shapes", requirements["shape_floats"] != 0),
-            ("values", requirements["values"] != "none"),
-            ("strengths", requirements["strength_floats"] != 0),
-            ("colours", requirements["colour_floats"] != 0),
-        ];
-        let stored = stored.iter().filter(|(_, is)| *is).map(|(name, _)| *name);
-        let stored: Vec<&str> = stored.collect();
-        row(
-            "bytes per particle",
-            format!("{bytes:.2}: {}", stored.join(", ")),
-        );
-    }
-    for note in lines(&description["notes"]) {
-        row("note", text(&note));
-    }
-    for line in lines(&description["left_out"]) {
-        row("note", text(&line));
-    }
-    let fields = description["fields"]
-        .as_array()
-        .map_or(&[][..], Vec::as_slice);
-    if !fields.is_empty() {
-        crate::say!(
-            "\n{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
-            "field",
-            "of",
-            "type",
-            "least",
-            "greatest",
-            "NaN/inf"
-        );
-    }
-    for field in fields {
-        crate::say!(
-            "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
-            text(&field["name"]),
-            text(&field["of"]),
-            text(&field["type"]),
-            number(&field["range"][0]),
-            number(&field["range"][1]),
-            text(&field["non_finite"]),
-        );
-    }
 }

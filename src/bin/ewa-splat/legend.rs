@@ -1,12 +1,9 @@
 //! `ewa-splat render --legend`
 
-use std::path::Path;
-
 use clap::Args;
-use ewa_splat::io::write_image;
-use ewa_splat::legend::{ColourBar, draw_legend};
+use ewa_splat::legend::ColourBar;
 use ewa_splat::scene::Colour;
-use ewa_splat::{Error, Image, Result};
+use ewa_splat::{Error, Result};
 
 use crate::scene::Scene;
 
@@ -54,14 +51,4 @@ pub(crate) fn column_title(fields: &[Option<String>]) -> String {
         }
         _ => "column density".into(),
     }
-}
-
-/// Writes a picture with the bars in it.
-pub(crate) fn write_with_legend(path: &Path, image: &Image, bars: &[ColourBar]) -> Result<()> {
-    if bars.is_empty() {
-        return write_image(path, image);
-    }
-    let mut image = image.clone();
-    draw_legend(bars, &mut image)?;
-    write_image(path, &image)
 }

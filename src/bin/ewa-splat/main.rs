@@ -1,4 +1,4 @@
-//! The command line: `render`, `info`, `convert`, `compare`, `measure`.
+//! The command line: `render`, `info`, `convert`, `compare`, `measure`, `completions`, `man`.
 
 /// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
 macro_rules! say {
@@ -13,12 +13,16 @@ macro_rules! say {
 pub(crate) use say;
 
 mod animation;
+mod annotations;
 mod column;
 mod compare;
 mod convert;
 mod count;
 mod cut;
+mod driver;
+mod files;
 mod info;
+mod info_table;
 mod input;
 mod legend;
 mod lit;
@@ -29,13 +33,14 @@ mod progress;
 mod render;
 mod scene;
 mod sequence;
+mod shell;
 mod truth;
 mod viewpoint;
 mod words;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
 #[derive(Parser)]
@@ -43,13 +48,16 @@ use clap::{Parser, Subcommand};
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+    /// Say nothing on standard error but errors: no progress, no notes
+    #[arg(long, global = true)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
 enum Command {
     /// Render data to an image
     Render(Box<render::Arguments>),
-    /// Say what a file holds and what rendering it requires
+    /// Say what files hold and what rendering them requires
     Info(Box<info::Arguments>),
     /// Turn data into a file of splats for viewers of radiance fields
     Convert(Box<convert::Arguments>),
@@ -57,16 +65,32 @@ enum Command {
     Compare(compare::Arguments),
     /// Measure speed against accuracy: table, plots and what each approximation costs
     Measure(Box<measure::Arguments>),
+    /// Print a script for a shell that completes the program's options
+    Completions(shell::CompletionsArguments),
+    /// Print a page for man: `ewa-splat man render | man -l -`
+    Man(shell::ManArguments),
 }
 
 fn main() -> ExitCode {
-    let arguments = truth::join_reference(std::env::args_os());
-    let result = match Arguments::parse_from(arguments).command {
+    driver::hush();
+    let words = truth::join_reference(std::env::args_os());
+    let program = Arguments::command().long_version(shell::version());
+    let matches = program.get_matches_from(words);
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    if arguments.quiet {
+        progress::be_quiet();
+    }
+    let result = match arguments.command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
+        Command::Completions(arguments) => {
+            shell::completions(&arguments, Arguments::command());
+            Ok(())
+        }
+        Command::Man(arguments) => shell::man(&arguments, Arguments::command()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

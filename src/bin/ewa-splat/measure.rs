@@ -1,7 +1,7 @@
 //! `ewa-splat measure`
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Args;
 use ewa_splat::io::{Mesh, read_image, write_bytes_atomically, write_image};
@@ -14,12 +14,11 @@ use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::Classification;
 use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Error, Image, Renderer, Result, Settings};
-use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
-use crate::progress::{bar, task_of, with_bar};
+use crate::progress::{bar, spinner, task_of, with_bar};
 use crate::scene::{Input, Scene, paths};
 use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, Canvas, most_pixels};
@@ -78,8 +77,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;
     // Hidden where standard error is no terminal.
-    let progress = ProgressBar::new_spinner();
-    progress.enable_steady_tick(Duration::from_millis(100));
+    let progress = spinner();
 
     let options = SampleOptions {
         task: task_of(&progress),

@@ -31,9 +31,10 @@ pub(crate) fn check_collisions<'a>(
 /// Says how many pixels of a true image stayed above the error wanted.
 pub(crate) fn warn_unconverged(frame: &ReferenceFrame, wanted: f64) {
     if frame.unconverged > 0 {
-        eprintln!(
+        crate::progress::note!(
             "{} pixels of the true image may err by more than {wanted}: by {:.1e} at most",
-            frame.unconverged, frame.error
+            frame.unconverged,
+            frame.error
         );
     }
 }

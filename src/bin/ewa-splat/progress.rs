@@ -1,7 +1,50 @@
-//! Bars for long work, hidden where standard error is no terminal.
+//! What is said on standard error while the program works and beside its results: bars for long work,
+//! hidden where it is no terminal, and notes. None of it with `--quiet`.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use ewa_splat::{Progress, Task};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// One for the whole program, as standard error is.
+static IS_QUIET: AtomicBool = AtomicBool::new(false);
+
+/// From now on nothing is said but errors.
+pub(crate) fn be_quiet() {
+    IS_QUIET.store(true, Ordering::Relaxed);
+}
+
+pub(crate) fn is_quiet() -> bool {
+    IS_QUIET.load(Ordering::Relaxed)
+}
+
+/// Prints a line on standard error, unless the program is to be quiet.
+macro_rules! note {
+    ($($part:tt)*) => {
+        if !$crate::progress::is_quiet() {
+            eprintln!($($part)*);
+        }
+    };
+}
+pub(crate) use note;
+
+/// Where bars are drawn.
+fn target() -> ProgressDrawTarget {
+    if is_quiet() {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    }
+}
+
+/// A bar without an end, which turns.
+pub(crate) fn spinner() -> ProgressBar {
+    let spinner =
+        ProgressBar::with_draw_target(None, target()).with_style(ProgressStyle::default_spinner());
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
+}
 
 /// Runs `work` with a bar that follows its task.
 pub(crate) fn with_bar<T>(message: &'static str, work: impl FnOnce(Task) -> T) -> T {
@@ -29,7 +72,7 @@ pub(crate) fn task_of(bar: &ProgressBar) -> Option<Task> {
 
 /// A bar of so many steps.
 pub(crate) fn bar(steps: u64) -> ProgressBar {
-    let bar = ProgressBar::new(steps);
+    let bar = ProgressBar::with_draw_target(Some(steps), target());
     match ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}") {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,

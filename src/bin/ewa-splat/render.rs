@@ -1,7 +1,7 @@
 //! `ewa-splat render`
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use ewa_splat::Filter;
@@ -9,7 +9,7 @@ use ewa_splat::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
-use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width};
+use ewa_splat::legend::legend_width;
 use ewa_splat::measure::{ErrorSample, SampledError, median_times};
 use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
@@ -18,21 +18,20 @@ use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::{Lighting, Particles, PointVolume, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens};
-use ewa_splat::{
-    Backend, ColumnSettings, Error, Image, Renderer, Result, SceneOptions, Settings, Show,
-};
+use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::animation::{self, Animation};
+use crate::annotations::{AnnotationOptions, Overlays};
 use crate::count::describe;
 use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
-use crate::legend::{LegendOptions, bars, write_with_legend};
+use crate::legend::{LegendOptions, bars};
 use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
-use crate::progress::{bar, task_of, with_bar};
+use crate::progress::{bar, spinner, task_of, with_bar};
 use crate::scene::{Input, paths};
 use crate::sequence::SequenceOptions;
 use crate::truth::{ReferenceName, Truth};
@@ -69,6 +68,8 @@ pub(crate) struct Arguments {
     pub(crate) legend: LegendOptions,
     #[command(flatten)]
     sequence: SequenceOptions,
+    #[command(flatten)]
+    annotations: AnnotationOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -280,10 +281,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         lighting.validate()?;
     }
     arguments.check_legend()?;
+    arguments.annotations.check(arguments.numbers())?;
     arguments.method.check_composite()?;
     // Hidden where standard error is no terminal.
-    let progress = ProgressBar::new_spinner();
-    progress.enable_steady_tick(Duration::from_millis(100));
+    let progress = spinner();
 
     let task = task_of(&progress);
 
@@ -313,6 +314,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         true if !is_column => bars(&scene)?,
         _ => Vec::new(),
     };
+    let bounds = scene.bounds();
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
     if arguments.is_lit() && !arguments.method.post_classification {
         check_lit(&scene)?;
@@ -364,23 +366,32 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         read_ms,
         prepare_ms,
     };
+    let overlays = Overlays::new(&arguments.annotations, legend.clone(), bounds, &camera)?;
     if is_column {
-        return arguments.draw_column(&mut renderer, &camera, &fields, prepared, &progress);
+        return arguments.draw_column(
+            &mut renderer,
+            &camera,
+            &fields,
+            overlays,
+            prepared,
+            &progress,
+        );
     }
-    check_legend_size(&legend, [camera.width, camera.height])?;
     let suitable = renderer.suitable_low_pass_px2();
     let low_pass = arguments.method.low_pass.unwrap_or(suitable);
     if let Some(truth) = truth {
         progress.finish_and_clear();
-        return arguments.integrate(&truth, &camera, low_pass, &legend, prepared);
+        return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
     }
     let mut settings = arguments.settings(low_pass);
     if arguments.sequence.is_asked_for() {
         let mut animation = arguments.animation(&cameras)?;
+        let rate = arguments.sequence.rate();
         let bar = bar(cameras.len() as u64).with_message("rendering");
         for camera in &cameras {
+            let over = Overlays::new(&arguments.annotations, legend.clone(), bounds, camera)?;
             let image = renderer.render(camera, &settings)?;
-            arguments.push(&mut animation, image, &legend)?;
+            animation.push(&*over.drawn(image)?, rate)?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -419,7 +430,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if shows_count {
         write_count(&arguments.out, renderer.image())?;
     } else {
-        write_with_legend(&arguments.out, renderer.image(), &legend)?;
+        overlays.write(&arguments.out, renderer.image())?;
     }
     if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
         write_depth(path, depth)?;
@@ -445,7 +456,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         stats["tolerance_asked"] = json!(asked);
         stats["measured_error"] = json!(error);
         if arguments.output.stats.is_none() {
-            progress.suspend(|| eprintln!("{}", in_words(&error, asked, settings.tolerance)));
+            progress.suspend(|| {
+                crate::progress::note!("{}", in_words(&error, asked, settings.tolerance))
+            });
         }
     }
     if let Some(path) = &arguments.output.stats {
@@ -453,18 +466,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     progress.finish_and_clear();
     if footprints == 0 {
-        eprintln!("nothing visible: no particle reaches the image with an opacity above zero");
+        crate::progress::note!(
+            "nothing visible: no particle reaches the image with an opacity above zero"
+        );
     } else if shows_count {
-        eprintln!("{}", describe(renderer.image(), arguments.is_png()));
+        crate::progress::note!("{}", describe(renderer.image(), arguments.is_png()));
     }
     if let (Some(layers), None) = (layers, arguments.method.slab_thickness) {
         let tolerance = f64::from(settings.tolerance);
         if layers.error > tolerance {
-            eprintln!(
+            crate::progress::note!(
                 "slabs {:.1e} thick are thicker than the tolerance of {tolerance:.1e} asks of the \
                  thinnest kernels: they err by {:.1e} at most, as a rule far less; --slab-thickness \
                  makes them thinner",
-                layers.thickness, layers.error
+                layers.thickness,
+                layers.error
             );
         }
     }
@@ -555,17 +571,6 @@ impl Arguments {
         Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
     }
 
-    /// Adds a picture with its legend.
-    fn push(&self, animation: &mut Animation, image: &Image, legend: &[ColourBar]) -> Result<()> {
-        let rate = self.sequence.rate();
-        if legend.is_empty() {
-            return animation.push(image, rate);
-        }
-        let mut image = image.clone();
-        draw_legend(legend, &mut image)?;
-        animation.push(&image, rate)
-    }
-
     /// A picture of each input, from one camera and by one transfer function.
     fn draw_series(&self, options: &SampleOptions, progress: &ProgressBar) -> Result<()> {
         let series = self.data.series(&self.inputs, options, progress)?;
@@ -585,6 +590,7 @@ impl Arguments {
                 |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
             let step = std::slice::from_ref(input);
             let mut scene = self.data.scene(step, &options, densest, progress)?;
+            let bounds = scene.bounds();
             let legend = match self.legend.legend {
                 true => bars(&scene)?,
                 false => Vec::new(),
@@ -613,7 +619,8 @@ impl Arguments {
             let suitable = renderer.suitable_low_pass_px2();
             let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
             let image = renderer.render(camera, &settings)?;
-            self.push(animation, image, &legend)?;
+            let over = Overlays::new(&self.annotations, legend, bounds, camera)?;
+            animation.push(&*over.drawn(image)?, self.sequence.rate())?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -626,7 +633,7 @@ impl Arguments {
         truth: &Truth,
         camera: &Camera,
         low_pass: f32,
-        legend: &[ColourBar],
+        overlays: &Overlays,
         prepared: Prepared,
     ) -> Result<()> {
         let defaults = ReferenceSettings::default();
@@ -642,7 +649,7 @@ impl Arguments {
             truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        write_with_legend(&self.out, &frame.image, legend)?;
+        overlays.write(&self.out, &frame.image)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({
                 "particles": truth.particle_count(),
@@ -684,6 +691,15 @@ impl Arguments {
             return fault("--column-density", "a png, which is a picture", found);
         }
         Ok(())
+    }
+
+    /// The option that writes numbers instead of a picture, and what it would take for one.
+    fn numbers(&self) -> Option<(&'static str, &'static str)> {
+        if matches!(self.output.show, ShowName::Count) {
+            return Some(("--show", "scene or choice"));
+        }
+        let is_column = self.method.column_density && !self.is_png();
+        is_column.then_some(("--column-density", "a png, which is a picture"))
     }
 
     /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is

@@ -14,6 +14,7 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 
 use crate::input::{DataOptions, refused_surface, transfer_of};
+use crate::progress::note;
 
 /// A file, and what is to be shown of it where that is not what the options say of all.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +71,17 @@ pub(crate) struct Scene {
     pub(crate) grids_only: bool,
     /// What points up: [`Up::of_scene`].
     pub(crate) up: DVec3,
+    /// The least and the greatest coordinates of each input's data.
+    corners: Vec<(DVec3, DVec3)>,
+}
+
+impl Scene {
+    /// The box of all data; `None` where nothing has a place.
+    pub(crate) fn bounds(&self) -> Option<Bounds> {
+        let corners = self.corners.iter().copied();
+        let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
+    }
 }
 
 /// An input's volumes, and how they came about.
@@ -78,6 +90,8 @@ struct Read {
     report: SampleReport,
     kind: Kind,
     up: Up,
+    /// The least and the greatest coordinates.
+    corners: Option<(DVec3, DVec3)>,
     /// Whether its transfer function is chosen from its own values.
     is_automatic: bool,
 }
@@ -208,7 +222,7 @@ impl DataOptions {
             progress.set_message(format!("reading {}", input.path.display()));
             let dataset = self.open(&input.path)?;
             for note in &dataset.notes {
-                progress.suspend(|| eprintln!("{}: {note}", input.path.display()));
+                progress.suspend(|| note!("{}: {note}", input.path.display()));
             }
             let mut options = self.of_input(input, &options);
             if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
@@ -227,7 +241,7 @@ impl DataOptions {
             }
             let read = read(dataset, &options)?;
             for line in read.report.warnings() {
-                progress.suspend(|| eprintln!("{}: {line}", input.path.display()));
+                progress.suspend(|| note!("{}: {line}", input.path.display()));
             }
             reads.push(read);
         }
@@ -242,7 +256,7 @@ impl DataOptions {
                 return Err(error);
             }
             let (path, field) = (input.path.display(), wanted);
-            progress.suspend(|| eprintln!("{path}: no field `{field}`: shown by its own"));
+            progress.suspend(|| note!("{path}: no field `{field}`: shown by its own"));
         }
         self.share_functions(inputs, &options, &mut reads, progress)?;
         if !options.for_columns {
@@ -255,6 +269,7 @@ impl DataOptions {
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
             up: DVec3::Z,
+            corners: reads.iter().filter_map(|read| read.corners).collect(),
         };
         let mut ups = Vec::new();
         for read in reads {
@@ -423,13 +438,14 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
 
 fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
     let kind = Kind::of(&dataset);
-    let up = dataset.up();
+    let (up, corners) = (dataset.up(), dataset.bounds());
     let SampledScene { volumes, report } = ewa_splat::sample::scene(dataset, options)?;
     Ok(Read {
         volumes,
         report,
         kind,
         up,
+        corners,
         is_automatic: matches!(
             options.transfer,
             TransferChoice::Automatic | TransferChoice::Named(_)

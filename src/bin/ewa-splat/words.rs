@@ -98,6 +98,36 @@ pub(crate) fn line(error: &Error) -> String {
     text.replace('\n', " ")
 }
 
+/// What is wrong with a file whose name and whose description the reader has: without the name, and without
+/// the advice to look at the file, which is what they do.
+pub(crate) fn problem(error: &Error) -> String {
+    let looks = |advice: &Advice| matches!(advice, Advice::Hint(Hint::LookAtFile));
+    let text = line(error);
+    match error {
+        Error::Format {
+            path,
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        } => {
+            let text = if looks(advice) {
+                format!("{}: expected {expected}, found {found}", named(place))
+            } else {
+                let name = format!("{}: ", path.display());
+                text.strip_prefix(&name).unwrap_or(&text).to_owned()
+            };
+            text.replace('\n', " ")
+        }
+        Error::Io { path, .. } | Error::NoLayout { path, .. } => {
+            let name = format!("{}: ", path.display());
+            text.strip_prefix(&name).unwrap_or(&text).to_owned()
+        }
+        _ => text,
+    }
+}
+
 fn sentence(
     subject: impl std::fmt::Display,
     place: &str,

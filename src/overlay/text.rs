@@ -17,14 +17,14 @@ const UNKNOWN: char = '?';
 
 /// A size of text: one that there is, enlarged by a whole number.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Font {
+pub(crate) struct Font {
     height: RasterHeight,
     enlargement: usize,
 }
 
 impl Font {
     /// The largest whose lines are no higher than `line_px`, or the smallest there is.
-    pub(super) fn of_line(line_px: usize) -> Self {
+    pub(crate) fn of_line(line_px: usize) -> Self {
         let enlargement = (line_px / RasterHeight::Size32.val()).max(1);
         let fits = |h: &&RasterHeight| h.val() * enlargement <= line_px;
         Self {
@@ -34,22 +34,22 @@ impl Font {
     }
 
     /// From one line to the next, pixels.
-    pub(super) fn line_px(self) -> usize {
+    pub(crate) fn line_px(self) -> usize {
         self.height.val() * self.enlargement
     }
 
     /// From one character to the next, pixels.
-    pub(super) fn advance_px(self) -> usize {
+    pub(crate) fn advance_px(self) -> usize {
         get_raster_width(FontWeight::Regular, self.height) * self.enlargement
     }
 
     /// The width of a text, pixels.
-    pub(super) fn width_px(self, text: &str) -> usize {
+    pub(crate) fn width_px(self, text: &str) -> usize {
         text.chars().count() * self.advance_px()
     }
 
     /// A text of at most `width_px`: its end gives way to two points where it is longer.
-    pub(super) fn shortened(self, text: &str, width_px: usize) -> String {
+    pub(crate) fn shortened(self, text: &str, width_px: usize) -> String {
         let most = width_px / self.advance_px();
         if text.chars().count() <= most {
             return text.to_owned();
@@ -60,7 +60,7 @@ impl Font {
 
     /// Calls `pixel` with the column, the row and the coverage, 0 to 1, of each pixel that a text
     /// touches; all lie within its width and its line.
-    pub(super) fn draw(self, text: &str, mut pixel: impl FnMut(usize, usize, f32)) {
+    pub(crate) fn draw(self, text: &str, mut pixel: impl FnMut(usize, usize, f32)) {
         for (i, character) in text.chars().enumerate() {
             let glyph = get_raster(character, FontWeight::Regular, self.height)
                 .or_else(|| get_raster(UNKNOWN, FontWeight::Regular, self.height));

@@ -1,0 +1,396 @@
+//! Annotations of pictures: where the axes point, what box the data fill, how long a length is, and
+//! what is shown when.
+//!
+//! They are drawn over a finished picture, by the camera that it was drawn with, before a
+//! [`legend`](crate::legend): the box of the data across the picture, all else into its corners.
+//! Texts stand on plates as a legend's do, lines have dark rims, so that they are seen on bright and
+//! dark pictures.
+
+mod outline;
+mod scale_bar;
+mod triad;
+
+use glam::DVec3;
+
+use self::scale_bar::ScaleBar;
+use self::triad::Triad;
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, Stroke, fill, font_of};
+use crate::view::{Bounds, Camera};
+
+/// What is drawn over a picture; by default nothing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Annotations {
+    /// A triad of the world's axes in the lower left corner, turned as the camera sees it along its
+    /// optical axis.
+    pub axes: bool,
+    /// A box, world units, whose edges are drawn in perspective, over the picture: those that the box's
+    /// own faces hide are dimmer, what the picture shows hides none.
+    pub outline: Option<Bounds>,
+    /// A bar in the lower right corner, 1, 2 or 5 times a power of ten long. It is as long as that length,
+    /// parallel to the picture's rows, appears at the distance of this point, world units; under an
+    /// orthographic camera everywhere.
+    pub scale_at: Option<DVec3>,
+    /// A line of text in the left upper corner.
+    pub title: Option<String>,
+    /// How many of the picture's columns the title may have, counted from the left: all by default.
+    pub title_columns: Option<usize>,
+    /// A line of text in the lower left corner, above the triad.
+    pub time_stamp: Option<String>,
+}
+
+/// Characters of a text for which there must be room.
+const LEAST_CHARACTERS: usize = 4;
+/// Linear grey of dark rims.
+const RIM: [f32; 3] = [0.0; 3];
+
+/// Whether the annotations have room and a place in a camera's picture, asked before the work of one.
+///
+/// # Errors
+/// A picture that is too small, and a scale at a point where the camera sees none: in or behind the
+/// plane of a perspective eye.
+pub fn check(camera: &Camera, annotations: &Annotations) -> Result<()> {
+    Layout::of(camera, annotations).map(|_| ())
+}
+
+/// Draws annotations over a picture.
+///
+/// - `camera`: the one that the picture was drawn by.
+///
+/// Texts that are too long for the picture end in two points; characters that the font lacks, those
+/// beyond Latin-1, are drawn as `?`. Text is as large as a [`legend`](crate::legend::draw_legend)'s.
+///
+/// # Errors
+/// Those of [`check`]; a picture of another size than the camera's.
+pub fn draw(image: &mut Image, camera: &Camera, annotations: &Annotations) -> Result<()> {
+    if !image.is_whole() || [image.width, image.height] != [camera.width, camera.height] {
+        return Err(Error::invalid(
+            "annotations",
+            "image",
+            format!("{} x {} pixels", camera.width, camera.height),
+            format!(
+                "{} of {} x {}",
+                image.pixels.len(),
+                image.width,
+                image.height
+            ),
+            "give the picture that this camera saw",
+        ));
+    }
+    let layout = Layout::of(camera, annotations)?;
+    if let Some(bounds) = annotations.outline {
+        outline::draw(image, camera, bounds, layout.font);
+    }
+    if let Some(triad) = &layout.triad {
+        triad.draw(image, layout.font);
+    }
+    for label in layout.title.iter().chain(&layout.time_stamp) {
+        label.draw(image, layout.font);
+    }
+    if let Some(bar) = &layout.scale_bar {
+        bar.draw(image, layout.font);
+    }
+    Ok(())
+}
+
+/// A line of text on a plate.
+#[derive(Debug, Clone)]
+struct Label {
+    plate: Rect,
+    line: Line,
+}
+
+impl Label {
+    /// The height of its plate, pixels.
+    fn height(font: Font) -> usize {
+        font.line_px() + 2 * rim(font)
+    }
+
+    /// A text from `left` and `top` on, shortened to a plate that ends before column `end`; none of a text
+    /// without characters.
+    fn of(text: &str, font: Font, [left, top]: [usize; 2], end: usize) -> Option<Self> {
+        let gap = gap(font);
+        // Line feeds and tabs have no place in a line.
+        let text: String = text
+            .trim()
+            .chars()
+            .map(|c| if c.is_whitespace() { ' ' } else { c })
+            .collect();
+        let text = font.shortened(&text, end.saturating_sub(left + 2 * gap));
+        (!text.is_empty()).then(|| Self {
+            plate: Rect {
+                left,
+                top,
+                width: font.width_px(&text) + 2 * gap,
+                height: Self::height(font),
+            },
+            line: Line {
+                text,
+                left: left + gap,
+                top: top + rim(font),
+            },
+        })
+    }
+
+    /// The width that a text needs where it is shortened, pixels.
+    fn least_width(text: &str, font: Font) -> usize {
+        let count = text.trim().chars().count().min(LEAST_CHARACTERS);
+        count * font.advance_px() + 2 * gap(font)
+    }
+
+    fn draw(&self, image: &mut Image, font: Font) {
+        fill_plate(image, self.plate);
+        self.line.draw(font, image);
+    }
+}
+
+/// Between what is drawn and the picture's edges, and between text and the ends of its plate, pixels.
+fn gap(font: Font) -> usize {
+    font.line_px() / 2
+}
+
+/// Between text and its plate's upper and lower edges, pixels.
+fn rim(font: Font) -> usize {
+    font.line_px() / 4
+}
+
+/// The width of lines, pixels.
+fn thickness_px(font: Font) -> f64 {
+    font.line_px() as f64 / 14.0
+}
+
+fn fill_plate(image: &mut Image, plate: Rect) {
+    fill(image, plate, [0.0, 0.0, 0.0, 1.0], PLATE_OPACITY);
+}
+
+/// Draws lines with a dark rim around all of them.
+fn draw_rimmed(image: &mut Image, strokes: &[Stroke], colour: [f32; 3], opacity: f32) {
+    /// Of a rim beside the line's own, which has to be seen: on white it leaves a third.
+    const RIM_OPACITY: f32 = 0.65;
+    for stroke in strokes {
+        let rim = Stroke {
+            width_px: 3.0 * stroke.width_px,
+            ..*stroke
+        };
+        rim.draw(image, RIM, opacity * RIM_OPACITY);
+    }
+    for stroke in strokes {
+        stroke.draw(image, colour, opacity);
+    }
+}
+
+/// Where everything lies.
+#[derive(Debug, Clone)]
+struct Layout {
+    font: Font,
+    title: Option<Label>,
+    time_stamp: Option<Label>,
+    triad: Option<Triad>,
+    scale_bar: Option<ScaleBar>,
+}
+
+impl Layout {
+    fn of(camera: &Camera, annotations: &Annotations) -> Result<Self> {
+        let [width, height] = [camera.width, camera.height];
+        let font = font_of([width, height]);
+        let gap = gap(font);
+        let scale_bar = match annotations.scale_at {
+            Some(point) => Some(ScaleBar::of(camera, point, font)?),
+            None => None,
+        };
+        let side = |is_there: bool| if is_there { Triad::side(font) } else { 0 };
+        let triad_side = side(annotations.axes);
+        let text = |text: &Option<String>| text.clone().filter(|t| !t.trim().is_empty());
+        let (title, stamp) = (text(&annotations.title), text(&annotations.time_stamp));
+        let with_gap = |px: usize| if px > 0 { px + gap } else { 0 };
+        let text_height = |text: &Option<String>| text.as_ref().map_or(0, |_| Label::height(font));
+        let text_width = |text: &Option<String>| {
+            text.as_ref()
+                .map_or(0, |text| Label::least_width(text, font))
+        };
+        let (bar_width, bar_height) = scale_bar.as_ref().map_or((0, 0), ScaleBar::size);
+        // Beside the bar lies the triad, or the time where there is none.
+        let lower = match annotations.axes {
+            true => triad_side,
+            false => text_width(&stamp),
+        };
+        let rows = [
+            with_gap(text_width(&title)),
+            with_gap(text_width(&stamp)),
+            with_gap(lower) + with_gap(bar_width),
+        ];
+        let at_left = with_gap(text_height(&stamp)) + with_gap(triad_side);
+        let columns = with_gap(text_height(&title)) + at_left.max(with_gap(bar_height));
+        let least = [gap + rows.into_iter().max().unwrap_or(0), gap + columns];
+        // Nothing to draw has room everywhere.
+        if least != [gap, gap] && (least[0] > width || least[1] > height) {
+            return Err(Error::invalid(
+                "annotations",
+                "image size",
+                format!("{} x {} pixels at least", least[0], least[1]),
+                format!("{width} x {height}"),
+                "draw a larger picture, or fewer annotations",
+            ));
+        }
+        let inside = width.saturating_sub(gap);
+        let title_end = annotations.title_columns.map_or(inside, |columns| {
+            // A gap before what follows, where that leaves room for anything.
+            let least = gap + text_width(&title);
+            columns.saturating_sub(gap).clamp(least.min(inside), inside)
+        });
+        let title = title.and_then(|title| Label::of(&title, font, [gap, gap], title_end));
+        let above_triad = height.saturating_sub(gap + with_gap(triad_side));
+        let time_stamp = stamp.and_then(|stamp| {
+            let end = match annotations.axes {
+                true => inside,
+                false => inside.saturating_sub(with_gap(bar_width)),
+            };
+            let top = above_triad.saturating_sub(Label::height(font));
+            let top = if annotations.axes {
+                top
+            } else {
+                top.min(height)
+            };
+            Label::of(&stamp, font, [gap, top], end)
+        });
+        let triad = annotations.axes.then(|| Triad::of(camera, font));
+        Ok(Self {
+            font,
+            title,
+            time_stamp,
+            triad,
+            scale_bar,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(super) fn cameras(size: [usize; 2]) -> Vec<Camera> {
+        let (eye, target, up) = (
+            DVec3::new(7.0, -9.0, 5.0),
+            DVec3::new(1.0, 0.5, 0.2),
+            DVec3::new(0.1, 0.2, 1.0),
+        );
+        vec![
+            Camera::perspective(eye, target, up, 35.0, size),
+            Camera::perspective(eye, target, DVec3::NEG_Y, 90.0, size),
+            Camera::orthographic(eye, target, up, 6.0, size),
+        ]
+    }
+
+    const SIZES: [[usize; 2]; 4] = [[200, 220], [320, 200], [1024, 1024], [2600, 3000]];
+
+    fn everything() -> Annotations {
+        Annotations {
+            axes: true,
+            outline: None,
+            scale_at: Some(DVec3::ZERO),
+            title: Some("A title that is far too long for the pictures of this test, ".repeat(4)),
+            title_columns: None,
+            time_stamp: Some(
+                "t = 3.5\n\u{3c1} = 7, and so on until the edge is reached ".repeat(4),
+            ),
+        }
+    }
+
+    fn plates(layout: &Layout) -> Vec<Rect> {
+        let labels = layout.title.iter().chain(&layout.time_stamp);
+        let mut all: Vec<Rect> = labels.map(|label| label.plate).collect();
+        all.extend(layout.triad.as_ref().map(Triad::square));
+        all.extend(layout.scale_bar.as_ref().map(|bar| bar.plate));
+        all
+    }
+
+    #[test]
+    fn all_lies_in_its_own_place_and_nothing_else_changes() {
+        let mut fewer = everything();
+        fewer.axes = false;
+        fewer.title_columns = Some(140);
+        for annotations in [everything(), fewer] {
+            for size in SIZES {
+                for camera in cameras(size) {
+                    let layout = Layout::of(&camera, &annotations).unwrap();
+                    let places = plates(&layout);
+                    for (i, a) in places.iter().enumerate() {
+                        assert!(a.left > 0 && a.top > 0, "{a:?}");
+                        assert!(a.right() < size[0] && a.bottom() < size[1], "{a:?}");
+                        for b in &places[i + 1..] {
+                            let apart = a.right() <= b.left
+                                || b.right() <= a.left
+                                || a.bottom() <= b.top
+                                || b.bottom() <= a.top;
+                            assert!(apart, "{a:?} {b:?}");
+                        }
+                    }
+                    for label in layout.title.iter().chain(&layout.time_stamp) {
+                        let right = label.line.left + layout.font.width_px(&label.line.text);
+                        assert!(right < label.plate.right());
+                        assert!(label.line.text.len() > 3, "{}", label.line.text);
+                    }
+                    let value = |i: usize| (i % 251) as f32 / 251.0;
+                    let mut image = Image::new(size[0], size[1]);
+                    for (i, pixel) in image.pixels.iter_mut().enumerate() {
+                        *pixel = [value(i); 4];
+                    }
+                    draw(&mut image, &camera, &annotations).unwrap();
+                    let mut changed = 0;
+                    for (i, pixel) in image.pixels.iter().enumerate() {
+                        let (x, y) = (i % size[0], i / size[0]);
+                        let is_on = places.iter().any(|p| {
+                            (p.left..p.right()).contains(&x) && (p.top..p.bottom()).contains(&y)
+                        });
+                        assert!(pixel.iter().all(|c| (0.0..=1.0).contains(c)));
+                        changed += usize::from(*pixel != [value(i); 4]);
+                        assert!(is_on || *pixel == [value(i); 4], "{x}, {y}");
+                    }
+                    assert!(changed > 1000);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_title_ends_before_the_columns_that_are_not_its() {
+        let camera = &cameras([1024, 512])[0];
+        let mut annotations = everything();
+        annotations.title_columns = Some(600);
+        let layout = Layout::of(camera, &annotations).unwrap();
+        let title = layout.title.unwrap();
+        assert!(title.plate.right() <= 600 && title.plate.right() > 560);
+        assert!(title.line.text.ends_with(".."));
+    }
+
+    #[test]
+    fn no_annotations_change_nothing() {
+        for size in [[1, 1], [64, 40]] {
+            for camera in cameras(size) {
+                let mut image = Image::new(size[0], size[1]);
+                draw(&mut image, &camera, &Annotations::default()).unwrap();
+                let blank = Annotations {
+                    title: Some(" ".into()),
+                    ..Annotations::default()
+                };
+                draw(&mut image, &camera, &blank).unwrap();
+                assert_eq!(image, Image::new(size[0], size[1]));
+            }
+        }
+    }
+
+    #[test]
+    fn what_has_no_room_is_refused() {
+        for size in [[0, 0], [60, 400], [400, 60]] {
+            for camera in cameras(size) {
+                assert!(check(&camera, &everything()).is_err(), "{size:?}");
+            }
+        }
+        // Of another size than the camera's.
+        let camera = &cameras([300, 200])[0];
+        let mut image = Image::new(200, 300);
+        assert!(draw(&mut image, camera, &everything()).is_err());
+        assert_eq!(image, Image::new(200, 300));
+    }
+}

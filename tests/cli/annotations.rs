@@ -1,0 +1,112 @@
+//! What `render` draws over pictures: where it lies, and where it is refused.
+
+use std::path::Path;
+
+use ewa_splat::Image;
+use ewa_splat::io::read_image;
+
+use crate::commands::{files, fixture, run, text};
+
+const SIZE: [usize; 2] = [240, 200];
+
+/// Draws particles with options into a file, and reads it.
+fn drawn(folder: &Path, out: &str, options: &[&str]) -> Image {
+    let particles = fixture("particles.csv");
+    let own = ["render", &particles, "--size", "240x200", "--out", out];
+    let made = run(folder, &[&own, options].concat());
+    assert!(made.status.success(), "{options:?}: {}", text(&made.stderr));
+    read_image(&folder.join(out)).unwrap()
+}
+
+/// The first and the last column and row that differ.
+fn changed(a: &Image, b: &Image) -> [usize; 4] {
+    let mut corners = [usize::MAX, usize::MAX, 0, 0];
+    for (i, _) in (a.pixels.iter().zip(&b.pixels).enumerate()).filter(|(_, (a, b))| a != b) {
+        let (x, y) = (i % SIZE[0], i / SIZE[0]);
+        corners = [
+            corners[0].min(x),
+            corners[1].min(y),
+            corners[2].max(x),
+            corners[3].max(y),
+        ];
+    }
+    corners
+}
+
+#[test]
+fn annotations_lie_in_their_corners() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let plain = drawn(folder, "a.npy", &[]);
+    let of = |options: &[&str]| changed(&plain, &drawn(folder, "b.npy", options));
+    // Columns and rows: the first two, the last two. Text is 16 pixels high.
+    let [left, top, right, bottom] = of(&["--title", "Knot"]);
+    assert!(left == 8 && top == 8 && right < 60 && bottom < 36);
+    let title = "A long title that no picture of this size has room for";
+    let [left, _, right, bottom] = of(&["--title", title]);
+    assert!(left == 8 && right > 215 && right < 232 && bottom < 36);
+    let [left, top, right, bottom] = of(&["--axes"]);
+    assert!(left >= 8 && top > 90 && right < 110 && bottom < 192);
+    let [left, top, right, bottom] = of(&["--time-stamp", "t = 4"]);
+    assert!(left == 8 && top > 160 && right < 80 && bottom == 191);
+    let [left, top, right, bottom] = of(&["--scale-bar"]);
+    assert!(left > 150 && top > 140 && right == 231 && bottom == 191);
+    // The box is as large as the data, whose kernels the fitted camera shows up to the rims.
+    let [left, top, right, bottom] = of(&["--outline"]);
+    assert!(left < 60 && top < 60 && right > 180 && bottom > 140);
+    // A legend has its own columns.
+    let annotated = ["--column-density", "--title", title];
+    let plain = drawn(folder, "c.png", &[&annotated[..], &["--legend"]].concat());
+    let other = ["--column-density", "--legend", "--title", "Short"];
+    let [_, _, right, bottom] = changed(&plain, &drawn(folder, "d.png", &other));
+    assert!(
+        (40..140).contains(&right) && bottom < 36,
+        "{right} {bottom}"
+    );
+}
+
+#[test]
+fn annotations_are_of_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let particles = fixture("particles.csv");
+    for (options, says) in [
+        (
+            &["--column-density", "--out", "a.npy", "--axes"][..],
+            "--axes: --column-density: expected a png",
+        ),
+        (
+            &["--show", "count", "--out", "a.png", "--title", "n"],
+            "--title: --show: expected scene or choice",
+        ),
+        (
+            &["--size", "40x40", "--out", "a.png", "--axes"],
+            "pixels at least, found 40 x 40",
+        ),
+        (
+            &[
+                "--out",
+                "a.png",
+                "--scale-bar",
+                "--eye",
+                "0,90,0",
+                "--target",
+                "0,99,0",
+            ],
+            "in front of the eye",
+        ),
+    ] {
+        let refused = run(folder.path(), &[&["render", &particles], options].concat());
+        assert_eq!(refused.status.code(), Some(1), "{options:?}");
+        let message = text(&refused.stderr);
+        assert!(message.contains(says), "{message}");
+        assert!(files(folder.path()).is_empty());
+    }
+    let shown = [
+        "--show", "choice", "--out", "a.png", "--axes", "--size", "120x120",
+    ];
+    let made = run(
+        folder.path(),
+        &[&["render", &particles], &shown[..]].concat(),
+    );
+    assert!(made.status.success(), "{}", text(&made.stderr));
+}

@@ -1,0 +1,168 @@
+//! How the program behaves towards people: help, silence, several files, faults that are explained.
+
+use serde_json::Value;
+
+use crate::commands::{fixture, run, text};
+
+#[test]
+fn shells_and_man_get_what_they_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |arguments: &[&str]| {
+        let output = run(folder.path(), arguments);
+        assert!(output.status.success(), "{arguments:?}");
+        assert!(output.stderr.is_empty());
+        text(&output.stdout)
+    };
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = of(&["completions", shell]);
+        assert!(script.contains("transfer-function"), "{shell}");
+    }
+    let page = of(&["man"]);
+    assert!(page.contains(".TH ewa-splat 1"), "{page}");
+    assert!(page.contains("ewa\\-splat\\-render(1)"), "{page}");
+    let page = of(&["man", "render"]);
+    assert!(page.contains(".TH ewa-splat-render 1"), "{page}");
+    assert!(page.contains("\\-\\-scale\\-bar"));
+    let refused = run(folder.path(), &["man", "paint"]);
+    assert_eq!(refused.status.code(), Some(2));
+    let version = of(&["--version"]);
+    assert!(version.starts_with(&format!("ewa-splat {}\n", env!("CARGO_PKG_VERSION"))));
+    assert!(
+        version.contains("GPU path") && version.contains("SIMD: "),
+        "{version}"
+    );
+}
+
+#[test]
+fn quiet_leaves_errors_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let wake = fixture("wake.xyz");
+    let render = ["render", &wake, "--size", "40x30", "--out", "a.png"];
+    let loud = run(folder.path(), &render);
+    assert!(text(&loud.stderr).contains("periodic seam"));
+    for quiet in [
+        [&render[..], &["--quiet"]].concat(),
+        [&["--quiet"], &render[..]].concat(),
+    ] {
+        let quiet = run(folder.path(), &quiet);
+        assert!(quiet.status.success());
+        assert_eq!(text(&quiet.stderr), "");
+    }
+    let refused = run(folder.path(), &["--quiet", "info", "missing.csv"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).starts_with("error: missing.csv"));
+}
+
+#[test]
+fn info_of_several_files_is_a_row_for_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = folder.path().join("data/inner");
+    std::fs::create_dir_all(&inner).unwrap();
+    for (name, to) in [
+        ("wake.xyz", "data/wake.xyz"),
+        ("wake.q", "data/wake.q"),
+        ("particles.csv", "data/inner/particles.csv"),
+        ("vase.obj", "data/vase.obj"),
+    ] {
+        std::fs::copy(fixture(name), folder.path().join(to)).unwrap();
+    }
+    std::fs::write(folder.path().join("data/noise"), [0, 255, 1, 2, 3]).unwrap();
+    let info = |arguments: &[&str]| {
+        let output = run(folder.path(), &[&["info"], arguments].concat());
+        let says = text(&output.stderr);
+        assert!(output.status.success(), "{arguments:?}: {says}");
+        text(&output.stdout)
+    };
+    let table = info(&["data"]);
+    let lines: Vec<Vec<&str>> = table
+        .lines()
+        .map(|l| l.split_whitespace().collect())
+        .collect();
+    let row = |name: &str| {
+        let of = |line: &&Vec<&str>| line.first().is_some_and(|first| first.ends_with(name));
+        lines
+            .iter()
+            .find(of)
+            .unwrap_or_else(|| panic!("{table}"))
+            .clone()
+    };
+    assert_eq!(
+        lines[0],
+        ["file", "format", "kind", "count", "shown", "field"]
+    );
+    assert!(row("wake.xyz").ends_with(&["nodes", "density"]), "{table}");
+    assert!(row("vase.obj").ends_with(&["triangles", "-"]), "{table}");
+    assert_eq!(row("particles.csv")[0], "data/inner/particles.csv");
+    // What is not read comes last, with a reason.
+    let last: Vec<&str> = table.lines().rev().take(2).collect();
+    assert_eq!(last[1], "data/noise: not recognised", "{table}");
+    assert!(
+        last[0].starts_with("data/wake.q: ") && last[0].contains("--solution"),
+        "{table}"
+    );
+
+    let list: Value = serde_json::from_str(&info(&["data", "--json"])).unwrap();
+    let list = list.as_array().unwrap();
+    assert_eq!(list.len(), 5);
+    assert_eq!(
+        list.iter().filter(|file| file["error"].is_string()).count(),
+        2
+    );
+    assert!(list.iter().all(|file| file["file"].is_string()));
+    // A pattern that no shell has replaced; a list even where it matches one file.
+    let list: Value = serde_json::from_str(&info(&["data/*.obj", "--json"])).unwrap();
+    assert_eq!(list[0]["format"], "Wavefront OBJ mesh");
+    assert!(info(&["data/wake.x*"]).contains("bytes per particle"));
+    assert!(info(&["data/vase.obj", "data/wake.xyz"]).starts_with("file "));
+
+    for (arguments, says) in [
+        (&["data/noise", "data/wake.q"][..], "none among 2"),
+        (&["data/*.vti"], "files that it matches"),
+        (&["data/noise"], "none of these"),
+    ] {
+        let refused = run(folder.path(), &[&["info"], arguments].concat());
+        assert_eq!(refused.status.code(), Some(1));
+        let message = text(&refused.stderr);
+        assert!(
+            message.starts_with("error: ") && message.contains(says),
+            "{message}"
+        );
+    }
+}
+
+/// What cannot be drawn has a geometry and fields all the same, and a reason that does not send one to `info`.
+#[test]
+fn info_explains_what_cannot_be_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity\n\
+                 0,0,0,-3,-4,-2,1,0,0,0,.5\n0.0100000001,0,1,-3,-4,-2,1,0,0,0,.5\n";
+    std::fs::write(folder.path().join("a.csv"), table).unwrap();
+    let output = run(folder.path(), &["info", "a.csv", "--json"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let info: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["geometry"]["count"], 2);
+    assert_eq!(info["fields"].as_array().unwrap().len(), 8);
+    let problem = info["problem"].as_str().unwrap();
+    assert!(problem.contains("2 particles left out"), "{problem}");
+    assert!(!problem.contains("ewa-splat info"), "{problem}");
+    let note = info["notes"][0].as_str().unwrap();
+    assert!(
+        note.contains("logarithms") && note.contains("--radius"),
+        "{note}"
+    );
+    let output = run(folder.path(), &["info", "a.csv"]);
+    let table = text(&output.stdout);
+    assert!(table.contains("upper bound        0.01, 0, 1\n"), "{table}");
+    assert!(table.contains("\nproblem "), "{table}");
+    // Which is what the note says helps.
+    let output = run(
+        folder.path(),
+        &["info", "a.csv", "--radius", ".1", "--json"],
+    );
+    let info: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["particles"], 2);
+    assert!(info["problem"].is_null() && info["notes"][0].is_null());
+    // A wrong name of a field is the user's, not the file's.
+    let refused = run(folder.path(), &["info", "a.csv", "--field", "rho"]);
+    assert_eq!(refused.status.code(), Some(1));
+}
