@@ -203,6 +203,10 @@ fn is_zero_centred(sample: &ValueSample, [lo, hi]: [f32; 2]) -> bool {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "numbers are narrowed to values on purpose"
+)]
 mod tests {
     use super::value_sample::split_mix;
     use super::*;

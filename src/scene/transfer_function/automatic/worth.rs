@@ -150,5 +150,5 @@ fn fullest_bin(sample: &ValueSample, [lo, hi]: [f64; 2], bin_count: usize) -> Op
         );
     // The lowest one is the low end itself.
     let is_background = volume >= BACKGROUND_DOMINANCE * total / bin_count as f64 && fullest > 0;
-    is_background.then(|| lo + (fullest as f64 + 0.5) * width)
+    is_background.then_some(lo + (fullest as f64 + 0.5) * width)
 }
