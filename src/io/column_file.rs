@@ -13,6 +13,7 @@ use super::atomic::write_bytes_atomically;
 use super::image_file::{IMAGE_EXTENSIONS, check_size, grey_bytes, png_bytes, unknown_extension};
 use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
+use crate::scene::{ScaleName, TransferFunction};
 
 /// Writes a column density in the format that the extension names: `npy`, `pfm`, `exr` (channel
 /// Y) hold the values, `png` a picture of them, its colours over
@@ -24,7 +25,11 @@ pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
     let bytes = if super::extension(path) == "png" {
-        png_bytes(path, &column_picture(column))?
+        let picture = match column_colours(column, None, None, None)? {
+            Some(colours) => column_picture(column, &colours),
+            None => Image::new(width, height),
+        };
+        png_bytes(path, &picture)?
     } else {
         grey_bytes(
             path,
@@ -48,27 +53,49 @@ pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
     }
 }
 
-/// The picture of a column density that [`write_column`] writes to a `png`; an empty one where the
-/// values are fewer or more than the pixels.
-pub fn column_picture(column: &ColumnImage) -> Image {
+/// The colours of a column density's picture, as a transfer function over its values; `None` where it shows nothing.
+///
+/// - `map`: a colour map's name ([`COLOUR_MAP_NAMES`](crate::scene::COLOUR_MAP_NAMES)); `None` is viridis.
+/// - `range`: of the values; `None` takes [`ColumnImage::shown_range`] on a logarithmic scale, all values on others.
+/// - `scale`: `None` is logarithmic.
+///
+/// # Errors
+/// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale.
+pub fn column_colours(
+    column: &ColumnImage,
+    map: Option<&str>,
+    range: Option<[f32; 2]>,
+    scale: Option<ScaleName>,
+) -> Result<Option<TransferFunction>> {
+    let name = scale.unwrap_or(ScaleName::Log);
+    let own = match name {
+        // One value alone has the greatest colour, and a decade of its own.
+        ScaleName::Log => column.shown_range().map(|[least, greatest]| {
+            let is_one = least >= greatest;
+            [if is_one { greatest / 10.0 } else { least }, greatest]
+        }),
+        ScaleName::Linear | ScaleName::Symlog => column.range(),
+    };
+    let Some(range) = range.or(own) else {
+        return Ok(None);
+    };
+    TransferFunction::of_colours(map.unwrap_or("viridis"), range, name).map(Some)
+}
+
+/// The picture of a column density by [`column_colours`]; what is less than their range is transparent. An empty one
+/// where the values are fewer or more than the pixels.
+pub fn column_picture(column: &ColumnImage, colours: &TransferFunction) -> Image {
     if column.width.checked_mul(column.height) != Some(column.values.len()) {
         return Image::new(0, 0);
     }
-    let colour_of = viridis();
     let mut picture = Image::new(column.width, column.height);
-    let Some([least, greatest]) = column.shown_range() else {
-        return picture;
-    };
-    let (first, span) = (least.log10(), greatest.log10() - least.log10());
+    let scale = colours.value_scale();
+    let [least, _] = colours.range();
     for (pixel, &value) in picture.pixels.iter_mut().zip(&column.values) {
-        if value >= least {
-            // One value alone is the greatest.
-            let fraction = if span > 0.0 {
-                (value.log10() - first) / span
-            } else {
-                1.0
-            };
-            *pixel = colour_of(fraction);
+        let position = scale.position(value);
+        if position >= least {
+            let [red, green, blue, _] = colours.classify(position);
+            *pixel = [red, green, blue, 1.0];
         }
     }
     picture
@@ -86,7 +113,8 @@ mod tests {
             values: vec![0.0, -3.0, 1e-9, 1e-4, 1e-2, 1.0],
             pixel_area: None,
         };
-        let pixels = column_picture(&column).pixels;
+        let colours = column_colours(&column, None, None, None).unwrap().unwrap();
+        let pixels = column_picture(&column, &colours).pixels;
         assert_eq!(pixels[..3], [[0.0; 4]; 3]);
         // Viridis: #440154 and #fde725; in the middle the preset has #26838f, where matplotlib's
         // table has #21918c. Its spline leaves its ends and middle by a level or two of 255.
@@ -98,6 +126,45 @@ mod tests {
                 let level = crate::image::srgb_from_linear(*linear) * 255.0;
                 assert!((level - code as f32).abs() < 3.0, "{pixel:?}: {code}");
             }
+        }
+    }
+
+    #[test]
+    fn a_map_a_range_and_a_scale_may_be_asked_for() {
+        let column = ColumnImage {
+            width: 4,
+            height: 1,
+            values: vec![-2.0, 0.0, 1.0, 3.0],
+            pixel_area: None,
+        };
+        let grey = |range, scale| {
+            let colours = column_colours(&column, Some("grayscale"), range, scale);
+            let picture = column_picture(&column, &colours.unwrap().unwrap());
+            let encoded = |p: &[f32; 4]| (crate::image::srgb_from_linear(p[0]), p[3]);
+            picture.pixels.iter().map(encoded).collect::<Vec<_>>()
+        };
+        // Evenly from -2 to 3, within a step of the table.
+        for ((level, alpha), expected) in grey(None, Some(ScaleName::Linear))
+            .iter()
+            .zip([0.0, 0.4, 0.6, 1.0])
+        {
+            assert!((level - expected).abs() < 1e-3 && *alpha >= 1.0);
+        }
+        // What is less is transparent, what is more has the last colour.
+        let shown = grey(Some([0.5, 1.0]), Some(ScaleName::Linear));
+        assert_eq!(shown.iter().filter(|p| p.1 > 0.0).count(), 2);
+        assert!((shown[2].0 - 1.0).abs() < 1e-3 && (shown[3].0 - 1.0).abs() < 1e-3);
+        // Half of three decades.
+        let [.., (level, _)] = grey(Some([0.1, 90.0]), None)[..] else {
+            panic!("four pixels")
+        };
+        assert!((level - 0.5).abs() < 1e-3, "{level}");
+        for (map, range) in [
+            (Some("jet"), None),
+            (None, Some([0.0, 1.0])),
+            (None, Some([2.0, 1.0])),
+        ] {
+            assert!(column_colours(&column, map, range, None).is_err());
         }
     }
 }

@@ -68,8 +68,7 @@ pub use atomic::write_bytes_atomically;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
 #[cfg(feature = "legend")]
-pub(crate) use column_file::viridis;
-pub use column_file::{column_picture, write_column};
+pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 pub use encoded_splats::PlyForm;

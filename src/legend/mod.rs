@@ -8,8 +8,7 @@ mod ticks;
 
 use self::ticks::Tick;
 use crate::error::{Error, Result};
-use crate::image::{ColumnImage, Image};
-use crate::io::viridis;
+use crate::image::Image;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{TransferFunction, ValueScale};
 
@@ -24,8 +23,8 @@ pub struct ColourBar {
 enum Colours {
     /// Over its range, evenly on its scale.
     Transfer(TransferFunction),
-    /// Viridis over a range, logarithmically.
-    Column([f64; 2]),
+    /// The same, without opacities.
+    Column(TransferFunction),
 }
 
 /// The share of a picture's height that a bar has, where there is room.
@@ -50,41 +49,31 @@ impl ColourBar {
         }
     }
 
-    /// The colours of [`write_column`](crate::io::write_column)'s picture, over
-    /// [`ColumnImage::shown_range`]; `None` where it shows nothing.
-    pub fn of_column(title: &str, column: &ColumnImage) -> Option<Self> {
-        let [least, greatest] = column.shown_range()?.map(f64::from);
-        Some(Self {
+    /// The colours of a column density's picture ([`column_colours`](crate::io::column_colours)).
+    pub fn of_column(title: &str, colours: &TransferFunction) -> Self {
+        Self {
             title: title.into(),
-            // One value alone has the greatest colour, and a decade of its own.
-            colours: Colours::Column([
-                if least < greatest {
-                    least
-                } else {
-                    greatest / 10.0
-                },
-                greatest,
-            ]),
-        })
+            colours: Colours::Column(colours.clone()),
+        }
+    }
+
+    fn transfer(&self) -> &TransferFunction {
+        match &self.colours {
+            Colours::Transfer(transfer) | Colours::Column(transfer) => transfer,
+        }
     }
 
     /// The values at the ends.
     fn range(&self) -> [f64; 2] {
-        match &self.colours {
-            Colours::Transfer(transfer) => {
-                let scale = transfer.value_scale();
-                transfer.range().map(|end| f64::from(scale.value(end)))
-            }
-            Colours::Column(range) => *range,
-        }
+        let scale = self.scale();
+        self.transfer()
+            .range()
+            .map(|end| f64::from(scale.value(end)))
     }
 
     /// Where values lie between the ends.
     fn scale(&self) -> ValueScale {
-        match &self.colours {
-            Colours::Transfer(transfer) => transfer.value_scale(),
-            Colours::Column(_) => ValueScale::Log,
-        }
+        self.transfer().value_scale()
     }
 
     fn ticks(&self, most: usize) -> Vec<Tick> {
@@ -126,9 +115,9 @@ impl ColourBar {
                 let share = (opacity(extinction) / opacity(greatest).max(1e-30)) as f32;
                 ([r, g, b], Some(share.clamp(0.0, 1.0)))
             }
-            Colours::Column(_) => {
-                #[expect(clippy::cast_possible_truncation, reason = "a fraction")]
-                let [r, g, b, _] = viridis()(fraction as f32);
+            Colours::Column(colours) => {
+                let [low, high] = colours.range().map(f64::from);
+                let [r, g, b, _] = colours.classify(narrowed(low + (high - low) * fraction));
                 ([r, g, b], None)
             }
         }
@@ -363,6 +352,7 @@ impl Plate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::ColumnImage;
     use crate::scene::TransferDefaults;
 
     fn viridis_bar(title: &str, range: [f32; 2]) -> ColourBar {
@@ -381,7 +371,8 @@ mod tests {
             values,
             pixel_area: None,
         };
-        ColourBar::of_column("column density", &column).unwrap()
+        let colours = crate::io::column_colours(&column, None, None, None);
+        ColourBar::of_column("column density", &colours.unwrap().unwrap())
     }
 
     const SIZES: [[usize; 2]; 5] = [
@@ -431,12 +422,20 @@ mod tests {
             bars[0].at(bars[0].fraction(19.0)).0,
             transfer.classify(19.0)[..3]
         );
-        let [r, g, b, _] = viridis()(0.5);
+        let unit = TransferDefaults {
+            range: [0.0, 1.0],
+            unit_distance: 1.0,
+        };
+        let named = TransferFunction::named("viridis", &unit).unwrap();
+        let [r, g, b, _] = named.classify(0.5);
         // Between 3e-3, four decades below 30, and 30.
-        assert_eq!(bars[1].range(), [f64::from(30.0_f32 * 1e-4), 30.0]);
+        for (found, expected) in bars[1].range().into_iter().zip([3e-3, 30.0]) {
+            assert!((found / expected - 1.0).abs() < 1e-5);
+        }
         let middle = bars[1].at(bars[1].fraction(0.3)).0;
         for (found, expected) in middle.into_iter().zip([r, g, b]) {
-            assert!((found - expected).abs() < 1e-6);
+            // A step of the table is .001 of the colours.
+            assert!((found - expected).abs() < 1e-3);
         }
     }
 

@@ -551,6 +551,17 @@ fn under_function(
 ) -> Result<(Values, TransferFunction)> {
     report.value_range = values.finite_range();
     let unit_distance = options.unit_distance.unwrap_or(mean_spacing);
+    if options.for_columns {
+        // Sums are of the values themselves, and nothing is classified.
+        let function = TransferFunction::from_curves(
+            |_| [1.0; 3],
+            |_| 0.5,
+            report.value_range.unwrap_or([0.0, 1.0]),
+            unit_distance,
+        )?;
+        report.unit_distance = unit_distance;
+        return Ok((values, function));
+    }
     let of_own = |colour_map: Option<&str>, report: &mut SampleReport| {
         let automatic = AutomaticOptions {
             colour_map,

@@ -9,7 +9,7 @@ use ewa_splat::image::{ColumnImage, Image};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
     Material, Mesh, MeshPart, PlyForm, SplatCloud, Texture, TextureImage, TextureUse, Wrap,
-    column_picture, write_splats,
+    column_colours, column_picture, write_splats,
 };
 use ewa_splat::measure::{compare, difference, flip, ssim};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
@@ -421,7 +421,14 @@ fn images_have_all_their_pixels() {
             values: vec![1.0; count],
             pixel_area: None,
         };
-        assert_eq!(column_picture(&column), Image::new(0, 0));
+        let whole = ColumnImage {
+            width: 1,
+            height: 1,
+            values: vec![1.0],
+            pixel_area: None,
+        };
+        let colours = column_colours(&whole, None, None, None).unwrap().unwrap();
+        assert_eq!(column_picture(&column, &colours), Image::new(0, 0));
     }
     for poison in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e300] {
         assert_eq!(flip(&whole, &whole, poison), None);

@@ -14,7 +14,9 @@ use ewa_splat::Error;
 use ewa_splat::error::{Parameter, Place};
 use ewa_splat::io::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use ewa_splat::sample::{SampleOptions, Sampled, TransferChoice, volume};
-use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, Strength, Values};
+use ewa_splat::scene::{
+    Colour, Lattice, LatticeSpacing, Particles, ScaleName, Strength, ValueScale, Values,
+};
 use glam::{DMat3, DVec3};
 
 fn field(name: &str, association: Association, values: Values) -> Field {
@@ -456,6 +458,43 @@ fn masses(sampled: &Sampled) -> &[f32] {
         Strength::Mass(m) => m,
         _ => panic!("masses expected"),
     }
+}
+
+#[test]
+fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() {
+    let lattice = || Geometry::Lattice(Lattice::uniform([10, 10, 10], DVec3::ZERO, DVec3::ONE));
+    // Evenly over six decades.
+    let raw: Vec<f32> = (0..1000).map(|i| 10f32.powf(0.006 * i as f32)).collect();
+    let data = || {
+        dataset(
+            lattice(),
+            vec![field("v", Association::Nodes, Values::F32(raw.clone()))],
+        )
+    };
+    let of = |options: &SampleOptions| volume(data(), options).unwrap().volume;
+    let defaults = SampleOptions::default();
+    let by_itself = of(&defaults);
+    let asked = of(&SampleOptions {
+        scale: Some(ScaleName::Log),
+        ..defaults.clone()
+    });
+    for volume in [by_itself, asked] {
+        let Some(Values::F32(positions)) = &volume.values else {
+            panic!("positions are f32")
+        };
+        for (position, value) in positions.iter().zip(&raw) {
+            assert!((position - value.log10()).abs() < 1e-5);
+        }
+        assert_eq!(
+            volume.transfer_function.unwrap().value_scale(),
+            ValueScale::Log
+        );
+    }
+    let columns = of(&SampleOptions {
+        for_columns: true,
+        ..defaults
+    });
+    assert_eq!(columns.values, Some(Values::F32(raw.clone())));
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! `ewa-splat render --column-density`
 
-use ewa_splat::io::{column_picture, write_bytes_atomically, write_column};
+use ewa_splat::io::{column_colours, column_picture, write_bytes_atomically, write_column};
 use ewa_splat::legend::ColourBar;
+use ewa_splat::scene::{TransferFunction, ValueScale};
 use ewa_splat::view::Camera;
-use ewa_splat::{ColumnImage, Renderer, Result};
+use ewa_splat::{Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -39,15 +40,16 @@ impl Arguments {
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();
         let column = renderer.column();
-        let bar = self.legend.legend.then(|| {
-            let title = column_title(fields);
-            ColourBar::of_column(&title, column)
-        });
-        let overlays = overlays.with_bars(bar.flatten().into_iter().collect());
-        if overlays.is_empty() {
-            write_column(&self.out, column)?;
-        } else {
-            overlays.write(&self.out, &column_picture(column))?;
+        let look = self.column_look();
+        let colours = column_colours(column, look.map, look.range, look.scale)?;
+        let bar = colours.as_ref().filter(|_| self.legend.legend);
+        let bar = bar.map(|colours| ColourBar::of_column(&column_title(fields), colours));
+        let overlays = overlays.with_bars(bar.into_iter().collect());
+        match &colours {
+            Some(colours) if self.is_png() => {
+                overlays.write(&self.out, &column_picture(column, colours))?;
+            }
+            _ => write_column(&self.out, column)?,
         }
         if let Some(path) = self.stats_path() {
             let mut stats = stats(renderer, &times, prepared);
@@ -73,18 +75,24 @@ impl Arguments {
                 "nothing visible: no particle with a value but zero reaches the image"
             );
         } else if self.is_png() {
-            crate::progress::note!("{}", colours(column));
+            crate::progress::note!("{}", in_words(look.map, colours.as_ref()));
         }
         Ok(())
     }
 }
 
 /// What the colours of a picture of a column density stand for.
-fn colours(column: &ColumnImage) -> String {
-    match column.shown_range() {
-        Some([least, greatest]) => format!(
-            "colours: viridis over log10 of the column density, from {least:e} to {greatest:e}"
-        ),
-        None => "no column density above zero: an empty picture".into(),
-    }
+fn in_words(map: Option<&str>, colours: Option<&TransferFunction>) -> String {
+    let Some(colours) = colours else {
+        return "no column density above zero: an empty picture".into();
+    };
+    let scale = colours.value_scale();
+    let [least, greatest] = colours.range().map(|end| scale.value(end));
+    let of = match scale {
+        ValueScale::Linear => "",
+        ValueScale::Log => "log10 of ",
+        ValueScale::Symlog { .. } => "a symmetric logarithm of ",
+    };
+    let map = map.unwrap_or("viridis");
+    format!("colours: {map} over {of}the column density, from {least:e} to {greatest:e}")
 }

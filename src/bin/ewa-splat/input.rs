@@ -267,6 +267,14 @@ impl DataOptions {
         ewa_splat::sample::volume(dataset, &self.sample_options())
     }
 
+    pub(crate) fn scale_name(&self) -> Option<ScaleName> {
+        self.scale.map(|scale| match scale {
+            Scale::Linear => ScaleName::Linear,
+            Scale::Log => ScaleName::Log,
+            Scale::Symlog => ScaleName::Symlog,
+        })
+    }
+
     pub(crate) fn sample_options(&self) -> SampleOptions {
         SampleOptions {
             field: self.field.clone(),
@@ -277,11 +285,7 @@ impl DataOptions {
                 .map_or(TransferChoice::Automatic, transfer_of),
             unit_distance: self.unit_distance,
             range: self.range,
-            scale: self.scale.map(|scale| match scale {
-                Scale::Linear => ScaleName::Linear,
-                Scale::Log => ScaleName::Log,
-                Scale::Symlog => ScaleName::Symlog,
-            }),
+            scale: self.scale_name(),
             opacity_scale: self.opacity_scale,
             length: self.length.map(|length| match length {
                 Length::H => LengthMeaning::SmoothingLength,

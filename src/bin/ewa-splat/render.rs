@@ -15,7 +15,7 @@ use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
 use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
-use ewa_splat::scene::{Lighting, Particles, PointVolume, TransferFunction};
+use ewa_splat::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
@@ -152,11 +152,19 @@ struct Method {
     reference: Option<ReferenceName>,
     /// Write the line integral of the field along each pixel's ray instead of a picture: no
     /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
-    /// colours. A low-pass variance below 1 loses mass of kernels smaller than a pixel
+    /// viridis, or what --transfer-function NAME, --range and --scale say. A low-pass variance below 1 loses mass of kernels smaller than a pixel
     #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
-                                      "transfer_function", "range", "scale", "opacity_scale",
-                                      "write_transfer_function", "show", "sub_pixel_opacity"])]
+                                      "opacity_scale", "write_transfer_function", "show",
+                                      "sub_pixel_opacity"])]
     column_density: bool,
+}
+
+/// How the picture of a column density looks: a colour map's name, the range of the values and their scale, where
+/// they are asked for.
+pub(crate) struct ColumnLook<'a> {
+    pub(crate) map: Option<&'a str>,
+    pub(crate) range: Option<[f32; 2]>,
+    pub(crate) scale: Option<ScaleName>,
 }
 
 /// Milliseconds before the first frame.
@@ -822,6 +830,15 @@ impl Arguments {
         self.light
             .lighting()
             .or_else(|| of_surfaces.then(Lighting::default))
+    }
+
+    /// How the picture of a column density looks.
+    pub(crate) fn column_look(&self) -> ColumnLook<'_> {
+        ColumnLook {
+            map: self.data.transfer_function.as_deref(),
+            range: self.data.range,
+            scale: self.data.scale_name(),
+        }
     }
 
     /// Whether light is asked for.

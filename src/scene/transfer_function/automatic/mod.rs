@@ -102,20 +102,11 @@ impl TransferFunction {
             None => ValueScale::Linear,
         };
         let sample = &sample.on(scale);
+        let own = sample.trimmed_range().unwrap_or_default();
         let mut range = match options.range {
-            Some(range) => range.map(|end| scale.position(end)),
-            None => sample.trimmed_range().unwrap_or_default(),
+            None if own.iter().all(|end| end.is_finite()) => own,
+            _ => positions_of(values, scale)?,
         };
-        if !range.iter().all(|end| end.is_finite()) {
-            let [lo, hi] = values;
-            return Err(Error::invalid(
-                "transfer function",
-                "range",
-                "values above 0, for a logarithmic scale",
-                format!("{lo},{hi}"),
-                "take a symlog scale, or a range above 0",
-            ));
-        }
         let diverges = match options.colour_map {
             Some(name) => DIVERGING.contains(&name.to_ascii_lowercase().as_str()),
             None => is_zero_centred(sample, range),
@@ -169,6 +160,36 @@ impl TransferFunction {
         )?;
         Ok(function.on_scale(scale))
     }
+}
+
+impl TransferFunction {
+    /// The colours of a named map over a range of values, opaque.
+    ///
+    /// # Errors
+    /// An unknown map; a range whose ends do not rise, or that is not above 0 on a logarithmic scale.
+    pub(crate) fn of_colours(map: &str, range: [f32; 2], scale: ScaleName) -> Result<Self> {
+        let map = known_map(map)?;
+        let scale = ScaleName::over(range, scale);
+        let positions = positions_of(range, scale)?;
+        let over_range = over_range(positions);
+        let function = Self::from_curves(|p| map(over_range(p)), |_| 1.0, positions, 1.0)?;
+        Ok(function.on_scale(scale))
+    }
+}
+
+/// A range of values on a scale that has a place for its ends.
+fn positions_of([lo, hi]: [f32; 2], scale: ValueScale) -> Result<[f32; 2]> {
+    let positions = [lo, hi].map(|end| scale.position(end));
+    if positions.iter().all(|end| end.is_finite()) && lo <= hi {
+        return Ok(positions);
+    }
+    Err(Error::invalid(
+        "transfer function",
+        "range",
+        "values that rise, above 0 for a logarithmic scale",
+        format!("{lo},{hi}"),
+        "take a symlog scale, or a range above 0",
+    ))
 }
 
 fn check_range([lo, hi]: [f32; 2]) -> Result<()> {
