@@ -67,7 +67,6 @@ use std::path::{Path, PathBuf};
 pub use atomic::write_bytes_atomically;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
-#[cfg(feature = "legend")]
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
