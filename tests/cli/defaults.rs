@@ -197,3 +197,112 @@ fn pieces_of_one_field_share_one_function() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(opacities(&folder.path().join("f.json")).len() > 2);
 }
+
+#[test]
+fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
+    let folder = tempfile::tempdir().unwrap();
+    let draw = |words: &[&str]| {
+        let all = [
+            &["render"][..],
+            words,
+            &["--size", "40x40", "--backend", "cpu", "--quiet"],
+        ]
+        .concat();
+        let output = run(folder.path(), &all);
+        assert!(
+            output.status.success() && output.stderr.is_empty(),
+            "{}",
+            text(&output.stderr)
+        );
+    };
+    let read = |name: &str| read_image(&folder.path().join(name)).unwrap();
+    // Two steps of a cube of one value each on the same lattice: the second is twice the first.
+    for (name, value) in [("a.raw", 60_u8), ("b.raw", 120)] {
+        let cell = |i: usize| {
+            let at = [i % 12, i / 12 % 12, i / 144];
+            if at.iter().all(|x| (4..8).contains(x)) {
+                value
+            } else {
+                0
+            }
+        };
+        let bytes: Vec<u8> = (0..1728).map(cell).collect();
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let steps = ["a.raw", "b.raw", "--dims", "12,12,12", "--series"];
+    draw(
+        &[
+            &steps[..],
+            &["--out", "s%d.npy", "--write-transfer-function", "f.json"],
+        ]
+        .concat(),
+    );
+    let (first, second) = (read("s0.npy"), read("s1.npy"));
+    let depth = |image: &ewa_splat::Image| -> f32 { image.pixels.iter().map(|p| p[3]).sum() };
+    assert!(depth(&first) > 1.0 && depth(&second) > 1.05 * depth(&first));
+    // One camera: what a step shows by itself is fitted to that, and what both show lies in the same place.
+    let shown = |image: &ewa_splat::Image| -> Vec<bool> {
+        image.pixels.iter().map(|p| p[3] > 0.05).collect()
+    };
+    let (a, b) = (shown(&first), shown(&second));
+    let common = a.iter().zip(&b).filter(|(a, b)| **a && **b).count();
+    assert!(common * 10 > a.iter().filter(|a| **a).count() * 9);
+    // One function: the written one draws the same pictures.
+    draw(&[
+        "a.raw",
+        "--dims",
+        "12,12,12",
+        "--transfer-function",
+        "f.json",
+        "--fit",
+        "all",
+        "--out",
+        "own.npy",
+    ]);
+    // A turn of a cube by a quarter shows it as before; by an eighth it does not.
+    std::fs::write(folder.path().join("c.raw"), [9_u8; 1728]).unwrap();
+    let cube = [
+        "c.raw",
+        "--dims",
+        "12,12,12",
+        "--elevation",
+        "0",
+        "--azimuth",
+        "0",
+    ];
+    draw(&[&cube[..], &["--turntable", "8", "--out", "t%02d.npy"]].concat());
+    let difference = |a: &str, b: &str| {
+        let (a, b) = (read(a), read(b));
+        let pairs = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+        pairs.fold(0.0, |most: f32, (x, y)| most.max((x - y).abs()))
+    };
+    let same = [
+        difference("t00.npy", "t02.npy"),
+        difference("t00.npy", "t04.npy"),
+    ];
+    assert!(
+        same.iter().all(|d| *d < 0.02),
+        "{same:?} {}",
+        difference("t00.npy", "t01.npy")
+    );
+    assert!(difference("t00.npy", "t01.npy") > 0.1);
+    assert!(folder.path().join("t07.npy").is_file() && !folder.path().join("t08.npy").exists());
+    // Animations hold all pictures: the frame count in APNG's control chunk, frames in GIF.
+    draw(&[&cube[..], &["--turntable", "3", "--out", "t.apng"]].concat());
+    let bytes = std::fs::read(folder.path().join("t.apng")).unwrap();
+    let control = bytes.windows(4).position(|w| w == b"acTL").unwrap();
+    assert_eq!(bytes[control + 4..control + 8], [0, 0, 0, 3]);
+    draw(
+        &[
+            &cube[..],
+            &["--turntable", "3", "--rate", "10", "--out", "t.gif"],
+        ]
+        .concat(),
+    );
+    let bytes = std::fs::read(folder.path().join("t.gif")).unwrap();
+    // A graphics control extension before each frame, with a delay of ten hundredths.
+    let controls = bytes
+        .windows(6)
+        .filter(|w| w[..3] == [0x21, 0xF9, 4] && w[4..] == [10, 0]);
+    assert_eq!(controls.count(), 3);
+}

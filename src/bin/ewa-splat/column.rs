@@ -10,7 +10,8 @@ use serde_json::json;
 
 use crate::annotations::Overlays;
 use crate::legend::column_title;
-use crate::render::{Arguments, Prepared, stats};
+use crate::render::Arguments;
+use crate::statistics::{Prepared, stats};
 
 impl Arguments {
     /// Draws and writes the column density.

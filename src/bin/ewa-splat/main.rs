@@ -34,6 +34,7 @@ mod render;
 mod scene;
 mod sequence;
 mod shell;
+mod statistics;
 mod truth;
 mod viewpoint;
 mod words;

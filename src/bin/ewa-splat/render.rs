@@ -10,13 +10,11 @@ use ewa_splat::io::{
     write_depth, write_normals,
 };
 use ewa_splat::legend::legend_width;
-use ewa_splat::measure::{ErrorSample, SampledError, median_times};
+use ewa_splat::measure::{ErrorSample, SampledError};
 use ewa_splat::reference::ReferenceSettings;
 use ewa_splat::render::{Classification, ClassifyAt, Composite};
-use ewa_splat::render::{FrameCounts, StageTimes};
 use ewa_splat::sample::SampleOptions;
 use ewa_splat::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
-use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::view::{Bounds, Camera, ClipPlane, Lens};
 use ewa_splat::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
 use indicatif::ProgressBar;
@@ -34,6 +32,7 @@ use crate::parse::{self, Background, Clip};
 use crate::progress::{bar, spinner, task_of, with_bar};
 use crate::scene::{Input, paths};
 use crate::sequence::SequenceOptions;
+use crate::statistics::{Prepared, stats};
 use crate::truth::{ReferenceName, Truth};
 use crate::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
 
@@ -165,15 +164,6 @@ pub(crate) struct ColumnLook<'a> {
     pub(crate) map: Option<&'a str>,
     pub(crate) range: Option<[f32; 2]>,
     pub(crate) scale: Option<ScaleName>,
-}
-
-/// Milliseconds before the first frame.
-#[derive(Clone, Copy)]
-pub(crate) struct Prepared {
-    /// When the command began.
-    begun: Instant,
-    read_ms: f64,
-    prepare_ms: f64,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -606,6 +596,10 @@ impl Arguments {
             if self.cut.cut_faces {
                 add_faces(&mut scene.volumes, &planes, self.is_lit())?;
             }
+            if let (Some(path), None) = (&self.output.write_transfer_function, &camera) {
+                let function = written_function(&scene.volumes)?;
+                write_bytes_atomically(path, function.to_json().as_bytes())?;
+            }
             // What is up of the first step is up of all.
             let camera = match &camera {
                 Some(camera) => camera,
@@ -910,69 +904,4 @@ impl Method {
         }
         Ok(())
     }
-}
-
-pub(crate) fn stats(
-    renderer: &Renderer,
-    times: &[StageTimes],
-    prepared: Prepared,
-) -> serde_json::Value {
-    let counts: FrameCounts = renderer.counts();
-    let median = median_times(times);
-    // What drew the last frame.
-    let adapter = renderer.adapter().filter(|_| renderer.fallback().is_none());
-    let of_filter = |filter: Filter| counts.block_filters[filter as usize];
-    let is_flat = |v: &&BlockedVolume| matches!(v.particles, BlockedParticles::Surfels { .. });
-    let surfels = renderer.volumes().iter().filter(is_flat);
-    let surfels: usize = surfels.map(BlockedVolume::particle_count).sum();
-    json!({
-        "particles": renderer.particle_count(),
-        "surfels": surfels,
-        "blocks": {
-            "total": counts.blocks,
-            "culled": counts.blocks_culled,
-            "by_particle": of_filter(Filter::Adaptive),
-            "exact": of_filter(Filter::Exact),
-            "ewa": of_filter(Filter::Ewa),
-            "reconstruction": of_filter(Filter::Reconstruction),
-            "low_pass": of_filter(Filter::LowPass),
-            "isotropic": of_filter(Filter::Isotropic),
-            "uniform_scaling": of_filter(Filter::UniformScaling),
-            "merged": counts.blocks_merged,
-        },
-        "classified": counts.classified,
-        "pieces": counts.pieces,
-        "footprints": counts.footprints,
-        "footprint_paths": {
-            "affine": counts.footprints - counts.footprints_exact - counts.footprints_near,
-            "exact": counts.footprints_exact,
-            "near": counts.footprints_near,
-        },
-        "tile_entries": counts.tile_entries,
-        "layer_thickness": renderer.layers().map(|layers| layers.thickness),
-        "layer_error": renderer.layers().map(|layers| layers.error),
-        "splat_pixels": counts.splat_pixels,
-        "bytes_per_particle": renderer.bytes_per_particle(),
-        "requirements": renderer.requirements(),
-        "backend": if adapter.is_some() { "gpu" } else { "cpu" },
-        "fallback": renderer.fallback(),
-        "adapter": adapter.unwrap_or_else(|| {
-            let level = ewa_splat::render::SimdLevel::best();
-            format!("{} threads, {level:?}", rayon::current_num_threads())
-        }),
-        "times_ms": {
-            "read": prepared.read_ms,
-            "prepare": prepared.prepare_ms,
-            "cull": median.cull,
-            "classify": median.classify,
-            "project": median.project,
-            "sort": median.sort,
-            "bin": median.bin,
-            "rasterise": median.rasterise,
-            "resolve": median.resolve,
-            "frame": median.frame,
-        },
-        "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
-        "frames": times.len(),
-    })
 }

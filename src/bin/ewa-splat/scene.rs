@@ -94,6 +94,8 @@ struct Read {
     corners: Option<(DVec3, DVec3)>,
     /// Whether its transfer function is chosen from its own values.
     is_automatic: bool,
+    /// The field that it was asked for, if for any.
+    field_asked: Option<String>,
 }
 
 /// What an input is, as far as options are for one kind alone.
@@ -367,6 +369,7 @@ impl DataOptions {
                 // Freed before the next is there.
                 reads[i].volumes.clear();
                 let own = SampleOptions {
+                    field: reads[i].field_asked.clone(),
                     transfer: TransferChoice::Given(function.clone()),
                     keeps_value_sample: false,
                     ..self.of_input(input, options)
@@ -450,6 +453,7 @@ fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
             options.transfer,
             TransferChoice::Automatic | TransferChoice::Named(_)
         ),
+        field_asked: options.field.clone(),
     })
 }
 
