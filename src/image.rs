@@ -65,7 +65,7 @@ impl ColumnImage {
 
     /// The least and the greatest value.
     pub fn range(&self) -> Option<[f32; 2]> {
-        range(self.values.iter().copied())
+        range(self.values.iter().copied().filter(|v| !v.is_nan()))
     }
 
     /// The least and the greatest value above zero, or `None` where there is none.

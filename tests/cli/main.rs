@@ -10,6 +10,7 @@
 mod common;
 
 mod annotations;
+mod columns;
 mod commands;
 mod defaults;
 #[cfg(feature = "gpu")]

@@ -4,13 +4,14 @@ use ewa_splat::io::{column_colours, column_picture, write_bytes_atomically, writ
 use ewa_splat::legend::ColourBar;
 use ewa_splat::scene::{TransferFunction, ValueScale};
 use ewa_splat::view::Camera;
-use ewa_splat::{Renderer, Result};
+use ewa_splat::{Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::annotations::Overlays;
+use crate::column_mean::quotient;
 use crate::legend::column_title;
-use crate::render::Arguments;
+use crate::render::{Arguments, ColumnMean};
 use crate::statistics::{Prepared, stats};
 
 impl Arguments {
@@ -19,7 +20,7 @@ impl Arguments {
         &self,
         renderer: &mut Renderer,
         camera: &Camera,
-        fields: &[Option<String>],
+        (fields, mean): (&[Option<String>], Option<ColumnMean>),
         overlays: Overlays,
         prepared: Prepared,
         progress: &ProgressBar,
@@ -40,11 +41,29 @@ impl Arguments {
         progress.set_message("writing");
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();
-        let column = renderer.column();
+        let title = match &mean {
+            Some(mean) => format!("mean {}", mean.field),
+            None => column_title(fields),
+        };
+        let own = match mean {
+            None => None,
+            Some(mean) => {
+                let options = SceneOptions {
+                    level_of_detail: false,
+                    ..SceneOptions::default()
+                };
+                let mut sums = Renderer::with_options(mean.weighed, &options)?;
+                Some(quotient(
+                    sums.column_density(camera, &settings)?,
+                    renderer.column(),
+                ))
+            }
+        };
+        let column = own.as_ref().unwrap_or_else(|| renderer.column());
         let look = self.column_look();
         let colours = column_colours(column, look.map, look.range, look.scale)?;
         let bar = colours.as_ref().filter(|_| self.legend.legend);
-        let bar = bar.map(|colours| ColourBar::of_column(&column_title(fields), colours));
+        let bar = bar.map(|colours| ColourBar::of_column(&title, colours));
         let overlays = overlays.with_bars(bar.into_iter().collect());
         match &colours {
             Some(colours) if self.is_png() => {

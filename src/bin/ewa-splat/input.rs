@@ -70,6 +70,10 @@ pub(crate) struct DataOptions {
     /// alone no more than one for each pixel where it is seen largest]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
+    /// Meshes: surfels in all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..),
+          conflicts_with_all = ["density", "spacing"])]
+    pub(crate) count: Option<u32>,
     /// Grids: how the data end: cut sharply at their boundary, or softly, density falling to half at the
     /// faces [default: sharp where the transfer function shows any of the boundary; column densities: soft]
     #[arg(long, value_name = "HOW", value_enum)]
@@ -319,10 +323,11 @@ impl DataOptions {
             normals: false,
             local_models: true,
             keeps_value_sample: false,
-            spread: match (self.density, self.spacing) {
-                (Some(density), _) => Spread::Density(density),
-                (None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
-                (None, _) => Spread::Automatic,
+            spread: match (self.count, self.density, self.spacing) {
+                (Some(count), ..) => Spread::Count(count as usize),
+                (None, Some(density), _) => Spread::Density(density),
+                (None, None, Some(Spacing::Even(distance))) => Spread::Spacing(distance),
+                (None, None, _) => Spread::Automatic,
             },
             seed: 0,
             task: None,

@@ -15,6 +15,7 @@ pub(crate) use say;
 mod animation;
 mod annotations;
 mod column;
+mod column_mean;
 mod compare;
 mod convert;
 mod count;

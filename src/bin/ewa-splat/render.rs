@@ -22,6 +22,7 @@ use serde_json::json;
 
 use crate::animation::{self, Animation};
 use crate::annotations::{AnnotationOptions, Overlays};
+use crate::column_mean;
 use crate::count::describe;
 use crate::cut::{CutOptions, add_faces};
 use crate::input::DataOptions;
@@ -156,6 +157,17 @@ struct Method {
                                       "opacity_scale", "write_transfer_function", "show",
                                       "sub_pixel_opacity"])]
     column_density: bool,
+    /// Beside --column-density: write the mean of this field along each ray, weighed by what the columns are of
+    #[arg(long, value_name = "FIELD", requires = "column_density")]
+    column_mean: Option<String>,
+}
+
+/// What the columns of a mean are divided by others for.
+pub(crate) struct ColumnMean {
+    /// The field.
+    pub(crate) field: String,
+    /// What its sums are of.
+    pub(crate) weighed: Vec<PointVolume>,
 }
 
 /// How the picture of a column density looks: a colour map's name, the range of the values and their scale, where
@@ -323,6 +335,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.output.write_transfer_function {
         write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
     }
+    let mean = match &arguments.method.column_mean {
+        None => None,
+        Some(field) => {
+            let of = (scene.as_slice(), field.as_str());
+            let (data, inputs) = (&arguments.data, &arguments.inputs);
+            let weighed = column_mean::weighed(data, inputs, of, &options, &progress)?;
+            let field = field.clone();
+            Some(ColumnMean { field, weighed })
+        }
+    };
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
 
     progress.set_message("sorting into blocks");
@@ -369,7 +391,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return arguments.draw_column(
             &mut renderer,
             &camera,
-            &fields,
+            (&fields, mean),
             overlays,
             prepared,
             &progress,
@@ -831,7 +853,10 @@ impl Arguments {
         ColumnLook {
             map: self.data.transfer_function.as_deref(),
             range: self.data.range,
-            scale: self.data.scale_name(),
+            scale: match (self.data.scale_name(), &self.method.column_mean) {
+                (None, Some(_)) => Some(ScaleName::Linear),
+                (scale, _) => scale,
+            },
         }
     }
 

@@ -154,6 +154,7 @@ impl DataOptions {
             ),
             ("--texture", self.texture.is_some(), meshes, "a mesh"),
             ("--density", self.density.is_some(), meshes, "a mesh"),
+            ("--count", self.count.is_some(), meshes, "a mesh"),
             (
                 "--spacing",
                 self.spacing.is_some(),

@@ -1,0 +1,111 @@
+//! Column densities as pictures, and means along rays.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::Path;
+
+use crate::commands::{run, text};
+use ewa_splat::io::read_image;
+
+fn draw(folder: &Path, words: &[&str]) -> String {
+    let all = [
+        &[
+            "render",
+            "p.csv",
+            "--column-density",
+            "--size",
+            "33x33",
+            "--backend",
+            "cpu",
+        ],
+        words,
+    ]
+    .concat();
+    let output = run(folder, &all);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    text(&output.stderr)
+}
+
+/// The numbers of a one-channel `.npy` of 33 x 33.
+fn numbers(path: &Path) -> Vec<f32> {
+    let bytes = std::fs::read(path).unwrap();
+    let body = &bytes[bytes.len() - 4 * 33 * 33..];
+    body.chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect()
+}
+
+#[test]
+fn a_mean_along_a_ray_is_weighed_by_mass() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |rows: &str| std::fs::write(folder.path().join("p.csv"), rows).unwrap();
+    let middle = |words: &[&str]| {
+        draw(
+            folder.path(),
+            &[
+                words,
+                &["--azimuth", "0", "--elevation", "0", "--out", "m.npy"],
+            ]
+            .concat(),
+        );
+        numbers(&folder.path().join("m.npy"))
+    };
+    // One behind the other, alike in shape: masses of 3 and 1, fields of 10 and 50.
+    write("x,y,z,h,m,rho,t\n0,0,0,1,3,3,10\n0,4,0,1,1,1,50\n");
+    let mean = middle(&["--column-mean", "t"]);
+    assert!(
+        (mean[16 * 33 + 16] - 20.0).abs() < 0.01,
+        "{}",
+        mean[16 * 33 + 16]
+    );
+    // A field of one value is that value wherever there is anything, and nothing elsewhere.
+    write("x,y,z,h,m,rho,t\n0,0,0,1,3,3,7\n5,0,1,1,1,1,7\n");
+    let mean = middle(&["--column-mean", "t", "--zoom", "0.3"]);
+    let known: Vec<f32> = mean.iter().copied().filter(|v| !v.is_nan()).collect();
+    assert!(!known.is_empty() && known.len() < mean.len());
+    assert!(known.iter().all(|v| (v - 7.0).abs() < 1e-4), "{known:?}");
+    let refused = run(
+        folder.path(),
+        &[
+            "render",
+            "p.csv",
+            "--column-density",
+            "--column-mean",
+            "none",
+            "--out",
+            "m.npy",
+        ],
+    );
+    assert_eq!(refused.status.code(), Some(1));
+}
+
+#[test]
+fn a_picture_of_columns_takes_a_map_a_range_and_a_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("p.csv"),
+        "x,y,z,h,m,rho\n0,0,0,1,3,3\n1,0,1,1,1,1\n",
+    )
+    .unwrap();
+    let said = draw(folder.path(), &["--out", "a.png"]);
+    assert!(said.contains("viridis over log10 of"), "{said}");
+    let words = [
+        "--transfer-function",
+        "grayscale",
+        "--range",
+        "0,100",
+        "--scale",
+        "linear",
+    ];
+    let said = draw(folder.path(), &[&words[..], &["--out", "b.png"]].concat());
+    assert!(
+        said.contains("grayscale over the") && said.contains("from 0e0 to 1e2"),
+        "{said}"
+    );
+    let picture = read_image(&folder.path().join("b.png")).unwrap();
+    assert!(
+        picture.pixels[0]
+            .iter()
+            .take(3)
+            .all(|c| (c - picture.pixels[0][0]).abs() < 1e-6)
+    );
+}
