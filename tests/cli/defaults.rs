@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::commands::{run, text};
+use crate::commands::{fixture, run, text};
 use crate::common::real_data;
 use ewa_splat::io::read_image;
 
@@ -305,4 +305,50 @@ fn a_turn_and_a_series_are_files_of_one_camera_and_one_function() {
         .windows(6)
         .filter(|w| w[..3] == [0x21, 0xF9, 4] && w[4..] == [10, 0]);
     assert_eq!(controls.count(), 3);
+}
+
+/// What is on by itself (light on surfaces, a background, room for a legend) refuses nothing that was asked for.
+#[test]
+fn defaults_stand_beside_every_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, vase) = (fixture("wake.xyz"), fixture("vase.obj"));
+    for words in [
+        &["--composite", "maximum"][..],
+        &["--composite", "slabs"],
+        &["--composite", "slabs", "--post-classification"],
+        &["--composite", "sheets"],
+        &["--composite", "axis-sheets"],
+        &["--show", "choice"],
+        &["--show", "count"],
+        &["--opacity", "linear"],
+        &["--classify", "particle"],
+        &["--sub-pixel-opacity"],
+        &["--filter", "exact"],
+        &["--flatten", "0.9"],
+        &["--clip", "0,0,-1,0", "--cut-faces"],
+        &["--unlit"],
+        &["--lit"],
+    ] {
+        for inputs in [&[wake.as_str()][..], &[&wake, &vase, "--count", "2000"]] {
+            let size = [
+                "--size",
+                "24x24",
+                "--backend",
+                "cpu",
+                "--quiet",
+                "--out",
+                "a.png",
+            ];
+            // A maximum is of one volume alone.
+            if inputs.len() > 1 && words.contains(&"maximum") {
+                continue;
+            }
+            let output = run(folder.path(), &[&["render"], inputs, &size, words].concat());
+            assert!(
+                output.status.success(),
+                "{words:?}: {}",
+                text(&output.stderr)
+            );
+        }
+    }
 }

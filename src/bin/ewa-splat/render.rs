@@ -838,11 +838,13 @@ impl Arguments {
         self.light.lighting().is_some() && !has_own
     }
 
-    /// How the scene is lit: surfaces are, unless their true image is wanted or what is classified in slabs would be
-    /// lit with them.
+    /// How the scene is lit: surfaces are, unless their true image is wanted, what is classified in slabs would be
+    /// lit with them, or there is a maximum, which has no surface.
     fn lighting(&self) -> Option<Lighting> {
-        let lights_more = self.method.post_classification || self.method.reference.is_some();
-        let of_surfaces = !lights_more && !self.light.is_unlit();
+        let method = &self.method;
+        let lights_more = method.post_classification || method.reference.is_some();
+        let is_maximum = method.composite == CompositeName::Maximum;
+        let of_surfaces = !lights_more && !is_maximum && !self.light.is_unlit();
         self.light
             .lighting()
             .or_else(|| of_surfaces.then(Lighting::default))
