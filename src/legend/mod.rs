@@ -31,6 +31,8 @@ enum Colours {
 const BAR_SHARE: f64 = 0.35;
 /// The share of a picture's width that all titles together may have before they are shortened.
 const TITLE_SHARE: f64 = 0.4;
+/// Lines of a title at most.
+const MOST_TITLE_LINES: usize = 2;
 /// Ticks at most.
 const MOST_TICKS: usize = 7;
 /// Ticks for which there must be room: five have two round numbers at least ([`ticks::linear`]).
@@ -195,7 +197,7 @@ struct Plate {
     bar: Rect,
     /// How far the opacity's curve reaches to the left of the bar, pixels.
     curve: usize,
-    title: Line,
+    titles: Vec<Line>,
     marks: Vec<Mark>,
 }
 
@@ -210,25 +212,42 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
     let length = share(height, BAR_SHARE).max(least);
     let title_px = share(width, TITLE_SHARE) / bars.len().max(1);
 
-    let mut plates: Vec<Plate> = Vec::with_capacity(bars.len());
-    let mut left = gap;
-    for bar in bars {
-        let ticks = bar.ticks((length / line).clamp(LEAST_TICKS, MOST_TICKS));
-        let labels = ticks::labels(&ticks);
+    // A second line of titles where there is room for it; all bars begin below the longest.
+    let has_room = length + around + line <= height;
+    let most_lines = if has_room { MOST_TITLE_LINES } else { 1 };
+    let inner_of = |bar: &ColourBar, labels: &[String]| {
         let longest = labels.iter().map(|l| font.width_px(l)).max().unwrap_or(0);
         let curve = if bar.at(0.0).1.is_some() { line } else { 0 };
-        let inner = curve + line + gap + longest;
-        let title = font.shortened(&bar.title, title_px.max(inner));
-        let inner = inner.max(font.width_px(&title));
+        (curve, curve + line + gap + longest)
+    };
+    let most_ticks = (length / line).clamp(LEAST_TICKS, MOST_TICKS);
+    let titles: Vec<Vec<String>> = bars
+        .iter()
+        .map(|bar| {
+            let (_, inner) = inner_of(bar, &ticks::labels(&bar.ticks(most_ticks)));
+            font.wrapped(&bar.title, title_px.max(inner), most_lines)
+        })
+        .collect();
+    let title_height = line * titles.iter().map(Vec::len).max().unwrap_or(1);
+    let around = around - line + title_height;
+
+    let mut plates: Vec<Plate> = Vec::with_capacity(bars.len());
+    let mut left = gap;
+    for (bar, titles) in bars.iter().zip(titles) {
+        let ticks = bar.ticks(most_ticks);
+        let labels = ticks::labels(&ticks);
+        let (curve, inner) = inner_of(bar, &labels);
+        let widest = titles.iter().map(|title| font.width_px(title)).max();
+        let inner = inner.max(widest.unwrap_or(0));
         let plate = Rect {
             left,
             top: gap,
             width: gap + inner + gap,
-            height: gap + line + gap + length + gap,
+            height: gap + title_height + gap + length + gap,
         };
         let area = Rect {
             left: left + gap + curve,
-            top: plate.top + gap + line + gap,
+            top: plate.top + gap + title_height + gap,
             width: line,
             height: length,
         };
@@ -249,11 +268,15 @@ fn layout(bars: &[ColourBar], [width, height]: [usize; 2]) -> Result<Vec<Plate>>
             plate,
             bar: area,
             curve,
-            title: Line {
-                text: title,
-                left: left + gap,
-                top: plate.top + gap,
-            },
+            titles: titles
+                .into_iter()
+                .enumerate()
+                .map(|(i, text)| Line {
+                    text,
+                    left: left + gap,
+                    top: plate.top + gap + i * line,
+                })
+                .collect(),
             marks: ticks.iter().zip(labels).map(mark).collect(),
         });
         left = plate.right() + gap;
@@ -290,7 +313,9 @@ impl Plate {
     fn move_right(&mut self, px: usize) {
         self.plate.left += px;
         self.bar.left += px;
-        self.title.left += px;
+        for title in &mut self.titles {
+            title.left += px;
+        }
         for mark in &mut self.marks {
             mark.label.left += px;
         }
@@ -330,7 +355,9 @@ impl Plate {
             fill(image, tick, grey(1.0), 1.0);
             mark.label.draw(self.font, image);
         }
-        self.title.draw(self.font, image);
+        for title in &self.titles {
+            title.draw(self.font, image);
+        }
     }
 
     /// One row of the opacity's curve: grey from the bar outwards, as far as the share says.
@@ -478,7 +505,7 @@ mod tests {
                 // A pixel that was as it becomes: one level of 251 on the plate, by chance.
                 assert!(changed > area * 98 / 100);
                 for plate in &plates {
-                    let lines = plate.marks.iter().map(|m| &m.label).chain([&plate.title]);
+                    let lines = plate.marks.iter().map(|m| &m.label).chain(&plate.titles);
                     for line in lines {
                         assert!(line.left >= plate.plate.left && line.top >= plate.plate.top);
                         let right = line.left + plate.font.width_px(&line.text);

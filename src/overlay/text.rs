@@ -58,6 +58,26 @@ impl Font {
         kept.chain("..".chars().take(most)).collect()
     }
 
+    /// A text in at most so many lines of at most `width_px`, broken after spaces, underscores, points and strokes where
+    /// that is possible; the end of the last one gives way to two points where it is longer.
+    pub(crate) fn wrapped(self, text: &str, width_px: usize, most_lines: usize) -> Vec<String> {
+        let most = width_px / self.advance_px();
+        let mut rest: Vec<char> = text.chars().collect();
+        let mut lines = Vec::new();
+        while lines.len() + 1 < most_lines && rest.len() > most {
+            let is_break = |c: &char| matches!(c, ' ' | '_' | '.' | '/' | '-');
+            let after = rest[..most].iter().rposition(is_break).map(|i| i + 1);
+            // Not for a letter or two in the first line.
+            let end = after.filter(|end| 3 * end >= most).unwrap_or(most).max(1);
+            let others = rest.split_off(end);
+            lines.push(rest.into_iter().collect::<String>().trim_end().to_owned());
+            rest = others;
+        }
+        let last: String = rest.into_iter().collect();
+        lines.push(self.shortened(last.trim_start(), width_px));
+        lines
+    }
+
     /// Calls `pixel` with the column, the row and the coverage, 0 to 1, of each pixel that a text
     /// touches; all lie within its width and its line.
     pub(crate) fn draw(self, text: &str, mut pixel: impl FnMut(usize, usize, f32)) {
@@ -103,6 +123,28 @@ impl Font {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_texts_are_wrapped_at_words_and_then_shortened() {
+        let font = Font::of_line(16);
+        let wrapped = |text: &str, columns: usize, lines| {
+            font.wrapped(text, columns * font.advance_px(), lines)
+        };
+        assert_eq!(wrapped("density", 8, 2), ["density"]);
+        assert_eq!(
+            wrapped("velocity magnitude", 12, 2),
+            ["velocity", "magnitude"]
+        );
+        assert_eq!(wrapped("grad_rho_norm", 10, 2), ["grad_rho_", "norm"]);
+        assert_eq!(wrapped("velocity magnitude", 12, 1), ["velocity m.."]);
+        assert_eq!(
+            wrapped("velocity of the magnitude", 9, 2),
+            ["velocity", "of the .."]
+        );
+        // No word ends near: within it.
+        assert_eq!(wrapped("a_verylongword", 9, 2), ["a_verylon", "gword"]);
+        assert_eq!(wrapped("", 9, 2), [""]);
+    }
 
     #[test]
     fn fonts_fit_their_lines() {
