@@ -73,7 +73,9 @@ pub struct SampleOptions {
     /// The range of an automatic transfer function, whether it has a colour map of its own or a named one; `None`
     /// looks at the values.
     pub range: Option<[f32; 2]>,
-    /// The scale of an automatic transfer function; `None` looks at the values.
+    /// The scale of an automatic transfer function; `None` looks at the values, as the program does. On another scale than
+    /// a linear one the volume's values are no longer the data's but their positions on it
+    /// ([`ValueScale`](crate::scene::ValueScale)), which functions that take the place of the sampled one must know.
     pub scale: Option<ScaleName>,
     /// What the extinction of any transfer function is multiplied by.
     pub opacity_scale: f64,
@@ -155,7 +157,7 @@ impl Default for SampleOptions {
             transfer: TransferChoice::Automatic,
             unit_distance: None,
             range: None,
-            scale: None,
+            scale: Some(ScaleName::Linear),
             opacity_scale: 1.0,
             length: None,
             kernel: None,
@@ -583,9 +585,12 @@ fn under_function(
         TransferChoice::Named(name) => of_own(Some(name), report),
         TransferChoice::Given(function) => restated(function.clone()),
         TransferChoice::File(path) => {
+            let is_scaled = options
+                .scale
+                .is_some_and(|scale| scale != ScaleName::Linear);
             let chosen = [
                 (options.range.is_some(), "range", "a range"),
-                (options.scale.is_some(), "scale", "a scale"),
+                (is_scaled, "scale", "a scale"),
             ];
             if let Some((_, place, own)) = chosen.into_iter().find(|(is_stated, ..)| *is_stated) {
                 return Err(Error::invalid(

@@ -1084,10 +1084,6 @@ fn a_transfer_function_is_written_scaled_and_read_again() {
         ),
         (&["--opacity-scale", "0"], "above 0"),
         (
-            &["--column-density", "--range", "3,9"],
-            "cannot be used with",
-        ),
-        (
             &["--column-density", "--opacity-scale", "2"],
             "cannot be used with",
         ),

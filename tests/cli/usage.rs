@@ -60,6 +60,11 @@ const WRONG: &[(&str, i32, &str)] = &[
         "cannot be used with",
     ),
     (
+        "render WAKE --out a.png --scale linear --transfer-function f.json",
+        1,
+        "a scale of its own",
+    ),
+    (
         "render BOX --out a.png --dims 2,2,2",
         1,
         "expected a raw volume, found none",

@@ -473,7 +473,13 @@ fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() 
     };
     let of = |options: &SampleOptions| volume(data(), options).unwrap().volume;
     let defaults = SampleOptions::default();
-    let by_itself = of(&defaults);
+    // A library's caller has the values as they are, unless they may be looked at.
+    let plain = of(&defaults);
+    assert_eq!(plain.values, Some(Values::F32(raw.clone())));
+    let by_itself = of(&SampleOptions {
+        scale: None,
+        ..defaults.clone()
+    });
     let asked = of(&SampleOptions {
         scale: Some(ScaleName::Log),
         ..defaults.clone()
@@ -492,6 +498,7 @@ fn a_scale_moves_the_values_that_are_classified_and_not_those_that_are_summed() 
     }
     let columns = of(&SampleOptions {
         for_columns: true,
+        scale: None,
         ..defaults
     });
     assert_eq!(columns.values, Some(Values::F32(raw.clone())));

@@ -778,7 +778,6 @@ mod command_line {
             &["--opacity", "linear"],
             &["--background", "0,0,0"],
             &["--depth", "d.npy"],
-            &["--transfer-function", "viridis"],
         ] {
             let mut arguments = vec!["render", "a.csv", "--column-density", "--out", "b.npy"];
             arguments.extend(option);

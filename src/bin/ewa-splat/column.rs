@@ -4,14 +4,14 @@ use ewa_splat::io::{column_colours, column_picture, write_bytes_atomically, writ
 use ewa_splat::legend::ColourBar;
 use ewa_splat::scene::{TransferFunction, ValueScale};
 use ewa_splat::view::Camera;
-use ewa_splat::{Renderer, Result, SceneOptions};
+use ewa_splat::{ColumnImage, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::annotations::Overlays;
 use crate::column_mean::quotient;
 use crate::legend::column_title;
-use crate::render::{Arguments, ColumnMean};
+use crate::render::{Arguments, ColumnLook, ColumnMean};
 use crate::statistics::{Prepared, stats};
 
 impl Arguments {
@@ -95,24 +95,27 @@ impl Arguments {
                 "nothing visible: no particle with a value but zero reaches the image"
             );
         } else if self.is_png() {
-            crate::progress::note!("{}", in_words(look.map, colours.as_ref()));
+            crate::progress::note!("{}", in_words(&look, column, colours.as_ref()));
         }
         Ok(())
     }
 }
 
 /// What the colours of a picture of a column density stand for.
-fn in_words(map: Option<&str>, colours: Option<&TransferFunction>) -> String {
+fn in_words(
+    look: &ColumnLook<'_>,
+    column: &ColumnImage,
+    colours: Option<&TransferFunction>,
+) -> String {
     let Some(colours) = colours else {
         return "no column density above zero: an empty picture".into();
     };
-    let scale = colours.value_scale();
-    let [least, greatest] = colours.range().map(|end| scale.value(end));
-    let of = match scale {
-        ValueScale::Linear => "",
-        ValueScale::Log => "log10 of ",
-        ValueScale::Symlog { .. } => "a symmetric logarithm of ",
+    let (of, own) = match colours.value_scale() {
+        ValueScale::Linear => ("", column.range()),
+        ValueScale::Log => ("log10 of ", column.shown_range()),
+        ValueScale::Symlog { .. } => ("a symmetric logarithm of ", column.range()),
     };
-    let map = map.unwrap_or("viridis");
+    let [least, greatest] = look.range.or(own).unwrap_or(colours.range());
+    let map = look.map.unwrap_or("viridis");
     format!("colours: {map} over {of}the column density, from {least:e} to {greatest:e}")
 }

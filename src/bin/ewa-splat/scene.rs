@@ -215,6 +215,18 @@ impl DataOptions {
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_surface()?;
+        if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
+            let expected = "an automatic transfer function, or a named colour map";
+            let found = "a file, which has a scale of its own";
+            let advice = "change the file, or leave the scale out";
+            return Err(Error::invalid(
+                "--scale",
+                "transfer function",
+                expected,
+                found,
+                advice,
+            ));
+        }
         let options = SampleOptions {
             keeps_value_sample: inputs.len() > 1 && !options.for_columns,
             ..options.clone()
