@@ -276,20 +276,18 @@ fn volumes_are_lit_from_either_side_and_surfels_towards_the_eye() {
     assert!(greatest_difference(&front, &plain) > 0.1);
 }
 
-#[test]
-fn a_surface_lit_from_behind_has_its_ambient_share() {
-    let lights = |direction| {
-        let lights = lighting(&[world(direction, [1.0; 3])]);
-        settings(Some(lights))
-    };
+/// A grey wall across y, whose front faces -y (x cross z), of surfels that reflect by one stored normal or by their
+/// planes'.
+fn wall(code: Option<u32>) -> PointVolume {
     let cells = (-8..=8).flat_map(|i| (-8..=8).map(move |j| (i, j)));
     let positions: Vec<DVec3> = cells
         .map(|(i, j)| DVec3::new(0.1 * f64::from(i), 0.0, 0.1 * f64::from(j)))
         .collect();
-    let wall = PointVolume {
-        strength: Strength::Surface(vec![0.01; positions.len()]),
+    let count = positions.len();
+    PointVolume {
+        strength: Strength::Surface(vec![0.01; count]),
         particles: Particles::Surfels {
-            tangents: vec![[0.06, 0.0, 0.0, 0.0, 0.0, 0.06]; positions.len()],
+            tangents: vec![[0.06, 0.0, 0.0, 0.0, 0.0, 0.06]; count],
             positions,
             is_one_sided: false,
         },
@@ -297,13 +295,19 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
         values: None,
         transfer_function: None,
         boundary: None,
-        normals: None,
+        normals: code.map(|code| vec![code; count]),
         local_models: None,
+    }
+}
+
+#[test]
+fn a_surface_lit_from_behind_has_its_ambient_share() {
+    let lights = |direction| {
+        let lights = lighting(&[world(direction, [1.0; 3])]);
+        settings(Some(lights))
     };
     let camera = Camera::orthographic(DVec3::Y * -3.0, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
-    let at = |direction| {
-        draw(std::slice::from_ref(&wall), &camera, &lights(direction)).pixels[8 * 16 + 8]
-    };
+    let at = |direction| draw(&[wall(None)], &camera, &lights(direction)).pixels[8 * 16 + 8];
     // Towards the eye: .1 + .7 of the colour, and the whole highlight.
     assert!(
         (at(-DVec3::Y)[0] - (0.5 * 0.8 + 0.3)).abs() < 1e-5,
@@ -317,33 +321,14 @@ fn a_surface_lit_from_behind_has_its_ambient_share() {
 fn surfels_reflect_by_the_normals_that_are_stored() {
     // A wall that faces the eye, whose surface is said to be tilted.
     let drawn = |normal: DVec3, behind: bool, code: Option<u32>| {
-        let cells = (-8..=8).flat_map(|i| (-8..=8).map(move |j| (i, j)));
-        let positions: Vec<DVec3> = cells
-            .map(|(i, j)| DVec3::new(0.1 * f64::from(i), 0.0, 0.1 * f64::from(j)))
-            .collect();
-        let count = positions.len();
-        let wall = PointVolume {
-            strength: Strength::Surface(vec![0.01; count]),
-            particles: Particles::Surfels {
-                // The front faces -y: x cross z.
-                tangents: vec![[0.06, 0.0, 0.0, 0.0, 0.0, 0.06]; count],
-                positions,
-                is_one_sided: false,
-            },
-            colour: Colour::Uniform([0.5; 3]),
-            values: None,
-            transfer_function: None,
-            boundary: None,
-            normals: Some(vec![code.unwrap_or(normal_code(normal)); count]),
-            local_models: None,
-        };
         let side = if behind { DVec3::Y } else { -DVec3::Y };
         let lights = Lighting {
             specular: 0.0,
             ..lighting(&[world(side, [1.0; 3])])
         };
         let camera = Camera::orthographic(3.0 * side, DVec3::ZERO, DVec3::Z, 0.8, [16, 16]);
-        draw(&[wall], &camera, &settings(Some(lights))).pixels[8 * 16 + 8][0]
+        let code = code.unwrap_or(normal_code(normal));
+        draw(&[wall(Some(code))], &camera, &settings(Some(lights))).pixels[8 * 16 + 8][0]
     };
     for degrees in [0.0_f64, 20.0, 60.0] {
         let angle = degrees.to_radians();

@@ -86,7 +86,12 @@ fn refused(path: &Path, found: &str, advice: String) -> Error {
     Error::format(path, "output", expected, found, advice)
 }
 
-pub(crate) fn extension(path: &Path) -> String {
+/// Whether one file holds many pictures.
+pub(crate) fn is_animated(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "apng" | "gif")
+}
+
+fn extension(path: &Path) -> String {
     let extension = path.extension().and_then(|e| e.to_str());
     extension.unwrap_or_default().to_ascii_lowercase()
 }

@@ -572,8 +572,7 @@ impl Arguments {
             let advice = "leave it out";
             Err(Error::invalid(option, "use", expected, found, advice))
         };
-        let is_animated = matches!(animation::extension(&self.out).as_str(), "apng" | "gif");
-        if self.sequence.has_rate() && !is_animated {
+        if self.sequence.has_rate() && !animation::is_animated(&self.out) {
             return fault("--rate", "an .apng or a .gif", "files of one picture");
         }
         match self.sequence.is_asked_for() {
@@ -870,8 +869,7 @@ impl Arguments {
     /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked
     /// for or none.
     fn background(&self) -> Option<[f32; 3]> {
-        let is_animated = matches!(animation::extension(&self.out).as_str(), "apng" | "gif");
-        let is_picture = (self.is_png() || is_animated)
+        let is_picture = (self.is_png() || animation::is_animated(&self.out))
             && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
         match self.output.background {
             Some(Background::None) => None,

@@ -101,31 +101,25 @@ pub(crate) fn line(error: &Error) -> String {
 /// What is wrong with a file whose name and whose description the reader has: without the name, and without
 /// the advice to look at the file, which is what they do.
 pub(crate) fn problem(error: &Error) -> String {
-    let looks = |advice: &Advice| matches!(advice, Advice::Hint(Hint::LookAtFile));
     let text = line(error);
-    match error {
-        Error::Format {
-            path,
-            place,
-            expected,
-            found,
-            advice,
-            ..
-        } => {
-            let text = if looks(advice) {
-                format!("{}: expected {expected}, found {found}", named(place))
-            } else {
-                let name = format!("{}: ", path.display());
-                text.strip_prefix(&name).unwrap_or(&text).to_owned()
-            };
-            text.replace('\n', " ")
-        }
-        Error::Io { path, .. } | Error::NoLayout { path, .. } => {
-            let name = format!("{}: ", path.display());
-            text.strip_prefix(&name).unwrap_or(&text).to_owned()
-        }
-        _ => text,
+    let (Error::Format { path, .. } | Error::Io { path, .. } | Error::NoLayout { path, .. }) =
+        error
+    else {
+        return text;
+    };
+    if let Error::Format {
+        place,
+        expected,
+        found,
+        advice: Advice::Hint(Hint::LookAtFile),
+        ..
+    } = error
+    {
+        let text = format!("{}: expected {expected}, found {found}", named(place));
+        return text.replace('\n', " ");
     }
+    let name = format!("{}: ", path.display());
+    text.strip_prefix(&name).unwrap_or(&text).to_owned()
 }
 
 fn sentence(
