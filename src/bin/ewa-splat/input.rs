@@ -67,7 +67,7 @@ pub(crate) struct DataOptions {
           value_parser = clap::value_parser!(u32).range(0..=100))]
     pub(crate) shepard: u32,
     /// Meshes: surfels per unit area [default: by the texture's texels and the mesh's size, and of a mesh
-    /// alone no more than one for each pixel where it is seen largest]
+    /// alone no more than one for each pixel on half of those that it covers]
     #[arg(long, value_name = "N", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) density: Option<f64>,
     /// Meshes: surfels in all

@@ -205,8 +205,8 @@ impl DataOptions {
     /// that is chosen from values share one, of the values of all.
     ///
     /// A mesh alone, for which no number of
-    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area where
-    /// the mesh is seen largest. (Beside other data the camera is not known before these are sampled.)
+    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area
+    /// ([`pixels_per_area`](ewa_splat::sample::mesh::pixels_per_area)). (Beside other data the camera is not known before these are sampled.)
     pub(crate) fn scene(
         &self,
         inputs: &[Input],

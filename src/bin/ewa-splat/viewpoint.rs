@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use ewa_splat::io::Mesh;
-use ewa_splat::sample::mesh::most_pixels_per_area;
+use ewa_splat::sample::mesh::pixels_per_area;
 use ewa_splat::view::{
     Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera, sphere_around,
 };
@@ -217,8 +217,7 @@ impl CameraOptions {
     }
 }
 
-/// The pixels per unit area where a mesh is seen largest by any of the cameras for its boxes, drawn alone: see
-/// [`most_pixels_per_area`].
+/// The most [`pixels_per_area`] of a mesh that any of the cameras for its boxes sees, drawn alone.
 pub(crate) fn most_pixels(
     mesh: &Mesh,
     planes: &[ClipPlane],
@@ -235,7 +234,7 @@ pub(crate) fn most_pixels(
     let cameras = cameras(&boxes)?;
     let densities = cameras
         .iter()
-        .filter_map(|camera| most_pixels_per_area(mesh, camera));
+        .filter_map(|camera| pixels_per_area(mesh, camera));
     Ok(densities.reduce(f64::max))
 }
 

@@ -36,7 +36,7 @@ use cells::Cells;
 use coverage::Ripple;
 use normals::Normals;
 use paint::Paints;
-pub use spread::most_pixels_per_area;
+pub use spread::pixels_per_area;
 use squares::Squares;
 use surface::{Kind, Surface, area};
 use surfels::{FAINTEST, Surfel};
@@ -87,7 +87,7 @@ pub enum Spread {
     /// of the bounding box's diagonal, and a million at most.
     #[default]
     Automatic,
-    /// The same, but no more than this per unit area \[1/length²\]: [`most_pixels_per_area`] is what a picture
+    /// The same, but no more than this per unit area \[1/length²\]: [`pixels_per_area`] is what a picture
     /// shows.
     NoDenser(f64),
     /// Surfels per unit area \[1/length²\].
