@@ -107,6 +107,29 @@ impl Image {
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 4] {
         self.pixels[y * self.width + x]
     }
+
+    /// The picture for screens and files: sRGB-encoded red, green and blue, not multiplied by alpha, and alpha; four bytes a
+    /// pixel. Colours above 1 are cut.
+    pub fn to_srgb8(&self) -> Vec<u8> {
+        let of_pixel = |&[r, g, b, a]: &[f32; 4]| {
+            let share = if a > 0.0 { a } else { 1.0 };
+            let [r, g, b] = [r, g, b].map(|c| byte(srgb_from_linear(c / share)));
+            [r, g, b, byte(a)]
+        };
+        self.pixels.iter().flat_map(of_pixel).collect()
+    }
+}
+
+/// A value from 0 to 1 as a byte; NaN becomes 0.
+pub(crate) fn byte(x: f32) -> u8 {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped, and float casts saturate"
+    )]
+    {
+        (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+    }
 }
 
 /// The sRGB code value, 0 to 1, of a linear one (IEC 61966-2-1).

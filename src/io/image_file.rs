@@ -25,7 +25,7 @@ use super::raw::DEFLATE_RATIO;
 use super::samples::{Encoded, Refusal, png_file};
 use super::scalars::{Encoding, ScalarType, Stride, values};
 use crate::error::{Error, Result};
-use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, srgb_from_linear};
+use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb};
 use crate::scene::Values;
 
 /// What [`write_image`] writes.
@@ -276,35 +276,19 @@ fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
     )
 }
 
-/// A value in 0..=1 as a byte; NaN becomes 0.
-fn byte(x: f32) -> u8 {
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped, and float casts saturate"
-    )]
-    {
-        (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
-    }
-}
-
 /// The bytes of a PNG file; `path` is for messages.
 pub(crate) fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
-    let opaque = image.pixels.iter().all(|p| p[3] >= 1.0);
-    let colour = |p: &[f32; 4]| {
-        let a = if p[3] > 0.0 { p[3] } else { 1.0 };
-        [0, 1, 2].map(|c| byte(srgb_from_linear(p[c] / a)))
-    };
     let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-    let (channels, numbers): (usize, Vec<u8>) = if opaque {
-        (3, image.pixels.iter().flat_map(colour).collect())
-    } else {
-        let rgba = |p: &[f32; 4]| {
-            let [r, g, b] = colour(p);
-            [r, g, b, byte(p[3])]
-        };
-        (4, image.pixels.iter().flat_map(rgba).collect())
-    };
+    let (mut channels, mut numbers) = (4, image.to_srgb8());
+    if image.pixels.iter().all(|p| p[3] >= 1.0) {
+        (channels, numbers) = (
+            3,
+            numbers
+                .chunks_exact(4)
+                .flat_map(|p| [p[0], p[1], p[2]])
+                .collect(),
+        );
+    }
     png_file(size, channels, &numbers).map_err(|e| encoding_failed(path, &e))
 }
 

@@ -5,7 +5,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use ewa_splat::image::srgb_from_linear;
 use ewa_splat::io::{check_folder, check_image_path, write_bytes_atomically, write_image};
 use ewa_splat::{Error, Image, Result};
 
@@ -167,7 +166,7 @@ impl Animation {
         match &mut self.kind {
             Kind::Files { .. } => write_image(&file, image)?,
             Kind::Apng { writer, .. } => {
-                let bytes = rgba(image);
+                let bytes = image.to_srgb8();
                 let pushed = writer.as_mut().map(|w| w.write_image_data(&bytes));
                 pushed.transpose().map_err(|e| fault(&file, &e))?;
             }
@@ -176,7 +175,7 @@ impl Animation {
                 let sides = sides.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
                 /// From 1, the slowest and best, to 30.
                 const SPEED: i32 = 10;
-                let mut bytes = rgba(image);
+                let mut bytes = image.to_srgb8();
                 let mut frame = gif::Frame::from_rgba_speed(sides[0], sides[1], &mut bytes, SPEED);
                 // Hundredths of a second.
                 frame.delay = (100 + rate / 2) / rate;
@@ -211,22 +210,6 @@ fn fault(path: &Path, error: &dyn std::fmt::Display) -> Error {
     let expected = "pictures that the format holds";
     let advice = "choose another size or format";
     Error::format(path, "encoding", expected, error.to_string(), advice)
-}
-
-/// Encoded red, green, blue and alpha of all pixels, alpha not multiplied in.
-fn rgba(image: &Image) -> Vec<u8> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped to a byte"
-    )]
-    let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-    let of_pixel = |&[r, g, b, a]: &[f32; 4]| {
-        let share = if a > 0.0 { a } else { 1.0 };
-        let [r, g, b] = [r, g, b].map(|c| byte(srgb_from_linear(c / share)));
-        [r, g, b, byte(a)]
-    };
-    image.pixels.iter().flat_map(of_pixel).collect()
 }
 
 #[cfg(test)]

@@ -52,7 +52,9 @@ impl Arguments {
                     level_of_detail: false,
                     ..SceneOptions::default()
                 };
-                let mut sums = Renderer::with_options(mean.weighed, &options)?;
+                let sums = Renderer::with_options(mean.weighed, &options)?;
+                let backend = self.backend(&sums, camera);
+                let mut sums = sums.on_backend(backend)?;
                 Some(quotient(
                     sums.column_density(camera, &settings)?,
                     renderer.column(),

@@ -727,7 +727,7 @@ impl Arguments {
 
     /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
     /// loaded, whose picture is the same.
-    fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
+    pub(crate) fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
         /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, in a hundredth or
         /// less as a rule: about what loading drivers takes.
         const SMALL: f64 = 1e8;
