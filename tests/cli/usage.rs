@@ -149,6 +149,112 @@ const WRONG: &[(&str, i32, &str)] = &[
         "a transfer function shows",
     ),
     ("render SPLATS --out a.png --as mesh", 1, "read as a mesh"),
+    (
+        "render WAKE --out a.png --column-mean momentum",
+        1,
+        "--column-density beside it",
+    ),
+    (
+        "render WAKE --out a.png --column-mean momentum --background white",
+        1,
+        "--column-density beside it",
+    ),
+    (
+        "render WAKE --out a.png --slab-thickness 1 --column-density",
+        2,
+        "cannot be used with",
+    ),
+    (
+        "render WAKE --out a.png --type f32 --as points",
+        2,
+        "--dims",
+    ),
+    (
+        "render WAKE --out a.png --unit-distance 2",
+        1,
+        "a transfer function's file",
+    ),
+    (
+        "render WAKE --out a.png --flatten .6 --opacity-scale 2",
+        1,
+        "--opacity-scale",
+    ),
+    (
+        "render WAKE --out a.png --flatten .6 --composite slabs",
+        1,
+        "more than opaque surfaces",
+    ),
+    (
+        "render WAKE --out a.png --flatten .6 --boundary sharp",
+        1,
+        "--boundary sharp",
+    ),
+    (
+        "render WAKE --out a.png --shepard 1 --boundary sharp",
+        1,
+        "--boundary sharp",
+    ),
+    (
+        "render WAKE --out a.png --column-density --density 2",
+        1,
+        "expected a mesh, found none",
+    ),
+    (
+        "render WAKE --out a.png --column-density --radius 2",
+        1,
+        "expected particles, found none",
+    ),
+    (
+        "render WAKE --out a.png --composite maximum --classify particle",
+        1,
+        "not slabs",
+    ),
+    ("render WAKE --out a.png --show count --lit", 1, "--lit"),
+    (
+        "render BOX --out a.png --filter exact",
+        1,
+        "kernels that absorb light",
+    ),
+    (
+        "render BOX --out a.png --opacity linear",
+        1,
+        "kernels that absorb light",
+    ),
+    (
+        "render BOX --out a.png --composite sheets",
+        1,
+        "more than opaque surfaces",
+    ),
+    (
+        "render BOX --out a.png --classify particle",
+        1,
+        "a transfer function shows",
+    ),
+    (
+        "render BOX --out a.png --shape covariance",
+        1,
+        "expected particles, found none",
+    ),
+    (
+        "render SPLATS --out a.png --thresholds 1,2",
+        1,
+        "kernels that absorb light",
+    ),
+    (
+        "render SPLATS --out a.png --shepard 1",
+        1,
+        "a grid or particles",
+    ),
+    (
+        "render TABLE --out a.png --length h",
+        1,
+        "expected particles with lengths, found vxx..vzz",
+    ),
+    (
+        "render TABLE --out a.png --shape covariance",
+        1,
+        "whose shapes are not stated",
+    ),
     ("render none.vtu --out a.png", 1, "none.vtu"),
     ("render WAKE --out none/a.png", 1, "an existing folder"),
     ("paint", 2, "unrecognized subcommand"),
@@ -174,7 +280,8 @@ fn wrong_usage_is_named_and_leaves_nothing() {
         let line = line
             .replace("WAKE", &wake)
             .replace("BOX", &cube)
-            .replace("SPLATS", &splats);
+            .replace("SPLATS", &splats)
+            .replace("TABLE", &fixture("particles.csv"));
         let words: Vec<&str> = line.split(' ').collect();
         let output = run(folder.path(), &words);
         let said = text(&output.stderr);

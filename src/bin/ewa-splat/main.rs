@@ -37,6 +37,7 @@ mod sequence;
 mod shell;
 mod statistics;
 mod truth;
+mod usage;
 mod viewpoint;
 mod words;
 

@@ -35,6 +35,7 @@ use crate::scene::{Input, paths};
 use crate::sequence::SequenceOptions;
 use crate::statistics::{Prepared, stats};
 use crate::truth::{ReferenceName, Truth};
+use crate::usage::{is_filtered, is_surface, refuse_unused};
 use crate::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
 
 #[derive(Args)]
@@ -158,7 +159,7 @@ struct Method {
                                       "sub_pixel_opacity"])]
     column_density: bool,
     /// Beside --column-density: write the mean of this field along each ray, weighed by what the columns are of
-    #[arg(long, value_name = "FIELD", requires = "column_density")]
+    #[arg(long, value_name = "FIELD")]
     column_mean: Option<String>,
 }
 
@@ -178,7 +179,7 @@ pub(crate) struct ColumnLook<'a> {
     pub(crate) scale: Option<ScaleName>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum FilterName {
     Adaptive,
     Exact,
@@ -292,7 +293,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     arguments.check_legend()?;
     arguments.annotations.check(arguments.numbers())?;
-    arguments.method.check_composite()?;
+    arguments.method.check()?;
+    arguments.check_show()?;
     // Hidden where standard error is no terminal.
     let progress = spinner();
 
@@ -326,6 +328,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let bounds = scene.bounds();
     let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    arguments.method.check_use(&scene)?;
     if arguments.is_lit() && !arguments.method.post_classification {
         check_lit(&scene)?;
     }
@@ -861,6 +864,23 @@ impl Arguments {
         }
     }
 
+    /// Refuses light on what has none. (A background is the scene's, which counts have as well.)
+    fn check_show(&self) -> Result<()> {
+        let is_asked = self.is_lit() || self.light.is_unlit();
+        if !is_asked || matches!(self.output.show, ShowName::Scene) {
+            return Ok(());
+        }
+        let (option, found) = ("--lit, --unlit or --light", "--show beside it");
+        let expected = "the scene";
+        Err(Error::invalid(
+            option,
+            "what is shown",
+            expected,
+            found,
+            "leave it out",
+        ))
+    }
+
     /// Whether light is asked for.
     fn is_lit(&self) -> bool {
         self.light.lighting().is_some()
@@ -880,6 +900,46 @@ impl Arguments {
 }
 
 impl Method {
+    /// Refuses what says nothing of what the inputs are.
+    fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
+        let default = FilterName::Adaptive;
+        let is_filtered = volumes.iter().any(is_filtered);
+        let is_translucent = !volumes.iter().all(is_surface);
+        let is_classified = volumes.iter().any(|v| v.transfer_function.is_some());
+        let absorbing = "kernels that absorb light, not surfaces or splats";
+        let is_over = self.composite == CompositeName::Over;
+        let is_each = self.classify == ClassifyName::Particle;
+        let is_linear = self.opacity == Opacity::Linear;
+        refuse_unused(&[
+            ("--filter", self.filter != default, is_filtered, absorbing),
+            (
+                "--thresholds",
+                self.thresholds.is_some(),
+                is_filtered,
+                absorbing,
+            ),
+            ("--opacity", is_linear, is_filtered, absorbing),
+            (
+                "--sub-pixel-opacity",
+                self.sub_pixel_opacity,
+                is_filtered,
+                absorbing,
+            ),
+            (
+                "--composite",
+                !is_over,
+                is_translucent,
+                "more than opaque surfaces",
+            ),
+            (
+                "--classify",
+                is_each,
+                is_classified,
+                "data that a transfer function shows",
+            ),
+        ])
+    }
+
     fn classification(&self) -> Classification {
         match self.classify {
             ClassifyName::Extent => Classification::Extent,
@@ -906,8 +966,9 @@ impl Method {
         }
     }
 
-    /// Refuses options of layers where there are none.
-    fn check_composite(&self) -> Result<()> {
+    /// Refuses options of layers where there are none, and of columns. (Clap forgets that an option requires another
+    /// where a third is there that the other conflicts with.)
+    fn check(&self) -> Result<()> {
         let refuse = |place: &str, expected: &str| {
             let found = self.composite().name();
             Err(Error::format(
@@ -926,6 +987,22 @@ impl Method {
                 "composite of a thickness",
                 "slabs, sheets, axis-sheets or maximum",
             );
+        }
+        let is_each = self.classify == ClassifyName::Particle;
+        if is_each && (self.post_classification || self.composite == CompositeName::Maximum) {
+            return refuse(
+                "composite of particles classified one by one",
+                "one that classifies these, not slabs",
+            );
+        }
+        if self.column_mean.is_some() && !self.column_density {
+            return Err(Error::invalid(
+                "--column-mean",
+                "what is written",
+                "--column-density beside it",
+                "none",
+                "add it",
+            ));
         }
         Ok(())
     }

@@ -15,6 +15,7 @@ use indicatif::ProgressBar;
 
 use crate::input::{DataOptions, refused_surface, transfer_of};
 use crate::progress::note;
+use crate::usage::{Kind, Uses};
 
 /// A file, and what is to be shown of it where that is not what the options say of all.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,109 +99,7 @@ struct Read {
     field_asked: Option<String>,
 }
 
-/// What an input is, as far as options are for one kind alone.
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Raw,
-    Plot3d,
-    Grid,
-    Points,
-    Splats,
-    Mesh,
-}
-
-impl Kind {
-    fn of(dataset: &Dataset) -> Self {
-        match &dataset.geometry {
-            Geometry::Lattice(_) if dataset.format == "raw volume" => Self::Raw,
-            Geometry::Curvilinear { .. } if dataset.format.contains("PLOT3D") => Self::Plot3d,
-            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => Self::Grid,
-            Geometry::Points { .. } => Self::Points,
-            Geometry::Splats(_) => Self::Splats,
-            Geometry::Mesh(_) => Self::Mesh,
-        }
-    }
-
-    fn is_grid(self) -> bool {
-        matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
-    }
-}
-
 impl DataOptions {
-    /// Refuses options that are for what none of the inputs is.
-    fn check_use(&self, reads: &[Read]) -> Result<()> {
-        let any = |is: fn(Kind) -> bool| reads.iter().any(|read| is(read.kind));
-        let mut volumes = reads.iter().flat_map(|read| &read.volumes);
-        let is_classified = volumes.any(|volume| volume.transfer_function.is_some());
-        let is_classified = is_classified || self.flatten.is_some();
-        let classified = "data that a transfer function shows";
-        let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
-        let (raw, meshes) = (any(|k| k == Kind::Raw), any(|k| k == Kind::Mesh));
-        let has_fields = any(|k| k != Kind::Mesh);
-        let has_unit = is_classified || points;
-        let options = [
-            (
-                "--field",
-                self.field.is_some(),
-                has_fields,
-                "data with fields",
-            ),
-            ("--dims", self.dims.is_some(), raw, "a raw volume"),
-            (
-                "--solution",
-                self.solution.is_some(),
-                any(|k| k == Kind::Plot3d),
-                "a PLOT3D grid",
-            ),
-            ("--texture", self.texture.is_some(), meshes, "a mesh"),
-            ("--density", self.density.is_some(), meshes, "a mesh"),
-            ("--count", self.count.is_some(), meshes, "a mesh"),
-            (
-                "--spacing",
-                self.spacing.is_some(),
-                meshes || raw,
-                "a mesh or a raw volume",
-            ),
-            (
-                "--transfer-function",
-                self.transfer_function.is_some(),
-                is_classified,
-                classified,
-            ),
-            ("--range", self.range.is_some(), is_classified, classified),
-            ("--scale", self.scale.is_some(), is_classified, classified),
-            (
-                "--opacity-scale",
-                (self.opacity_scale - 1.0).abs() > 0.0,
-                is_classified,
-                classified,
-            ),
-            (
-                "--unit-distance",
-                self.unit_distance.is_some(),
-                has_unit,
-                classified,
-            ),
-            ("--boundary", self.boundary.is_some(), grids, "a grid"),
-            ("--length", self.length.is_some(), points, "particles"),
-            ("--kernel", self.kernel.is_some(), points, "particles"),
-            ("--radius", self.radius.is_some(), points, "particles"),
-        ];
-        for (option, is_given, is_used, expected) in options {
-            if is_given && !is_used {
-                let found = "none";
-                return Err(Error::invalid(
-                    option,
-                    "inputs",
-                    expected,
-                    found,
-                    "leave it out",
-                ));
-            }
-        }
-        Ok(())
-    }
-
     /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
     /// that is chosen from values share one, of the values of all.
     ///
@@ -273,10 +172,8 @@ impl DataOptions {
             let (path, field) = (input.path.display(), wanted);
             progress.suspend(|| note!("{path}: no field `{field}`: shown by its own"));
         }
+        self.check_use(&uses(&reads, &options))?;
         self.share_functions(inputs, &options, &mut reads, progress)?;
-        if !options.for_columns {
-            self.check_use(&reads)?;
-        }
         let mut scene = Scene {
             volumes: Vec::new(),
             fields: Vec::new(),
@@ -327,6 +224,7 @@ impl DataOptions {
             progress.set_message(format!("reading {}", input.path.display()));
             let own = self.of_input(input, &options);
             let step = read(self.open(&input.path)?, &own)?;
+            self.check_use(&uses(std::slice::from_ref(&step), &own))?;
             unit_distance = unit_distance.min(step.report.unit_distance);
             samples.extend(step.report.value_sample);
             let whole = SceneOptions {
@@ -420,6 +318,19 @@ pub(crate) struct Series {
     pub(crate) transfer: TransferChoice,
     /// Around the data of all.
     pub(crate) boxes: Vec<Bounds>,
+}
+
+/// What inputs are, for options.
+fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
+    let mut volumes = reads.iter().flat_map(|read| &read.volumes);
+    Uses {
+        kinds: reads.iter().map(|read| read.kind).collect(),
+        is_classified: volumes.any(|volume| volume.transfer_function.is_some()),
+        has_file_function: reads
+            .iter()
+            .any(|read| !read.is_automatic && read.report.field.is_some()),
+        for_columns: options.for_columns,
+    }
 }
 
 fn shared_function(

@@ -96,6 +96,19 @@ impl<'a> Columns<'a> {
             bare: false,
             lengths: None,
         };
+        let refuse_lengths = |found: &str| {
+            let given = [
+                (options.length.is_some(), "a meaning of lengths"),
+                (options.kernel.is_some(), "a kernel of lengths"),
+            ];
+            refuse(given, "particles with lengths", found)
+        };
+        let stated_alone = |columns: &str| {
+            refuse_lengths(columns)?;
+            let is_chosen = options.shape != ParticleShape::Automatic;
+            let given = [(is_chosen, "a shape")];
+            refuse(given, "particles whose shapes are not stated", columns)
+        };
         match (options.radius, stated) {
             (Some(radius), _) => {
                 let meaning = options.length.unwrap_or(LengthMeaning::Sigma);
@@ -109,9 +122,18 @@ impl<'a> Columns<'a> {
                 let crowded = smoothing.is_some() || name != "sigma";
                 self.of_lengths(positions, options, &lengths, crowded)
             }
-            (None, Some(Stated::Variance(v))) => Ok(stated_shape(Shape::Variance(v))),
-            (None, Some(Stated::ScaleRotation(s))) => Ok(stated_shape(Shape::ScaleRotation(s))),
-            (None, None) => self.of_neighbours(positions, options),
+            (None, Some(Stated::Variance(v))) => {
+                stated_alone("vxx..vzz")?;
+                Ok(stated_shape(Shape::Variance(v)))
+            }
+            (None, Some(Stated::ScaleRotation(s))) => {
+                stated_alone("scale_0..2, rot_0..3")?;
+                Ok(stated_shape(Shape::ScaleRotation(s)))
+            }
+            (None, None) => {
+                refuse_lengths("none")?;
+                self.of_neighbours(positions, options)
+            }
         }
     }
 
@@ -307,6 +329,21 @@ impl Shape<'_> {
             Ok((factor, sigmas))
         } else {
             Err(LeftOut::Size)
+        }
+    }
+}
+
+/// Refuses what was asked for and says nothing of particles like these.
+fn refuse<const N: usize>(
+    given: [(bool, &'static str); N],
+    expected: &str,
+    found: &str,
+) -> Result<()> {
+    match given.into_iter().find(|(is_given, _)| *is_given) {
+        None => Ok(()),
+        Some((_, what)) => {
+            let advice = "leave it out";
+            Err(Error::invalid(what, "particles", expected, found, advice))
         }
     }
 }
