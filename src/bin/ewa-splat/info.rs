@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use ewa_splat::error::{Advice, Hint};
 use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, TextureUse};
-use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
+use ewa_splat::sample::{PERCENTILES, ShapeStatistics, doubts};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
 use ewa_splat::stages::blocks::BlockedVolume;
 use ewa_splat::{Error, Result};
@@ -162,6 +162,7 @@ impl Arguments {
                 "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
             });
         }
+        description["doubts"] = json!(doubts(&sampled.volume.particles));
         description["requirements"] = json!(Requirements::of(&sampled.volume));
         let family = BlockedVolume::with_detail(sampled.volume);
         description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));

@@ -180,6 +180,9 @@ pub(crate) fn print_table(description: &Value) {
     for line in lines(&description["left_out"]) {
         row("note", text(&line));
     }
+    for line in lines(&description["doubts"]) {
+        row("will err", text(&line));
+    }
     if description["problem"].is_string() {
         row("problem", text(&description["problem"]));
     }
