@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{CellMesh, Mesh, Smoothing, SplatCloud};
+use super::{CellMesh, Mesh, ParticleCount, Smoothing, SplatCloud};
 use crate::error::{Error, Hint, Result};
 use crate::scene::{Lattice, Values};
 
@@ -22,6 +22,8 @@ pub struct Dataset {
     /// Which fields carry the lengths, masses and densities of smoothed particles, where the
     /// format says so; tables are known by their columns' names instead.
     pub smoothing: Option<Smoothing>,
+    /// The types of particles that the file tells apart, those that were not read among them; of other formats empty.
+    pub particle_types: Vec<ParticleCount>,
     /// What points up, a unit vector, and why, in a few words, where the format says so; see [`Dataset::up`].
     pub format_up: Option<(DVec3, &'static str)>,
     /// What the reader left out or took for granted, one sentence each, for people.
@@ -136,6 +138,7 @@ impl Dataset {
             geometry,
             fields,
             smoothing: None,
+            particle_types: Vec::new(),
             format_up: None,
             notes: Vec::new(),
         }

@@ -25,6 +25,7 @@ mod mesh_part;
 mod npy;
 mod npz;
 mod obj;
+mod particle_type;
 mod plot3d;
 mod ply;
 mod ply_body;
@@ -79,6 +80,7 @@ pub use image_file::{
     write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
+pub use particle_type::{ParticleCount, ParticleType};
 pub(crate) use polyhedron::polyhedron_faces;
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
@@ -106,6 +108,10 @@ pub struct OpenOptions {
     /// What to make of a file that may be one or the other; without it a file with faces is a mesh. A
     /// file that cannot be read as this is refused.
     pub read_as: Option<ReadAs>,
+    /// The type of the particles to read of a snapshot that holds several; without it, gas or the first type there is,
+    /// and of Phantom all but its sinks. A file without particles of this type is refused, and so is one of another
+    /// format.
+    pub particle_type: Option<ParticleType>,
 }
 
 /// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
@@ -205,6 +211,16 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     read_input(Input::of_file(path), options)
 }
 
+/// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
+/// HDF5.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn has_particle_types(path: &Path) -> Result<bool> {
+    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
+    Ok(head == hdf5::MAGIC)
+}
+
 /// Reads a data file from its bytes, as [`open`] does from the disk.
 ///
 /// - `name`: what the file is called; its extension says what the contents leave open, and errors
@@ -248,6 +264,9 @@ pub fn read_with(
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let data = recognised(input, options)?;
+    if options.particle_type.is_some() && data.particle_types.is_empty() {
+        particle_type::refuse_elsewhere(input.path, data.format)?;
+    }
     let (wanted, is_so) = match options.read_as {
         None => return Ok(data),
         Some(ReadAs::Points) => ("points", matches!(data.geometry, Geometry::Points { .. })),
@@ -314,7 +333,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return npz::read(input);
     }
     if head.starts_with(hdf5::MAGIC) {
-        return hdf5::read(input);
+        return hdf5::read(input, options.particle_type);
     }
     if extension == "gltf" || gltf::looks_like(&head) {
         return gltf::read(input);

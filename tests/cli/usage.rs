@@ -149,6 +149,33 @@ const WRONG: &[(&str, i32, &str)] = &[
         "a transfer function shows",
     ),
     ("render SPLATS --out a.png --as mesh", 1, "read as a mesh"),
+    (
+        "render WAKE --out a.png --type gas",
+        1,
+        "expected an HDF5 snapshot of particles, found none",
+    ),
+    ("render WAKE --out a.png --type u8", 1, "--dims"),
+    (
+        "render SNAPSHOT --out a.png --dims 2,2,2 --type u8,u16",
+        1,
+        "one type of samples",
+    ),
+    (
+        "render SNAPSHOT --out a.png --type stars",
+        1,
+        "one of `PartType0 (gas)`, `PartType1 (dark-matter)`",
+    ),
+    (
+        "render SNAPSHOT --out a.png --type plasma",
+        2,
+        "dark-matter, disk",
+    ),
+    (
+        "render SNAPSHOT SNAPSHOT --series --out a_%d.png --type gas,dark-matter",
+        1,
+        "one type of particles",
+    ),
+    ("info SNAPSHOT --type sinks", 1, "found `sinks`"),
     ("render none.vtu --out a.png", 1, "none.vtu"),
     ("render WAKE --out none/a.png", 1, "an existing folder"),
     ("paint", 2, "unrecognized subcommand"),
@@ -174,6 +201,7 @@ fn wrong_usage_is_named_and_leaves_nothing() {
         let line = line
             .replace("WAKE", &wake)
             .replace("BOX", &cube)
+            .replace("SNAPSHOT", &fixture("gadget_old.h5"))
             .replace("SPLATS", &splats);
         let words: Vec<&str> = line.split(' ').collect();
         let output = run(folder.path(), &words);

@@ -8,6 +8,9 @@ const MOST_BLOCKS: usize = 8;
 /// Materials that the table lists.
 const MOST_MATERIALS: usize = 16;
 
+/// Types of particles that the table lists.
+const MOST_TYPES: usize = 16;
+
 /// The percentiles of a row, in words.
 const AT: &str = "least, 5 %, median, 95 %, greatest";
 
@@ -70,6 +73,26 @@ fn material_line(material: &Value) -> String {
     line
 }
 
+/// The particles of a type in a line: `PartType3 (bulge or dust or sinks): 12, not read`.
+fn type_line(particles: &Value) -> String {
+    let name = text(&particles["name"]);
+    let types = particles["types"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(text);
+    let types: Vec<String> = types.filter(|own| *own != name).collect();
+    let types = match &types[..] {
+        [] => String::new(),
+        types => format!(" ({})", types.join(" or ")),
+    };
+    let read = match particles["is_read"] == true {
+        true => "",
+        false => ", not read",
+    };
+    format!("{name}{types}: {}{read}", particles["count"])
+}
+
 /// A string without its quotation marks, anything else as JSON; a dash for nothing.
 fn text(value: &Value) -> String {
     match value {
@@ -114,6 +137,13 @@ pub(crate) fn print_table(description: &Value) {
             "  of kind",
             format!("{} {}", text(&kind["count"]), text(&kind["kind"])),
         );
+    }
+    let types = lines(&description["particle_types"]);
+    for particles in types.iter().take(MOST_TYPES) {
+        row("  of type", type_line(particles));
+    }
+    if types.len() > MOST_TYPES {
+        row("", format!("... {} types in all", types.len()));
     }
     let materials = lines(&geometry["materials"]);
     for material in materials.iter().take(MOST_MATERIALS) {

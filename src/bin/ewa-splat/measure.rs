@@ -72,7 +72,10 @@ pub(crate) struct Arguments {
     data: DataOptions,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    let inputs = std::mem::take(&mut arguments.inputs);
+    arguments.inputs = arguments.data.resolved(inputs, false)?;
+    let arguments = &*arguments;
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;

@@ -265,9 +265,13 @@ struct Output {
     frames: Option<u32>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
     arguments.check_sequence()?;
+    let inputs = std::mem::take(&mut arguments.inputs);
+    let is_series = arguments.sequence.is_series();
+    arguments.inputs = arguments.data.resolved(inputs, is_series)?;
+    let arguments = &*arguments;
     let layers = [&arguments.output.depth, &arguments.output.normals];
     for path in layers.into_iter().flatten() {
         check_depth_path(path)?;

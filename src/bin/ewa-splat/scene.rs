@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use ewa_splat::io::{Dataset, Geometry, Mesh, Up};
+use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
 use ewa_splat::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
@@ -22,6 +22,8 @@ pub(crate) struct Input {
     pub(crate) path: PathBuf,
     field: Option<String>,
     function: Option<String>,
+    /// The type of the particles that are meant, of a snapshot that holds several.
+    pub(crate) particle_type: Option<ParticleType>,
 }
 
 impl Input {
@@ -34,20 +36,33 @@ impl Input {
         let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
         match parts.as_slice() {
             [file, field] => Self {
-                path: file.into(),
                 field: stated(field),
-                function: None,
+                ..Self::file(file.into())
             },
             [file, field, function] => Self {
-                path: file.into(),
                 field: stated(field),
                 function: stated(function),
+                ..Self::file(file.into())
             },
-            _ => Self {
-                path,
-                field: None,
-                function: None,
-            },
+            _ => Self::file(path),
+        }
+    }
+
+    /// A file as it is.
+    pub(crate) fn file(path: PathBuf) -> Self {
+        Self {
+            path,
+            field: None,
+            function: None,
+            particle_type: None,
+        }
+    }
+
+    /// The same of the particles of one type.
+    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
+        Self {
+            particle_type: Some(particles),
+            ..self.clone()
         }
     }
 
@@ -235,7 +250,7 @@ impl DataOptions {
         let mut reads = Vec::new();
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(input)?;
             for note in &dataset.notes {
                 progress.suspend(|| note!("{}: {note}", input.path.display()));
             }
@@ -326,7 +341,7 @@ impl DataOptions {
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
             let own = self.of_input(input, &options);
-            let step = read(self.open(&input.path)?, &own)?;
+            let step = read(self.open(input)?, &own)?;
             unit_distance = unit_distance.min(step.report.unit_distance);
             samples.extend(step.report.value_sample);
             let whole = SceneOptions {
@@ -387,7 +402,7 @@ impl DataOptions {
                     keeps_value_sample: false,
                     ..self.of_input(input, options)
                 };
-                reads[i] = read(self.open(&input.path)?, &own)?;
+                reads[i] = read(self.open(input)?, &own)?;
             }
         }
         Ok(())
@@ -405,7 +420,7 @@ impl DataOptions {
         };
         let mut volumes = Vec::new();
         for input in inputs {
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(input)?;
             volumes.extend(
                 ewa_splat::sample::scene(dataset, &self.of_input(input, &options))?.volumes,
             );
@@ -478,9 +493,9 @@ mod tests {
     fn inputs_name_a_file_a_field_and_a_function() {
         let parse = |text: &str| Input::parse(text.into());
         let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
-            path: path.into(),
             field: field.map(str::to_owned),
             function: function.map(str::to_owned),
+            ..Input::file(path.into())
         };
         assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
         assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));

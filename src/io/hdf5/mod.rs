@@ -17,6 +17,7 @@ use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
+use super::particle_type::ParticleType;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -37,16 +38,18 @@ const MOST_COMPONENTS: usize = 16;
 /// Reads a snapshot.
 ///
 /// # Errors
-/// A damaged file, or one that holds no particles under the names these codes use.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+/// A damaged file, or one that holds no particles under the names these codes use, or none of the type that is asked for.
+///
+/// - `wanted`: the type of particles; without it what the code's own reader takes.
+pub(crate) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dataset> {
     let path = input.path;
     let file = SnapshotFile::open(input)?;
     if let Some(particles) = file.group("particles")?
         && file.has(&particles, "xyz")?
     {
-        return phantom::read(&file, &particles);
+        return phantom::read(&file, &particles, wanted);
     }
-    if let Some(dataset) = gadget::read(&file)? {
+    if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
     }
     Err(Error::format(
@@ -179,6 +182,15 @@ impl<'a> SnapshotFile<'a> {
             encoding,
             bytes,
         }))
+    }
+
+    /// How many rows a dataset of a group has, which is not read.
+    fn row_count(&self, group: &Group, name: &str) -> Result<usize> {
+        let place = format!("dataset `{}/{name}`", group.name());
+        let dataset = group.dataset(name);
+        let dataset = dataset.map_err(|e| broken(self.path, &place, &e))?;
+        let rows = dataset.shape().first().copied().unwrap_or(0);
+        Ok(usize::try_from(rows).unwrap_or(usize::MAX))
     }
 
     /// Positions of N particles from an array of shape (N, 3).
