@@ -45,6 +45,7 @@ mod spz;
 mod spz_write;
 mod table;
 mod texture;
+mod unit;
 mod up;
 mod vti;
 mod vtk_array;
@@ -86,6 +87,7 @@ pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
@@ -263,7 +265,12 @@ pub fn read_with(
 }
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let data = recognised(input, options)?;
+    let mut data = recognised(input, options)?;
+    for field in &mut data.fields {
+        let stated = field.unit.take();
+        let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
+        field.unit = stated.or_else(in_name);
+    }
     if options.particle_type.is_some() && data.particle_types.is_empty() {
         particle_type::refuse_elsewhere(input.path, data.format)?;
     }

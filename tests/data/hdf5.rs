@@ -298,6 +298,49 @@ fn a_type_of_particles_is_refused_of_what_has_none() {
     assert!(has_particle_types(&fixture("phantom.h5")).unwrap());
 }
 
+/// Strings of fixed and of any length, under three names; what no unit looks like is none.
+#[test]
+fn units_that_attributes_state_are_kept() {
+    let data = read("gadget_types.h5");
+    for (field, unit) in [
+        ("Density", Some("g/cm^3")),
+        ("Masses", Some("Msun")),
+        ("SmoothingLength", None),
+        ("Temperature", None),
+        ("Metallicity", None),
+    ] {
+        assert_eq!(data.unit(field), unit, "{field}");
+    }
+    let stars = read_type("gadget_types.h5", ParticleType::Stars).unwrap();
+    assert_eq!(stars.unit("age"), Some("Gyr"));
+    let options = SampleOptions {
+        field: Some("age".into()),
+        ..SampleOptions::default()
+    };
+    let sampled = volume(stars, &options).unwrap();
+    assert_eq!(sampled.report.unit.as_deref(), Some("Gyr"));
+    let sampled = volume(data, &SampleOptions::default()).unwrap();
+    assert_eq!(sampled.report.field.as_deref(), Some("Density"));
+    assert_eq!(sampled.report.unit.as_deref(), Some("g/cm^3"));
+}
+
+/// What SWIFT states is the unit after a conversion; it is that of the numbers only where the conversion is none.
+#[test]
+fn swifts_units_are_those_of_the_numbers_or_none() {
+    let data = read("swift_units.h5");
+    for (field, unit) in [
+        ("Masses", None),
+        ("Densities", Some("g cm^-3")),
+        ("Pressures", None),
+        ("Temperatures", Some("K")),
+        ("SmoothingLengths", None),
+        ("sigma", None),
+        ("MetalMassFractions", None),
+    ] {
+        assert_eq!(data.unit(field), unit, "{field}");
+    }
+}
+
 #[test]
 fn hdf5_without_particles_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -287,6 +287,7 @@ fn describe_type(particles: &ParticleCount) -> Value {
 fn describe_field(dataset: &Dataset, field: &Field) -> Value {
     let mut description = json!({
         "name": field.name,
+        "unit": field.unit,
         "of": match field.association {
             Association::Nodes => "nodes",
             Association::Cells => "cells",

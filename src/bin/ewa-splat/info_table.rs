@@ -1,5 +1,6 @@
 //! What `ewa-splat info` prints for people.
 
+use ewa_splat::legend::title_of;
 use serde_json::Value;
 
 /// Blocks whose dimensions the table lists.
@@ -230,7 +231,7 @@ pub(crate) fn print_table(description: &Value) {
     for field in fields {
         crate::say!(
             "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
-            text(&field["name"]),
+            title_of(&text(&field["name"]), field["unit"].as_str()),
             text(&field["of"]),
             text(&field["type"]),
             number(&field["range"][0]),

@@ -164,8 +164,8 @@ struct Method {
 
 /// What the columns of a mean are divided by others for.
 pub(crate) struct ColumnMean {
-    /// The field.
-    pub(crate) field: String,
+    /// What a legend calls the field.
+    pub(crate) title: String,
     /// What its sums are of.
     pub(crate) weighed: Vec<PointVolume>,
 }
@@ -344,9 +344,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         Some(field) => {
             let of = (scene.as_slice(), field.as_str());
             let (data, inputs) = (&arguments.data, &arguments.inputs);
-            let weighed = column_mean::weighed(data, inputs, of, &options, &progress)?;
-            let field = field.clone();
-            Some(ColumnMean { field, weighed })
+            Some(column_mean::weighed(data, inputs, of, &options, &progress)?)
         }
     };
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up};
+use ewa_splat::legend::title_of;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
 use ewa_splat::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
@@ -82,6 +83,8 @@ pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
     /// What each volume shows: the name of its field.
     pub(crate) fields: Vec<Option<String>>,
+    /// What legends call these: with their units, where they are known.
+    pub(crate) titles: Vec<Option<String>>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// What points up: [`Up::of_scene`].
@@ -295,6 +298,7 @@ impl DataOptions {
         let mut scene = Scene {
             volumes: Vec::new(),
             fields: Vec::new(),
+            titles: Vec::new(),
             grids_only: reads
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
@@ -305,7 +309,10 @@ impl DataOptions {
         for read in reads {
             ups.push(read.up);
             scene.volumes.extend(read.volumes);
-            scene.fields.resize(scene.volumes.len(), read.report.field);
+            let (field, unit) = (read.report.field, read.report.unit);
+            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+            scene.titles.resize(scene.volumes.len(), title);
+            scene.fields.resize(scene.volumes.len(), field);
         }
         if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             return Err(refused_surface("a field", "none"));

@@ -12,6 +12,7 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 
 use glam::DVec3;
+use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::group::Group;
 use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
@@ -19,6 +20,7 @@ use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
 use super::particle_type::ParticleType;
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
+use super::unit;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -77,6 +79,7 @@ struct Array {
     components: usize,
     encoding: Encoding,
     bytes: Vec<u8>,
+    unit: Option<String>,
 }
 
 impl<'a> SnapshotFile<'a> {
@@ -181,6 +184,7 @@ impl<'a> SnapshotFile<'a> {
             components,
             encoding,
             bytes,
+            unit: stated_unit(&dataset.attributes()),
         }))
     }
 
@@ -245,14 +249,7 @@ impl<'a> SnapshotFile<'a> {
 
     /// The numbers of an attribute of a group.
     fn attribute(&self, group: &Group, name: &str) -> Option<Vec<f64>> {
-        let attribute = group.attribute(name).ok()?;
-        let encoding = encoding(&attribute.datatype)?;
-        let stride = Stride {
-            first: 0,
-            step: encoding.scalar.size(),
-            count: attribute.raw_data.len() / encoding.scalar.size(),
-        };
-        doubles(&attribute.raw_data, encoding, stride)
+        attribute_numbers(&group.attribute(name).ok()?)
     }
 }
 
@@ -287,8 +284,50 @@ impl Array {
             name: self.name,
             association: Association::Nodes,
             source,
+            unit: self.unit,
         })
     }
+}
+
+/// The unit of a dataset's numbers as they are stored.
+///
+/// SWIFT states what the numbers are in once they are converted to cgs (`a^-3 U_M U_L^-3 [ g cm^-3 ]`) beside the factors of
+/// the conversion: that is the unit of the numbers themselves only where these factors are 1.
+fn stated_unit(attributes: &[Attribute]) -> Option<String> {
+    let read = |attribute: &Attribute| attribute.read_string().ok();
+    let is_unit = |a: &&Attribute| {
+        ["unit", "units"]
+            .iter()
+            .any(|n| a.name.eq_ignore_ascii_case(n))
+    };
+    if let Some(attribute) = attributes.iter().find(is_unit) {
+        return unit::cleaned(&read(attribute)?);
+    }
+    let is_factor = |a: &&Attribute| a.name.starts_with("Conversion factor to");
+    let mut factors = attributes.iter().filter(is_factor).peekable();
+    factors.peek()?;
+    let is_one = |a: &Attribute| {
+        let numbers = attribute_numbers(a);
+        numbers.is_some_and(|n| matches!(n[..], [x] if (x - 1.0).abs() <= 1e-6))
+    };
+    if !factors.all(is_one) {
+        return None;
+    }
+    let is_expression = |a: &&Attribute| a.name.starts_with("Expression for physical CGS units");
+    let expression = read(attributes.iter().find(is_expression)?)?;
+    let (_, bracket) = expression.rsplit_once('[')?;
+    unit::cleaned(bracket.split_once(']')?.0)
+}
+
+/// The numbers of an attribute.
+fn attribute_numbers(attribute: &Attribute) -> Option<Vec<f64>> {
+    let encoding = encoding(&attribute.datatype)?;
+    let stride = Stride {
+        first: 0,
+        step: encoding.scalar.size(),
+        count: attribute.raw_data.len() / encoding.scalar.size(),
+    };
+    doubles(&attribute.raw_data, encoding, stride)
 }
 
 /// How the numbers of a datatype are written, where it is one of numbers.
