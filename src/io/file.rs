@@ -170,6 +170,21 @@ impl<'a> Input<'a> {
         })
     }
 
+    /// Has another file read as this one is: from the disk, or from the bytes that are given for it.
+    pub(crate) fn with_beside<T>(
+        &self,
+        path: &Path,
+        read: impl FnOnce(Input<'_>) -> Result<T>,
+    ) -> Result<T> {
+        match self.memory {
+            None => read(Input::of_file(path)),
+            Some(memory) => {
+                let bytes = self.read_beside(path)?;
+                read(Input::of_bytes(path, &bytes, memory.beside))
+            }
+        }
+    }
+
     /// One path for all that name the same file, or `None` where there is none.
     pub(crate) fn resolved_beside(&self, path: &Path) -> Option<PathBuf> {
         if self.memory.is_none() {

@@ -35,6 +35,7 @@ mod ply_splats;
 mod ply_table;
 mod polygons;
 mod polyhedron;
+mod pvd;
 mod raw;
 mod samples;
 mod scalars;
@@ -83,6 +84,7 @@ pub use image_file::{
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub use particle_type::{ParticleCount, ParticleType};
 pub(crate) use polyhedron::polyhedron_faces;
+pub use pvd::{TimeStep, collection, is_collection};
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
@@ -124,6 +126,9 @@ pub enum ReadAs {
     /// A mesh.
     Mesh,
 }
+
+/// Bytes that are enough for every magic number and for a line of column names.
+const HEAD: usize = 4096;
 
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
 /// what to do.
@@ -176,7 +181,6 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
         "vtkNonOverlapping",
         "give one of the files that it names, or resample it to ImageData (.vti)",
     ),
-    ("Collection", "give the file of one time step that it names"),
     ("HyperTreeGrid", "resample it to ImageData (.vti)"),
     ("PHyperTreeGrid", "resample it to ImageData (.vti)"),
     ("Table", "export it as CSV with columns x, y and z"),
@@ -194,6 +198,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
 /// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid; a mesh where all cells are flat |
 /// | `<VTKFile type="PolyData"` | VTK polygonal data: a mesh, or particles |
+/// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
@@ -301,8 +306,6 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
 /// Reads a file as what its content, or else its name, says that it is.
 fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
-    /// Enough for every magic number and for a line of column names.
-    const HEAD: usize = 4096;
     let (head, len) = input.head(HEAD)?;
     let extension = extension(path);
     let extension = extension.as_str();
@@ -317,6 +320,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             "StructuredGrid" | "PStructuredGrid" => vts::read(input),
             "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, options.read_as),
             "PolyData" | "PPolyData" => vtp::read(input, options.read_as),
+            pvd::TYPE => pvd::read(input, options),
             other => Err(refuse_vtk_type(path, other)),
         };
     }

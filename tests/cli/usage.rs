@@ -154,6 +154,11 @@ const WRONG: &[(&str, i32, &str)] = &[
         1,
         "expected an HDF5 snapshot of particles, found none",
     ),
+    (
+        "render WAKE --out a.png --time-stamp t={time}",
+        1,
+        "whose times are stated",
+    ),
     ("render WAKE --out a.png --type u8", 1, "--dims"),
     (
         "render SNAPSHOT --out a.png --dims 2,2,2 --type u8,u16",

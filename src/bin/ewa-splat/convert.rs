@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::input::DataOptions;
 use crate::outputs::check_collisions;
 use crate::progress;
-use crate::scene::Input;
+use crate::scene::{Input, steps};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -51,7 +51,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_splats_path(&arguments.out)?;
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
     let inputs = arguments.inputs.iter().cloned().map(Input::file);
-    let inputs = arguments.data.resolved(inputs.collect(), false)?;
+    let inputs = arguments
+        .data
+        .resolved(steps(inputs.collect(), false)?, false)?;
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
     for input in &inputs {

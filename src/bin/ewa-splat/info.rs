@@ -7,7 +7,7 @@ use clap::Args;
 use ewa_splat::error::{Advice, Hint};
 use ewa_splat::io::{
     AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
-    TextureUse,
+    TextureUse, TimeStep, collection, is_collection,
 };
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
@@ -118,6 +118,15 @@ impl Arguments {
     fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
         let dataset = self.data.open(input)?;
         let mut description = describe(&dataset);
+        if is_collection(&input.path)? {
+            let steps = collection(&input.path)?;
+            let of_step = |step: &TimeStep| {
+                let files = step.files.iter().map(|file| file.display().to_string());
+                json!({ "time": step.time, "files": files.collect::<Vec<_>>() })
+            };
+            description["file"] = json!(input.path.display().to_string());
+            description["time_steps"] = steps.iter().map(of_step).collect();
+        }
         let mut note = |text: String| {
             if let Some(notes) = description["notes"].as_array_mut() {
                 notes.push(json!(text));

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up};
+use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up, collection, is_collection};
 use ewa_splat::legend::title_of;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
@@ -25,6 +25,10 @@ pub(crate) struct Input {
     function: Option<String>,
     /// The type of the particles that are meant, of a snapshot that holds several.
     pub(crate) particle_type: Option<ParticleType>,
+    /// Which step of a series it belongs to.
+    pub(crate) step: usize,
+    /// The time that a collection states of it.
+    pub(crate) time: Option<f64>,
 }
 
 impl Input {
@@ -56,6 +60,8 @@ impl Input {
             field: None,
             function: None,
             particle_type: None,
+            step: 0,
+            time: None,
         }
     }
 
@@ -71,6 +77,40 @@ impl Input {
     pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         PathBufValueParser::new().map(Self::parse)
     }
+}
+
+/// The inputs with the files of collections in their place: those of the first time step, or of all steps of a series.
+///
+/// # Errors
+/// Collections that cannot be read.
+pub(crate) fn steps(inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+    let mut files = Vec::new();
+    let mut step = 0;
+    for input in inputs {
+        if !is_collection(&input.path).unwrap_or(false) {
+            files.push(Input { step, ..input });
+            step += 1;
+            continue;
+        }
+        let steps = collection(&input.path)?;
+        let count = steps.len();
+        if count > 1 && !is_series {
+            let (path, time) = (input.path.display(), steps[0].time);
+            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
+        }
+        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
+            let time = Some(found.time);
+            let of_step = |path| Input {
+                path,
+                step,
+                time,
+                ..input.clone()
+            };
+            files.extend(found.files.into_iter().map(of_step));
+            step += 1;
+        }
+    }
+    Ok(files)
 }
 
 /// The files.
