@@ -358,8 +358,12 @@ fn defaults_stand_beside_every_option() {
 fn a_collection_is_a_series_with_times() {
     let folder = tempfile::tempdir().unwrap();
     let draw = |words: &[&str]| {
+        let camera = ["--eye", "0,-3,0", "--fov", "35", "--target", "0,0,0"];
         let rest = ["--size", "60x60", "--backend", "cpu"];
-        let output = run(folder.path(), &[&["render"], words, &rest].concat());
+        let output = run(
+            folder.path(),
+            &[&["render"], words, &rest, &camera].concat(),
+        );
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stderr)
     };
@@ -390,7 +394,7 @@ fn a_collection_is_a_series_with_times() {
     let series = ["a.pvd", "--series", "--transfer-function", "f.json"];
     draw(&[&series[..], &["--out", "s%d.npy"]].concat());
     // By hand: both parts, then the other, from the same camera.
-    let by_hand = ["--transfer-function", "f.json", "--fit", "all"];
+    let by_hand = ["--transfer-function", "f.json"];
     draw(
         &[
             &["left.csv", "right.csv", "--out", "both.npy"][..],
@@ -409,15 +413,7 @@ fn a_collection_is_a_series_with_times() {
     assert!(left.min(right) < 0.01 * left.max(right), "{left} {right}");
 
     // Without --series the first step, with a word of it.
-    let said = draw(&[
-        "a.pvd",
-        "--out",
-        "own.npy",
-        "--transfer-function",
-        "f.json",
-        "--fit",
-        "all",
-    ]);
+    let said = draw(&["a.pvd", "--out", "own.npy", "--transfer-function", "f.json"]);
     assert!(
         said.contains("the first of 2 time steps, of time 1; --series"),
         "{said}"
