@@ -9,6 +9,9 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 
+/// Bytes that are enough for every magic number and for a line of column names.
+pub(crate) const HEAD: usize = 4096;
+
 /// The length in bytes of a regular, non-empty file.
 ///
 /// Pipes and devices are refused before they are opened: opening a pipe may wait for ever,

@@ -94,7 +94,7 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 
 use crate::error::{Advice, Error, Hint, Parameter, Result};
 
@@ -126,9 +126,6 @@ pub enum ReadAs {
     /// A mesh.
     Mesh,
 }
-
-/// Bytes that are enough for every magic number and for a line of column names.
-const HEAD: usize = 4096;
 
 /// Formats that are recognised in order to be refused by name: the bytes they start with, and
 /// what to do.
@@ -277,7 +274,13 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         field.unit = stated.or_else(in_name);
     }
     if options.particle_type.is_some() && data.particle_types.is_empty() {
-        particle_type::refuse_elsewhere(input.path, data.format)?;
+        return Err(Error::format(
+            input.path,
+            Parameter::ParticleType,
+            "an HDF5 snapshot of particles of several types",
+            data.format,
+            Hint::LeaveOut(Parameter::ParticleType),
+        ));
     }
     let (wanted, is_so) = match options.read_as {
         None => return Ok(data),
@@ -320,7 +323,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             "StructuredGrid" | "PStructuredGrid" => vts::read(input),
             "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, options.read_as),
             "PolyData" | "PPolyData" => vtp::read(input, options.read_as),
-            pvd::TYPE => pvd::read(input, options),
+            pvd::TYPE => read_first(input, options),
             other => Err(refuse_vtk_type(path, other)),
         };
     }
@@ -402,6 +405,18 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         "none of these",
         Hint::ConvertOrGiveLayout,
     ))
+}
+
+/// The first part of the first time step of a collection, with notes of what else there is.
+fn read_first(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    let (file, notes) = pvd::first(input)?;
+    let mut data = input.with_beside(&file, |part| {
+        // What a collection names could name the collection.
+        pvd::check_part(input.path, &file, &part.head(HEAD)?.0)?;
+        read_input(part, options)
+    })?;
+    data.notes.extend(notes);
+    Ok(data)
 }
 
 /// A VTK XML file of a type that is not read.

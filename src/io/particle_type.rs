@@ -2,9 +2,6 @@
 
 use std::fmt;
 
-use super::table::list;
-use crate::error::{Error, Hint, Parameter, Result};
-
 /// A type of particles in a snapshot.
 ///
 /// | type | Gadget, Gizmo, Arepo, SWIFT | Phantom |
@@ -127,32 +124,4 @@ impl fmt::Display for ParticleCount {
         }
         write!(f, " ({})", names.join(" or "))
     }
-}
-
-/// That a file has no particles of a type, and which it has.
-pub(super) fn absent(
-    path: &std::path::Path,
-    wanted: ParticleType,
-    present: &[ParticleCount],
-) -> Error {
-    let present = present.iter().filter(|p| p.count > 0);
-    let names: Vec<String> = present.map(ParticleCount::to_string).collect();
-    Error::format(
-        path,
-        Parameter::ParticleType,
-        format!("one of {}", list(names.iter().map(String::as_str))),
-        format!("`{wanted}`, of which there are none"),
-        "name one of these",
-    )
-}
-
-/// Refuses a type of particles of a file that does not tell any apart.
-pub(super) fn refuse_elsewhere(path: &std::path::Path, format: &str) -> Result<()> {
-    Err(Error::format(
-        path,
-        Parameter::ParticleType,
-        "an HDF5 snapshot of particles of several types",
-        format,
-        Hint::LeaveOut(Parameter::ParticleType),
-    ))
 }

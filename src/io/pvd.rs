@@ -11,12 +11,11 @@
 //! A `file` is relative to the collection's folder. What has the same `timestep` (0 where none is stated) is one step, its
 //! files in the order of their `part`. A collection names data, never another collection.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use super::dataset::Dataset;
-use super::file::Input;
+use super::file::{HEAD, Input};
 use super::vtk_xml::{self, Frame, child, clip};
-use super::{OpenOptions, extension};
 use crate::error::{Error, Result};
 
 /// The `type` of these files.
@@ -48,7 +47,7 @@ pub fn collection(path: &Path) -> Result<Vec<TimeStep>> {
 /// # Errors
 /// The file cannot be read.
 pub fn is_collection(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(super::HEAD)?;
+    let (head, _) = Input::of_file(path).head(HEAD)?;
     Ok(begins(&head))
 }
 
@@ -57,30 +56,30 @@ fn begins(head: &[u8]) -> bool {
     vtk_xml::looks_like(head) && vtk_xml::file_type(head) == Some(TYPE)
 }
 
-/// The first part of the first step, with a note of what else there is.
-pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+/// The first part of the first step, and what else there is.
+pub(super) fn first(input: Input<'_>) -> Result<(PathBuf, Vec<String>)> {
     let steps = steps(input)?;
     let (first, count) = (&steps[0], steps.len());
-    let file = &first.files[0];
-    let mut dataset = input.with_beside(file, |part| {
-        if begins(&part.head(super::HEAD)?.0) {
-            return Err(refuse_nested(input.path, "DataSet, `file`", file));
-        }
-        super::read_input(part, options)
-    })?;
+    let mut notes = Vec::new();
     if count > 1 {
-        dataset.notes.push(format!(
-            "The first of {count} time steps, of time {}.",
-            first.time
-        ));
+        let time = first.time;
+        notes.push(format!("The first of {count} time steps, of time {time}."));
     }
     if first.files.len() > 1 {
         let parts = first.files.len();
-        dataset
-            .notes
-            .push(format!("The first of {parts} parts of the time step."));
+        notes.push(format!("The first of {parts} parts of the time step."));
     }
-    Ok(dataset)
+    Ok((first.files[0].clone(), notes))
+}
+
+/// Refuses a collection in a collection.
+///
+/// - `head`: how the part begins.
+pub(super) fn check_part(path: &Path, part: &Path, head: &[u8]) -> Result<()> {
+    match begins(head) {
+        true => Err(refuse_nested(path, "DataSet, `file`", part)),
+        false => Ok(()),
+    }
 }
 
 fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
@@ -133,7 +132,8 @@ fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         })?;
         let file = stated("file").ok_or_else(|| fault("file", "the name of a file", ""))?;
         let file = folder.join(file);
-        if extension(&file) == "pvd" {
+        let is_nested = |ending: &OsStr| ending.eq_ignore_ascii_case("pvd");
+        if file.extension().is_some_and(is_nested) {
             return Err(refuse_nested(path, &place("file"), &file));
         }
         // Zero has one sign.

@@ -18,10 +18,11 @@ use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
-use super::particle_type::ParticleType;
+use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
+use super::table::list;
 use super::unit;
-use crate::error::{Error, Result};
+use crate::error::{Error, Parameter, Result};
 use crate::scene::Values;
 
 /// The first bytes of every HDF5 file.
@@ -287,6 +288,19 @@ impl Array {
             unit: self.unit,
         })
     }
+}
+
+/// That a file has no particles of a type, and which it has.
+fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error {
+    let present = present.iter().filter(|p| p.count > 0);
+    let names: Vec<String> = present.map(ParticleCount::to_string).collect();
+    Error::format(
+        path,
+        Parameter::ParticleType,
+        format!("one of {}", list(names.iter().map(String::as_str))),
+        format!("`{wanted}`, of which there are none"),
+        "name one of these",
+    )
 }
 
 /// The unit of a dataset's numbers as they are stored.

@@ -18,11 +18,11 @@ use glam::DVec3;
 use hdf5_reader::group::Group;
 
 use super::super::dataset::{Dataset, Field, FieldSource};
-use super::super::particle_type::{ParticleCount, ParticleType, absent};
+use super::super::particle_type::{ParticleCount, ParticleType};
 use super::super::scalars::narrow;
 use super::super::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use super::super::table;
-use super::SnapshotFile;
+use super::{SnapshotFile, absent};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
