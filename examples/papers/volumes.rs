@@ -31,6 +31,7 @@ impl Volume {
             name: "value".into(),
             association: Association::Nodes,
             source: FieldSource::Scalar(self.values.clone()),
+            unit: None,
         };
         Dataset::new(
             Path::new(self.name),

@@ -73,6 +73,7 @@ pub(crate) fn dataset(kind: Kind, n: usize) -> Dataset {
         name: "field".into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     };
     Dataset::new(Path::new("truth"), "truth", geometry, vec![field])
 }

@@ -74,6 +74,8 @@ pub enum Parameter {
     SurfelSpacing,
     /// [`OpenOptions::read_as`](crate::io::OpenOptions::read_as).
     ReadAs,
+    /// [`OpenOptions::particle_type`](crate::io::OpenOptions::particle_type).
+    ParticleType,
     /// [`RawLayout::dims`](crate::io::RawLayout::dims).
     RawDims,
     /// [`RawLayout::spacing`](crate::io::RawLayout::spacing) and
@@ -131,6 +133,7 @@ impl fmt::Display for Parameter {
             Self::SurfelDensity => "density of surfels",
             Self::SurfelSpacing => "spacing of surfels",
             Self::ReadAs => "what it is to be read as",
+            Self::ParticleType => "the type of particles",
             Self::RawDims => "dimensions",
             Self::RawGeometry => "spacing and origin",
         })

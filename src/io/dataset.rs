@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{CellMesh, Mesh, Smoothing, SplatCloud};
+use super::unit::divided;
+use super::{CellMesh, Mesh, ParticleCount, Smoothing, SplatCloud};
 use crate::error::{Error, Hint, Result};
 use crate::scene::{Lattice, Values};
 
@@ -22,6 +23,8 @@ pub struct Dataset {
     /// Which fields carry the lengths, masses and densities of smoothed particles, where the
     /// format says so; tables are known by their columns' names instead.
     pub smoothing: Option<Smoothing>,
+    /// The types of particles that the file tells apart, those that were not read among them; of other formats empty.
+    pub particle_types: Vec<ParticleCount>,
     /// What points up, a unit vector, and why, in a few words, where the format says so; see [`Dataset::up`].
     pub format_up: Option<(DVec3, &'static str)>,
     /// What the reader left out or took for granted, one sentence each, for people.
@@ -105,6 +108,8 @@ pub struct Field {
     pub association: Association,
     /// The numbers.
     pub source: FieldSource,
+    /// The unit of the numbers as they are stored, where the file states it: `K`, `g/cm^3`.
+    pub unit: Option<String>,
 }
 
 /// What the values of a [`Field`] belong to.
@@ -136,6 +141,7 @@ impl Dataset {
             geometry,
             fields,
             smoothing: None,
+            particle_types: Vec::new(),
             format_up: None,
             notes: Vec::new(),
         }
@@ -204,27 +210,20 @@ impl Dataset {
     }
 
     /// The scalar that `selector` names: a field's name (case-insensitive; a vector field
-    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index.
+    /// gives its magnitude), or `NAME:COMPONENT` with a component `x`, `y`, `z` or its index. `Temp` finds `Temp [K]`,
+    /// too, where no field has that very name and no other that name and a unit.
     ///
     /// # Errors
     /// An unknown name or component; the message lists the fields there are.
     pub fn scalar(&self, selector: &str) -> Result<(Association, Values)> {
-        let same = |f: &&Field, name: &str| f.name.eq_ignore_ascii_case(name);
-        if let Some(field) = self.fields.iter().find(|f| same(f, selector)) {
-            return Ok((field.association, self.field_scalar(field)?));
-        }
-        if let Some((name, component)) = selector.rsplit_once(':')
-            && let Some(field) = self.fields.iter().find(|f| same(f, name))
-            && let FieldSource::Vector(components) = &field.source
-        {
-            let index = match component.to_ascii_lowercase().as_str() {
-                "x" => Some(0),
-                "y" => Some(1),
-                "z" => Some(2),
-                digits => digits.parse().ok(),
+        if let Some((field, component)) = self.selected(selector) {
+            let values = match (component, &field.source) {
+                (None, _) => Some(self.field_scalar(field)?),
+                (Some(i), FieldSource::Vector(components)) => components.get(i).cloned(),
+                (Some(_), _) => None,
             };
-            if let Some(values) = index.and_then(|i: usize| components.get(i)) {
-                return Ok((field.association, values.clone()));
+            if let Some(values) = values {
+                return Ok((field.association, values));
             }
         }
         Err(Error::format(
@@ -234,6 +233,50 @@ impl Dataset {
             "no field of that name",
             Hint::NameField,
         ))
+    }
+
+    /// The field that a selector of [`Dataset::scalar`] names, and the component of a vector.
+    fn selected(&self, selector: &str) -> Option<(&Field, Option<usize>)> {
+        let component = selector.rsplit_once(':').and_then(|(name, component)| {
+            let index = match component.to_ascii_lowercase().as_str() {
+                "x" => 0,
+                "y" => 1,
+                "z" => 2,
+                digits => digits.parse().ok()?,
+            };
+            Some((name, index))
+        });
+        [Self::of_name, Self::of_bare_name]
+            .into_iter()
+            .find_map(|find| {
+                let of_vector = || {
+                    let (name, index) = component?;
+                    let field = find(self, name)?;
+                    let is_vector = matches!(field.source, FieldSource::Vector(_));
+                    is_vector.then_some((field, Some(index)))
+                };
+                let whole = find(self, selector).map(|field| (field, None));
+                whole.or_else(of_vector)
+            })
+    }
+
+    fn of_name(&self, name: &str) -> Option<&Field> {
+        let mut fields = self.fields.iter();
+        fields.find(|f| f.name.eq_ignore_ascii_case(name))
+    }
+
+    /// The one field that has this name and a unit behind it.
+    fn of_bare_name(&self, name: &str) -> Option<&Field> {
+        let mut found = self
+            .fields
+            .iter()
+            .filter(|f| divided(&f.name).is_some_and(|(bare, _)| bare.eq_ignore_ascii_case(name)));
+        found.next().filter(|_| found.next().is_none())
+    }
+
+    /// The unit of what [`Dataset::scalar`] gives for a selector, where it is known.
+    pub fn unit(&self, selector: &str) -> Option<&str> {
+        self.selected(selector)?.0.unit.as_deref()
     }
 
     /// The scalar of one field: its values, its magnitude, or what it is derived as.

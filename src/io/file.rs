@@ -9,6 +9,9 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 
+/// Bytes that are enough for every magic number and for a line of column names.
+pub(crate) const HEAD: usize = 4096;
+
 /// The length in bytes of a regular, non-empty file.
 ///
 /// Pipes and devices are refused before they are opened: opening a pipe may wait for ever,
@@ -168,6 +171,21 @@ impl<'a> Input<'a> {
                 "give its bytes, too",
             )
         })
+    }
+
+    /// Has another file read as this one is: from the disk, or from the bytes that are given for it.
+    pub(crate) fn with_beside<T>(
+        &self,
+        path: &Path,
+        read: impl FnOnce(Input<'_>) -> Result<T>,
+    ) -> Result<T> {
+        match self.memory {
+            None => read(Input::of_file(path)),
+            Some(memory) => {
+                let bytes = self.read_beside(path)?;
+                read(Input::of_bytes(path, &bytes, memory.beside))
+            }
+        }
     }
 
     /// One path for all that name the same file, or `None` where there is none.

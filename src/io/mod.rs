@@ -25,6 +25,7 @@ mod mesh_part;
 mod npy;
 mod npz;
 mod obj;
+mod particle_type;
 mod plot3d;
 mod ply;
 mod ply_body;
@@ -34,6 +35,7 @@ mod ply_splats;
 mod ply_table;
 mod polygons;
 mod polyhedron;
+mod pvd;
 mod raw;
 mod samples;
 mod scalars;
@@ -44,6 +46,7 @@ mod spz;
 mod spz_write;
 mod table;
 mod texture;
+mod unit;
 mod up;
 mod vti;
 mod vtk_array;
@@ -79,16 +82,19 @@ pub use image_file::{
     write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
+pub use particle_type::{ParticleCount, ParticleType};
 pub(crate) use polyhedron::polyhedron_faces;
+pub use pvd::{TimeStep, collection, is_collection};
 pub use raw::{RawLayout, RawType};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 
 use crate::error::{Advice, Error, Hint, Parameter, Result};
 
@@ -106,6 +112,10 @@ pub struct OpenOptions {
     /// What to make of a file that may be one or the other; without it a file with faces is a mesh. A
     /// file that cannot be read as this is refused.
     pub read_as: Option<ReadAs>,
+    /// The type of the particles to read of a snapshot that holds several; without it, gas or the first type there is,
+    /// and of Phantom all but its sinks. A file without particles of this type is refused, and so is one of another
+    /// format.
+    pub particle_type: Option<ParticleType>,
 }
 
 /// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
@@ -168,7 +178,6 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
         "vtkNonOverlapping",
         "give one of the files that it names, or resample it to ImageData (.vti)",
     ),
-    ("Collection", "give the file of one time step that it names"),
     ("HyperTreeGrid", "resample it to ImageData (.vti)"),
     ("PHyperTreeGrid", "resample it to ImageData (.vti)"),
     ("Table", "export it as CSV with columns x, y and z"),
@@ -186,6 +195,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
 /// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid; a mesh where all cells are flat |
 /// | `<VTKFile type="PolyData"` | VTK polygonal data: a mesh, or particles |
+/// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
@@ -203,6 +213,16 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     read_input(Input::of_file(path), options)
+}
+
+/// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
+/// HDF5.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn has_particle_types(path: &Path) -> Result<bool> {
+    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
+    Ok(head == hdf5::MAGIC)
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -247,7 +267,21 @@ pub fn read_with(
 }
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let data = recognised(input, options)?;
+    let mut data = recognised(input, options)?;
+    for field in &mut data.fields {
+        let stated = field.unit.take();
+        let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
+        field.unit = stated.or_else(in_name);
+    }
+    if options.particle_type.is_some() && data.particle_types.is_empty() {
+        return Err(Error::format(
+            input.path,
+            Parameter::ParticleType,
+            "an HDF5 snapshot of particles of several types",
+            data.format,
+            Hint::LeaveOut(Parameter::ParticleType),
+        ));
+    }
     let (wanted, is_so) = match options.read_as {
         None => return Ok(data),
         Some(ReadAs::Points) => ("points", matches!(data.geometry, Geometry::Points { .. })),
@@ -275,8 +309,6 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
 /// Reads a file as what its content, or else its name, says that it is.
 fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let path = input.path;
-    /// Enough for every magic number and for a line of column names.
-    const HEAD: usize = 4096;
     let (head, len) = input.head(HEAD)?;
     let extension = extension(path);
     let extension = extension.as_str();
@@ -291,6 +323,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             "StructuredGrid" | "PStructuredGrid" => vts::read(input),
             "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, options.read_as),
             "PolyData" | "PPolyData" => vtp::read(input, options.read_as),
+            pvd::TYPE => read_first(input, options),
             other => Err(refuse_vtk_type(path, other)),
         };
     }
@@ -314,7 +347,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return npz::read(input);
     }
     if head.starts_with(hdf5::MAGIC) {
-        return hdf5::read(input);
+        return hdf5::read(input, options.particle_type);
     }
     if extension == "gltf" || gltf::looks_like(&head) {
         return gltf::read(input);
@@ -372,6 +405,18 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         "none of these",
         Hint::ConvertOrGiveLayout,
     ))
+}
+
+/// The first part of the first time step of a collection, with notes of what else there is.
+fn read_first(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    let (file, notes) = pvd::first(input)?;
+    let mut data = input.with_beside(&file, |part| {
+        // What a collection names could name the collection.
+        pvd::check_part(input.path, &file, &part.head(HEAD)?.0)?;
+        read_input(part, options)
+    })?;
+    data.notes.extend(notes);
+    Ok(data)
 }
 
 /// A VTK XML file of a type that is not read.

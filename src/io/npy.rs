@@ -178,6 +178,7 @@ pub(crate) fn field(name: String, mut components: Vec<crate::scene::Values>) -> 
         name,
         association: Association::Nodes,
         source,
+        unit: None,
     }
 }
 

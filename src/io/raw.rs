@@ -148,6 +148,7 @@ pub(crate) fn read(input: Input<'_>, layout: &RawLayout) -> Result<Dataset> {
         name: "value".to_owned(),
         association: Association::Nodes,
         source: FieldSource::Scalar(numbers),
+        unit: None,
     };
     let geometry = Geometry::Lattice(lattice);
     Ok(Dataset::new(path, "raw volume", geometry, vec![field]))

@@ -100,5 +100,6 @@ pub(crate) fn scalar_field(name: impl Into<String>, values: Values) -> Field {
         name: name.into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(values),
+        unit: None,
     }
 }

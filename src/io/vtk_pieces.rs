@@ -260,6 +260,7 @@ pub(super) fn to_fields(arrays: Vec<Array>, association: Association) -> Vec<Fie
             } else {
                 FieldSource::Vector(components)
             },
+            unit: None,
         }
     };
     arrays.into_iter().map(to_field).collect()

@@ -9,6 +9,7 @@ mod ticks;
 use self::ticks::Tick;
 use crate::error::{Error, Result};
 use crate::image::Image;
+use crate::io::name_and_unit;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
 use crate::scene::{TransferFunction, ValueScale};
 
@@ -25,6 +26,31 @@ enum Colours {
     Transfer(TransferFunction),
     /// The same, without opacities.
     Column(TransferFunction),
+}
+
+/// What a legend calls a field: its name with its unit in brackets, where that is known and the name does not have it.
+///
+/// ```
+/// use ewa_splat::legend::title_of;
+///
+/// assert_eq!(title_of("pressure", Some("Pa")), "pressure [Pa]");
+/// assert_eq!(title_of("Temp [K]", Some("K")), "Temp [K]");
+/// assert_eq!(title_of("rho", None), "rho");
+/// ```
+pub fn title_of(field: &str, unit: Option<&str>) -> String {
+    match unit {
+        Some(unit) if name_and_unit(field).is_none() => format!("{field} [{unit}]"),
+        _ => field.to_owned(),
+    }
+}
+
+/// The name of a field without the unit behind it.
+///
+/// ```
+/// assert_eq!(ewa_splat::legend::name_without_unit("Temp [K]"), "Temp");
+/// ```
+pub fn name_without_unit(field: &str) -> &str {
+    name_and_unit(field).map_or(field, |(bare, _)| bare)
 }
 
 /// The share of a picture's height that a bar has, where there is room.

@@ -323,6 +323,7 @@ mod tests {
                 name: "distance".into(),
                 association: Association::Nodes,
                 source: FieldSource::Scalar(Values::F32(values)),
+                unit: None,
             }],
         );
         let by_field = SampleOptions {

@@ -309,6 +309,12 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         ));
     }
     dataset.validate()?;
+    // Nothing of the data set is left when its field is known.
+    let asked = options.field.as_ref();
+    let asked = asked.map(|name| (name.clone(), dataset.unit(name).map(str::to_owned)));
+    let fields = dataset.fields.iter();
+    let units = fields.map(|f| (f.name.clone(), f.unit.clone()));
+    let units: Vec<(String, Option<String>)> = asked.into_iter().chain(units).collect();
     let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
@@ -323,6 +329,10 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
             "sample it into surfels, by `sample::scene`",
         )),
     }?;
+    if let Some(shown) = &sampled.report.field {
+        let found = units.into_iter().find(|(name, _)| name == shown);
+        sampled.report.unit = found.and_then(|(_, unit)| unit);
+    }
     if options.shepard_passes > 0 {
         let task = options.task.as_ref();
         shepard::even_out(&mut sampled.volume, options.shepard_passes, task)?;
@@ -412,6 +422,7 @@ fn in_memory(
         name: "value".into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(values.into()),
+        unit: None,
     };
     volume(
         Dataset::new(Path::new(name), name, geometry, vec![field]),

@@ -8,6 +8,8 @@ use crate::scene::ValueSample;
 pub struct SampleReport {
     /// The scalar shown; `None` where masses and colours come from the file.
     pub field: Option<String>,
+    /// Its unit, where the file states it.
+    pub unit: Option<String>,
     /// Its least and greatest finite value.
     pub value_range: Option<[f32; 2]>,
     /// The length \[world units\] over which opacities are stated.

@@ -654,6 +654,7 @@ mod tests {
             name: "vtkGhostType".into(),
             association: Association::Cells,
             source: FieldSource::Scalar(Values::U8(marks)),
+            unit: None,
         };
         let geometry = Geometry::Points {
             positions: Vec::new(),

@@ -110,3 +110,31 @@ fn annotations_are_of_pictures() {
     );
     assert!(made.status.success(), "{}", text(&made.stderr));
 }
+
+/// A unit stands in the legend once, and `info` tells it.
+#[test]
+fn legends_show_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = |name: &str, field: &str| {
+        let rows = (0..64).map(|i| format!("{},{},{},.5,{i}\n", i % 4, i / 4 % 4, i / 16));
+        let text = format!("x,y,z,sigma,{field}\n{}", rows.collect::<String>());
+        std::fs::write(folder.path().join(name), text).unwrap();
+    };
+    table("a.csv", "Temp [K]");
+    table("b.csv", "Temp");
+    let picture = |input: &str, field: &str| {
+        let words = ["render", input, "--field", field, "--legend", "--quiet"];
+        let rest = ["--size", "200x200", "--backend", "cpu", "--out", "a.npy"];
+        let output = run(folder.path(), &[&words[..], &rest].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        read_image(&folder.path().join("a.npy")).unwrap()
+    };
+    let whole = picture("a.csv", "Temp [K]");
+    assert!(picture("a.csv", "Temp") == whole, "the unit is added once");
+    assert!(picture("b.csv", "Temp") != whole, "no unit is added");
+    let output = run(folder.path(), &["info", "a.csv", "--json"]);
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fields = told["fields"].as_array().unwrap();
+    let field = fields.iter().find(|f| f["name"] == "Temp [K]").unwrap();
+    assert_eq!(field["unit"], "K");
+}

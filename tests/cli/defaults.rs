@@ -352,3 +352,104 @@ fn defaults_stand_beside_every_option() {
         }
     }
 }
+
+/// The steps of a collection are those of the same files, in the order of time; parts of one time are one picture.
+#[test]
+fn a_collection_is_a_series_with_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let draw = |words: &[&str]| {
+        let camera = ["--eye", "0,-3,0", "--fov", "35", "--target", "0,0,0"];
+        let rest = ["--size", "60x60", "--backend", "cpu"];
+        let output = run(
+            folder.path(),
+            &[&["render"], words, &rest, &camera].concat(),
+        );
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    let read = |name: &str| read_image(&folder.path().join(name)).unwrap();
+    for (name, x) in [("late", 0.3), ("left", -0.3), ("right", 0.3)] {
+        let rows = (0..27).map(|i| {
+            let at = [i % 3, i / 3 % 3, i / 9].map(|n| 0.1 * f64::from(n) - 0.1);
+            format!("{},{},{},.05,{i}\n", at[0] + x, at[1], at[2])
+        });
+        let table = format!("x,y,z,sigma,f\n{}", rows.collect::<String>());
+        std::fs::write(folder.path().join(format!("{name}.csv")), table).unwrap();
+    }
+    let entries = "<DataSet timestep=\"2.50\" file=\"late.csv\"/>\
+                   <DataSet timestep=\"1\" part=\"1\" file=\"right.csv\"/>\
+                   <DataSet timestep=\"1\" part=\"0\" file=\"left.csv\"/>";
+    let whole =
+        format!("<VTKFile type=\"Collection\"><Collection>{entries}</Collection></VTKFile>");
+    std::fs::write(folder.path().join("a.pvd"), whole).unwrap();
+
+    draw(&[
+        "a.pvd",
+        "--series",
+        "--out",
+        "w%d.npy",
+        "--write-transfer-function",
+        "f.json",
+    ]);
+    let series = ["a.pvd", "--series", "--transfer-function", "f.json"];
+    draw(&[&series[..], &["--out", "s%d.npy"]].concat());
+    // By hand: both parts, then the other, from the same camera.
+    let by_hand = ["--transfer-function", "f.json"];
+    draw(
+        &[
+            &["left.csv", "right.csv", "--out", "both.npy"][..],
+            &by_hand,
+        ]
+        .concat(),
+    );
+    let [both, first, second] = ["both.npy", "s0.npy", "s1.npy"].map(read);
+    assert!(both == first);
+    let half = |image: &ewa_splat::Image, left: bool| -> f32 {
+        let of_half = |(i, p): (usize, &[f32; 4])| if (i % 60 < 30) == left { p[3] } else { 0.0 };
+        image.pixels.iter().enumerate().map(of_half).sum()
+    };
+    assert!(half(&first, true) > 1.0 && half(&first, false) > 1.0);
+    let (left, right) = (half(&second, true), half(&second, false));
+    assert!(left.min(right) < 0.01 * left.max(right), "{left} {right}");
+
+    // Without --series the first step, with a word of it.
+    let said = draw(&["a.pvd", "--out", "own.npy", "--transfer-function", "f.json"]);
+    assert!(
+        said.contains("the first of 2 time steps, of time 1; --series"),
+        "{said}"
+    );
+    assert!(read("own.npy") == first);
+
+    // The stamp is what is written by hand for each time.
+    draw(
+        &[
+            &series[..],
+            &["--time-stamp", "t = {time} s", "--out", "t%d.npy"],
+        ]
+        .concat(),
+    );
+    for (i, time) in ["1", "2.5"].into_iter().enumerate() {
+        let (out, stamp) = (format!("h%d_{i}.npy"), format!("t = {time} s"));
+        draw(&[&series[..], &["--time-stamp", &stamp, "--out", &out]].concat());
+        assert!(
+            read(&format!("t{i}.npy")) == read(&format!("h{i}_{i}.npy")),
+            "{time}"
+        );
+    }
+    assert!(read("t0.npy") != read("s0.npy"));
+
+    let output = run(folder.path(), &["info", "a.pvd", "--json"]);
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["file"], "a.pvd");
+    let steps = serde_json::json!([
+        { "time": 1.0, "files": ["left.csv", "right.csv"] },
+        { "time": 2.5, "files": ["late.csv"] },
+    ]);
+    assert_eq!(told["time_steps"], steps);
+    let output = run(folder.path(), &["info", "a.pvd"]);
+    let told = text(&output.stdout);
+    assert!(
+        told.contains("2.5: late.csv") && told.contains("sigma"),
+        "{told}"
+    );
+}

@@ -165,11 +165,6 @@ const WRONG: &[(&str, i32, &str)] = &[
         "cannot be used with",
     ),
     (
-        "render WAKE --out a.png --type f32 --as points",
-        2,
-        "--dims",
-    ),
-    (
         "render WAKE --out a.png --unit-distance 2",
         1,
         "a transfer function's file",
@@ -255,6 +250,38 @@ const WRONG: &[(&str, i32, &str)] = &[
         1,
         "whose shapes are not stated",
     ),
+    (
+        "render WAKE --out a.png --type gas",
+        1,
+        "expected an HDF5 snapshot of particles, found none",
+    ),
+    (
+        "render WAKE --out a.png --time-stamp t={time}",
+        1,
+        "whose times are stated",
+    ),
+    ("render WAKE --out a.png --type u8", 1, "--dims"),
+    (
+        "render SNAPSHOT --out a.png --dims 2,2,2 --type u8,u16",
+        1,
+        "one type of samples",
+    ),
+    (
+        "render SNAPSHOT --out a.png --type stars",
+        1,
+        "one of `PartType0 (gas)`, `PartType1 (dark-matter)`",
+    ),
+    (
+        "render SNAPSHOT --out a.png --type plasma",
+        2,
+        "dark-matter, disk",
+    ),
+    (
+        "render SNAPSHOT SNAPSHOT --series --out a_%d.png --type gas,dark-matter",
+        1,
+        "one type of particles",
+    ),
+    ("info SNAPSHOT --type sinks", 1, "found `sinks`"),
     ("render none.vtu --out a.png", 1, "none.vtu"),
     ("render WAKE --out none/a.png", 1, "an existing folder"),
     ("paint", 2, "unrecognized subcommand"),
@@ -281,6 +308,7 @@ fn wrong_usage_is_named_and_leaves_nothing() {
             .replace("WAKE", &wake)
             .replace("BOX", &cube)
             .replace("SPLATS", &splats)
+            .replace("SNAPSHOT", &fixture("gadget_old.h5"))
             .replace("TABLE", &fixture("particles.csv"));
         let words: Vec<&str> = line.split(' ').collect();
         let output = run(folder.path(), &words);

@@ -18,7 +18,7 @@ use crate::support::seeds::{legacy_vtk, seeds, vtk_grids};
 use crate::support::splats::{Ply, gzip, some_splats, splat_ply, splat_records, spz_unpacked};
 use ewa_splat::Error;
 use ewa_splat::image::Image;
-use ewa_splat::io::{OpenOptions, RawLayout, RawType, open, read_image, write_image};
+use ewa_splat::io::{OpenOptions, RawLayout, RawType, collection, open, read_image, write_image};
 use proptest::prelude::*;
 
 /// Names and contents of sound images.
@@ -253,6 +253,31 @@ fn damaged_indices_are_answered() {
         check(answer(index, &piece[..cut]));
         check(answer(index, &[&piece[..cut], &piece[cut + 1..]].concat()));
     }
+}
+
+/// A collection in front of a sound file, cut and with bytes left out.
+#[test]
+fn damaged_collections_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.csv"), "x,y,z\n0,0,0\n").unwrap();
+    let path = folder.path().join("a.pvd");
+    let text = "<VTKFile type=\"Collection\"><Collection><DataSet timestep=\"0.5\" part=\"0\" \
+                file=\"a.csv\"/><DataSet timestep=\"1\" file=\"a.csv\"/></Collection></VTKFile>";
+    let answer = |text: &[u8]| {
+        std::fs::write(&path, text).unwrap();
+        check(open(&path, &OpenOptions::default()).map(drop));
+        check(collection(&path).map(drop));
+    };
+    for cut in 0..text.len() {
+        answer(&text.as_bytes()[..cut]);
+        let mut bytes = text.as_bytes().to_vec();
+        bytes[cut] ^= 1;
+        answer(&bytes);
+        bytes.remove(cut);
+        answer(&bytes);
+    }
+    std::fs::write(&path, text).unwrap();
+    open(&path, &OpenOptions::default()).unwrap();
 }
 
 /// Deep nesting must not exhaust the stack.

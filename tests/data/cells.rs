@@ -35,6 +35,7 @@ fn field(name: &str, association: Association, values: Vec<f32>) -> Field {
         name: name.into(),
         association,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     }
 }
 

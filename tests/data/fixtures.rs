@@ -70,6 +70,7 @@ fn the_wake_is_an_o_grid_with_a_sound_flow() {
             name: "density".into(),
             association: Association::Nodes,
             source: FieldSource::Scalar(Values::F32(q[0].clone())),
+            unit: None,
         }],
     );
     let options = SampleOptions {
@@ -114,6 +115,7 @@ fn the_particle_table_has_a_thousand_definite_kernels() {
                 name: names[c].into(),
                 association: Association::Nodes,
                 source: FieldSource::Scalar(Values::F32(column(c))),
+                unit: None,
             })
             .collect(),
     );

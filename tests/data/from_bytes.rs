@@ -68,6 +68,7 @@ fn fixtures_are_the_same() {
 fn real_data_are_the_same() {
     for name in [
         "particles/phantom_mhd_00000.h5",
+        "formats/collections/pvd/singleSphereAnimation.pvd",
         "particles/halo_low_res.npy",
         "particles/bunny_frame_14_7705_particles.vtk",
         "meshes/obj/cornell_box/cornell_box.obj",

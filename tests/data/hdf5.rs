@@ -11,6 +11,9 @@
 //! | `swift.h5` | newest layout, chunks of extensible arrays, gzip |
 //! | `dark_matter.h5` | newest layout, `PartType1` only, single precision |
 //! | `phantom.h5` | h5py's default layout, shuffled, gzip, Fletcher 32; lengths .25, .5, 1, -.5, 2 |
+//! | `gadget_types.h5` | the gas, 2 particles of `PartType1` 10 further on, 3 of `PartType4` 20 further on, none of `PartType5` |
+//! | `phantom_sinks.h5` | types 1, 7, -1, 3, 9, dust from 7 and its boundary from 9; 3 sinks 1 further on, of radii .5, 0, .25 |
+//! | `swift_units.h5` | masses in units of their own, densities and temperatures in cgs, pressures in comoving cgs |
 
 #![allow(
     clippy::unwrap_used,
@@ -21,7 +24,8 @@
 use std::path::{Path, PathBuf};
 
 use ewa_splat::io::{
-    Dataset, FieldSource, Geometry, LengthMeaning, OpenOptions, Smoothing, SphKernel, open,
+    Dataset, FieldSource, Geometry, LengthMeaning, OpenOptions, ParticleType, Smoothing, SphKernel,
+    has_particle_types, open,
 };
 use ewa_splat::sample::{SampleOptions, volume};
 use glam::DVec3;
@@ -155,6 +159,186 @@ fn phantom_densities_follow_from_lengths_and_types() {
     let sampled = volume(data, &SampleOptions::default()).unwrap();
     assert_eq!(sampled.report.particle_count, 4);
     assert_eq!(sampled.report.left_out_count(), 1);
+}
+
+fn read_type(name: &str, particles: ParticleType) -> Result<Dataset, String> {
+    let options = OpenOptions {
+        particle_type: Some(particles),
+        ..OpenOptions::default()
+    };
+    open(&fixture(name), &options).map_err(|e| e.to_string())
+}
+
+/// Names, counts and which are read.
+fn types(data: &Dataset) -> Vec<(String, usize, bool)> {
+    let types = data.particle_types.iter();
+    types.map(|t| (t.to_string(), t.count, t.is_read)).collect()
+}
+
+fn moved(count: usize, by: f64) -> Vec<DVec3> {
+    places()[..count].iter().map(|p| *p + by).collect()
+}
+
+#[test]
+fn a_type_of_a_gadget_snapshot_is_read_by_its_name_or_its_number() {
+    let data = read("gadget_types.h5");
+    assert_eq!(positions(&data), places());
+    let listed = [
+        ("PartType0 (gas)", 5, true),
+        ("PartType1 (dark-matter)", 2, false),
+        ("PartType4 (stars)", 3, false),
+        ("PartType5 (black-holes or boundary)", 0, false),
+    ];
+    assert_eq!(types(&data), listed.map(|(n, c, r)| (n.to_owned(), c, r)));
+    assert!(has_note(
+        &data,
+        "Only PartType0 is shown; PartType1, PartType4 left out."
+    ));
+    for stars in [ParticleType::Stars, ParticleType::Number(4)] {
+        let data = read_type("gadget_types.h5", stars).unwrap();
+        assert_eq!(positions(&data), moved(3, 20.0));
+        assert_eq!(numbers(&data, "Masses"), [1.0, 2.0, 3.0]);
+        assert_eq!(types(&data)[2], ("PartType4 (stars)".to_owned(), 3, true));
+        assert!(!types(&data)[0].2 && !has_note(&data, "left out"));
+    }
+    let data = read_type("gadget_types.h5", ParticleType::DarkMatter).unwrap();
+    assert_eq!(positions(&data), moved(2, 10.0));
+    assert_eq!(numbers(&data, "Masses"), [2.5; 2]);
+    // A group without particles is no type that is there.
+    for absent in [
+        ParticleType::BlackHoles,
+        ParticleType::Sinks,
+        ParticleType::Number(9),
+    ] {
+        let error = read_type("gadget_types.h5", absent).unwrap_err();
+        assert!(
+            error.contains(
+                "`PartType0 (gas)`, `PartType1 (dark-matter)`, `PartType4 (stars)`, found"
+            ),
+            "{error}"
+        );
+        assert!(error.contains(&format!("`{absent}`")), "{error}");
+    }
+}
+
+#[test]
+fn phantoms_types_are_told_apart_by_itype() {
+    let all = read("phantom_sinks.h5");
+    assert_eq!(positions(&all), places());
+    assert_eq!(numbers(&all, "m"), [0.5, 0.125, 0.5, 0.25, 0.0625]);
+    assert!(has_note(&all, "4 types") && has_note(&all, "Sink particles are left out"));
+    let listed = [
+        ("itype 1 (gas)", 2, true),
+        ("itype 3 (boundary)", 1, true),
+        ("itype 7 (dust)", 1, true),
+        ("itype 9 (boundary)", 1, true),
+        ("sinks", 3, false),
+    ];
+    assert_eq!(types(&all), listed.map(|(n, c, r)| (n.to_owned(), c, r)));
+    for (wanted, rows) in [
+        (ParticleType::Gas, &[0, 2][..]),
+        (ParticleType::Number(1), &[0, 2]),
+        (ParticleType::Dust, &[1]),
+        (ParticleType::Boundary, &[3, 4]),
+        (ParticleType::Number(3), &[3]),
+    ] {
+        let data = read_type("phantom_sinks.h5", wanted).unwrap();
+        let of_rows: Vec<DVec3> = rows.iter().map(|&i| places()[i]).collect();
+        assert_eq!(positions(&data), of_rows, "{wanted}");
+        for field in ["h", "m", "rho", "itype", "vxyz:y", "vxyz"] {
+            let whole = numbers(&all, field);
+            let of_rows: Vec<f32> = rows.iter().map(|&i| whole[i]).collect();
+            assert_eq!(numbers(&data, field), of_rows, "{wanted}, {field}");
+        }
+        assert!(data.smoothing.is_some() && !has_note(&data, "left out"));
+    }
+    let error = read_type("phantom_sinks.h5", ParticleType::Stars).unwrap_err();
+    assert!(
+        error.contains("`itype 1 (gas)`") && error.contains("`sinks`, found `stars`"),
+        "{error}"
+    );
+    let error = read_type("phantom.h5", ParticleType::Sinks).unwrap_err();
+    assert!(
+        error.contains("one of `itype 1 (gas)`, `itype 2`, found `sinks`"),
+        "{error}"
+    );
+}
+
+/// A ball of radius R has the variance R²/5 along each axis; one that states no radius gets a hundredth of the box,
+/// which is 4 wide.
+#[test]
+fn sinks_are_opaque_spheres_of_their_accretion_radii() {
+    let data = read_type("phantom_sinks.h5", ParticleType::Sinks).unwrap();
+    assert_eq!(positions(&data), moved(3, 1.0));
+    assert_eq!(numbers(&data, "m"), [3.0, 2.0, 1.0]);
+    assert_eq!(numbers(&data, "accretion_radius"), [0.5, 0.0, 0.25]);
+    let sigma = [0.5_f32, 0.04, 0.25].map(|r| r / 5.0_f32.sqrt());
+    for (found, expected) in numbers(&data, "sigma").into_iter().zip(sigma) {
+        assert!((found - expected).abs() < 1e-7, "{found} {expected}");
+    }
+    assert!(has_note(&data, "1 sinks state no accretion radius"));
+    let sampled = volume(data, &SampleOptions::default()).unwrap();
+    assert_eq!(sampled.report.particle_count, 3);
+    // The greatest optical depth of each is that of its opacity: strength over 2 pi sigma².
+    let ewa_splat::scene::Strength::Mass(strengths) = &sampled.volume.strength else {
+        panic!("strengths of their own expected");
+    };
+    for (strength, sigma) in strengths.iter().zip(sigma) {
+        let depth = strength / (std::f32::consts::TAU * sigma * sigma);
+        assert!((1.0 - (-depth).exp() - 0.999).abs() < 1e-5, "{depth}");
+    }
+}
+
+#[test]
+fn a_type_of_particles_is_refused_of_what_has_none() {
+    let error = read_type("particles.csv", ParticleType::Gas).unwrap_err();
+    assert!(error.contains("expected an HDF5 snapshot"), "{error}");
+    assert!(error.contains("leave the type of particles out"), "{error}");
+    assert!(!has_particle_types(&fixture("particles.csv")).unwrap());
+    assert!(has_particle_types(&fixture("phantom.h5")).unwrap());
+}
+
+/// Strings of fixed and of any length, under three names; what no unit looks like is none.
+#[test]
+fn units_that_attributes_state_are_kept() {
+    let data = read("gadget_types.h5");
+    for (field, unit) in [
+        ("Density", Some("g/cm^3")),
+        ("Masses", Some("Msun")),
+        ("SmoothingLength", None),
+        ("Temperature", None),
+        ("Metallicity", None),
+    ] {
+        assert_eq!(data.unit(field), unit, "{field}");
+    }
+    let stars = read_type("gadget_types.h5", ParticleType::Stars).unwrap();
+    assert_eq!(stars.unit("age"), Some("Gyr"));
+    let options = SampleOptions {
+        field: Some("age".into()),
+        ..SampleOptions::default()
+    };
+    let sampled = volume(stars, &options).unwrap();
+    assert_eq!(sampled.report.unit.as_deref(), Some("Gyr"));
+    let sampled = volume(data, &SampleOptions::default()).unwrap();
+    assert_eq!(sampled.report.field.as_deref(), Some("Density"));
+    assert_eq!(sampled.report.unit.as_deref(), Some("g/cm^3"));
+}
+
+/// What SWIFT states is the unit after a conversion; it is that of the numbers only where the conversion is none.
+#[test]
+fn swifts_units_are_those_of_the_numbers_or_none() {
+    let data = read("swift_units.h5");
+    for (field, unit) in [
+        ("Masses", None),
+        ("Densities", Some("g cm^-3")),
+        ("Pressures", None),
+        ("Temperatures", Some("K")),
+        ("SmoothingLengths", None),
+        ("sigma", None),
+        ("MetalMassFractions", None),
+    ] {
+        assert_eq!(data.unit(field), unit, "{field}");
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod support;
 
 mod bad_input;
 mod cells;
+mod collections;
 mod convert;
 mod faces;
 mod fixtures;

@@ -20,6 +20,7 @@ fn column(name: &str, values: Vec<f32>) -> Field {
         name: name.into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     }
 }
 
@@ -358,6 +359,7 @@ fn bytes_of_colour_are_decoded() {
             name: name.into(),
             association: Association::Nodes,
             source: FieldSource::Scalar(Values::U8(vec![byte; 8])),
+            unit: None,
         });
     }
     let sampled = sample(dataset(cube(2), columns), SampleOptions::default());

@@ -78,6 +78,7 @@ fn scalar(name: &str, association: Association, values: Vec<f32>) -> Field {
         name: name.into(),
         association,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     }
 }
 
@@ -243,6 +244,7 @@ fn fields_fit_their_samples() {
             name: "v".into(),
             association: Association::Nodes,
             source: FieldSource::Vector(vec![of(8), of(7), of(8)]),
+            unit: None,
         };
         let data = dataset(geometry.clone(), vec![vector]);
         refused(data.scalar("v"));

@@ -596,3 +596,35 @@ fn depth_images_keep_infinity() {
     let depths: Vec<f32> = channel.sample_data.values_as_f32().collect();
     assert_eq!(depths, depth.depths);
 }
+
+/// `Temp` finds `Temp [K]` where that is the one field meant; a field of that very name is found first.
+#[test]
+fn units_in_brackets_behind_names_are_units() {
+    let read = |header: &str| {
+        let table = format!("x,y,z,{header}\n0,0,0,1,2,3\n1,0,0,4,5,6\n");
+        ewa_splat::io::read("a.csv", table.as_bytes(), &OpenOptions::default()).unwrap()
+    };
+    let first = |data: &ewa_splat::io::Dataset, name: &str| {
+        let found = data.scalar(name);
+        found.map(|(_, values)| values.get(0)).ok()
+    };
+    let data = read("Temp [K],rho[g/cm^3],v[0]");
+    assert_eq!(data.field_names(), ["Temp [K]", "rho[g/cm^3]", "v[0]"]);
+    assert_eq!(data.unit("temp"), Some("K"));
+    assert_eq!(data.unit("Temp [K]"), Some("K"));
+    assert_eq!(data.unit("rho"), Some("g/cm^3"));
+    assert_eq!(data.unit("v[0]"), None);
+    assert_eq!(
+        [first(&data, "temp"), first(&data, "RHO")],
+        [Some(1.0), Some(2.0)]
+    );
+    assert_eq!(first(&data, "v"), None);
+    let data = read("T [K],T [eV],T");
+    assert_eq!((first(&data, "T"), data.unit("T")), (Some(3.0), None));
+    let data = read("T [K],T [eV],m");
+    assert_eq!(first(&data, "T"), None);
+    assert_eq!(
+        (first(&data, "t [ev]"), data.unit("t [ev]")),
+        (Some(2.0), Some("eV"))
+    );
+}

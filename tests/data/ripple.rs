@@ -29,6 +29,7 @@ fn sample_with(
         name: "one".into(),
         association,
         source: FieldSource::Scalar(Values::F32(vec![1.0; count])),
+        unit: None,
     };
     volume(
         Dataset::new(Path::new("test"), "test", geometry, vec![field]),
@@ -396,6 +397,7 @@ fn smoothed_particles() {
         name: name.into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(Values::F32(vec![value as f32; count])),
+        unit: None,
     };
     let sampled = |fields: Vec<Field>| {
         let geometry = Geometry::Points {

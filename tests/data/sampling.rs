@@ -24,6 +24,7 @@ fn field(name: &str, association: Association, values: Values) -> Field {
         name: name.into(),
         association,
         source: FieldSource::Scalar(values),
+        unit: None,
     }
 }
 
@@ -425,6 +426,7 @@ fn the_default_field_is_the_first_that_varies() {
             name: name.into(),
             association: Association::Nodes,
             source: FieldSource::Vector(components.to_vec()),
+            unit: None,
         }
     };
     let still = vector("still", [[1, 1]; 3]);
@@ -521,6 +523,7 @@ fn arrays_of_colours_colour_particles() {
             channel([0, 255]),
             channel([9, 9]),
         ]),
+        unit: None,
     });
     // Bytes are encoded: 188 is half of the light.
     let half = ewa_splat::image::linear_from_srgb(188.0 / 255.0);

@@ -1056,7 +1056,6 @@ fn other_types_and_compressors_are_refused_by_name() {
             "one of the files that it names",
         ),
         ("vtkOverlappingAMR", "resample"),
-        ("Collection", "one time step"),
         ("HyperTreeGrid", "resample"),
         ("Table", "CSV"),
         ("Unheard", "one of these"),

@@ -79,6 +79,7 @@ fn sampled(geometry: Geometry, association: Association, values: Vec<f64>) -> Po
         name: "bump".into(),
         association,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     };
     let dataset = Dataset::new(Path::new("test"), "test", geometry, vec![field]);
     let sampled = volume(dataset, &SampleOptions::default()).unwrap();

@@ -472,6 +472,7 @@ fn sample_mesh(mesh: CellMesh, boundary: BoundaryChoice) -> Sampled {
         name: "value".into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     };
     let dataset = Dataset::new(
         Path::new("test"),

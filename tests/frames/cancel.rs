@@ -204,6 +204,7 @@ fn sampling_of_cells() {
         name: "value".into(),
         association: Association::Nodes,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     };
     let geometry = Geometry::Cells(mesh);
     let dataset = Dataset::new(Path::new("cells"), "cells", geometry, vec![field]);

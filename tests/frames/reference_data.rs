@@ -102,6 +102,7 @@ fn dataset(geometry: Geometry, association: Association, values: Vec<f32>) -> Da
         name: "f".into(),
         association,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     };
     Dataset::new("made".as_ref(), "made", geometry, vec![field])
 }
@@ -945,6 +946,7 @@ fn values_of_cells_are_constant_in_them_and_blanked_ones_are_gone() {
             name: "vtkGhostType".into(),
             association: Association::Cells,
             source: FieldSource::Scalar(Values::U8(ghosts)),
+            unit: None,
         });
         // Cell 7 is (3, 1, 0): the last of the ray, 0.75.
         let without = through(data);

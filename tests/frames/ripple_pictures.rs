@@ -36,6 +36,7 @@ fn uniform(geometry: Geometry, association: Association) -> PointVolume {
         name: "one".into(),
         association,
         source: FieldSource::Scalar(Values::F32(vec![1.0; count])),
+        unit: None,
     };
     let dataset = Dataset::new(Path::new("test"), "test", geometry, vec![field]);
     volume(dataset, &SampleOptions::default()).unwrap().volume

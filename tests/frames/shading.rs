@@ -534,6 +534,7 @@ fn field(association: Association, values: Vec<f32>) -> Vec<Field> {
         name: "value".into(),
         association,
         source: FieldSource::Scalar(Values::F32(values)),
+        unit: None,
     }]
 }
 

@@ -87,6 +87,9 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         fixture("swift.h5"),
         fixture("dark_matter.h5"),
         fixture("phantom.h5"),
+        fixture("gadget_types.h5"),
+        fixture("phantom_sinks.h5"),
+        fixture("swift_units.h5"),
         (
             "a.csv".into(),
             b"x,y,z,h,m\n1,2,3,.5,1\n4,5,6,.5,1\n".to_vec(),

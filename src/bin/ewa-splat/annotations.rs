@@ -10,7 +10,13 @@ use ewa_splat::legend::{ColourBar, check_legend_size, columns_beside_legend, dra
 use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Error, Image, Result};
 
-#[derive(Args)]
+use crate::info_table::significant;
+use crate::scene::Input;
+
+/// What stands for the time in a time stamp.
+const TIME: &str = "{time}";
+
+#[derive(Args, Clone)]
 #[command(next_help_heading = "Annotations")]
 pub(crate) struct AnnotationOptions {
     /// Draw the directions of x, y and z, as the camera sees them, into the lower left corner
@@ -26,7 +32,8 @@ pub(crate) struct AnnotationOptions {
     /// Write a line into the upper left corner
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
-    /// Write a line into the lower left corner, such as the time that is shown
+    /// Write a line into the lower left corner, such as the time that is shown: {time} in it stands for what a .pvd
+    /// states
     #[arg(long, value_name = "TEXT")]
     time_stamp: Option<String>,
 }
@@ -43,6 +50,39 @@ impl AnnotationOptions {
         ]
         .into_iter()
         .find_map(|(is_given, name)| is_given.then_some(name))
+    }
+
+    /// Refuses a stamp of a time that not all steps have.
+    pub(crate) fn check_time(&self, inputs: &[Input]) -> Result<()> {
+        let is_asked = self
+            .time_stamp
+            .as_ref()
+            .is_some_and(|text| text.contains(TIME));
+        if !is_asked || inputs.iter().all(|input| input.time.is_some()) {
+            return Ok(());
+        }
+        let expected = "inputs whose times are stated, by a .pvd file";
+        let advice = "write the time itself";
+        Err(Error::invalid(
+            "--time-stamp",
+            TIME,
+            expected,
+            "others",
+            advice,
+        ))
+    }
+
+    /// These with the time of a step in the stamp.
+    pub(crate) fn at(&self, step: &[Input]) -> Self {
+        let time = step.iter().find_map(|input| input.time);
+        let stamped = |text: &String| match time {
+            Some(time) => text.replace(TIME, &significant(time)),
+            None => text.clone(),
+        };
+        Self {
+            time_stamp: self.time_stamp.as_ref().map(stamped),
+            ..self.clone()
+        }
     }
 
     /// Refuses to annotate numbers.

@@ -42,7 +42,7 @@ impl Arguments {
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();
         let title = match &mean {
-            Some(mean) => format!("mean {}", mean.field),
+            Some(mean) => format!("mean {}", mean.title),
             None => column_title(fields),
         };
         let own = match mean {

@@ -7,12 +7,14 @@ use ewa_splat::{ColumnImage, Error, Result};
 use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
+use crate::render::ColumnMean;
 use crate::scene::Input;
 
 /// The option's name, for errors.
 const OPTION: &str = "--column-mean";
 
-/// The volumes whose columns are those of `volumes` times a field, particle by particle.
+/// What columns of the mean are divided from: the volumes whose columns are those of `volumes` times a field, particle
+/// by particle.
 ///
 /// # Errors
 /// A field that is not there, or that some particle has no value of.
@@ -22,18 +24,19 @@ pub(crate) fn weighed(
     (volumes, field): (&[PointVolume], &str),
     options: &SampleOptions,
     progress: &ProgressBar,
-) -> Result<Vec<PointVolume>> {
+) -> Result<ColumnMean> {
     let options = SampleOptions {
         field: Some(field.into()),
         ..options.clone()
     };
-    let of_field = data
-        .scene(inputs, &options, |_, _| Ok(None), progress)?
-        .volumes;
-    let pairs = volumes.iter().zip(of_field);
-    pairs
-        .map(|(volume, of_field)| times(volume, &of_field))
-        .collect()
+    let scene = data.scene(inputs, &options, |_, _| Ok(None), progress)?;
+    let mut titles = scene.titles.into_iter().flatten();
+    let pairs = volumes.iter().zip(scene.volumes);
+    let weighed = pairs.map(|(volume, of_field)| times(volume, &of_field));
+    Ok(ColumnMean {
+        title: titles.next().unwrap_or_else(|| field.to_owned()),
+        weighed: weighed.collect::<Result<_>>()?,
+    })
 }
 
 fn times(volume: &PointVolume, of_field: &PointVolume) -> Result<PointVolume> {

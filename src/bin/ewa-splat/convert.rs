@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 use crate::input::DataOptions;
 use crate::outputs::check_collisions;
 use crate::progress;
+use crate::scene::{Input, steps};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -49,11 +50,16 @@ struct Converted {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_splats_path(&arguments.out)?;
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
-    let bar = progress::bar(arguments.inputs.len() as u64 + 1);
+    let inputs = arguments.inputs.iter().cloned().map(Input::file);
+    let inputs = arguments
+        .data
+        .resolved(steps(inputs.collect(), false)?, false)?;
+    let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
-    for path in &arguments.inputs {
+    for input in &inputs {
+        let path = &input.path;
         bar.set_message(format!("converting {}", path.display()));
-        let dataset = arguments.data.open(path)?;
+        let dataset = arguments.data.open(input)?;
         for note in &dataset.notes {
             converted.notes.push(format!("{}: {note}", path.display()));
         }

@@ -1,11 +1,14 @@
 //! `ewa-splat info`
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::error::{Advice, Hint};
-use ewa_splat::io::{AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, TextureUse};
+use ewa_splat::io::{
+    AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
+    TextureUse, TimeStep, collection, is_collection,
+};
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics, doubts};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
 use ewa_splat::stages::blocks::BlockedVolume;
@@ -16,6 +19,7 @@ use crate::files::Files;
 use crate::info_table::{print_rows, print_table, problem_line};
 use crate::input::DataOptions;
 use crate::progress::bar;
+use crate::scene::Input;
 use crate::words::problem;
 
 #[derive(Args)]
@@ -35,7 +39,9 @@ pub(crate) struct Arguments {
 /// A single file that cannot be read; of several none that can; a field named that is not there.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let files = Files::of(&arguments.inputs)?;
-    if let ([path], false) = (&files.paths[..], files.is_list) {
+    let inputs = files.paths.iter().cloned().map(Input::file);
+    let inputs = arguments.data.resolved(inputs.collect(), false)?;
+    if let ([path], false) = (&inputs[..], files.is_list) {
         let description = arguments.description(path, true)?;
         if arguments.json {
             crate::say!("{description:#}");
@@ -44,11 +50,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
         return Ok(());
     }
-    let progress = bar(files.paths.len() as u64);
+    let progress = bar(inputs.len() as u64);
     let (mut known, mut unknown) = (Vec::new(), Vec::new());
-    for path in &files.paths {
+    for input in &inputs {
+        let path = &input.path;
         progress.set_message(format!("reading {}", path.display()));
-        match arguments.description(path, arguments.json || files.paths.len() == 1) {
+        match arguments.description(input, arguments.json || inputs.len() == 1) {
             Ok(description) => known.push(description),
             Err(error) => {
                 let file = path.display().to_string();
@@ -65,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     } else {
         match &known[..] {
             [] => {}
-            [alone] if files.paths.len() == 1 => print_table(alone),
+            [alone] if inputs.len() == 1 => print_table(alone),
             several => print_rows(several),
         }
         if !(known.is_empty() || unknown.is_empty()) {
@@ -80,7 +87,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             "info",
             "inputs",
             "one file at least that can be read",
-            format!("none among {}", files.paths.len()),
+            format!("none among {}", inputs.len()),
             "name other files or folders",
         ));
     }
@@ -108,9 +115,18 @@ impl Arguments {
     ///
     /// # Errors
     /// A file that cannot be read, and a field named that is not there.
-    fn description(&self, path: &Path, with_blocks: bool) -> Result<Value> {
-        let dataset = self.data.open(path)?;
+    fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
+        let dataset = self.data.open(input)?;
         let mut description = describe(&dataset);
+        if is_collection(&input.path)? {
+            let steps = collection(&input.path)?;
+            let of_step = |step: &TimeStep| {
+                let files = step.files.iter().map(|file| file.display().to_string());
+                json!({ "time": step.time, "files": files.collect::<Vec<_>>() })
+            };
+            description["file"] = json!(input.path.display().to_string());
+            description["time_steps"] = steps.iter().map(of_step).collect();
+        }
         let mut note = |text: String| {
             if let Some(notes) = description["notes"].as_array_mut() {
                 notes.push(json!(text));
@@ -249,6 +265,7 @@ fn describe(dataset: &Dataset) -> Value {
         .iter()
         .map(|f| describe_field(dataset, f))
         .collect();
+    let types: Vec<Value> = dataset.particle_types.iter().map(describe_type).collect();
     json!({
         "file": dataset.path.display().to_string(),
         "format": dataset.format,
@@ -256,7 +273,23 @@ fn describe(dataset: &Dataset) -> Value {
         "up": { "direction": up.direction.to_array(), "reason": up.reason },
         "bounds": bounds.map(|(lower, upper)| [lower.to_array(), upper.to_array()]),
         "fields": fields,
+        "particle_types": types,
         "notes": dataset.notes,
+    })
+}
+
+/// The particles of one type in a snapshot.
+fn describe_type(particles: &ParticleCount) -> Value {
+    let types: Vec<String> = particles
+        .types
+        .iter()
+        .map(ParticleType::to_string)
+        .collect();
+    json!({
+        "name": particles.name,
+        "types": types,
+        "count": particles.count,
+        "is_read": particles.is_read,
     })
 }
 
@@ -264,6 +297,7 @@ fn describe(dataset: &Dataset) -> Value {
 fn describe_field(dataset: &Dataset, field: &Field) -> Value {
     let mut description = json!({
         "name": field.name,
+        "unit": field.unit,
         "of": match field.association {
             Association::Nodes => "nodes",
             Association::Cells => "cells",

@@ -1,5 +1,6 @@
 //! What `ewa-splat info` prints for people.
 
+use ewa_splat::legend::title_of;
 use serde_json::Value;
 
 /// Blocks whose dimensions the table lists.
@@ -7,6 +8,15 @@ const MOST_BLOCKS: usize = 8;
 
 /// Materials that the table lists.
 const MOST_MATERIALS: usize = 16;
+
+/// Types of particles that the table lists.
+const MOST_TYPES: usize = 16;
+
+/// Time steps of a collection that the table lists.
+const MOST_STEPS: usize = 32;
+
+/// Files of a time step that it lists.
+const MOST_PARTS: usize = 4;
 
 /// The percentiles of a row, in words.
 const AT: &str = "least, 5 %, median, 95 %, greatest";
@@ -19,7 +29,7 @@ fn times(dims: &Value) -> String {
 
 /// Six significant digits without zeros at their end, in powers of ten where they would not be seen
 /// otherwise.
-fn significant(x: f64) -> String {
+pub(crate) fn significant(x: f64) -> String {
     let in_powers = format!("{x:.5e}");
     let Some((digits, exponent)) = in_powers.split_once('e') else {
         return in_powers;
@@ -70,6 +80,26 @@ fn material_line(material: &Value) -> String {
     line
 }
 
+/// The particles of a type in a line: `PartType3 (bulge or dust or sinks): 12, not read`.
+fn type_line(particles: &Value) -> String {
+    let name = text(&particles["name"]);
+    let types = particles["types"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(text);
+    let types: Vec<String> = types.filter(|own| *own != name).collect();
+    let types = match &types[..] {
+        [] => String::new(),
+        types => format!(" ({})", types.join(" or ")),
+    };
+    let read = match particles["is_read"] == true {
+        true => "",
+        false => ", not read",
+    };
+    format!("{name}{types}: {}{read}", particles["count"])
+}
+
 /// A string without its quotation marks, anything else as JSON; a dash for nothing.
 fn text(value: &Value) -> String {
     match value {
@@ -83,13 +113,27 @@ fn text(value: &Value) -> String {
 pub(crate) fn print_table(description: &Value) {
     let row = |name: &str, value: String| crate::say!("{name:<18} {value}");
     row("file", text(&description["file"]));
+    let lines = |v: &Value| v.as_array().cloned().unwrap_or_default();
+    let steps = lines(&description["time_steps"]);
+    for step in steps.iter().take(MOST_STEPS) {
+        let files = lines(&step["files"]);
+        let files: Vec<String> = files.iter().take(MOST_PARTS).map(text).collect();
+        let more = match lines(&step["files"]).len().saturating_sub(MOST_PARTS) {
+            0 => String::new(),
+            count => format!(" and {count} more"),
+        };
+        let time = step["time"].as_f64().map_or_else(String::new, significant);
+        row("  at time", format!("{time}: {}{more}", files.join(", ")));
+    }
+    if steps.len() > MOST_STEPS {
+        row("", format!("... {} time steps in all", steps.len()));
+    }
     row("format", text(&description["format"]));
     let number = |v: &Value| v.as_f64().map_or_else(|| "-".into(), significant);
     let vector = |v: &Value| {
         let numbers = v.as_array().into_iter().flatten().map(number);
         numbers.collect::<Vec<String>>().join(", ")
     };
-    let lines = |v: &Value| v.as_array().cloned().unwrap_or_default();
     let geometry = &description["geometry"];
     row("kind", text(&geometry["kind"]));
     match &geometry["dims"] {
@@ -114,6 +158,13 @@ pub(crate) fn print_table(description: &Value) {
             "  of kind",
             format!("{} {}", text(&kind["count"]), text(&kind["kind"])),
         );
+    }
+    let types = lines(&description["particle_types"]);
+    for particles in types.iter().take(MOST_TYPES) {
+        row("  of type", type_line(particles));
+    }
+    if types.len() > MOST_TYPES {
+        row("", format!("... {} types in all", types.len()));
     }
     let materials = lines(&geometry["materials"]);
     for material in materials.iter().take(MOST_MATERIALS) {
@@ -203,7 +254,7 @@ pub(crate) fn print_table(description: &Value) {
     for field in fields {
         crate::say!(
             "{:<24} {:<6} {:<4} {:>14} {:>14} {:>8}",
-            text(&field["name"]),
+            title_of(&text(&field["name"]), field["unit"].as_str()),
             text(&field["of"]),
             text(&field["type"]),
             number(&field["range"][0]),

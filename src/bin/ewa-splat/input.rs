@@ -4,14 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
-use ewa_splat::io::{Dataset, LengthMeaning, OpenOptions, RawLayout, RawType, ReadAs, SphKernel};
+use ewa_splat::io::{
+    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, SphKernel,
+};
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
 use ewa_splat::scene::ScaleName;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 
-use crate::parse::{self, Spacing};
+use crate::parse::{self, Spacing, TypeName};
+use crate::scene::Input;
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -92,9 +95,11 @@ pub(crate) struct DataOptions {
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, requires = "dims",
           default_value = "0,0,0", allow_hyphen_values = true)]
     pub(crate) origin: DVec3,
-    /// Raw volume: type of a sample
-    #[arg(long = "type", value_enum, requires = "dims", default_value = "u8")]
-    pub(crate) scalar: Scalar,
+    /// Raw volume: type of a sample, u8, i16, u16 or f32 [default: u8]. Snapshots: which particles, gas, dark-matter,
+    /// disk, bulge, stars, black-holes, dust, boundary, sinks, or a number N for PartTypeN or itype N; several with
+    /// commas between them are drawn together [default: gas, or else the first type; Phantom: all but sinks]
+    #[arg(long = "type", value_name = "TYPE", value_delimiter = ',', value_parser = parse::type_name)]
+    types: Vec<TypeName>,
     /// Raw volume: byte order
     #[arg(long, value_enum, requires = "dims", default_value = "little")]
     pub(crate) endian: Endian,
@@ -114,14 +119,6 @@ pub(crate) enum Scale {
     Linear,
     Log,
     Symlog,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum Scalar {
-    U8,
-    I16,
-    U16,
-    F32,
 }
 
 /// What a length means.
@@ -194,7 +191,7 @@ pub(crate) fn transfer_of(name: &str) -> TransferChoice {
 }
 
 impl DataOptions {
-    pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
+    pub(crate) fn open(&self, input: &Input) -> Result<Dataset> {
         self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
             dims,
@@ -204,16 +201,11 @@ impl DataOptions {
                 Some(Spacing::Axes(axes)) => axes,
             },
             origin: self.origin,
-            scalar: match self.scalar {
-                Scalar::U8 => RawType::U8,
-                Scalar::I16 => RawType::I16,
-                Scalar::U16 => RawType::U16,
-                Scalar::F32 => RawType::F32,
-            },
+            scalar: self.sample_types().next().unwrap_or(RawType::U8),
             big_endian: self.endian == Endian::Big,
         });
         ewa_splat::io::open(
-            path,
+            &input.path,
             &OpenOptions {
                 raw,
                 solution: self.solution.clone(),
@@ -222,8 +214,71 @@ impl DataOptions {
                     ReadAsName::Points => ReadAs::Points,
                     ReadAsName::Mesh => ReadAs::Mesh,
                 }),
+                particle_type: input.particle_type,
             },
         )
+    }
+
+    /// The types of samples that are asked for.
+    fn sample_types(&self) -> impl Iterator<Item = RawType> {
+        self.types.iter().filter_map(|name| match name {
+            TypeName::Samples(samples) => Some(*samples),
+            TypeName::Particles(_) => None,
+        })
+    }
+
+    /// The types of particles that are asked for, each once.
+    fn particle_types(&self) -> Vec<ParticleType> {
+        let mut types = Vec::new();
+        for name in &self.types {
+            if let TypeName::Particles(particles) = name
+                && !types.contains(particles)
+            {
+                types.push(*particles);
+            }
+        }
+        types
+    }
+
+    /// What the inputs stand for: a snapshot for the particles of each type that is asked for.
+    ///
+    /// - `is_series`: whether they are steps of time.
+    ///
+    /// # Errors
+    /// Types of samples or particles where there are none, or of which one too many is asked for.
+    pub(crate) fn resolved(&self, inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+        let fault = |place: &str, expected: &str, found: String, advice: &str| {
+            Err(Error::invalid("--type", place, expected, found, advice))
+        };
+        let samples: Vec<RawType> = self.sample_types().collect();
+        if !samples.is_empty() && self.dims.is_none() {
+            let expected = "--dims X,Y,Z beside the type of a raw volume's samples";
+            return fault("use", expected, "none".into(), "add it");
+        }
+        if samples.len() > 1 {
+            let found = format!("{} of them", samples.len());
+            return fault("use", "one type of samples", found, "leave the others out");
+        }
+        let types = self.particle_types();
+        if types.is_empty() {
+            return Ok(inputs);
+        }
+        if is_series && types.len() > 1 {
+            let found = format!("{} of them", types.len());
+            let advice = "name one, or leave --series out";
+            return fault("use", "one type of particles in a series", found, advice);
+        }
+        let has_types =
+            |input: &Input| ewa_splat::io::has_particle_types(&input.path).unwrap_or(false);
+        if !inputs.iter().any(has_types) {
+            let expected = "an HDF5 snapshot of particles";
+            return fault("inputs", expected, "none".into(), "leave it out");
+        }
+        let of_type = |input: Input| match has_types(&input) {
+            true => types.iter().map(|t| input.of_type(*t)).collect(),
+            false => vec![input],
+        };
+        Ok(inputs.into_iter().flat_map(of_type).collect())
     }
 
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.

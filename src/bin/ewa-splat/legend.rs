@@ -1,7 +1,7 @@
 //! `ewa-splat render --legend`
 
 use clap::Args;
-use ewa_splat::legend::ColourBar;
+use ewa_splat::legend::{ColourBar, name_without_unit};
 use ewa_splat::scene::Colour;
 use ewa_splat::{Error, Result};
 
@@ -22,9 +22,10 @@ pub(crate) struct LegendOptions {
 /// theirs.
 pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
     let mut bars = Vec::new();
-    for (volume, field) in scene.volumes.iter().zip(&scene.fields) {
+    let titles = scene.volumes.iter().zip(&scene.titles);
+    for (volume, title) in titles {
         if let (Colour::Classified, Some(transfer)) = (&volume.colour, &volume.transfer_function) {
-            let title = field.as_deref().unwrap_or(UNNAMED);
+            let title = title.as_deref().unwrap_or(UNNAMED);
             let bar = ColourBar::of_transfer_function(title, transfer);
             if !bars.contains(&bar) {
                 bars.push(bar);
@@ -47,7 +48,8 @@ pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
 pub(crate) fn column_title(fields: &[Option<String>]) -> String {
     match fields {
         [Some(field), rest @ ..] if rest.iter().all(|f| f.as_ref() == Some(field)) => {
-            format!("column of {field}")
+            // The columns have another unit: that of the field times a length.
+            format!("column of {}", name_without_unit(field))
         }
         _ => "column density".into(),
     }

@@ -19,7 +19,7 @@ use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, spinner, task_of, with_bar};
-use crate::scene::{Input, Scene, paths};
+use crate::scene::{Input, Scene, paths, steps};
 use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, Canvas, most_pixels};
 
@@ -72,7 +72,10 @@ pub(crate) struct Arguments {
     data: DataOptions,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    let inputs = std::mem::take(&mut arguments.inputs);
+    arguments.inputs = arguments.data.resolved(steps(inputs, false)?, false)?;
+    let arguments = &*arguments;
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;

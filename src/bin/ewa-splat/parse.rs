@@ -1,6 +1,7 @@
 //! Values of command-line options.
 
 use ewa_splat::image::linear_from_srgb;
+use ewa_splat::io::{ParticleType, RawType};
 use ewa_splat::scene::{Light, LightFrame};
 use ewa_splat::view::ClipPlane;
 use glam::{DVec2, DVec3, Vec3};
@@ -15,6 +16,32 @@ pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
     vector(text)?
         .try_normalize()
         .ok_or_else(|| "three numbers that are not all zero, such as 0,0,1".into())
+}
+
+/// A value of `--type`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum TypeName {
+    /// Of the samples of a raw volume.
+    Samples(RawType),
+    /// Of the particles of a snapshot.
+    Particles(ParticleType),
+}
+
+/// The type of a raw volume's samples, or of particles.
+pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
+    let samples = match text {
+        "u8" => Some(RawType::U8),
+        "i16" => Some(RawType::I16),
+        "u16" => Some(RawType::U16),
+        "f32" => Some(RawType::F32),
+        _ => None,
+    };
+    let particles = || ParticleType::of_name(text).map(TypeName::Particles);
+    let found = samples.map(TypeName::Samples).or_else(particles);
+    found.ok_or_else(|| {
+        let names = ParticleType::NAMED.map(|t| t.to_string()).join(", ");
+        format!("u8, i16, u16 or f32 of a raw volume; {names} or a number of particles")
+    })
 }
 
 /// The value of `--spacing`.

@@ -31,7 +31,7 @@ use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
 use crate::progress::{bar, spinner, task_of, with_bar};
-use crate::scene::{Input, paths};
+use crate::scene::{Input, paths, steps};
 use crate::sequence::SequenceOptions;
 use crate::statistics::{Prepared, stats};
 use crate::truth::{ReferenceName, Truth};
@@ -165,8 +165,8 @@ struct Method {
 
 /// What the columns of a mean are divided by others for.
 pub(crate) struct ColumnMean {
-    /// The field.
-    pub(crate) field: String,
+    /// What a legend calls the field.
+    pub(crate) title: String,
     /// What its sums are of.
     pub(crate) weighed: Vec<PointVolume>,
 }
@@ -266,9 +266,15 @@ struct Output {
     frames: Option<u32>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
     arguments.check_sequence()?;
+    let inputs = std::mem::take(&mut arguments.inputs);
+    let is_series = arguments.sequence.is_series();
+    arguments.inputs = arguments
+        .data
+        .resolved(steps(inputs, is_series)?, is_series)?;
+    let arguments = &*arguments;
     let layers = [&arguments.output.depth, &arguments.output.normals];
     for path in layers.into_iter().flatten() {
         check_depth_path(path)?;
@@ -293,6 +299,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     arguments.check_legend()?;
     arguments.annotations.check(arguments.numbers())?;
+    arguments.annotations.check_time(&arguments.inputs)?;
     arguments.method.check()?;
     arguments.check_show()?;
     // Hidden where standard error is no terminal.
@@ -343,9 +350,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(field) => {
             let of = (scene.as_slice(), field.as_str());
             let (data, inputs) = (&arguments.data, &arguments.inputs);
-            let weighed = column_mean::weighed(data, inputs, of, &options, &progress)?;
-            let field = field.clone();
-            Some(ColumnMean { field, weighed })
+            Some(column_mean::weighed(data, inputs, of, &options, &progress)?)
         }
     };
     let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
@@ -389,7 +394,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         read_ms,
         prepare_ms,
     };
-    let overlays = Overlays::new(&arguments.annotations, legend.clone(), bounds, &camera)?;
+    let annotations = arguments.annotations.at(&arguments.inputs);
+    let overlays = Overlays::new(&annotations, legend.clone(), bounds, &camera)?;
     if is_column {
         return arguments.draw_column(
             &mut renderer,
@@ -412,7 +418,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let rate = arguments.sequence.rate();
         let bar = bar(cameras.len() as u64).with_message("rendering");
         for camera in &cameras {
-            let over = Overlays::new(&arguments.annotations, legend.clone(), bounds, camera)?;
+            let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
             let image = renderer.render(camera, &settings)?;
             animation.push(&*over.drawn(image)?, rate)?;
             bar.inc(1);
@@ -604,13 +610,13 @@ impl Arguments {
         let boxes = left_of(series.boxes, &planes);
         let whole = Canvas::of(self.size);
         let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
-        let bar = bar(self.inputs.len() as u64).with_message("rendering");
+        let steps: Vec<&[Input]> = self.inputs.chunk_by(|a, b| a.step == b.step).collect();
+        let bar = bar(steps.len() as u64).with_message("rendering");
         let mut camera = None;
         let mut animation = None;
-        for input in &self.inputs {
+        for step in &steps {
             let densest =
                 |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
-            let step = std::slice::from_ref(input);
             let mut scene = self.data.scene(step, &options, densest, progress)?;
             let bounds = scene.bounds();
             let legend = match self.legend.legend {
@@ -635,7 +641,7 @@ impl Arguments {
             let animation = match &mut animation {
                 Some(animation) => animation,
                 None => {
-                    let cameras = vec![camera.clone(); self.inputs.len()];
+                    let cameras = vec![camera.clone(); steps.len()];
                     animation.insert(self.animation(&cameras)?)
                 }
             };
@@ -645,7 +651,8 @@ impl Arguments {
             let suitable = renderer.suitable_low_pass_px2();
             let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
             let image = renderer.render(camera, &settings)?;
-            let over = Overlays::new(&self.annotations, legend, bounds, camera)?;
+            let annotations = self.annotations.at(step);
+            let over = Overlays::new(&annotations, legend, bounds, camera)?;
             animation.push(&*over.drawn(image)?, self.sequence.rate())?;
             bar.inc(1);
         }

@@ -4,7 +4,8 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use ewa_splat::io::{Dataset, Geometry, Mesh, Up};
+use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up, collection, is_collection};
+use ewa_splat::legend::title_of;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
 use ewa_splat::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
@@ -23,6 +24,12 @@ pub(crate) struct Input {
     pub(crate) path: PathBuf,
     field: Option<String>,
     function: Option<String>,
+    /// The type of the particles that are meant, of a snapshot that holds several.
+    pub(crate) particle_type: Option<ParticleType>,
+    /// Which step of a series it belongs to.
+    pub(crate) step: usize,
+    /// The time that a collection states of it.
+    pub(crate) time: Option<f64>,
 }
 
 impl Input {
@@ -35,20 +42,35 @@ impl Input {
         let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
         match parts.as_slice() {
             [file, field] => Self {
-                path: file.into(),
                 field: stated(field),
-                function: None,
+                ..Self::file(file.into())
             },
             [file, field, function] => Self {
-                path: file.into(),
                 field: stated(field),
                 function: stated(function),
+                ..Self::file(file.into())
             },
-            _ => Self {
-                path,
-                field: None,
-                function: None,
-            },
+            _ => Self::file(path),
+        }
+    }
+
+    /// A file as it is.
+    pub(crate) fn file(path: PathBuf) -> Self {
+        Self {
+            path,
+            field: None,
+            function: None,
+            particle_type: None,
+            step: 0,
+            time: None,
+        }
+    }
+
+    /// The same of the particles of one type.
+    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
+        Self {
+            particle_type: Some(particles),
+            ..self.clone()
         }
     }
 
@@ -56,6 +78,40 @@ impl Input {
     pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         PathBufValueParser::new().map(Self::parse)
     }
+}
+
+/// The inputs with the files of collections in their place: those of the first time step, or of all steps of a series.
+///
+/// # Errors
+/// Collections that cannot be read.
+pub(crate) fn steps(inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+    let mut files = Vec::new();
+    let mut step = 0;
+    for input in inputs {
+        if !is_collection(&input.path).unwrap_or(false) {
+            files.push(Input { step, ..input });
+            step += 1;
+            continue;
+        }
+        let steps = collection(&input.path)?;
+        let count = steps.len();
+        if count > 1 && !is_series {
+            let (path, time) = (input.path.display(), steps[0].time);
+            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
+        }
+        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
+            let time = Some(found.time);
+            let of_step = |path| Input {
+                path,
+                step,
+                time,
+                ..input.clone()
+            };
+            files.extend(found.files.into_iter().map(of_step));
+            step += 1;
+        }
+    }
+    Ok(files)
 }
 
 /// The files.
@@ -68,6 +124,8 @@ pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
     /// What each volume shows: the name of its field.
     pub(crate) fields: Vec<Option<String>>,
+    /// What legends call these: with their units, where they are known.
+    pub(crate) titles: Vec<Option<String>>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// What points up: [`Up::of_scene`].
@@ -134,7 +192,7 @@ impl DataOptions {
         let mut reads = Vec::new();
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(input)?;
             for note in &dataset.notes {
                 progress.suspend(|| note!("{}: {note}", input.path.display()));
             }
@@ -177,6 +235,7 @@ impl DataOptions {
         let mut scene = Scene {
             volumes: Vec::new(),
             fields: Vec::new(),
+            titles: Vec::new(),
             grids_only: reads
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
@@ -187,7 +246,10 @@ impl DataOptions {
         for read in reads {
             ups.push(read.up);
             scene.volumes.extend(read.volumes);
-            scene.fields.resize(scene.volumes.len(), read.report.field);
+            let (field, unit) = (read.report.field, read.report.unit);
+            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+            scene.titles.resize(scene.volumes.len(), title);
+            scene.fields.resize(scene.volumes.len(), field);
         }
         if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             return Err(refused_surface("a field", "none"));
@@ -223,7 +285,7 @@ impl DataOptions {
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
             let own = self.of_input(input, &options);
-            let step = read(self.open(&input.path)?, &own)?;
+            let step = read(self.open(input)?, &own)?;
             self.check_use(&uses(std::slice::from_ref(&step), &own))?;
             unit_distance = unit_distance.min(step.report.unit_distance);
             samples.extend(step.report.value_sample);
@@ -285,7 +347,7 @@ impl DataOptions {
                     keeps_value_sample: false,
                     ..self.of_input(input, options)
                 };
-                reads[i] = read(self.open(&input.path)?, &own)?;
+                reads[i] = read(self.open(input)?, &own)?;
             }
         }
         Ok(())
@@ -303,7 +365,7 @@ impl DataOptions {
         };
         let mut volumes = Vec::new();
         for input in inputs {
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(input)?;
             volumes.extend(
                 ewa_splat::sample::scene(dataset, &self.of_input(input, &options))?.volumes,
             );
@@ -389,9 +451,9 @@ mod tests {
     fn inputs_name_a_file_a_field_and_a_function() {
         let parse = |text: &str| Input::parse(text.into());
         let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
-            path: path.into(),
             field: field.map(str::to_owned),
             function: function.map(str::to_owned),
+            ..Input::file(path.into())
         };
         assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
         assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));

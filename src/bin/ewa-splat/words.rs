@@ -155,6 +155,7 @@ fn option(parameter: Parameter) -> String {
         Parameter::SurfelDensity => "--density",
         Parameter::SurfelSpacing => "--spacing",
         Parameter::ReadAs => "--as",
+        Parameter::ParticleType => "--type",
         Parameter::RawDims => "--dims",
         Parameter::RawGeometry => "--spacing and --origin",
         other => return other.to_string(),

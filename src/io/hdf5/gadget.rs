@@ -2,7 +2,7 @@
 //!
 //! | what | where |
 //! |---|---|
-//! | gas | group `PartType0`; dark matter `PartType1`, ... |
+//! | gas | group `PartType0`; dark matter `PartType1`, ...: [`ParticleType`] |
 //! | positions | `Coordinates`, (N, 3) |
 //! | masses | `Masses`; without it `Header`'s attribute `MassTable`, one per type |
 //! | densities | `Density`, in SWIFT `Densities` |
@@ -15,45 +15,80 @@
 use hdf5_reader::group::Group;
 
 use super::super::dataset::Dataset;
+use super::super::particle_type::{ParticleCount, ParticleType};
 use super::super::scalars::narrow;
 use super::super::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use super::super::table;
-use super::SnapshotFile;
+use super::{SnapshotFile, absent};
 use crate::error::Result;
 use crate::scene::Values;
 
-const TYPES: [&str; 6] = [
-    "PartType0",
-    "PartType1",
-    "PartType2",
-    "PartType3",
-    "PartType4",
-    "PartType5",
+/// The groups, and what is in them; SWIFT has neutrinos in the last.
+const TYPES: [(&str, &[ParticleType]); 7] = [
+    ("PartType0", &[ParticleType::Gas]),
+    ("PartType1", &[ParticleType::DarkMatter]),
+    ("PartType2", &[ParticleType::Disk]),
+    (
+        "PartType3",
+        &[ParticleType::Bulge, ParticleType::Dust, ParticleType::Sinks],
+    ),
+    ("PartType4", &[ParticleType::Stars]),
+    (
+        "PartType5",
+        &[ParticleType::BlackHoles, ParticleType::Boundary],
+    ),
+    ("PartType6", &[]),
 ];
 
 /// The name of the field of SWIFT's lengths as standard deviations.
 const SIGMA: &str = "sigma";
 
-/// The gas of a snapshot or, where it has none, the particles of the first type it has: `None`
-/// where it has no particles.
-pub(super) fn read(file: &SnapshotFile<'_>) -> Result<Option<Dataset>> {
+/// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
+/// the first type it has: `None` where it has no particles.
+pub(super) fn read(
+    file: &SnapshotFile<'_>,
+    wanted: Option<ParticleType>,
+) -> Result<Option<Dataset>> {
     let mut present: Vec<(usize, Group)> = Vec::new();
-    for (kind, name) in TYPES.iter().enumerate() {
+    let mut counts: Vec<ParticleCount> = Vec::new();
+    for (kind, (name, types)) in TYPES.iter().enumerate() {
         if let Some(group) = file.group(name)?
             && file.has(&group, "Coordinates")?
         {
+            counts.push(ParticleCount {
+                name: (*name).to_owned(),
+                types: types.to_vec(),
+                count: file.row_count(&group, "Coordinates")?,
+                is_read: false,
+            });
             present.push((kind, group));
         }
     }
-    let Some((kind, group)) = present.first() else {
+    if present.is_empty() {
         return Ok(None);
+    }
+    let number = |i: usize| u32::try_from(present[i].0).ok();
+    let found = match wanted {
+        // A group that is empty stands for a type that has no particles here.
+        None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
+        Some(wanted) => {
+            let is = |i: &usize| counts[*i].count > 0 && counts[*i].is(number(*i), wanted);
+            (0..counts.len()).find(is)
+        }
     };
+    let Some(at) = found else {
+        let wanted = wanted.unwrap_or(ParticleType::Gas);
+        return Err(absent(file.path, wanted, &counts));
+    };
+    counts[at].is_read = true;
+    let (kind, group) = &present[at];
     let kind = *kind;
-    if present.len() > 1 {
-        let others: Vec<&str> = present[1..].iter().map(|(kind, _)| TYPES[*kind]).collect();
+    let others = counts.iter().filter(|c| !c.is_read && c.count > 0);
+    let others: Vec<&str> = others.map(|c| c.name.as_str()).collect();
+    if wanted.is_none() && !others.is_empty() {
         file.note(format!(
             "Only {} is shown; {} left out.",
-            TYPES[kind],
+            counts[at].name,
             others.join(", ")
         ));
     }
@@ -137,6 +172,7 @@ pub(super) fn read(file: &SnapshotFile<'_>) -> Result<Option<Dataset>> {
         mass,
         density,
     });
+    dataset.particle_types = counts;
     dataset.notes = file.notes.take();
     Ok(Some(dataset))
 }

@@ -12,13 +12,17 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 
 use glam::DVec3;
+use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::group::Group;
 use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
 
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
+use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
-use crate::error::{Error, Result};
+use super::table::list;
+use super::unit;
+use crate::error::{Error, Parameter, Result};
 use crate::scene::Values;
 
 /// The first bytes of every HDF5 file.
@@ -37,16 +41,18 @@ const MOST_COMPONENTS: usize = 16;
 /// Reads a snapshot.
 ///
 /// # Errors
-/// A damaged file, or one that holds no particles under the names these codes use.
-pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
+/// A damaged file, or one that holds no particles under the names these codes use, or none of the type that is asked for.
+///
+/// - `wanted`: the type of particles; without it what the code's own reader takes.
+pub(crate) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dataset> {
     let path = input.path;
     let file = SnapshotFile::open(input)?;
     if let Some(particles) = file.group("particles")?
         && file.has(&particles, "xyz")?
     {
-        return phantom::read(&file, &particles);
+        return phantom::read(&file, &particles, wanted);
     }
-    if let Some(dataset) = gadget::read(&file)? {
+    if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
     }
     Err(Error::format(
@@ -74,6 +80,7 @@ struct Array {
     components: usize,
     encoding: Encoding,
     bytes: Vec<u8>,
+    unit: Option<String>,
 }
 
 impl<'a> SnapshotFile<'a> {
@@ -178,7 +185,17 @@ impl<'a> SnapshotFile<'a> {
             components,
             encoding,
             bytes,
+            unit: stated_unit(&dataset.attributes()),
         }))
+    }
+
+    /// How many rows a dataset of a group has, which is not read.
+    fn row_count(&self, group: &Group, name: &str) -> Result<usize> {
+        let place = format!("dataset `{}/{name}`", group.name());
+        let dataset = group.dataset(name);
+        let dataset = dataset.map_err(|e| broken(self.path, &place, &e))?;
+        let rows = dataset.shape().first().copied().unwrap_or(0);
+        Ok(usize::try_from(rows).unwrap_or(usize::MAX))
     }
 
     /// Positions of N particles from an array of shape (N, 3).
@@ -233,14 +250,7 @@ impl<'a> SnapshotFile<'a> {
 
     /// The numbers of an attribute of a group.
     fn attribute(&self, group: &Group, name: &str) -> Option<Vec<f64>> {
-        let attribute = group.attribute(name).ok()?;
-        let encoding = encoding(&attribute.datatype)?;
-        let stride = Stride {
-            first: 0,
-            step: encoding.scalar.size(),
-            count: attribute.raw_data.len() / encoding.scalar.size(),
-        };
-        doubles(&attribute.raw_data, encoding, stride)
+        attribute_numbers(&group.attribute(name).ok()?)
     }
 }
 
@@ -275,8 +285,63 @@ impl Array {
             name: self.name,
             association: Association::Nodes,
             source,
+            unit: self.unit,
         })
     }
+}
+
+/// That a file has no particles of a type, and which it has.
+fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error {
+    let present = present.iter().filter(|p| p.count > 0);
+    let names: Vec<String> = present.map(ParticleCount::to_string).collect();
+    Error::format(
+        path,
+        Parameter::ParticleType,
+        format!("one of {}", list(names.iter().map(String::as_str))),
+        format!("`{wanted}`, of which there are none"),
+        "name one of these",
+    )
+}
+
+/// The unit of a dataset's numbers as they are stored.
+///
+/// SWIFT states what the numbers are in once they are converted to cgs (`a^-3 U_M U_L^-3 [ g cm^-3 ]`) beside the factors of
+/// the conversion: that is the unit of the numbers themselves only where these factors are 1.
+fn stated_unit(attributes: &[Attribute]) -> Option<String> {
+    let read = |attribute: &Attribute| attribute.read_string().ok();
+    let is_unit = |a: &&Attribute| {
+        ["unit", "units"]
+            .iter()
+            .any(|n| a.name.eq_ignore_ascii_case(n))
+    };
+    if let Some(attribute) = attributes.iter().find(is_unit) {
+        return unit::cleaned(&read(attribute)?);
+    }
+    let is_factor = |a: &&Attribute| a.name.starts_with("Conversion factor to");
+    let mut factors = attributes.iter().filter(is_factor).peekable();
+    factors.peek()?;
+    let is_one = |a: &Attribute| {
+        let numbers = attribute_numbers(a);
+        numbers.is_some_and(|n| matches!(n[..], [x] if (x - 1.0).abs() <= 1e-6))
+    };
+    if !factors.all(is_one) {
+        return None;
+    }
+    let is_expression = |a: &&Attribute| a.name.starts_with("Expression for physical CGS units");
+    let expression = read(attributes.iter().find(is_expression)?)?;
+    let (_, bracket) = expression.rsplit_once('[')?;
+    unit::cleaned(bracket.split_once(']')?.0)
+}
+
+/// The numbers of an attribute.
+fn attribute_numbers(attribute: &Attribute) -> Option<Vec<f64>> {
+    let encoding = encoding(&attribute.datatype)?;
+    let stride = Stride {
+        first: 0,
+        step: encoding.scalar.size(),
+        count: attribute.raw_data.len() / encoding.scalar.size(),
+    };
+    doubles(&attribute.raw_data, encoding, stride)
 }
 
 /// How the numbers of a datatype are written, where it is one of numbers.

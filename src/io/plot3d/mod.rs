@@ -145,6 +145,7 @@ fn node_field(name: &str, source: FieldSource) -> Field {
         name: name.to_owned(),
         association: Association::Nodes,
         source,
+        unit: None,
     }
 }
 

@@ -307,6 +307,7 @@ impl Attributes {
             name: heading.name,
             association: self.association,
             source,
+            unit: None,
         });
         Ok(())
     }

@@ -67,7 +67,7 @@ use lattice::Grid;
 /// // Two nodes along each axis, all with the value 1: a uniform cube.
 /// let lattice = Lattice::uniform([2; 3], DVec3::splat(-0.5), DVec3::ONE);
 /// let source = FieldSource::Scalar(Values::U8(vec![1; 8]));
-/// let field = Field { name: "value".into(), association: Association::Nodes, source };
+/// let field = Field { name: "value".into(), association: Association::Nodes, source, unit: None };
 /// let data = Dataset::new("cube".as_ref(), "cube", Geometry::Lattice(lattice), vec![field]);
 /// let defaults = TransferDefaults { range: [0.0, 1.0], unit_distance: 1.0 };
 /// let function = TransferFunction::named("viridis", &defaults)?;

@@ -263,6 +263,7 @@ mod tests {
             name: "value".into(),
             association,
             source: FieldSource::Scalar(values.clone()),
+            unit: None,
         };
         let geometry = Geometry::Cells(mesh.clone());
         let path = std::path::Path::new("test");

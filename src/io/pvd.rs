@@ -1,0 +1,181 @@
+//! ParaView's collections: which files are which steps of time.
+//!
+//! ```text
+//! <VTKFile type="Collection">
+//!   <Collection>
+//!     <DataSet timestep="0.5" part="0" file="x_0.vtu"/> ...
+//!   </Collection>
+//! </VTKFile>
+//! ```
+//!
+//! A `file` is relative to the collection's folder. What has the same `timestep` (0 where none is stated) is one step, its
+//! files in the order of their `part`. A collection names data, never another collection.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use super::file::{HEAD, Input};
+use super::vtk_xml::{self, Frame, child, clip};
+use crate::error::{Error, Result};
+
+/// The `type` of these files.
+pub(super) const TYPE: &str = "Collection";
+
+/// Bytes of a collection at most: hundreds of thousands of entries. A larger one is no list of files.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// A step of time of a collection.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeStep {
+    /// Its time, in the unit of whoever wrote the collection.
+    pub time: f64,
+    /// Its files, at least one, in the order of their parts: paths that can be opened from where the collection can.
+    pub files: Vec<PathBuf>,
+}
+
+/// The steps of a collection (`.pvd`), in the order of time; at least one. The files that it names are not looked for.
+///
+/// # Errors
+/// A file that cannot be read or is no collection; entries without a file, with a time that is no number, that name one
+/// file twice at one time, or that name a collection; none at all.
+pub fn collection(path: &Path) -> Result<Vec<TimeStep>> {
+    steps(Input::of_file(path))
+}
+
+/// Whether a file is a collection, by its content.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn is_collection(path: &Path) -> Result<bool> {
+    let (head, _) = Input::of_file(path).head(HEAD)?;
+    Ok(begins(&head))
+}
+
+/// Whether a file that begins with `head` is a collection.
+fn begins(head: &[u8]) -> bool {
+    vtk_xml::looks_like(head) && vtk_xml::file_type(head) == Some(TYPE)
+}
+
+/// The first part of the first step, and what else there is.
+pub(super) fn first(input: Input<'_>) -> Result<(PathBuf, Vec<String>)> {
+    let steps = steps(input)?;
+    let (first, count) = (&steps[0], steps.len());
+    let mut notes = Vec::new();
+    if count > 1 {
+        let time = first.time;
+        notes.push(format!("The first of {count} time steps, of time {time}."));
+    }
+    if first.files.len() > 1 {
+        let parts = first.files.len();
+        notes.push(format!("The first of {parts} parts of the time step."));
+    }
+    Ok((first.files[0].clone(), notes))
+}
+
+/// Refuses a collection in a collection.
+///
+/// - `head`: how the part begins.
+pub(super) fn check_part(path: &Path, part: &Path, head: &[u8]) -> Result<()> {
+    match begins(head) {
+        true => Err(refuse_nested(path, "DataSet, `file`", part)),
+        false => Ok(()),
+    }
+}
+
+fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let path = input.path;
+    let (_, len) = input.head(1)?;
+    if len > MOST_BYTES {
+        return Err(Error::format(
+            path,
+            TYPE,
+            format!("a list of files, of {MOST_BYTES} bytes at most"),
+            format!("{len} bytes"),
+            "give the files themselves",
+        ));
+    }
+    let bytes = input.read_all()?;
+    let frame = Frame::new(path, &bytes)?;
+    let document = frame.document()?;
+    let root = document.root_element();
+    let found = root.attribute("type").unwrap_or("");
+    if root.tag_name().name() != "VTKFile" || found != TYPE {
+        let found = format!("`{}`", clip(found));
+        let advice = "give a .pvd file";
+        return Err(Error::format(path, "VTKFile, `type`", TYPE, found, advice));
+    }
+    let damaged = "the collection is damaged: save it again";
+    let entries = child(root, TYPE).ok_or_else(|| {
+        let expected = "this element";
+        Error::format(path, TYPE, expected, "none", damaged)
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut parts: Vec<(f64, i64, PathBuf)> = Vec::new();
+    let of_data = entries.children().filter(|n| n.has_tag_name("DataSet"));
+    for (i, node) in of_data.enumerate() {
+        let place = |attribute: &str| format!("DataSet {i}, `{attribute}`");
+        let stated = |attribute: &str| {
+            let text = node.attribute(attribute).map(str::trim);
+            text.filter(|text| !text.is_empty())
+        };
+        let fault = |attribute: &str, expected: &str, found: &str| {
+            let found = format!("`{}`", clip(found));
+            Error::format(path, place(attribute), expected, found, damaged)
+        };
+        let time = stated("timestep").map_or(Ok(0.0), |text| {
+            let time = text.parse().ok().filter(|time: &f64| time.is_finite());
+            time.ok_or_else(|| fault("timestep", "a finite number", text))
+        })?;
+        let part = stated("part").map_or(Ok(0), |text| {
+            let part = text.parse().ok();
+            part.ok_or_else(|| fault("part", "a whole number", text))
+        })?;
+        let file = stated("file").ok_or_else(|| fault("file", "the name of a file", ""))?;
+        let file = folder.join(file);
+        let is_nested = |ending: &OsStr| ending.eq_ignore_ascii_case("pvd");
+        if file.extension().is_some_and(is_nested) {
+            return Err(refuse_nested(path, &place("file"), &file));
+        }
+        // Zero has one sign.
+        parts.push((time + 0.0, part, file));
+    }
+    parts.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut steps: Vec<TimeStep> = Vec::new();
+    for (time, _, file) in parts {
+        match steps.last_mut() {
+            Some(step) if step.time.total_cmp(&time).is_eq() => step.files.push(file),
+            _ => steps.push(TimeStep {
+                time,
+                files: vec![file],
+            }),
+        }
+    }
+    for step in &steps {
+        let mut files: Vec<&PathBuf> = step.files.iter().collect();
+        files.sort();
+        if let Some(twice) = files.windows(2).find(|pair| pair[0] == pair[1]) {
+            let place = format!("files of time {}", step.time);
+            let found = format!("`{}` again", clip(&twice[0].display().to_string()));
+            let expected = "each file once";
+            return Err(Error::format(path, place, expected, found, damaged));
+        }
+    }
+    if steps.is_empty() {
+        let expected = "at least one `DataSet`";
+        return Err(Error::format(path, TYPE, expected, "none", damaged));
+    }
+    Ok(steps)
+}
+
+fn refuse_nested(path: &Path, place: &str, file: &Path) -> Error {
+    Error::format(
+        path,
+        place,
+        "a file of data",
+        format!(
+            "another collection, `{}`",
+            clip(&file.display().to_string())
+        ),
+        "give that one instead",
+    )
+}

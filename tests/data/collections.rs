@@ -1,0 +1,165 @@
+//! ParaView's collections of time steps.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::{Path, PathBuf};
+
+use ewa_splat::io::{Geometry, OpenOptions, TimeStep, collection, is_collection, open, read_with};
+
+use crate::common::real_data;
+
+fn file_of(entries: &str) -> String {
+    format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n\
+         <Collection>{entries}</Collection></VTKFile>"
+    )
+}
+
+fn entry(time: &str, part: &str, file: &str) -> String {
+    format!("<DataSet timestep=\"{time}\" group=\"\" part=\"{part}\" file=\"{file}\"/>\n")
+}
+
+/// Writes a collection and says how it is answered.
+fn answer(entries: &str) -> Result<Vec<TimeStep>, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.pvd");
+    std::fs::write(&path, file_of(entries)).unwrap();
+    let from = |file: &PathBuf| file.strip_prefix(folder.path()).unwrap().to_owned();
+    let steps = collection(&path).map_err(|e| e.to_string())?;
+    let relative = steps.into_iter().map(|step| TimeStep {
+        time: step.time,
+        files: step.files.iter().map(from).collect(),
+    });
+    Ok(relative.collect())
+}
+
+#[test]
+fn steps_are_in_the_order_of_time_and_parts_in_theirs() {
+    let entries = [
+        entry("1e1", "0", "d.vtu"),
+        entry("-0.5", "1", "b.vtu"),
+        entry("2", "0", "in/c.vtu"),
+        entry("-0.5", "0", "a.vtu"),
+        // No time is 0, and no part the first.
+        "<DataSet file=\"e.vtu\"/>".to_owned(),
+        entry("-0", "1", "f.vtu"),
+        "<Other timestep=\"9\" file=\"x.vtu\"/>".to_owned(),
+    ];
+    let step = |time: f64, files: &[&str]| TimeStep {
+        time,
+        files: files.iter().map(PathBuf::from).collect(),
+    };
+    assert_eq!(
+        answer(&entries.concat()).unwrap(),
+        [
+            step(-0.5, &["a.vtu", "b.vtu"]),
+            step(0.0, &["e.vtu", "f.vtu"]),
+            step(2.0, &["in/c.vtu"]),
+            step(10.0, &["d.vtu"]),
+        ]
+    );
+}
+
+#[test]
+fn damaged_and_nested_collections_are_refused() {
+    let twice = [entry("1", "0", "a.vtu"), entry("1", "1", "a.vtu")].concat();
+    for (entries, place, found) in [
+        (
+            "",
+            "Collection: expected at least one `DataSet`",
+            "found none",
+        ),
+        (
+            &entry("soon", "0", "a.vtu"),
+            "DataSet 0, `timestep`",
+            "`soon`",
+        ),
+        (
+            &entry("inf", "0", "a.vtu"),
+            "DataSet 0, `timestep`",
+            "`inf`",
+        ),
+        (&entry("1", "x", "a.vtu"), "DataSet 0, `part`", "`x`"),
+        (&entry("1", "0", " "), "DataSet 0, `file`", "``"),
+        (
+            &entry("1", "0", "b.PVD"),
+            "DataSet 0, `file`",
+            "another collection",
+        ),
+        (&twice, "files of time 1", "again"),
+        ("<DataSet", "XML", "well-formed"),
+    ] {
+        let error = answer(entries).unwrap_err();
+        assert!(error.contains(place) && error.contains(found), "{error}");
+        assert!(!error.contains('\n') || place == "XML", "{error}");
+    }
+    // By its content, under another name.
+    let inner = file_of(&entry("0", "0", "c.csv"));
+    let outer = file_of(&entry("0", "0", "b.vtu"));
+    let beside = |_: &Path| Some(inner.clone().into_bytes());
+    let error = read_with("a.pvd", outer.as_bytes(), &OpenOptions::default(), &beside);
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("another collection, `b.vtu`"), "{error}");
+    // No collection at all.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    std::fs::write(&path, "x,y,z\n0,0,0\n").unwrap();
+    assert!(!is_collection(&path).unwrap());
+    assert!(collection(&path).is_err());
+}
+
+#[test]
+fn a_collection_opens_as_its_first_step() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("in")).unwrap();
+    for (name, z) in [("a", 1), ("b", 2), ("c", 3)] {
+        let path = folder.path().join("in").join(name).with_extension("csv");
+        std::fs::write(path, format!("x,y,z,m\n0,0,{z},1\n")).unwrap();
+    }
+    let entries = [
+        entry("3", "0", "in/c.csv"),
+        entry("0.25", "1", "in/b.csv"),
+        entry("0.25", "0", "in/a.csv"),
+    ];
+    let path = folder.path().join("any.xml");
+    std::fs::write(&path, file_of(&entries.concat())).unwrap();
+    assert!(is_collection(&path).unwrap());
+    let data = open(&path, &OpenOptions::default()).unwrap();
+    let Geometry::Points { positions } = &data.geometry else {
+        panic!("particles expected");
+    };
+    assert_eq!(positions[0].z, 1.0);
+    assert_eq!(
+        data.notes,
+        [
+            "The first of 2 time steps, of time 0.25.",
+            "The first of 2 parts of the time step."
+        ]
+    );
+    std::fs::remove_file(folder.path().join("in/a.csv")).unwrap();
+    let error = open(&path, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("a.csv"), "{error}");
+}
+
+#[test]
+fn a_collection_of_paraviews_is_read() {
+    let Some(path) = real_data("formats/collections/pvd/singleSphereAnimation.pvd") else {
+        return;
+    };
+    let steps = collection(&path).unwrap();
+    let times: Vec<f64> = steps.iter().map(|step| step.time).collect();
+    assert_eq!(times, (0..11).map(f64::from).collect::<Vec<_>>());
+    assert!(
+        steps
+            .iter()
+            .all(|step| step.files.len() == 1 && step.files[0].is_file())
+    );
+    let first = open(&steps[0].files[0], &OpenOptions::default()).unwrap();
+    let whole = open(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(whole.field_names(), first.field_names());
+    assert_eq!(whole.bounds(), first.bounds());
+    assert!(
+        whole
+            .notes
+            .contains(&"The first of 11 time steps, of time 0.".to_owned())
+    );
+}
