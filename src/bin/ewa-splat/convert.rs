@@ -49,11 +49,12 @@ struct Converted {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_splats_path(&arguments.out)?;
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
+    let edits = arguments.data.edits.of_inputs(arguments.inputs.len())?;
     let bar = progress::bar(arguments.inputs.len() as u64 + 1);
     let mut converted = Converted::default();
-    for path in &arguments.inputs {
+    for (path, edit) in arguments.inputs.iter().zip(&edits) {
         bar.set_message(format!("converting {}", path.display()));
-        let dataset = arguments.data.open(path)?;
+        let dataset = arguments.data.open(path, edit)?;
         for note in &dataset.notes {
             converted.notes.push(format!("{}: {note}", path.display()));
         }

@@ -12,6 +12,7 @@ use ewa_splat::stages::blocks::BlockedVolume;
 use ewa_splat::{Error, Result};
 use serde_json::{Value, json};
 
+use crate::edits::Edit;
 use crate::files::Files;
 use crate::info_table::{print_rows, print_table, problem_line};
 use crate::input::DataOptions;
@@ -35,8 +36,9 @@ pub(crate) struct Arguments {
 /// A single file that cannot be read; of several none that can; a field named that is not there.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let files = Files::of(&arguments.inputs)?;
-    if let ([path], false) = (&files.paths[..], files.is_list) {
-        let description = arguments.description(path, true)?;
+    let edits = arguments.data.edits.of_inputs(files.paths.len())?;
+    if let ([path], [edit], false) = (&files.paths[..], &edits[..], files.is_list) {
+        let description = arguments.description(path, edit, true)?;
         if arguments.json {
             crate::say!("{description:#}");
         } else {
@@ -46,9 +48,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let progress = bar(files.paths.len() as u64);
     let (mut known, mut unknown) = (Vec::new(), Vec::new());
-    for path in &files.paths {
+    for (path, edit) in files.paths.iter().zip(&edits) {
         progress.set_message(format!("reading {}", path.display()));
-        match arguments.description(path, arguments.json || files.paths.len() == 1) {
+        match arguments.description(path, edit, arguments.json || files.paths.len() == 1) {
             Ok(description) => known.push(description),
             Err(error) => {
                 let file = path.display().to_string();
@@ -108,8 +110,8 @@ impl Arguments {
     ///
     /// # Errors
     /// A file that cannot be read, and a field named that is not there.
-    fn description(&self, path: &Path, with_blocks: bool) -> Result<Value> {
-        let dataset = self.data.open(path)?;
+    fn description(&self, path: &Path, edit: &Edit, with_blocks: bool) -> Result<Value> {
+        let dataset = self.data.open(path, edit)?;
         let mut description = describe(&dataset);
         let mut note = |text: String| {
             if let Some(notes) = description["notes"].as_array_mut() {

@@ -11,6 +11,7 @@ use ewa_splat::scene::ScaleName;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 
+use crate::edits::{Edit, EditOptions};
 use crate::parse::{self, Spacing};
 
 #[derive(Args)]
@@ -98,6 +99,8 @@ pub(crate) struct DataOptions {
     /// Raw volume: byte order
     #[arg(long, value_enum, requires = "dims", default_value = "little")]
     pub(crate) endian: Endian,
+    #[command(flatten)]
+    pub(crate) edits: EditOptions,
 }
 
 /// What to make of points with faces.
@@ -194,7 +197,8 @@ pub(crate) fn transfer_of(name: &str) -> TransferChoice {
 }
 
 impl DataOptions {
-    pub(crate) fn open(&self, path: &Path) -> Result<Dataset> {
+    /// The data of a file where they are to be, and what of them is to be read on.
+    pub(crate) fn open(&self, path: &Path, edit: &Edit) -> Result<Dataset> {
         self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
             dims,
@@ -212,7 +216,7 @@ impl DataOptions {
             },
             big_endian: self.endian == Endian::Big,
         });
-        ewa_splat::io::open(
+        let dataset = ewa_splat::io::open(
             path,
             &OpenOptions {
                 raw,
@@ -223,7 +227,8 @@ impl DataOptions {
                     ReadAsName::Mesh => ReadAs::Mesh,
                 }),
             },
-        )
+        )?;
+        edit.applied(dataset)
     }
 
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.

@@ -21,6 +21,7 @@ mod convert;
 mod count;
 mod cut;
 mod driver;
+mod edits;
 mod files;
 mod info;
 mod info_table;
@@ -83,11 +84,11 @@ fn main() -> ExitCode {
         progress::be_quiet();
     }
     let result = match arguments.command {
-        Command::Render(arguments) => render::run(&arguments),
+        Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
-        Command::Measure(arguments) => measure::run(&arguments),
+        Command::Measure(mut arguments) => measure::run(&mut arguments),
         Command::Completions(arguments) => {
             shell::completions(&arguments, Arguments::command());
             Ok(())

@@ -72,7 +72,9 @@ pub(crate) struct Arguments {
     data: DataOptions,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    arguments.data.note_edits(&mut arguments.inputs)?;
+    let arguments = &*arguments;
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();
     check_collisions(paths(&arguments.inputs), outputs(folder).iter())?;

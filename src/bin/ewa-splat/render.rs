@@ -265,8 +265,10 @@ struct Output {
     frames: Option<u32>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
+    arguments.data.note_edits(&mut arguments.inputs)?;
+    let arguments = &*arguments;
     arguments.check_sequence()?;
     let layers = [&arguments.output.depth, &arguments.output.normals];
     for path in layers.into_iter().flatten() {

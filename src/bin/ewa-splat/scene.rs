@@ -13,6 +13,7 @@ use ewa_splat::{Error, Renderer, Result, SceneOptions};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
+use crate::edits::Edit;
 use crate::input::{DataOptions, refused_surface, transfer_of};
 use crate::progress::note;
 
@@ -22,6 +23,8 @@ pub(crate) struct Input {
     pub(crate) path: PathBuf,
     field: Option<String>,
     function: Option<String>,
+    /// Where it goes, and what of it is read on.
+    pub(crate) edit: Edit,
 }
 
 impl Input {
@@ -37,16 +40,19 @@ impl Input {
                 path: file.into(),
                 field: stated(field),
                 function: None,
+                edit: Edit::default(),
             },
             [file, field, function] => Self {
                 path: file.into(),
                 field: stated(field),
                 function: stated(function),
+                edit: Edit::default(),
             },
             _ => Self {
                 path,
                 field: None,
                 function: None,
+                edit: Edit::default(),
             },
         }
     }
@@ -127,6 +133,18 @@ impl Kind {
 }
 
 impl DataOptions {
+    /// Notes at each input what is done to it.
+    ///
+    /// # Errors
+    /// Those of [`EditOptions::of_inputs`](crate::edits::EditOptions::of_inputs).
+    pub(crate) fn note_edits(&self, inputs: &mut [Input]) -> Result<()> {
+        let edits = self.edits.of_inputs(inputs.len())?;
+        for (input, edit) in inputs.iter_mut().zip(edits) {
+            input.edit = edit;
+        }
+        Ok(())
+    }
+
     /// Refuses options that are for what none of the inputs is.
     fn check_use(&self, reads: &[Read]) -> Result<()> {
         let any = |is: fn(Kind) -> bool| reads.iter().any(|read| is(read.kind));
@@ -235,7 +253,7 @@ impl DataOptions {
         let mut reads = Vec::new();
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(&input.path, &input.edit)?;
             for note in &dataset.notes {
                 progress.suspend(|| note!("{}: {note}", input.path.display()));
             }
@@ -326,7 +344,7 @@ impl DataOptions {
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
             let own = self.of_input(input, &options);
-            let step = read(self.open(&input.path)?, &own)?;
+            let step = read(self.open(&input.path, &input.edit)?, &own)?;
             unit_distance = unit_distance.min(step.report.unit_distance);
             samples.extend(step.report.value_sample);
             let whole = SceneOptions {
@@ -387,7 +405,7 @@ impl DataOptions {
                     keeps_value_sample: false,
                     ..self.of_input(input, options)
                 };
-                reads[i] = read(self.open(&input.path)?, &own)?;
+                reads[i] = read(self.open(&input.path, &input.edit)?, &own)?;
             }
         }
         Ok(())
@@ -405,7 +423,7 @@ impl DataOptions {
         };
         let mut volumes = Vec::new();
         for input in inputs {
-            let dataset = self.open(&input.path)?;
+            let dataset = self.open(&input.path, &input.edit)?;
             volumes.extend(
                 ewa_splat::sample::scene(dataset, &self.of_input(input, &options))?.volumes,
             );
@@ -481,6 +499,7 @@ mod tests {
             path: path.into(),
             field: field.map(str::to_owned),
             function: function.map(str::to_owned),
+            edit: Edit::default(),
         };
         assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
         assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));

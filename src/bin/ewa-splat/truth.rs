@@ -80,7 +80,7 @@ impl Truth {
             let found = "the surface of --flatten".into();
             return refuse("scene", "a volume", found, advice);
         }
-        let dataset = data.open(&input.path)?;
+        let dataset = data.open(&input.path, &input.edit)?;
         let ([volume], [Some(field)]) = (scene, fields) else {
             let found = format!("{} ({})", input.path.display(), dataset.format);
             let advice = "take --reference kernels";
