@@ -424,3 +424,264 @@ fn of_mesh(mesh: &mut Mesh, area: Area) -> Kept {
         cell_count: 0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::fixtures;
+    use super::*;
+
+    fn numbers_of(dataset: &Dataset, name: &str) -> Vec<f32> {
+        let (_, values) = dataset.scalar(name).unwrap();
+        (0..values.len()).map(|i| values.get(i)).collect()
+    }
+
+    /// Samples and cells that fields may belong to.
+    fn counts(dataset: &Dataset) -> [usize; 2] {
+        match &dataset.geometry {
+            Geometry::Lattice(lattice) => [
+                lattice.len(),
+                lattice.dims.map(|n| n.max(2) - 1).iter().product(),
+            ],
+            Geometry::Curvilinear { blocks } => [Association::Nodes, Association::Cells].map(|a| {
+                let count = |block: &CurvilinearBlock| block.dims_of(a).iter().product::<usize>();
+                blocks.iter().map(count).sum()
+            }),
+            Geometry::Cells(mesh) => [mesh.nodes.len(), mesh.cell_count()],
+            Geometry::Points { positions } => [positions.len(), 0],
+            Geometry::Splats(cloud) => [cloud.positions.len(), 0],
+            Geometry::Mesh(mesh) => [mesh.triangle_count(), 0],
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_box_leaves_sound_data_or_says_why_not(
+            corner in prop::array::uniform3(-3.0f64..3.0),
+            extent in prop::array::uniform3(0.01f64..5.0),
+        ) {
+            let lower = DVec3::from(corner);
+            let upper = lower + DVec3::from(extent);
+            for dataset in fixtures::all() {
+                let field_count = dataset.fields.len();
+                let up = dataset.up().direction;
+                match crop(dataset, lower, upper) {
+                    Ok(cropped) => {
+                        prop_assert!(cropped.validate().is_ok());
+                        prop_assert!(cropped.notes.is_empty());
+                        prop_assert_eq!(cropped.up().direction, up);
+                        // The marks of hidden cells may have come in.
+                        prop_assert!(cropped.fields.len() - field_count <= 1);
+                        let [nodes, cells] = counts(&cropped);
+                        prop_assert!(nodes > 0);
+                        for field in &cropped.fields {
+                            let expected = match field.association {
+                                Association::Nodes => nodes,
+                                Association::Cells => cells,
+                            };
+                            let len = cropped.field_scalar(field).unwrap().len();
+                            prop_assert_eq!(len, expected, "{}", &field.name);
+                        }
+                    }
+                    Err(error) => {
+                        let said = error.to_string();
+                        let is_clear = said.contains("something of the data in it")
+                            || said.contains("two samples at least");
+                        prop_assert!(is_clear, "{}", said);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lattices_keep_the_samples_in_the_box_and_the_cells_between() {
+        let diagonal = |x| DMat3::from_diagonal(DVec3::new(x, 0.5, 2.0));
+        // x is -1, 0, 1, 2, 3 or falls from -1; y 0, .5, 1, 1.5; z .5, 2.5, 4.5.
+        let (lower, upper) = (DVec3::new(0.0, 0.4, 0.0), DVec3::new(2.5, 1.1, 2.0));
+        assert!(crop(fixtures::uniform(diagonal(1.0)), lower, upper).is_err());
+        let upper = upper + 3.0 * DVec3::Z;
+        let cropped = crop(fixtures::uniform(diagonal(1.0)), lower, upper).unwrap();
+        let first = DVec3::new(0.0, 0.5, 0.5);
+        assert_eq!(cropped.bounds(), Some((first, DVec3::new(2.0, 1.0, 4.5))));
+        assert_eq!(
+            numbers_of(&cropped, "number of nodes")[..7],
+            [6.0, 7.0, 8.0, 11.0, 12.0, 13.0, 26.0]
+        );
+        assert_eq!(
+            numbers_of(&cropped, "number of cells"),
+            [5.0, 6.0, 17.0, 18.0]
+        );
+        assert_eq!(
+            numbers_of(&cropped, "vector of cells:z"),
+            [8.0, 9.0, 20.0, 21.0]
+        );
+        let lower = DVec3::new(-3.2, 0.4, 0.0);
+        let falling = crop(fixtures::uniform(diagonal(-1.0)), lower, upper).unwrap();
+        assert_eq!(falling.bounds().unwrap().0, DVec3::new(-3.0, 0.5, 0.5));
+        assert_eq!(numbers_of(&falling, "number of nodes")[..2], [5.0, 6.0]);
+
+        let (lower, upper) = (DVec3::new(-0.5, 0.5, -3.0), DVec3::new(2.0, 3.0, 3.0));
+        let uneven = crop(fixtures::rectilinear(), lower, upper).unwrap();
+        let Geometry::Lattice(lattice) = &uneven.geometry else {
+            panic!("a lattice stays one");
+        };
+        let LatticeSpacing::Rectilinear { coordinates } = &lattice.spacing else {
+            panic!("uneven coordinates stay");
+        };
+        assert_eq!(
+            *coordinates,
+            [vec![0.0, 0.5, 2.0], vec![1.0, 3.0], vec![-2.0, 0.0, 1.0]]
+        );
+        assert_eq!(numbers_of(&uneven, "number of nodes")[..2], [6.0, 7.0]);
+        assert_eq!(
+            numbers_of(&uneven, "number of cells"),
+            [5.0, 6.0, 17.0, 18.0]
+        );
+    }
+
+    #[test]
+    fn a_lattice_at_an_angle_keeps_its_range_of_indices() {
+        let step = DMat3::from_rotation_z(0.5);
+        let dataset = fixtures::uniform(step);
+        let Geometry::Lattice(whole) = dataset.geometry.clone() else {
+            panic!("a lattice");
+        };
+        let area = Area {
+            lower: DVec3::new(-0.3, 0.2, 0.0),
+            upper: DVec3::new(1.4, 2.9, 9.0),
+        };
+        let cropped = crop(dataset, area.lower, area.upper).unwrap();
+        let numbers = numbers_of(&cropped, "number of nodes");
+        let all = (0..60).map(|n| [n % 5, n / 5 % 4, n / 20]);
+        let inside: Vec<[usize; 3]> = all.filter(|&n| area.holds(whole.position(n))).collect();
+        assert!(!inside.is_empty());
+        for [i, j, k] in &inside {
+            assert!(numbers.contains(&((i + 5 * (j + 4 * k)) as f32)));
+        }
+        let extent = |d: usize| {
+            let along = || inside.iter().map(|n| n[d]);
+            along().max().unwrap() + 1 - along().min().unwrap()
+        };
+        assert_eq!(numbers.len(), extent(0) * extent(1) * extent(2));
+    }
+
+    #[test]
+    fn cells_of_curvilinear_grids_outside_the_box_are_hidden() {
+        // Of the bent block: its outermost cells reach beyond the box at one end.
+        let (lower, upper) = (DVec3::new(0.9, 0.0, 0.0), DVec3::new(2.5, 1.0, 0.5));
+        let cropped = crop(fixtures::curvilinear(), lower, upper).unwrap();
+        let Geometry::Curvilinear { blocks } = &cropped.geometry else {
+            panic!("a grid stays one");
+        };
+        assert_eq!(blocks.len(), 1);
+        let marks = numbers_of(&cropped, "vtkGhostType");
+        let hidden = marks.iter().filter(|m| **m == 32.0).count();
+        assert_eq!((hidden, marks.len()), (1, 6));
+        let numbers = numbers_of(&cropped, "number of cells");
+        let centre = |n: usize| {
+            let (i, j, k) = (n % 3, n / 3 % 3, n / 9);
+            let corners = (0..8).map(|c| {
+                let [i, j, k] = [i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)].map(|n| n as f64);
+                let (radius, angle) = (1.0 + 0.5 * i, 0.4 * j);
+                DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.7 * k)
+            });
+            corners.sum::<DVec3>() / 8.0
+        };
+        let area = Area { lower, upper };
+        for n in 0..18 {
+            let at = numbers.iter().position(|&number| number == n as f32);
+            let is_shown = at.is_some_and(|at| marks[at] == 0.0);
+            assert_eq!(is_shown, area.holds(centre(n)), "cell {n}");
+        }
+        // The other block alone, whole: nothing is hidden.
+        let (lower, upper) = (DVec3::splat(-4.0), DVec3::new(0.0, 4.0, 4.0));
+        let other = crop(fixtures::curvilinear(), lower, upper).unwrap();
+        assert_eq!(
+            numbers_of(&other, "number of cells"),
+            [18.0, 19.0, 20.0, 21.0]
+        );
+        assert_eq!(numbers_of(&other, "number of nodes").len(), 18);
+        assert!(other.scalar("vtkGhostType").is_err());
+    }
+
+    #[test]
+    fn unstructured_cells_go_with_their_nodes() {
+        let corners = |lower: [f64; 3], upper: [f64; 3]| {
+            let cropped = crop(fixtures::cells(), lower.into(), upper.into()).unwrap();
+            let nodes = numbers_of(&cropped, "number of nodes");
+            let cells = numbers_of(&cropped, "number of cells");
+            let Geometry::Cells(mesh) = cropped.geometry else {
+                panic!("cells stay");
+            };
+            (mesh, nodes, cells)
+        };
+        let (mesh, nodes, cells) = corners([0.4; 3], [0.6; 3]);
+        assert_eq!(nodes, (1..9).map(|n| n as f32).collect::<Vec<_>>());
+        assert_eq!(cells, [0.0]);
+        // The faces have their own counts, and nodes that begin at 0.
+        assert_eq!(mesh.connectivity[..6], [6, 4, 0, 2, 3, 1]);
+        assert_eq!(mesh.offsets, [0, 31]);
+        let (mesh, nodes, cells) = corners([-1.0, 0.0, 0.0], [0.5, 0.5, 2.0]);
+        assert_eq!(nodes, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]);
+        assert_eq!(cells, [0.0, 1.0, 2.0]);
+        assert_eq!(mesh.connectivity[31..], [4, 5, 6, 8, 0, 2, 9]);
+    }
+
+    #[test]
+    fn a_mesh_that_is_opened_is_seen_from_both_sides() {
+        let half = crop(fixtures::mesh(), DVec3::NEG_ONE, DVec3::splat(0.34)).unwrap();
+        let Geometry::Mesh(mesh) = half.geometry else {
+            panic!("a mesh stays one");
+        };
+        assert_eq!(mesh.parts[0].triangles, [[0, 1, 2]]);
+        assert_eq!(mesh.parts[0].positions.len(), 3);
+        assert_eq!(mesh.parts[0].normals.len(), 3);
+        assert!(mesh.materials[mesh.parts[0].material].is_double_sided);
+        let whole = crop(fixtures::mesh(), DVec3::NEG_ONE, DVec3::ONE).unwrap();
+        let Geometry::Mesh(mesh) = whole.geometry else {
+            panic!("a mesh stays one");
+        };
+        assert_eq!(mesh.triangle_count(), 2);
+        assert!(!mesh.materials[mesh.parts[0].material].is_double_sided);
+    }
+
+    #[test]
+    fn what_is_derived_follows_and_what_does_not_fit_is_left_out() {
+        let mut dataset = fixtures::points();
+        let field = |name: &str, source| Field {
+            name: name.into(),
+            association: Association::Nodes,
+            source,
+        };
+        let twice = |dataset: &Dataset| {
+            let (_, values) = dataset.scalar("number of nodes")?;
+            let twice = (0..values.len()).map(|i| 2.0 * values.get(i));
+            Ok(Values::F32(twice.collect()))
+        };
+        dataset
+            .fields
+            .push(field("twice", FieldSource::Derived(twice)));
+        let stray = FieldSource::Scalar(Values::U8(vec![1; 7]));
+        dataset.fields.push(field("stray", stray));
+        let cropped = crop(dataset, DVec3::ZERO, DVec3::splat(2.0)).unwrap();
+        let single = numbers_of(&cropped, "number of nodes");
+        let double = numbers_of(&cropped, "twice");
+        assert!(single.iter().zip(&double).all(|(a, b)| 2.0 * a == *b));
+        assert!(cropped.scalar("stray").is_err());
+        assert!(cropped.notes[0].contains("7 values for 40 samples"));
+    }
+
+    #[test]
+    fn boxes_without_data_name_where_the_data_are() {
+        let far = DVec3::splat(100.0);
+        for dataset in fixtures::all() {
+            let said = crop(dataset, far, far + 1.0).unwrap_err().to_string();
+            assert!(said.contains("reach from"), "{said}");
+        }
+        for upper in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY] {
+            assert!(crop(fixtures::points(), DVec3::ZERO, upper).is_err());
+        }
+    }
+}

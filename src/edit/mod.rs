@@ -27,6 +27,8 @@
 
 mod columns;
 mod crop;
+#[cfg(test)]
+mod fixtures;
 mod place;
 mod select;
 

@@ -279,3 +279,298 @@ fn turn_normals(mesh: &mut Mesh, rotation: DMat3) {
         *normal = (rotation * normal.as_dvec3()).as_vec3();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::fixtures;
+    use super::*;
+
+    fn oblique() -> Placement {
+        Placement {
+            size: 2.5,
+            rotation: DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.9),
+            translation: DVec3::new(3.0, -2.0, 1.0),
+        }
+    }
+
+    /// Positions of all samples, in the order of the fields' values.
+    fn positions(dataset: &Dataset) -> Vec<DVec3> {
+        match &dataset.geometry {
+            Geometry::Lattice(lattice) => {
+                let [x, y, _] = lattice.dims;
+                let place = |n: usize| lattice.position([n % x, n / x % y, n / x / y]);
+                (0..lattice.len()).map(place).collect()
+            }
+            Geometry::Curvilinear { blocks } => {
+                blocks.iter().flat_map(|b| b.nodes.clone()).collect()
+            }
+            Geometry::Cells(mesh) => mesh.nodes.clone(),
+            Geometry::Points { positions } => positions.clone(),
+            Geometry::Splats(cloud) => cloud.positions.clone(),
+            Geometry::Mesh(mesh) => mesh.parts[0].positions.clone(),
+        }
+    }
+
+    /// Numbers and vectors of the samples, by their positions.
+    fn samples(dataset: &Dataset) -> Vec<(DVec3, f32, DVec3)> {
+        let value = |name: &str, i| match dataset.scalar(name) {
+            Ok((_, values)) => values.get(i),
+            // Of a mesh.
+            Err(_) => 0.0,
+        };
+        let vector = |i| {
+            let parts = ["x", "y", "z"].map(|c| format!("vector of nodes:{c}"));
+            DVec3::from(parts.map(|name| f64::from(value(&name, i))))
+        };
+        let sample = |(i, p)| (p, value("number of nodes", i), vector(i));
+        let all = positions(dataset).into_iter().enumerate();
+        all.map(sample).collect()
+    }
+
+    fn turn(axis: DVec3, degrees: f64) -> Placement {
+        Placement {
+            rotation: DQuat::from_axis_angle(axis.normalize(), degrees.to_radians()),
+            ..oblique()
+        }
+    }
+
+    #[test]
+    fn samples_go_with_their_values_and_vectors_turn() {
+        let quarter_turns = [
+            turn(DVec3::Z, 90.0),
+            turn(DVec3::X, -90.0),
+            turn(DVec3::Y, 180.0),
+            turn(DVec3::ONE, 120.0),
+            turn(DVec3::new(1.0, 1.0, 0.0), 180.0),
+        ];
+        for placement in quarter_turns.into_iter().chain([oblique()]) {
+            for dataset in fixtures::all() {
+                let rotation = placement.matrix();
+                let up = rotation * dataset.up().direction;
+                let before = samples(&dataset);
+                let placed = place(dataset, &placement).unwrap();
+                assert_eq!(placed.up().direction, up);
+                let after = samples(&placed);
+                assert_eq!(before.len(), after.len());
+                for (position, number, vector) in before {
+                    let goal = placement.apply(position);
+                    let found = after.iter().find(|(p, n, _)| {
+                        // Some roundings of f64 of coordinates below 20.
+                        (*p - goal).length() < 1e-13 && *n == number
+                    });
+                    let (_, _, turned) = found.unwrap();
+                    // Of f32, of numbers below 100.
+                    assert!((rotation * vector - *turned).length() < 1e-5);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn quarter_turns_keep_uneven_lattices_and_their_cells() {
+        let whole = fixtures::rectilinear();
+        let placement = turn(DVec3::ONE, 120.0);
+        let placed = place(whole.clone(), &placement).unwrap();
+        let Geometry::Lattice(lattice) = &placed.geometry else {
+            panic!("quarter turns keep a lattice");
+        };
+        // x goes to y, y to z, z to x.
+        assert_eq!(lattice.dims, [3, 5, 4]);
+        let (_, cells) = placed.scalar("number of cells").unwrap();
+        // Old cells are 4 x 3 x 2, new ones 2 x 4 x 3: of the first row two layers of z.
+        assert_eq!([0, 1, 2].map(|i| cells.get(i)), [0.0, 12.0, 1.0]);
+        let placed = place(whole, &oblique()).unwrap();
+        assert!(matches!(placed.geometry, Geometry::Curvilinear { .. }));
+        let mut flat = fixtures::rectilinear();
+        if let Geometry::Lattice(lattice) = &mut flat.geometry {
+            lattice.dims[2] = 1;
+            if let LatticeSpacing::Rectilinear { coordinates } = &mut lattice.spacing {
+                coordinates[2].truncate(1);
+            }
+        }
+        flat.fields.clear();
+        assert!(place(flat.clone(), &turn(DVec3::Z, 270.0)).is_ok());
+        let said = place(flat, &oblique()).unwrap_err().to_string();
+        assert!(said.contains("quarter turns"), "{said}");
+    }
+
+    proptest! {
+        /// Composed with its inverse, a placement changes nothing but for rounding.
+        #[test]
+        fn there_and_back(
+            axis in prop::array::uniform3(-1.0f64..1.0),
+            angle in -4.0f64..4.0,
+            size in 0.1f64..10.0,
+            translation in prop::array::uniform3(-9.0f64..9.0),
+        ) {
+            let axis = DVec3::from(axis);
+            prop_assume!(axis.length() > 0.1);
+            let there = Placement {
+                size,
+                rotation: DQuat::from_axis_angle(axis.normalize(), angle),
+                translation: translation.into(),
+            };
+            let rotation = there.rotation.inverse();
+            let back = Placement {
+                size: 1.0 / size,
+                rotation,
+                translation: rotation * -DVec3::from(translation) / size,
+            };
+            for dataset in fixtures::all() {
+                let before = samples(&dataset);
+                let returned = place(place(dataset, &there).unwrap(), &back).unwrap();
+                for (a, b) in before.iter().zip(samples(&returned)) {
+                    // f64 positions up to 1000 / size on the way; f32 vectors up to 100.
+                    prop_assert!((a.0 - b.0).length() < 1e-10, "{} and {}", a.0, b.0);
+                    prop_assert_eq!(a.1, b.1);
+                    prop_assert!((a.2 - b.2).length() < 1e-4);
+                }
+            }
+        }
+    }
+
+    fn table(columns: &[(&str, f32)]) -> Dataset {
+        let mut dataset = fixtures::points();
+        dataset.fields = columns
+            .iter()
+            .map(|(name, value)| Field {
+                name: (*name).into(),
+                association: Association::Nodes,
+                source: FieldSource::Scalar(Values::F32(vec![*value; 40])),
+            })
+            .collect();
+        dataset
+    }
+
+    fn first(dataset: &Dataset, name: &str) -> f32 {
+        dataset.scalar(name).unwrap().1.get(0)
+    }
+
+    #[test]
+    fn what_has_lengths_in_it_scales_and_densities_stay() {
+        let dataset = table(&[
+            ("SIGMA", 1.0),
+            ("volume", 1.0),
+            ("mass", 1.0),
+            ("extinction", 1.0),
+            ("rho", 1.0),
+            ("m", 1.0),
+            ("opacity", 1.0),
+        ]);
+        let placed = place(dataset, &turn(DVec3::Z, 90.0)).unwrap();
+        for (name, expected) in [
+            ("sigma", 2.5),
+            ("volume", 15.625),
+            ("mass", 6.25),
+            ("extinction", 0.4),
+            ("rho", 1.0),
+            ("m", 1.0),
+            ("opacity", 1.0),
+        ] {
+            assert_eq!(first(&placed, name), expected, "{name}");
+        }
+        assert_eq!(placed.volume_scale, 15.625);
+    }
+
+    /// V of the first particle, by whatever columns it has.
+    fn variance(dataset: &Dataset) -> DMat3 {
+        let number = |name: &str| f64::from(first(dataset, name));
+        if dataset.scalar("vxx").is_ok() {
+            let [xx, xy, xz, yy, yz, zz] = crate::io::VARIANCE.map(number);
+            return DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
+        }
+        let [sx, sy, sz, w, x, y, z] = crate::io::SCALES.map(number);
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let squares = DVec3::new(sx, sy, sz) * DVec3::new(sx, sy, sz);
+        axes * DMat3::from_diagonal(squares) * axes.transpose()
+    }
+
+    #[test]
+    fn shapes_of_particles_turn() {
+        // A thin disc, whose thickness single precision would lose in a variance at an angle.
+        let disc = [
+            ("vxx", 1.0),
+            ("vxy", 0.0),
+            ("vxz", 0.0),
+            ("vyy", 1.0),
+            ("vyz", 0.0),
+            ("vzz", 1e-10),
+        ];
+        let ellipsoid = [
+            ("scale_0", 0.5),
+            ("scale_1", 0.2),
+            ("scale_2", 0.1),
+            ("rot_0", 1.0),
+            ("rot_1", 0.4),
+            ("rot_2", -0.2),
+            ("rot_3", 0.7),
+        ];
+        for columns in [&disc[..], &ellipsoid[..]] {
+            for placement in [oblique(), turn(DVec3::ONE, 120.0)] {
+                let dataset = table(columns);
+                let turn = placement.matrix();
+                let expected = turn * variance(&dataset) * turn.transpose() * 6.25;
+                let placed = place(dataset, &placement).unwrap();
+                let gap = variance(&placed) - expected;
+                // Some roundings of f32, of elements up to 6.25.
+                assert!(gap.to_cols_array().iter().all(|x| x.abs() < 4e-6), "{gap}");
+            }
+        }
+        let placed = place(table(&disc), &oblique()).unwrap();
+        assert!((first(&placed, "scale_2") / 2.5e-5 - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn colours_and_bytes_do_not_turn() {
+        let mut dataset = fixtures::points();
+        let vector = |name: &str, values: Values| Field {
+            name: name.into(),
+            association: Association::Nodes,
+            source: FieldSource::Vector(vec![values; 3]),
+        };
+        dataset.fields = vec![
+            vector("colour", Values::F32(vec![0.5; 40])),
+            vector("bytes", Values::U8(vec![9; 40])),
+            vector("short", Values::I16(vec![9; 40])),
+        ];
+        let placed = place(dataset, &turn(DVec3::Z, 180.0)).unwrap();
+        assert_eq!(first(&placed, "colour:x"), 0.5);
+        assert_eq!(first(&placed, "bytes:x"), 9.0);
+        assert_eq!(first(&placed, "short:x"), -9.0);
+    }
+
+    #[test]
+    fn wrong_placements_are_refused() {
+        for placement in [
+            Placement {
+                size: 0.0,
+                ..oblique()
+            },
+            Placement {
+                size: f64::NAN,
+                ..oblique()
+            },
+            Placement {
+                rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0),
+                ..oblique()
+            },
+            Placement {
+                translation: DVec3::INFINITY,
+                ..oblique()
+            },
+        ] {
+            assert!(place(fixtures::points(), &placement).is_err());
+        }
+        // Coordinates that fall together.
+        let far = Placement {
+            translation: DVec3::splat(1e20),
+            ..Placement::default()
+        };
+        let said = place(fixtures::rectilinear(), &far)
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("numbers that rise"), "{said}");
+    }
+}

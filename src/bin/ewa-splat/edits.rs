@@ -10,11 +10,10 @@ use crate::parse::{self, OrNone};
 
 /// Each option holds for all inputs, or is given once for each of them.
 #[derive(Args)]
-#[command(
-    next_help_heading = "Placement: once for all inputs, or once for each in order, where `none` skips one"
-)]
+#[command(next_help_heading = "Placement")]
 pub(crate) struct EditOptions {
-    /// Make everything F times as large, about the origin; --rotate and then --translate follow
+    /// Make everything F times as large, about the origin; --rotate and then --translate follow. Given once, each
+    /// option here is for all inputs; else once for each in their order, with `none` for those it leaves alone
     #[arg(long, value_name = "F", value_parser = parse::or_none(parse::positive), allow_hyphen_values = true)]
     resize: Vec<OrNone<f64>>,
     /// Turn by an angle about an axis through the origin, right-handed; vectors turn, too
