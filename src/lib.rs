@@ -66,6 +66,7 @@
 //! | [`math`] | factors of variances, special functions |
 //! | [`scene`] | point volumes, lattices, transfer functions, what a scene requires |
 //! | [`io`] | readers and writers, one file per format |
+//! | [`edit`] | data sets moved and cut |
 //! | [`view`] | cameras, clip planes |
 //! | [`sample`] | data sets to particles with variances and masses |
 //! | `splat` | kernel to footprint: filters, exact terms, error bounds |
@@ -122,6 +123,7 @@ mod blocks;
 pub mod compositing {}
 pub mod constants;
 mod cpu;
+pub mod edit;
 pub mod error;
 #[cfg(feature = "gpu")]
 mod gpu;

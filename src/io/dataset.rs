@@ -25,6 +25,9 @@ pub struct Dataset {
     pub smoothing: Option<Smoothing>,
     /// The types of particles that the file tells apart, those that were not read among them; of other formats empty.
     pub particle_types: Vec<ParticleCount>,
+    /// What masses of particles over their densities are multiplied by to be volumes: 1, unless the particles were
+    /// resized ([`edit::place`](crate::edit::place)) and the densities are still those of the file.
+    pub volume_scale: f64,
     /// What points up, a unit vector, and why, in a few words, where the format says so; see [`Dataset::up`].
     pub format_up: Option<(DVec3, &'static str)>,
     /// What the reader left out or took for granted, one sentence each, for people.
@@ -132,6 +135,29 @@ pub enum FieldSource {
     Derived(fn(&Dataset) -> Result<Values>),
 }
 
+impl Field {
+    /// Whether it holds colours: three or four bytes, or numbers from 0 to 1, under a name that says so.
+    pub(crate) fn is_colour(&self) -> bool {
+        let lower = self.name.to_ascii_lowercase();
+        let is_named = lower.starts_with("color")
+            || lower.starts_with("colour")
+            || matches!(lower.as_str(), "rgb" | "rgba")
+            || ["_rgb", "_rgba", "_color", "_colors"]
+                .iter()
+                .any(|end| lower.ends_with(end));
+        let FieldSource::Vector(components) = &self.source else {
+            return false;
+        };
+        let is_channel = |values: &Values| {
+            matches!(values, Values::U8(_))
+                || values
+                    .finite_range()
+                    .is_some_and(|[lo, hi]| lo >= 0.0 && hi <= 1.0)
+        };
+        is_named && matches!(components.len(), 3 | 4) && components.iter().all(is_channel)
+    }
+}
+
 impl Dataset {
     /// A data set without smoothing lengths and without notes.
     pub fn new(path: &Path, format: &'static str, geometry: Geometry, fields: Vec<Field>) -> Self {
@@ -142,6 +168,7 @@ impl Dataset {
             fields,
             smoothing: None,
             particle_types: Vec::new(),
+            volume_scale: 1.0,
             format_up: None,
             notes: Vec::new(),
         }

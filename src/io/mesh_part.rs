@@ -86,8 +86,8 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) {
     unit_normals(part);
 }
 
-/// Leaves out corners that no triangle uses.
-fn leave_out_unused(part: &mut MeshPart) {
+/// Leaves out corners that no triangle uses. Indices are in range.
+pub(crate) fn leave_out_unused(part: &mut MeshPart) {
     let mut is_used = vec![false; part.positions.len()];
     for &i in part.triangles.as_flattened() {
         is_used[i as usize] = true;

@@ -39,6 +39,7 @@ mod pvd;
 mod raw;
 mod samples;
 mod scalars;
+mod shape_columns;
 mod smoothing;
 mod splat;
 mod splats;
@@ -82,10 +83,12 @@ pub use image_file::{
     write_normals,
 };
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
+pub(crate) use mesh_part::leave_out_unused;
 pub use particle_type::{ParticleCount, ParticleType};
 pub(crate) use polyhedron::polyhedron_faces;
 pub use pvd::{TimeStep, collection, is_collection};
 pub use raw::{RawLayout, RawType};
+pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;

@@ -17,7 +17,7 @@ const FLAT: f64 = 0.25;
 /// Which way is up, and why.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Up {
-    /// Along an axis; unit length.
+    /// Unit length; along an axis, unless the data were turned ([`edit::place`](crate::edit::place)).
     pub direction: DVec3,
     /// For people, in a few words.
     pub reason: &'static str,

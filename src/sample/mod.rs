@@ -475,29 +475,8 @@ fn describes_the_grid(name: &str) -> bool {
     lower == "iblank" || lower.starts_with("vtkghost") || is_number
 }
 
-/// Whether a field holds colours: three or four bytes, or numbers from 0 to 1, under a name that says so.
-fn is_colour(field: &Field) -> bool {
-    let lower = field.name.to_ascii_lowercase();
-    let is_named = lower.starts_with("color")
-        || lower.starts_with("colour")
-        || matches!(lower.as_str(), "rgb" | "rgba")
-        || ["_rgb", "_rgba", "_color", "_colors"]
-            .iter()
-            .any(|end| lower.ends_with(end));
-    let FieldSource::Vector(components) = &field.source else {
-        return false;
-    };
-    let is_channel = |values: &Values| {
-        matches!(values, Values::U8(_))
-            || values
-                .finite_range()
-                .is_some_and(|[lo, hi]| lo >= 0.0 && hi <= 1.0)
-    };
-    is_named && matches!(components.len(), 3 | 4) && components.iter().all(is_channel)
-}
-
 fn default_field(dataset: &Dataset) -> Result<String> {
-    let shown = |f: &&Field| !describes_the_grid(&f.name) && !is_colour(f);
+    let shown = |f: &&Field| !describes_the_grid(&f.name) && !f.is_colour();
     let is_varied = |values: &Values| values.finite_range().is_some_and(|[lo, hi]| lo < hi);
     let varies = |f: &&Field| matches!(&f.source, FieldSource::Scalar(v) if is_varied(v));
     let turns = |f: &&Field| matches!(&f.source, FieldSource::Vector(v) if v.iter().any(is_varied));

@@ -13,6 +13,7 @@ mod annotations;
 mod columns;
 mod commands;
 mod defaults;
+mod edits;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod manners;

@@ -282,6 +282,53 @@ const WRONG: &[(&str, i32, &str)] = &[
         "one type of particles",
     ),
     ("info SNAPSHOT --type sinks", 1, "found `sinks`"),
+    (
+        "render WAKE --out a.png --crop 0,0,0,1,1",
+        2,
+        "the lower and the upper corner",
+    ),
+    (
+        "render WAKE --out a.png --crop 0,0,0,1,-1,1",
+        2,
+        "the lower and the upper corner",
+    ),
+    (
+        "render WAKE --out a.png --crop 0,0,0,1,inf,1",
+        2,
+        "six finite numbers",
+    ),
+    (
+        "render WAKE --out a.png --crop 500,0,0,501,1,1",
+        1,
+        "found no centre of a cell from 500,0,0 to 501,1,1",
+    ),
+    (
+        "convert BOX --out a.ply --crop 5,5,5,6,6,6",
+        1,
+        "which reach from 0,0,0 to 1,1,0",
+    ),
+    (
+        "render WAKE --out a.png --rotate 0,0,0,90",
+        2,
+        "an axis, not 0,0,0",
+    ),
+    ("render WAKE --out a.png --rotate 0,0,1", 2, "an axis"),
+    ("render WAKE --out a.png --resize 0", 2, "above 0"),
+    (
+        "render WAKE --out a.png --translate 1,2",
+        2,
+        "three finite numbers",
+    ),
+    (
+        "render WAKE --out a.png --resize 2 --resize none",
+        1,
+        "once for each of 1 input, found 2 times",
+    ),
+    (
+        "convert BOX BOX --out a.ply --resize 2 --resize 2 --resize 2",
+        1,
+        "once for each of 2 inputs, found 3 times",
+    ),
     ("render none.vtu --out a.png", 1, "none.vtu"),
     ("render WAKE --out none/a.png", 1, "an existing folder"),
     ("paint", 2, "unrecognized subcommand"),

@@ -11,7 +11,7 @@ use ewa_splat::view::{Bounds, Camera};
 use ewa_splat::{Error, Image, Result};
 
 use crate::info_table::significant;
-use crate::scene::Input;
+use crate::source::Input;
 
 /// What stands for the time in a time stamp.
 const TIME: &str = "{time}";

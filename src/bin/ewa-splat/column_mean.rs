@@ -8,7 +8,7 @@ use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
 use crate::render::ColumnMean;
-use crate::scene::Input;
+use crate::source::Input;
 
 /// The option's name, for errors.
 const OPTION: &str = "--column-mean";

@@ -19,7 +19,7 @@ use crate::files::Files;
 use crate::info_table::{print_rows, print_table, problem_line};
 use crate::input::DataOptions;
 use crate::progress::bar;
-use crate::scene::Input;
+use crate::source::Input;
 use crate::words::problem;
 
 #[derive(Args)]
@@ -39,8 +39,9 @@ pub(crate) struct Arguments {
 /// A single file that cannot be read; of several none that can; a field named that is not there.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let files = Files::of(&arguments.inputs)?;
-    let inputs = files.paths.iter().cloned().map(Input::file);
-    let inputs = arguments.data.resolved(inputs.collect(), false)?;
+    let mut inputs: Vec<_> = files.paths.iter().cloned().map(Input::file).collect();
+    arguments.data.note_edits(&mut inputs)?;
+    let inputs = arguments.data.resolved(inputs, false)?;
     if let ([path], false) = (&inputs[..], files.is_list) {
         let description = arguments.description(path, true)?;
         if arguments.json {

@@ -13,8 +13,9 @@ use ewa_splat::scene::ScaleName;
 use ewa_splat::{Error, Result};
 use glam::DVec3;
 
+use crate::edits::EditOptions;
 use crate::parse::{self, Spacing, TypeName};
-use crate::scene::Input;
+use crate::source::Input;
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -103,6 +104,8 @@ pub(crate) struct DataOptions {
     /// Raw volume: byte order
     #[arg(long, value_enum, requires = "dims", default_value = "little")]
     pub(crate) endian: Endian,
+    #[command(flatten)]
+    pub(crate) edits: EditOptions,
 }
 
 /// What to make of points with faces.
@@ -191,6 +194,7 @@ pub(crate) fn transfer_of(name: &str) -> TransferChoice {
 }
 
 impl DataOptions {
+    /// The data of an input where they are to be, and what of them is to be read on.
     pub(crate) fn open(&self, input: &Input) -> Result<Dataset> {
         self.check_spacing()?;
         let raw = self.dims.map(|dims| RawLayout {
@@ -204,7 +208,7 @@ impl DataOptions {
             scalar: self.sample_types().next().unwrap_or(RawType::U8),
             big_endian: self.endian == Endian::Big,
         });
-        ewa_splat::io::open(
+        let dataset = ewa_splat::io::open(
             &input.path,
             &OpenOptions {
                 raw,
@@ -216,7 +220,8 @@ impl DataOptions {
                 }),
                 particle_type: input.particle_type,
             },
-        )
+        )?;
+        input.edit.applied(dataset)
     }
 
     /// The types of samples that are asked for.

@@ -19,7 +19,8 @@ use crate::input::DataOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, spinner, task_of, with_bar};
-use crate::scene::{Input, Scene, paths, steps};
+use crate::scene::Scene;
+use crate::source::{Input, paths, steps};
 use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, Canvas, most_pixels};
 
@@ -73,6 +74,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    arguments.data.note_edits(&mut arguments.inputs)?;
     let inputs = std::mem::take(&mut arguments.inputs);
     arguments.inputs = arguments.data.resolved(steps(inputs, false)?, false)?;
     let arguments = &*arguments;

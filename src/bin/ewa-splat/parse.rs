@@ -4,7 +4,7 @@ use ewa_splat::image::linear_from_srgb;
 use ewa_splat::io::{ParticleType, RawType};
 use ewa_splat::scene::{Light, LightFrame};
 use ewa_splat::view::ClipPlane;
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec3};
 
 /// `x,y,z`
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
@@ -42,6 +42,48 @@ pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
         let names = ParticleType::NAMED.map(|t| t.to_string()).join(", ");
         format!("u8, i16, u16 or f32 of a raw volume; {names} or a number of particles")
     })
+}
+
+/// A value, or `none`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OrNone<T>(pub(crate) Option<T>);
+
+/// What `parse` takes, or `none`.
+pub(crate) fn or_none<T>(
+    parse: impl Fn(&str) -> Result<T, String> + Clone + Send + Sync,
+) -> impl Fn(&str) -> Result<OrNone<T>, String> + Clone + Send + Sync {
+    move |text| {
+        if text.eq_ignore_ascii_case("none") {
+            return Ok(OrNone(None));
+        }
+        parse(text).map(|value| OrNone(Some(value)))
+    }
+}
+
+/// `x,y,z,DEGREES`: an axis and an angle about it, right-handed.
+pub(crate) fn turn(text: &str) -> Result<DQuat, String> {
+    let turn = match finite_numbers(text).as_deref() {
+        Some(&[x, y, z, degrees]) => DVec3::new(x, y, z)
+            .try_normalize()
+            .map(|axis| DQuat::from_axis_angle(axis, degrees.to_radians())),
+        _ => None,
+    };
+    turn.ok_or_else(|| "an axis, not 0,0,0, and degrees, such as 0,0,1,90".into())
+}
+
+/// `x0,y0,z0,x1,y1,z1`
+pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
+    let corners = match finite_numbers(text).as_deref() {
+        Some(&[x0, y0, z0, x1, y1, z1]) => [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)],
+        _ => [DVec3::ZERO; 2],
+    };
+    match corners[0].cmplt(corners[1]).all() {
+        true => Ok(corners),
+        false => Err(
+            "the lower and the upper corner of a box, six finite numbers such as 0,0,0,1,1,1"
+                .into(),
+        ),
+    }
 }
 
 /// The value of `--spacing`.

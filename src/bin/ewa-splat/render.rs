@@ -31,8 +31,8 @@ use crate::lit::LightOptions;
 use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
 use crate::progress::{bar, spinner, task_of, with_bar};
-use crate::scene::{Input, paths, steps};
 use crate::sequence::SequenceOptions;
+use crate::source::{Input, paths, steps};
 use crate::statistics::{Prepared, stats};
 use crate::truth::{ReferenceName, Truth};
 use crate::usage::{is_filtered, is_surface, refuse_unused};
@@ -269,6 +269,7 @@ struct Output {
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
     arguments.check_sequence()?;
+    arguments.data.note_edits(&mut arguments.inputs)?;
     let inputs = std::mem::take(&mut arguments.inputs);
     let is_series = arguments.sequence.is_series();
     arguments.inputs = arguments

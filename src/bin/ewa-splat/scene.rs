@@ -1,10 +1,8 @@
 //! What the inputs of a command hold together: which fields they show, and by which functions.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
 
-use clap::builder::{PathBufValueParser, TypedValueParser};
-use ewa_splat::io::{Dataset, Geometry, Mesh, ParticleType, Up, collection, is_collection};
+use ewa_splat::io::{Dataset, Geometry, Mesh, Up};
 use ewa_splat::legend::title_of;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
@@ -16,108 +14,8 @@ use indicatif::ProgressBar;
 
 use crate::input::{DataOptions, refused_surface, transfer_of};
 use crate::progress::note;
+use crate::source::Input;
 use crate::usage::{Kind, Uses};
-
-/// A file, and what is to be shown of it where that is not what the options say of all.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Input {
-    pub(crate) path: PathBuf,
-    field: Option<String>,
-    function: Option<String>,
-    /// The type of the particles that are meant, of a snapshot that holds several.
-    pub(crate) particle_type: Option<ParticleType>,
-    /// Which step of a series it belongs to.
-    pub(crate) step: usize,
-    /// The time that a collection states of it.
-    pub(crate) time: Option<f64>,
-}
-
-impl Input {
-    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. Where a file is called that with the @ in it, it is meant.
-    pub(crate) fn parse(path: PathBuf) -> Self {
-        let text = path
-            .to_str()
-            .filter(|text| text.contains('@') && !path.exists());
-        let parts: Vec<&str> = text.map_or_else(Vec::new, |text| text.split('@').collect());
-        let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
-        match parts.as_slice() {
-            [file, field] => Self {
-                field: stated(field),
-                ..Self::file(file.into())
-            },
-            [file, field, function] => Self {
-                field: stated(field),
-                function: stated(function),
-                ..Self::file(file.into())
-            },
-            _ => Self::file(path),
-        }
-    }
-
-    /// A file as it is.
-    pub(crate) fn file(path: PathBuf) -> Self {
-        Self {
-            path,
-            field: None,
-            function: None,
-            particle_type: None,
-            step: 0,
-            time: None,
-        }
-    }
-
-    /// The same of the particles of one type.
-    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
-        Self {
-            particle_type: Some(particles),
-            ..self.clone()
-        }
-    }
-
-    /// For clap.
-    pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
-        PathBufValueParser::new().map(Self::parse)
-    }
-}
-
-/// The inputs with the files of collections in their place: those of the first time step, or of all steps of a series.
-///
-/// # Errors
-/// Collections that cannot be read.
-pub(crate) fn steps(inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
-    let mut files = Vec::new();
-    let mut step = 0;
-    for input in inputs {
-        if !is_collection(&input.path).unwrap_or(false) {
-            files.push(Input { step, ..input });
-            step += 1;
-            continue;
-        }
-        let steps = collection(&input.path)?;
-        let count = steps.len();
-        if count > 1 && !is_series {
-            let (path, time) = (input.path.display(), steps[0].time);
-            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
-        }
-        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
-            let time = Some(found.time);
-            let of_step = |path| Input {
-                path,
-                step,
-                time,
-                ..input.clone()
-            };
-            files.extend(found.files.into_iter().map(of_step));
-            step += 1;
-        }
-    }
-    Ok(files)
-}
-
-/// The files.
-pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
-    inputs.iter().map(|input| &input.path)
-}
 
 /// What the inputs hold.
 pub(crate) struct Scene {
@@ -158,6 +56,18 @@ struct Read {
 }
 
 impl DataOptions {
+    /// Notes at each input what is done to it.
+    ///
+    /// # Errors
+    /// Those of [`EditOptions::of_inputs`](crate::edits::EditOptions::of_inputs).
+    pub(crate) fn note_edits(&self, inputs: &mut [Input]) -> Result<()> {
+        let edits = self.edits.of_inputs(inputs.len())?;
+        for (input, edit) in inputs.iter_mut().zip(edits) {
+            input.edit = edit;
+        }
+        Ok(())
+    }
+
     /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
     /// that is chosen from values share one, of the values of all.
     ///
@@ -441,27 +351,4 @@ fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
         ),
         field_asked: options.field.clone(),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn inputs_name_a_file_a_field_and_a_function() {
-        let parse = |text: &str| Input::parse(text.into());
-        let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
-            field: field.map(str::to_owned),
-            function: function.map(str::to_owned),
-            ..Input::file(path.into())
-        };
-        assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
-        assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));
-        assert_eq!(
-            parse("a.vtu@v:x@f.json"),
-            of("a.vtu", Some("v:x"), Some("f.json"))
-        );
-        assert_eq!(parse("a.vtu@@plasma"), of("a.vtu", None, Some("plasma")));
-        assert_eq!(parse("a@b@c@d"), of("a@b@c@d", None, None));
-    }
 }

@@ -9,7 +9,7 @@ use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{Error, Result};
 
 use crate::input::DataOptions;
-use crate::scene::Input;
+use crate::source::Input;
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 pub(crate) enum ReferenceName {

@@ -1,15 +1,11 @@
 //! The columns of a table, by name.
 
-use super::super::{TakenScalar, check_len, describes_the_grid, is_colour};
+use super::super::{TakenScalar, check_len, describes_the_grid};
 use crate::error::{Error, Result};
 use crate::image::linear_from_srgb;
-use crate::io::{Association, Dataset, Field, FieldSource, Smoothing};
+use crate::io::{Association, Dataset, Field, FieldSource, SCALES, Smoothing, VARIANCE};
 use crate::scene::Values;
 
-pub(super) const VARIANCE: [&str; 6] = ["vxx", "vxy", "vxz", "vyy", "vyz", "vzz"];
-pub(super) const SCALES: [&str; 7] = [
-    "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
-];
 pub(super) const RGB: [&str; 3] = ["r", "g", "b"];
 /// The names that scanners give to colours: bytes, as displays take them.
 pub(super) const RED_GREEN_BLUE: [&str; 3] = ["red", "green", "blue"];
@@ -70,9 +66,9 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Red, green and blue of the first array that holds colours ([`is_colour`]).
+    /// Red, green and blue of the first array that holds colours ([`Field::is_colour`]).
     pub(super) fn colours(&self) -> Option<[&'a Values; 3]> {
-        let of_nodes = |f: &&Field| f.association == Association::Nodes && is_colour(f);
+        let of_nodes = |f: &&Field| f.association == Association::Nodes && f.is_colour();
         let found = self.dataset.fields.iter().find(of_nodes)?;
         match &found.source {
             FieldSource::Vector(components) => match components.as_slice() {

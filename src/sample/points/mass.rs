@@ -21,7 +21,8 @@ pub(super) enum Mass<'a> {
 #[derive(Clone, Copy)]
 pub(super) enum Volume<'a> {
     Column(&'a Values),
-    MassOverDensity(&'a Values, &'a Values),
+    /// The masses, the densities, and what their quotients are multiplied by.
+    MassOverDensity(&'a Values, &'a Values, f64),
     /// What the neighbours leave.
     Computed(&'a [f64]),
     /// The volume whose kernel this is: the product of the principal standard deviations over
@@ -71,7 +72,9 @@ impl<'a> Columns<'a> {
                 Mass::Classified(
                     match (volume, self.get(mass)?, self.get(density)?, volumes) {
                         (Some(volume), ..) => Volume::Column(volume),
-                        (None, Some(m), Some(rho), _) => Volume::MassOverDensity(m, rho),
+                        (None, Some(m), Some(rho), _) => {
+                            Volume::MassOverDensity(m, rho, self.dataset.volume_scale)
+                        }
                         (_, _, _, Some(volumes)) => Volume::Computed(volumes),
                         _ => Volume::Kernel,
                     },
@@ -109,7 +112,7 @@ impl Mass<'_> {
             Self::Classified(volume) => {
                 let volume = match volume {
                     Volume::Column(volume) => number(volume),
-                    Volume::MassOverDensity(m, rho) => number(m) / number(rho),
+                    Volume::MassOverDensity(m, rho, scale) => scale * number(m) / number(rho),
                     Volume::Computed(volumes) => volumes[i],
                     Volume::Kernel => kernel_volume,
                 };

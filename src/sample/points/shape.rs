@@ -8,9 +8,9 @@ use super::super::kernel_sums::{Summand, everywhere};
 use super::super::left_out::LeftOut;
 use super::super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::super::{DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, sph, yu_turk};
-use super::columns::{Columns, SCALES, VARIANCE};
+use super::columns::Columns;
 use crate::error::{Error, Hint, Result};
-use crate::io::{LengthMeaning, SphKernel};
+use crate::io::{LengthMeaning, SCALES, SphKernel, VARIANCE};
 use crate::math::{eigen, factor_of_variance, from_eigen, principal_sigmas};
 use crate::scene::Values;
 
@@ -221,7 +221,8 @@ impl<'a> Columns<'a> {
         let (_, mass, density) = self.names();
         let volumes = match (self.get(mass)?, self.get(density)?) {
             (Some(mass), Some(density)) => {
-                let volume = |i| f64::from(mass.get(i)) / f64::from(density.get(i));
+                let scale = self.dataset.volume_scale;
+                let volume = |i| scale * f64::from(mass.get(i)) / f64::from(density.get(i));
                 (0..self.count).into_par_iter().map(volume).collect()
             }
             _ => index.volumes(task)?,

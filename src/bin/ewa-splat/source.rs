@@ -1,0 +1,137 @@
+//! A file that is named, and what is meant of it.
+
+use std::path::PathBuf;
+
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use ewa_splat::Result;
+use ewa_splat::io::{ParticleType, collection, is_collection};
+
+use crate::edits::Edit;
+use crate::progress::note;
+
+/// A file, and what is to be shown of it where that is not what the options say of all.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Input {
+    pub(crate) path: PathBuf,
+    pub(crate) field: Option<String>,
+    pub(crate) function: Option<String>,
+    /// The type of the particles that are meant, of a snapshot that holds several.
+    pub(crate) particle_type: Option<ParticleType>,
+    /// Which step of a series it belongs to.
+    pub(crate) step: usize,
+    /// The time that a collection states of it.
+    pub(crate) time: Option<f64>,
+    /// Where it goes, and what of it is read on.
+    pub(crate) edit: Edit,
+}
+
+impl Input {
+    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. Where a file is called that with the @ in it, it is meant.
+    pub(crate) fn parse(path: PathBuf) -> Self {
+        let text = path
+            .to_str()
+            .filter(|text| text.contains('@') && !path.exists());
+        let parts: Vec<&str> = text.map_or_else(Vec::new, |text| text.split('@').collect());
+        let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
+        match parts.as_slice() {
+            [file, field] => Self {
+                field: stated(field),
+                ..Self::file(file.into())
+            },
+            [file, field, function] => Self {
+                field: stated(field),
+                function: stated(function),
+                ..Self::file(file.into())
+            },
+            _ => Self::file(path),
+        }
+    }
+
+    /// A file as it is.
+    pub(crate) fn file(path: PathBuf) -> Self {
+        Self {
+            path,
+            field: None,
+            function: None,
+            particle_type: None,
+            step: 0,
+            time: None,
+            edit: Edit::default(),
+        }
+    }
+
+    /// The same of the particles of one type.
+    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
+        Self {
+            particle_type: Some(particles),
+            ..self.clone()
+        }
+    }
+
+    /// For clap.
+    pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
+        PathBufValueParser::new().map(Self::parse)
+    }
+}
+
+/// The inputs with the files of collections in their place: those of the first time step, or of all steps of a series.
+///
+/// # Errors
+/// Collections that cannot be read.
+pub(crate) fn steps(inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+    let mut files = Vec::new();
+    let mut step = 0;
+    for input in inputs {
+        if !is_collection(&input.path).unwrap_or(false) {
+            files.push(Input { step, ..input });
+            step += 1;
+            continue;
+        }
+        let steps = collection(&input.path)?;
+        let count = steps.len();
+        if count > 1 && !is_series {
+            let (path, time) = (input.path.display(), steps[0].time);
+            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
+        }
+        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
+            let time = Some(found.time);
+            let of_step = |path| Input {
+                path,
+                step,
+                time,
+                ..input.clone()
+            };
+            files.extend(found.files.into_iter().map(of_step));
+            step += 1;
+        }
+    }
+    Ok(files)
+}
+
+/// The files.
+pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
+    inputs.iter().map(|input| &input.path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_name_a_file_a_field_and_a_function() {
+        let parse = |text: &str| Input::parse(text.into());
+        let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
+            field: field.map(str::to_owned),
+            function: function.map(str::to_owned),
+            ..Input::file(path.into())
+        };
+        assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
+        assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));
+        assert_eq!(
+            parse("a.vtu@v:x@f.json"),
+            of("a.vtu", Some("v:x"), Some("f.json"))
+        );
+        assert_eq!(parse("a.vtu@@plasma"), of("a.vtu", None, Some("plasma")));
+        assert_eq!(parse("a@b@c@d"), of("a@b@c@d", None, None));
+    }
+}
