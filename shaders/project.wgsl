@@ -104,7 +104,9 @@ fn project(
         }
     }
     let is_cut = IS_CUT || edges.count > 0u;
-    if RULE == RULE_PEAK {
+    if HAS_EDGES && edges.is_outside {
+        out = invisible(kernel, particle.carried, key);
+    } else if RULE == RULE_PEAK {
         if IS_CUT {
             // Without a depth of its own: where its centre lies.
             exact[i] = ExactTerms();
@@ -129,10 +131,6 @@ fn project(
         );
     }
     if HAS_EDGES && RULE != RULE_SURFACE {
-        if edges.is_outside {
-            out.columns = 0u;
-            out.rows = 0u;
-        }
         exact[i].edges = cut_by_edges(view, kernel, edges, out);
     }
     if RULE != RULE_SURFACE && view.keys_begin != 0u {

@@ -976,6 +976,41 @@ fn a_reference_is_of_kernels_or_of_the_data() {
     }
 }
 
+/// Kernels that the domain of their data leaves nothing of are drawn by no path.
+#[test]
+fn footprints_are_those_of_all_paths() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = String::from(
+        "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 3\nORIGIN 0 0 0\n\
+         SPACING 1 1 1\nPOINT_DATA 36\nSCALARS v float 1\nLOOKUP_TABLE default\n",
+    );
+    for i in 0..36 {
+        file.push_str(&format!("{:.3} ", f64::from(i * 7 % 36) / 36.0));
+    }
+    std::fs::write(folder.path().join("a.vtk"), file).unwrap();
+    for backend in ["cpu", "gpu"] {
+        let line = format!(
+            "render a.vtk --azimuth 30 --size 48x40 --backend {backend} --out a.png --stats s.json"
+        );
+        let words: Vec<&str> = line.split(' ').collect();
+        let output = run(folder.path(), &words);
+        if backend == "gpu" && !output.status.success() {
+            // No adapter.
+            assert!(std::env::var_os("EWA_REQUIRE_GPU").is_none());
+            continue;
+        }
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let stats = json(folder.path().join("s.json"));
+        let paths = stats["footprint_paths"].as_object().unwrap();
+        let sum: u64 = paths.values().map(|n| n.as_u64().unwrap()).sum();
+        assert_eq!(
+            stats["footprints"].as_u64(),
+            Some(sum),
+            "{backend}: {paths:?}"
+        );
+    }
+}
+
 #[test]
 fn a_mesh_alone_has_as_many_surfels_as_pixels() {
     let folder = tempfile::tempdir().unwrap();

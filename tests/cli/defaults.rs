@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::{fixture, run, text};
 use crate::common::real_data;
-use ewa_splat::io::read_image;
+use ewa_splat::io::{OpenOptions, RawLayout, RawType, read_image};
+use ewa_splat::sample::SampleOptions;
+use ewa_splat::scene::Strength;
 
 /// Endings of files that belong to others, or are of formats that are not read (yet).
 const PASSED_OVER: &[&str] = &[
@@ -170,6 +172,85 @@ fn nothing_of_meshes_and_particles_is_invisible() {
         let found = opacities(&folder.path().join("f.json"));
         assert!(found.iter().all(|o| *o > 0.0), "{name}: {found:?}");
     }
+}
+
+/// Of lattices and grids what cannot be seen is the background, a run of values around the fullest or at the low end; of
+/// everything else no more than a twentieth.
+#[test]
+fn of_grids_nothing_but_the_background_is_invisible() {
+    const BINS: usize = 256;
+    let raw = |dims| RawLayout {
+        dims,
+        spacing: glam::DVec3::ONE,
+        origin: glam::DVec3::ZERO,
+        scalar: RawType::U8,
+        big_endian: false,
+    };
+    let mut looked_at = 0;
+    for (name, layout) in [
+        (
+            "volumes/engine_256x256x128_uint8.raw",
+            Some(raw([256, 256, 128])),
+        ),
+        ("volumes/nucleon_41x41x41_uint8.raw", Some(raw([41; 3]))),
+        ("rectilinear/RectGrid2.vtk", None),
+        ("curvilinear/bluntfin/bluntfinxyz.bin", None),
+        ("curvilinear/multicomb_0.vts", None),
+        ("formats/collections/chombo3d/chombo3d_0.vti", None),
+    ] {
+        let Some(path) = real_data(name) else {
+            continue;
+        };
+        let options = OpenOptions {
+            raw: layout,
+            ..OpenOptions::default()
+        };
+        let dataset = ewa_splat::io::open(&path, &options).unwrap();
+        let options = SampleOptions {
+            scale: None,
+            ..SampleOptions::default()
+        };
+        let volume = ewa_splat::sample::volume(dataset, &options).unwrap().volume;
+        let function = volume.transfer_function.unwrap();
+        let (values, Strength::Classified { volumes }) = (volume.values.unwrap(), volume.strength)
+        else {
+            panic!("{name}: not classified");
+        };
+        let [lo, hi] = function.range();
+        let (mut held, mut unseen) = ([0.0; BINS], [0.0; BINS]);
+        for i in 0..values.len() {
+            let value = values.get(i).clamp(lo, hi);
+            if value.is_nan() {
+                continue;
+            }
+            let own = f64::from(volumes.get(i).copied().unwrap_or(1.0));
+            let bin = ((value - lo) / (hi - lo) * BINS as f32) as usize;
+            let bin = bin.min(BINS - 1);
+            held[bin] += own;
+            if function.classify(value)[3] <= 0.0 {
+                unseen[bin] += own;
+            }
+        }
+        let fullest = (0..BINS)
+            .max_by(|a, b| held[*a].total_cmp(&held[*b]))
+            .unwrap();
+        let is_dark = |bin: usize| held[bin] > 0.0 && unseen[bin] >= 0.5 * held[bin];
+        let start = if is_dark(fullest) { fullest } else { 0 };
+        // Empty bins do not end a run.
+        let run_end = |mut bins: Box<dyn Iterator<Item = usize>>| {
+            bins.find(|b| held[*b] > 0.0 && !is_dark(*b))
+        };
+        let first = run_end(Box::new((0..start).rev())).map_or(0, |b| b + 1);
+        let last = run_end(Box::new(start..BINS)).unwrap_or(BINS);
+        let whole: f64 = held.iter().sum();
+        let beyond = unseen[..first].iter().chain(&unseen[last..]).sum::<f64>() / whole;
+        let background = unseen[first..last].iter().sum::<f64>() / whole;
+        println!("{name}: background {background:.3}, unseen beyond it {beyond:.4}");
+        assert!(beyond < 0.05, "{name}: {beyond} of the volume is not seen");
+        assert!(background < 0.95, "{name}: {background} is background");
+        looked_at += 1;
+    }
+    assert!(looked_at == 6 || real_data("MANIFEST.md").is_none());
 }
 
 #[test]

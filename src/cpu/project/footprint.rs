@@ -55,7 +55,7 @@ pub(super) fn slab_key(
 
 /// A footprint that reaches no pixel yet.
 #[inline]
-fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprint {
+pub(super) fn invisible(kernel: &Kernel, carried: Carried, key: u32) -> Footprint {
     Footprint {
         centre_px: [0.0; 2],
         form_p: [0.0; 2],

@@ -360,7 +360,10 @@ impl Projection<'_> {
         let (view, near) = (self.input.view, &self.output.near);
         let crowding = run.shapes.block.crowding;
         let is_cut = self.input.is_cut || !edges.is_empty();
-        let mut out = match self.rule {
+        if edges.is_outside() {
+            return footprint::invisible(kernel, carried, key);
+        }
+        let out = match self.rule {
             Rule::Peak { is_anti_aliased } => {
                 // Without a depth of its own: where its centre lies.
                 *terms = is_cut.then(ExactTerms::default);
@@ -374,9 +377,7 @@ impl Projection<'_> {
                 view, run.filter, is_lone, kernel, crowding, carried, key, is_cut, terms, near,
             ),
         };
-        if edges.is_outside() {
-            (out.columns, out.rows) = (0, 0);
-        } else if !edges.is_empty() && out.is_visible() {
+        if !edges.is_empty() && out.is_visible() {
             cut_by_edges(view, kernel, edges, &out, terms, self.output);
         }
         out
