@@ -6,6 +6,9 @@
 //! | other splats | -y: training scenes have y down, and what is read is turned to their axes |
 //! | particles in a flat layer across x or y | the axis across it |
 //! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |
+//!
+//! Splats that lie beside the origin are a piece of a scene whose cameras stood around that, and are good from
+//! there alone: they are looked at from the origin's side.
 
 use glam::DVec3;
 
@@ -21,6 +24,8 @@ pub struct Up {
     pub direction: DVec3,
     /// For people, in a few words.
     pub reason: &'static str,
+    /// The direction of view, unit length, of a picture that is told none, where the data have a front.
+    pub front: Option<DVec3>,
     /// Whether a mesh says it. Beside other data it says nothing: see [`Up::of_scene`].
     pub is_of_mesh: bool,
 }
@@ -47,6 +52,7 @@ impl Up {
         let none = Self {
             direction: DVec3::Z,
             reason: "no data",
+            front: None,
             is_of_mesh: true,
         };
         let first_of = |chosen: Option<Self>, next: Self| match chosen {
@@ -73,12 +79,22 @@ impl Dataset {
             }
         };
         let (direction, reason) = self.format_up.unwrap_or(guessed);
+        let is_of_splats = matches!(self.geometry, Geometry::Splats(_));
+        let bounds = self.bounds().filter(|_| is_of_splats);
         Up {
             direction,
             reason,
+            front: bounds.and_then(|(lower, upper)| front(lower, upper)),
             is_of_mesh,
         }
     }
+}
+
+/// From the origin to the middle of a box that lies beside it, by more than the box's own size along some axis.
+fn front(lower: DVec3, upper: DVec3) -> Option<DVec3> {
+    let (middle, size) = (lower.midpoint(upper), upper - lower);
+    let is_beside = middle.abs().cmpgt(1.5 * size).any();
+    middle.try_normalize().filter(|_| is_beside)
 }
 
 /// The axis across a flat layer of particles, a disc of stars say; z of all others.
@@ -110,6 +126,19 @@ mod tests {
 
     fn up(geometry: Geometry) -> Up {
         Dataset::new(Path::new("a"), "made", geometry, Vec::new()).up()
+    }
+
+    #[test]
+    fn splats_beside_the_origin_have_a_front() {
+        let cloud = |middle: DVec3| SplatCloud {
+            positions: vec![middle - 0.5, middle, middle + 0.5],
+            ..SplatCloud::default()
+        };
+        let front = |middle| up(Geometry::Splats(cloud(middle))).front;
+        assert_eq!(front(DVec3::ZERO), None);
+        assert_eq!(front(DVec3::new(1.4, -1.4, 0.0)), None);
+        assert_eq!(front(DVec3::new(0.0, 0.0, -2.0)), Some(DVec3::NEG_Z));
+        assert_eq!(points([1.0; 3]).front, None);
     }
 
     fn points(extent: [f64; 3]) -> Up {

@@ -47,6 +47,15 @@ pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
 }
 
 impl Viewpoint {
+    /// The azimuth [degrees], -180 to 180, of a direction of view; 0 where that is along what points up.
+    ///
+    /// - `up`: as [`Viewpoint::up`].
+    pub fn azimuth_of(direction: DVec3, up: DVec3) -> f64 {
+        let upright = DQuat::from_rotation_arc(DVec3::Z, up);
+        let level = upright.inverse() * direction;
+        (-level.x).atan2(level.y).to_degrees()
+    }
+
     /// The camera of this direction that sees all of `boxes` as large and as centred as it can;
     /// `None` where there is no box.
     ///
@@ -275,6 +284,27 @@ mod tests {
             assert!(camera.eye.z * up.y > 1.0 && camera.eye.truncate().length() < 1e-9);
             let right = camera.project(DVec3::X).unwrap();
             assert!(right.x > 40.0 && (right.y - 32.0).abs() < 1e-9, "{right}");
+        }
+    }
+
+    #[test]
+    fn azimuths_are_those_of_directions() {
+        for up in [DVec3::X, DVec3::Y, DVec3::NEG_Y, DVec3::Z] {
+            for azimuth_deg in [-150.0, -20.0, 0.0, 75.0, 170.0] {
+                let view = Viewpoint {
+                    azimuth_deg,
+                    elevation_deg: 20.0,
+                    zoom: 1.0,
+                    up,
+                };
+                let boxes = [(DVec3::ZERO, DVec3::ONE)];
+                let camera = view.camera_around(&boxes, Lens::OrthoHeight(None), [8; 2]);
+                let found = Viewpoint::azimuth_of(camera.unwrap().forward(), up);
+                assert!(
+                    (found - azimuth_deg).abs() < 1e-9,
+                    "{up}: {azimuth_deg} {found}"
+                );
+            }
         }
     }
 

@@ -184,6 +184,13 @@ pub(crate) fn print_table(description: &Value) {
             text(&description["up"]["reason"])
         ),
     );
+    if description["front"].is_array() {
+        let front = vector(&description["front"]);
+        row(
+            "seen along",
+            format!("{front} (a piece of a scene, from its origin)"),
+        );
+    }
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));
     if description["particles"].is_u64() {

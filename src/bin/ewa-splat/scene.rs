@@ -27,7 +27,7 @@ pub(crate) struct Scene {
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// What points up: [`Up::of_scene`].
-    pub(crate) up: DVec3,
+    pub(crate) up: Up,
     /// The least and the greatest coordinates of each input's data.
     corners: Vec<(DVec3, DVec3)>,
 }
@@ -78,7 +78,7 @@ impl DataOptions {
         &self,
         inputs: &[Input],
         options: &SampleOptions,
-        most_pixels: impl Fn(&Mesh, DVec3) -> Result<Option<f64>>,
+        most_pixels: impl Fn(&Mesh, Up) -> Result<Option<f64>>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
         self.check_surface()?;
@@ -109,7 +109,7 @@ impl DataOptions {
             let mut options = self.of_input(input, &options);
             if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
                 && options.spread == Spread::Automatic
-                && let Some(density) = most_pixels(mesh, dataset.up().direction)?
+                && let Some(density) = most_pixels(mesh, dataset.up())?
             {
                 options.spread = Spread::NoDenser(density);
             }
@@ -149,7 +149,7 @@ impl DataOptions {
             grids_only: reads
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
-            up: DVec3::Z,
+            up: Up::of_scene([]),
             corners: reads.iter().filter_map(|read| read.corners).collect(),
         };
         let mut ups = Vec::new();
@@ -164,7 +164,7 @@ impl DataOptions {
         if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
             return Err(refused_surface("a field", "none"));
         }
-        scene.up = Up::of_scene(ups).direction;
+        scene.up = Up::of_scene(ups);
         Ok(scene)
     }
 

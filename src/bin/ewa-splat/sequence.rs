@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ewa_splat::Result;
+use ewa_splat::io::Up;
 use ewa_splat::view::{Bounds, Camera, CameraPath};
-use glam::DVec3;
 
 use crate::viewpoint::{CameraOptions, Canvas};
 
@@ -68,7 +68,7 @@ impl SequenceOptions {
         &self,
         options: &CameraOptions,
         boxes: &[Bounds],
-        up: DVec3,
+        up: Up,
         canvas: &Canvas,
     ) -> Result<Vec<Camera>> {
         match (&self.camera_path, self.turntable) {

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use ewa_splat::io::Mesh;
+use ewa_splat::io::{Mesh, Up};
 use ewa_splat::sample::mesh::pixels_per_area;
 use ewa_splat::view::{
     Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera, sphere_around,
@@ -87,7 +87,7 @@ pub(crate) struct CameraOptions {
     #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
     ortho: Option<f64>,
     /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z, with y
-    /// down along +z     /// [default: 30]
+    /// down along +z [default: 30; splats of a scene's piece: from the scene's origin]
     #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
     azimuth: Option<f64>,
     /// Fitted camera: degrees above the horizon [default: 25]
@@ -114,7 +114,7 @@ impl CameraOptions {
     pub(crate) fn camera(
         &self,
         boxes: &[Bounds],
-        default_up: DVec3,
+        default_up: Up,
         canvas: &Canvas,
     ) -> Result<Camera> {
         if let Some(path) = &self.camera {
@@ -126,7 +126,7 @@ impl CameraOptions {
         }
         let size = canvas.size();
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
-        let up = self.up.unwrap_or(default_up);
+        let up = self.up.unwrap_or(default_up.direction);
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
         if let Some(eye) = self.eye {
             let target = self.target.or(centre).unwrap_or(eye + DVec3::Y);
@@ -145,7 +145,7 @@ impl CameraOptions {
             });
         }
         let is_turned = self.fit == Some(Fit::All);
-        Ok(self.fitted(0.0, boxes, up, canvas, is_turned))
+        Ok(self.fitted(0.0, boxes, default_up, canvas, is_turned))
     }
 
     /// The camera that is fitted to the sphere around all data, turned by some degrees.
@@ -153,7 +153,7 @@ impl CameraOptions {
         &self,
         turn_deg: f64,
         boxes: &[Bounds],
-        default_up: DVec3,
+        default_up: Up,
         canvas: &Canvas,
     ) -> Result<Camera> {
         if self.fit == Some(Fit::View) {
@@ -165,22 +165,25 @@ impl CameraOptions {
                 "leave it out",
             ));
         }
-        let up = self.up.unwrap_or(default_up);
-        Ok(self.fitted(turn_deg, boxes, up, canvas, true))
+        Ok(self.fitted(turn_deg, boxes, default_up, canvas, true))
     }
 
     fn fitted(
         &self,
         turn_deg: f64,
         boxes: &[Bounds],
-        up: DVec3,
+        default_up: Up,
         canvas: &Canvas,
         is_around: bool,
     ) -> Camera {
+        let up = self.up.unwrap_or(default_up.direction);
+        let front = default_up
+            .front
+            .map(|front| Viewpoint::azimuth_of(front, up));
         let (size, whole) = (canvas.inner(), canvas.size());
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let viewpoint = Viewpoint {
-            azimuth_deg: self.azimuth.unwrap_or(30.0) + turn_deg,
+            azimuth_deg: self.azimuth.or(front).unwrap_or(30.0) + turn_deg,
             elevation_deg: self.elevation.unwrap_or(25.0),
             zoom: self.zoom.unwrap_or(1.0),
             up,
