@@ -65,6 +65,33 @@ fn annotations_lie_in_their_corners() {
     );
 }
 
+/// Whatever of the data is visible.
+#[test]
+fn an_outline_is_seen_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let is_core = |i: &usize| {
+        [i % 12, i / 12 % 12, i / 144]
+            .iter()
+            .all(|x| (5..7).contains(x))
+    };
+    let bytes: Vec<u8> = (0..1728)
+        .map(|i| if is_core(&i) { 200 } else { 0 })
+        .collect();
+    std::fs::write(folder.join("core.raw"), bytes).unwrap();
+    let line = "render core.raw --dims 12,12,12 --size 120x100 --backend cpu --background none --outline --out a.npy";
+    let words: Vec<&str> = line.split(' ').collect();
+    let output = run(folder, &words);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let image = read_image(&folder.join("a.npy")).unwrap();
+    let shown = |x: usize, y: usize| image.pixel(x, y)[3] > 0.05;
+    let at_edges = (0..120).any(|x| shown(x, 0) || shown(x, 99));
+    let at_sides = (0..100).any(|y| shown(0, y) || shown(119, y));
+    assert!(!at_edges && !at_sides);
+    let rows = (0..100).filter(|&y| (0..120).any(|x| shown(x, y)));
+    assert!(rows.count() > 80);
+}
+
 #[test]
 fn annotations_are_of_pictures() {
     let folder = tempfile::tempdir().unwrap();

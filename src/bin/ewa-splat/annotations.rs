@@ -39,6 +39,10 @@ pub(crate) struct AnnotationOptions {
 }
 
 impl AnnotationOptions {
+    pub(crate) fn has_outline(&self) -> bool {
+        self.outline
+    }
+
     /// The first option that is given.
     fn first(&self) -> Option<&'static str> {
         [

@@ -384,7 +384,9 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         let room_px = legend_width(&legend, whole.size());
         (renderer.visible_boxes(), Canvas { room_px, ..whole })
     };
-    let boxes = left_of(all, &arguments.clip_planes());
+    let mut boxes = left_of(all, &arguments.clip_planes());
+    // An outline is seen whole, what it is around as a whole or not.
+    boxes.extend(bounds.filter(|_| arguments.annotations.has_outline()));
     let cameras = cameras(&boxes, up, &canvas)?;
     let camera = cameras[0].clone();
     let backend = arguments.backend(&renderer, &camera);
@@ -624,6 +626,7 @@ impl Arguments {
                 true => bars(&scene)?,
                 false => Vec::new(),
             };
+            self.method.check_use(&scene.volumes)?;
             if self.cut.cut_faces {
                 add_faces(&mut scene.volumes, &planes, self.is_lit())?;
             }
