@@ -107,8 +107,9 @@ pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
     placement.validate()?;
     dataset.validate()?;
     let rotation = placement.matrix();
+    // What is up in pictures is the world's: who turns a thing wants to see it turned.
     let up = dataset.up();
-    dataset.format_up = Some((rotation * up.direction, up.reason));
+    dataset.format_up = Some((up.direction, up.reason));
     let turns = rotation != DMat3::IDENTITY;
     if turns {
         turn_vectors(&mut dataset.fields, rotation);
@@ -348,7 +349,7 @@ mod tests {
         for placement in quarter_turns.into_iter().chain([oblique()]) {
             for dataset in fixtures::all() {
                 let rotation = placement.matrix();
-                let up = rotation * dataset.up().direction;
+                let up = dataset.up().direction;
                 let before = samples(&dataset);
                 let placed = place(dataset, &placement).unwrap();
                 assert_eq!(placed.up().direction, up);

@@ -20,7 +20,7 @@ const FLAT: f64 = 0.25;
 /// Which way is up, and why.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Up {
-    /// Unit length; along an axis, unless the data were turned ([`edit::place`](crate::edit::place)).
+    /// Unit length, along an axis; a turn of the data ([`edit::place`](crate::edit::place)) leaves it as it was.
     pub direction: DVec3,
     /// For people, in a few words.
     pub reason: &'static str,

@@ -313,6 +313,35 @@ fn data_and_camera_moved_alike_show_the_same_picture() {
     assert!(most < rounding, "{most}");
 }
 
+/// By a fitted camera: what is up stays.
+#[test]
+fn what_is_turned_is_seen_turned() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // A tall wedge: its point at the top.
+    let wedge = "v 0 0 0\nv 1 0 0\nv 0 0 1\nv 0.2 3 0.2\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n";
+    std::fs::write(folder.join("wedge.obj"), wedge).unwrap();
+    let centre = |options: &str| {
+        let line = format!(
+            "render wedge.obj --elevation 0 --size 60x60 --backend cpu --out a.npy{options}"
+        );
+        done(folder, &line);
+        let image = ewa_splat::io::read_image(&folder.join("a.npy")).unwrap();
+        let rows = (0..60).flat_map(|y| (0..60).map(move |x| (x, y)));
+        let seen: Vec<usize> = rows
+            .filter(|&(x, y)| image.pixel(x, y)[3] > 0.5)
+            .map(|(_, y)| y)
+            .collect();
+        seen.iter().sum::<usize>() as f64 / seen.len() as f64
+    };
+    // Most of it is at its foot.
+    let (upright, upside_down) = (centre(""), centre(" --rotate 0,0,1,180"));
+    assert!(
+        upright > 33.0 && upside_down < 27.0,
+        "{upright} {upside_down}"
+    );
+}
+
 #[test]
 fn cropped_data_are_those_of_files_cut_by_hand() {
     let folder = tempfile::tempdir().unwrap();
