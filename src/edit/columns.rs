@@ -2,7 +2,6 @@
 
 use glam::{DMat3, DQuat};
 
-use super::place::is_of_axes;
 use crate::io::{Association, Dataset, Field, FieldSource, LENGTHS, SCALES, VARIANCE};
 use crate::math::{factor_of_variance, lower_matrix, scales_and_rotation, symmetric};
 use crate::scene::Values;
@@ -12,6 +11,12 @@ const ROTATION: [&str; 4] = {
     let [_, _, _, w, x, y, z] = SCALES;
     [w, x, y, z]
 };
+
+/// Whether a rotation of a placement takes axes to axes.
+pub(super) fn is_of_axes(rotation: DMat3) -> bool {
+    let is_whole = |x: f64| (x - x.round()).abs() <= 0.0;
+    rotation.to_cols_array().into_iter().all(is_whole)
+}
 
 /// Multiplies what has a length in it, and turns shapes.
 ///

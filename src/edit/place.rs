@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::columns::{self, narrowed};
+use super::columns::{self, is_of_axes, narrowed};
 use super::select::{Turned, reselect};
 use crate::error::{Error, Result};
 use crate::io::{
@@ -74,12 +74,6 @@ impl Placement {
             "correct them",
         ))
     }
-}
-
-/// Whether a rotation of [`Placement::matrix`] takes axes to axes.
-pub(super) fn is_of_axes(rotation: DMat3) -> bool {
-    let is_whole = |x: f64| (x - x.round()).abs() <= 0.0;
-    rotation.to_cols_array().into_iter().all(is_whole)
 }
 
 /// A data set resized, turned and moved.

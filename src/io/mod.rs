@@ -92,6 +92,7 @@ pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+#[cfg(feature = "legend")]
 pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;

@@ -9,9 +9,9 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::annotations::Overlays;
-use crate::column_mean::quotient;
+use crate::column_mean::{ColumnMean, quotient};
 use crate::legend::column_title;
-use crate::render::{Arguments, ColumnLook, ColumnMean};
+use crate::render::{Arguments, ColumnLook};
 use crate::statistics::{Prepared, stats};
 
 impl Arguments {

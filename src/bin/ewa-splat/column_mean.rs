@@ -7,11 +7,18 @@ use ewa_splat::{ColumnImage, Error, Result};
 use indicatif::ProgressBar;
 
 use crate::input::DataOptions;
-use crate::render::ColumnMean;
 use crate::source::Input;
 
 /// The option's name, for errors.
 const OPTION: &str = "--column-mean";
+
+/// What the columns of a mean are divided by others for.
+pub(crate) struct ColumnMean {
+    /// What a legend calls the field.
+    pub(crate) title: String,
+    /// What its sums are of.
+    pub(crate) weighed: Vec<PointVolume>,
+}
 
 /// What columns of the mean are divided from: the volumes whose columns are those of `volumes` times a field, particle
 /// by particle.

@@ -163,14 +163,6 @@ struct Method {
     column_mean: Option<String>,
 }
 
-/// What the columns of a mean are divided by others for.
-pub(crate) struct ColumnMean {
-    /// What a legend calls the field.
-    pub(crate) title: String,
-    /// What its sums are of.
-    pub(crate) weighed: Vec<PointVolume>,
-}
-
 /// How the picture of a column density looks: a colour map's name, the range of the values and their scale, where
 /// they are asked for.
 pub(crate) struct ColumnLook<'a> {
