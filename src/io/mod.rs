@@ -22,8 +22,10 @@ mod hdf5;
 mod image_file;
 mod mesh;
 mod mesh_part;
+mod meta_image;
 mod npy;
 mod npz;
+mod nrrd;
 mod obj;
 mod particle_type;
 mod plot3d;
@@ -49,6 +51,7 @@ mod table;
 mod texture;
 mod unit;
 mod up;
+mod voxels;
 mod vti;
 mod vtk_array;
 mod vtk_codec;
@@ -161,8 +164,8 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 ];
 
 /// What is read, in messages about what is not.
-const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, HDF5 \
-     particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
+const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
+     MetaImage, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -201,6 +204,8 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
+/// | `NRRD` | [NRRD](https://teem.sourceforge.net/nrrd/format.html) image, with the files of numbers that it names |
+/// | `ObjectType =` or `NDims =`, or `.mha`, `.mhd` | [MetaImage](https://itk.org/Wiki/ITK/MetaIO/Documentation), with the files of numbers that it names |
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
@@ -233,7 +238,7 @@ pub fn has_particle_types(path: &Path) -> Result<bool> {
 /// - `name`: what the file is called; its extension says what the contents leave open, and errors
 ///   have it.
 ///
-/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it) need
+/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it, headers of images) need
 /// [`read_with`]; nothing is looked for on the disk.
 ///
 /// ```
@@ -319,6 +324,12 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if head.starts_with(npy::MAGIC) {
         return npy::read(input);
     }
+    if head.starts_with(nrrd::MAGIC) {
+        return nrrd::read(input);
+    }
+    if meta_image::looks_like(&head) {
+        return meta_image::read(input);
+    }
     if vtk_xml::looks_like(&head) {
         return match vtk_xml::file_type(&head).unwrap_or("") {
             "ImageData" | "PImageData" => vti::read(input),
@@ -359,6 +370,9 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if extension == "obj" {
         return obj::read(input, texture);
     }
+    if matches!(extension, "mha" | "mhd") {
+        return meta_image::read(input);
+    }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
         return raw::read(input, layout);
@@ -380,9 +394,6 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     };
     if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
         return Err(refuse(name, (*advice).into()));
-    }
-    if head.starts_with(b"NRRD") {
-        return Err(refuse("an NRRD file", Hint::GiveRawData.into()));
     }
     if head.starts_with(b"\x1f\x8b") {
         return Err(refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()));

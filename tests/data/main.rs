@@ -22,6 +22,8 @@ mod from_bytes;
 mod hdf5;
 mod mesh_sampling;
 mod meshes;
+mod meta_image;
+mod nrrd;
 mod particles;
 mod public_data;
 mod readers;

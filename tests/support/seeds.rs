@@ -1,5 +1,6 @@
 //! Small sound files of every format, for damage.
 
+use std::io::Write;
 use std::sync::OnceLock;
 
 use base64::Engine;
@@ -90,6 +91,9 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             seeds.push(("a.csv".into(), text.to_vec()));
             seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
         }
+        for _ in 0..4 {
+            seeds.extend(images());
+        }
         for encoding in Ply::ALL {
             for degree in 0..4 {
                 let splats = some_splats(3, degree);
@@ -127,6 +131,62 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         }
         seeds
     })
+}
+
+/// Images with headers, with their numbers behind them.
+fn images() -> Vec<(String, Vec<u8>)> {
+    let mut seeds = Vec::new();
+    let gzip = |bytes: &[u8]| {
+        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        gz.write_all(bytes).unwrap();
+        gz.finish().unwrap()
+    };
+    let shorts: Vec<u8> = (0..48).collect();
+    for (encoding, body) in [
+        (
+            "raw\nline skip: 1\nbyte skip: 2",
+            [b"x\n12", &shorts[..]].concat(),
+        ),
+        ("gzip", gzip(&shorts)),
+        ("hex", b"0102 0304 ".repeat(12)),
+        ("text", b"7 -9\n".repeat(12)),
+    ] {
+        for axes in [
+            "dimension: 3\nsizes: 2 3 4\nspace directions: (1,0,0) (0,.5,.5) (0,-.5,.5)\nspace origin: (1,2,3)",
+            "dimension: 4\nsizes: 2 2 3 2\nkinds: vector domain domain domain\nspacings: nan 1 2 3",
+            "dimension: 3\nsizes: 6 2 2\nkinds: domain domain time\naxis mins: 0 1 2\naxis maxs: 3 4 5",
+        ] {
+            let head = format!(
+                "NRRD0004\n# x\ntype: short\nendian: big\n{axes}\nencoding: {encoding}\n\n"
+            );
+            seeds.push(("a.nrrd".into(), [head.as_bytes(), &body].concat()));
+        }
+    }
+    let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+    zlib.write_all(&shorts).unwrap();
+    for (fields, body) in [
+        (
+            "CompressedData = True\nCompressedDataSize = 59",
+            zlib.finish().unwrap(),
+        ),
+        (
+            "BinaryDataByteOrderMSB = True\nHeaderSize = -1",
+            [b"123", &shorts[..]].concat(),
+        ),
+        ("BinaryData = False", b"7 -9\n".repeat(12)),
+    ] {
+        for sizes in [
+            "NDims = 3\nDimSize = 2 3 4\nTransformMatrix = 1 0 0 0 .6 .8 0 -.8 .6\nOffset = 1 2 3",
+            "NDims = 3\nDimSize = 2 3 2\nElementNumberOfChannels = 2\nElementSpacing = 1 2 3",
+            "NDims = 4\nDimSize = 2 2 3 2\nPosition = 1 2 3 4",
+        ] {
+            let head = format!(
+                "ObjectType = Image\n{sizes}\n{fields}\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+            );
+            seeds.push(("a.mha".into(), [head.as_bytes(), &body].concat()));
+        }
+    }
+    seeds
 }
 
 /// A mesh with all that a PLY file says of one: colours, normals, coordinates of vertices and of faces, two
