@@ -23,6 +23,7 @@ mod image_file;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+mod nifti;
 mod npy;
 mod npz;
 mod nrrd;
@@ -165,7 +166,7 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 
 /// What is read, in messages about what is not.
 const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
-     MetaImage, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
+     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -206,6 +207,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
 /// | `NRRD` | [NRRD](https://teem.sourceforge.net/nrrd/format.html) image, with the files of numbers that it names |
 /// | `ObjectType =` or `NDims =`, or `.mha`, `.mhd` | [MetaImage](https://itk.org/Wiki/ITK/MetaIO/Documentation), with the files of numbers that it names |
+/// | `n+1`, `n+2`, `ni1` or `ni2` in its header, also packed with gzip; `.nii`; `.img` with its `.hdr` | [NIfTI](https://nifti.nimh.nih.gov/) image |
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
@@ -330,6 +332,9 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if meta_image::looks_like(&head) {
         return meta_image::read(input);
     }
+    if nifti::looks_like(&head) {
+        return nifti::read(input);
+    }
     if vtk_xml::looks_like(&head) {
         return match vtk_xml::file_type(&head).unwrap_or("") {
             "ImageData" | "PImageData" => vti::read(input),
@@ -372,6 +377,23 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     }
     if matches!(extension, "mha" | "mhd") {
         return meta_image::read(input);
+    }
+    let is_nifti = extension == "nii" || (extension == "gz" && stem_extension(path) == "nii");
+    if is_nifti {
+        return nifti::read(input);
+    }
+    if extension == "hdr" && nifti::looks_like_analyze(&head) {
+        return Err(nifti::refuse_analyze(path));
+    }
+    if extension == "img"
+        && let Some(header) = nifti::header_beside(input)
+    {
+        return input.with_beside(&header, |header| {
+            match nifti::looks_like(&header.head(HEAD)?.0) {
+                true => nifti::read(header),
+                false => Err(nifti::refuse_analyze(header.path)),
+            }
+        });
     }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {

@@ -23,6 +23,7 @@ mod hdf5;
 mod mesh_sampling;
 mod meshes;
 mod meta_image;
+mod nifti;
 mod nrrd;
 mod particles;
 mod public_data;

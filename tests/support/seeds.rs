@@ -7,6 +7,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
+use super::nifti::Nifti;
 use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
@@ -160,6 +161,25 @@ fn images() -> Vec<(String, Vec<u8>)> {
                 "NRRD0004\n# x\ntype: short\nendian: big\n{axes}\nencoding: {encoding}\n\n"
             );
             seeds.push(("a.nrrd".into(), [head.as_bytes(), &body].concat()));
+        }
+    }
+    for version in [1, 2] {
+        for big_endian in [false, true] {
+            let placed = Nifti {
+                version,
+                big_endian,
+                slope: [0.5, 1.0],
+                sform: Some([0.0, 0.0, 2.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 3.0, 0.0, 3.0]),
+                ..Nifti::new(4, &[2, 3, 4])
+            };
+            let turned = Nifti {
+                qform: Some([0.5, 0.5, 0.5, 1.0, 2.0, 3.0]),
+                sform: None,
+                ..Nifti::new(2, &[2, 2, 2, 2, 3])
+            };
+            seeds.push(("a.nii".into(), placed.file(&shorts)));
+            seeds.push(("a.nii.gz".into(), gzip(&placed.file(&shorts))));
+            seeds.push(("b.nii".into(), turned.file(&shorts)));
         }
     }
     let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
