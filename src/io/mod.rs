@@ -48,6 +48,7 @@ mod splat;
 mod splats;
 mod spz;
 mod spz_write;
+mod stl;
 mod table;
 mod texture;
 mod unit;
@@ -166,7 +167,7 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 
 /// What is read, in messages about what is not.
 const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
-     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
+     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, STL, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -215,6 +216,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
 /// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
+/// | `.stl`, or text that begins with `solid`, or the size of so many triangles | STL mesh |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
@@ -374,6 +376,10 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let texture = options.texture.as_deref();
     if extension == "obj" {
         return obj::read(input, texture);
+    }
+    // The size says less where a layout is given.
+    if extension == "stl" || (options.raw.is_none() && stl::looks_like(&head, len)) {
+        return stl::read(input);
     }
     if matches!(extension, "mha" | "mhd") {
         return meta_image::read(input);

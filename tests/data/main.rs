@@ -31,5 +31,6 @@ mod readers;
 mod ripple;
 mod sampling;
 mod splats;
+mod stl;
 mod vtk_legacy;
 mod vtk_xml;

@@ -134,7 +134,7 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
     })
 }
 
-/// Images with headers, with their numbers behind them.
+/// Images with headers, with their numbers behind them, and STL.
 fn images() -> Vec<(String, Vec<u8>)> {
     let mut seeds = Vec::new();
     let gzip = |bytes: &[u8]| {
@@ -162,6 +162,23 @@ fn images() -> Vec<(String, Vec<u8>)> {
             );
             seeds.push(("a.nrrd".into(), [head.as_bytes(), &body].concat()));
         }
+    }
+    let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1.5 0\nendloop\nendfacet\nendsolid\n";
+    seeds.push(("a.stl".into(), text.into()));
+    for (comment, attributes) in [
+        (&b"solid facet"[..], 0x801f_u16),
+        (b"COLOR=abcd", 0x1234),
+        (b"", 0),
+    ] {
+        let mut binary = comment.to_vec();
+        binary.resize(80, 0);
+        binary.extend(2_u32.to_le_bytes());
+        for corners in [[0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0; 9]] {
+            binary.extend([0; 12]);
+            binary.extend(corners.iter().flat_map(|x| x.to_le_bytes()));
+            binary.extend(attributes.to_le_bytes());
+        }
+        seeds.push(("a.stl".into(), binary));
     }
     for version in [1, 2] {
         for big_endian in [false, true] {
