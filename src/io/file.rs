@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 use std::fmt;
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{Cursor, Read};
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -110,6 +110,17 @@ impl<'a> Input<'a> {
                 Ok((Box::new(bytes), bytes.len() as u64))
             }
         }
+    }
+
+    /// As [`Input::open`] of another file.
+    pub(crate) fn open_beside(&self, path: &Path) -> Result<(Box<dyn Read + 'a>, u64)> {
+        if self.memory.is_none() {
+            let (file, len) = open_regular(path)?;
+            return Ok((Box::new(file), len));
+        }
+        let bytes = self.read_beside(path)?;
+        let len = bytes.len() as u64;
+        Ok((Box::new(Cursor::new(bytes)), len))
     }
 
     /// The first bytes, at most `count`, and the length of the whole.

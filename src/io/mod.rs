@@ -22,8 +22,11 @@ mod hdf5;
 mod image_file;
 mod mesh;
 mod mesh_part;
+mod meta_image;
+mod nifti;
 mod npy;
 mod npz;
+mod nrrd;
 mod obj;
 mod particle_type;
 mod plot3d;
@@ -45,10 +48,12 @@ mod splat;
 mod splats;
 mod spz;
 mod spz_write;
+mod stl;
 mod table;
 mod texture;
 mod unit;
 mod up;
+mod voxels;
 mod vti;
 mod vtk_array;
 mod vtk_codec;
@@ -162,8 +167,8 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 ];
 
 /// What is read, in messages about what is not.
-const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, PLOT3D, HDF5 \
-     particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, glTF or a raw volume";
+const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
+     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, STL, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -202,6 +207,9 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
+/// | `NRRD` | [NRRD](https://teem.sourceforge.net/nrrd/format.html) image, with the files of numbers that it names |
+/// | `ObjectType =` or `NDims =`, or `.mha`, `.mhd` | [MetaImage](https://itk.org/Wiki/ITK/MetaIO/Documentation), with the files of numbers that it names |
+/// | `n+1`, `n+2`, `ni1` or `ni2` in its header, also packed with gzip; `.nii`; `.img` with its `.hdr` | [NIfTI](https://nifti.nimh.nih.gov/) image |
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
 /// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
@@ -209,6 +217,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
 /// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
+/// | `.stl`, or text that begins with `solid`, or the size of so many triangles | STL mesh |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
 /// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
@@ -234,7 +243,7 @@ pub fn has_particle_types(path: &Path) -> Result<bool> {
 /// - `name`: what the file is called; its extension says what the contents leave open, and errors
 ///   have it.
 ///
-/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it) need
+/// Files that name others (VTK indices, OBJ with materials, glTF with buffers beside it, headers of images) need
 /// [`read_with`]; nothing is looked for on the disk.
 ///
 /// ```
@@ -320,6 +329,15 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if head.starts_with(npy::MAGIC) {
         return npy::read(input);
     }
+    if head.starts_with(nrrd::MAGIC) {
+        return nrrd::read(input);
+    }
+    if meta_image::looks_like(&head) {
+        return meta_image::read(input);
+    }
+    if nifti::looks_like(&head) {
+        return nifti::read(input);
+    }
     if vtk_xml::looks_like(&head) {
         return match vtk_xml::file_type(&head).unwrap_or("") {
             "ImageData" | "PImageData" => vti::read(input),
@@ -360,6 +378,30 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if extension == "obj" {
         return obj::read(input, texture);
     }
+    // The size says less where a layout is given.
+    if extension == "stl" || (options.raw.is_none() && stl::looks_like(&head, len)) {
+        return stl::read(input);
+    }
+    if matches!(extension, "mha" | "mhd") {
+        return meta_image::read(input);
+    }
+    let is_nifti = extension == "nii" || (extension == "gz" && stem_extension(path) == "nii");
+    if is_nifti {
+        return nifti::read(input);
+    }
+    if extension == "hdr" && nifti::looks_like_analyze(&head) {
+        return Err(nifti::refuse_analyze(path));
+    }
+    if extension == "img"
+        && let Some(header) = nifti::header_beside(input)
+    {
+        return input.with_beside(&header, |header| {
+            match nifti::looks_like(&header.head(HEAD)?.0) {
+                true => nifti::read(header),
+                false => Err(nifti::refuse_analyze(header.path)),
+            }
+        });
+    }
     let is_table = matches!(extension, "csv" | "tsv");
     if let (Some(layout), false) = (&options.raw, is_table) {
         return raw::read(input, layout);
@@ -381,9 +423,6 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     };
     if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
         return Err(refuse(name, (*advice).into()));
-    }
-    if head.starts_with(b"NRRD") {
-        return Err(refuse("an NRRD file", Hint::GiveRawData.into()));
     }
     if head.starts_with(b"\x1f\x8b") {
         return Err(refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()));

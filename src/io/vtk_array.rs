@@ -576,6 +576,22 @@ fn ascii(text: &str, scalar: ScalarType, count: Option<usize>) -> Result<Vec<u8>
     Ok(bytes)
 }
 
+/// So many numbers of a type in text, as little-endian bytes: for readers of other formats. The error is what was
+/// expected and what was found.
+pub(super) fn parsed_text(
+    text: &[u8],
+    scalar: ScalarType,
+    count: usize,
+) -> Result<Vec<u8>, [String; 2]> {
+    let text = std::str::from_utf8(text).map_err(|_| {
+        [
+            "numbers as text".to_owned(),
+            "bytes that are no text".to_owned(),
+        ]
+    })?;
+    ascii(text, scalar, Some(count)).map_err(|Fault(expected, found, _)| [expected, found])
+}
+
 /// A header's size, if it fits into memory and is the one that is wanted.
 fn checked_size(
     claimed: Option<u64>,

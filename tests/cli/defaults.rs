@@ -12,11 +12,12 @@ use ewa_splat::scene::Strength;
 /// Endings of files that belong to others, or are of formats that are not read (yet).
 const PASSED_OVER: &[&str] = &[
     "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "ex2",
-    "hdf", "stl", "3mf", "nc", "mhd", "nrrd", "nhdr", "ksplat", "json", "case", "vtm",
+    "hdf", "3mf", "nc", "ksplat", "json", "case", "vtm",
 ];
 
 /// Files that are refused for what is in them; each with a part of the reason.
 const REFUSED: &[(&str, &str)] = &[
+    ("beach.ascii.nhdr", "no file"),
     ("BoxMetaDraco.gltf", "KHR_draco_mesh_compression"),
     ("BoxMeshopt.glb", "EXT_meshopt_compression"),
     ("guitar.compressed.ply", "compressed PLY"),

@@ -78,6 +78,8 @@ fn real_data_are_the_same() {
         "curvilinear/bluntfin/bluntfinxyz.bin",
         "curvilinear/multicomb_0.vts",
         "formats/volumes/beach.nrrd",
+        "formats/volumes/beach.ascii.nhdr",
+        "formats/volumes/HeadMRVolume.mhd",
     ] {
         if let Some(path) = real_data(name) {
             check(&path, &OpenOptions::default());

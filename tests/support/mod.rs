@@ -4,6 +4,7 @@
 
 pub(crate) mod damage;
 pub(crate) mod meshes;
+pub(crate) mod nifti;
 pub(crate) mod raytrace;
 pub(crate) mod seeds;
 pub(crate) mod splats;

@@ -1,11 +1,13 @@
 //! Small sound files of every format, for damage.
 
+use std::io::Write;
 use std::sync::OnceLock;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
+use super::nifti::Nifti;
 use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
@@ -90,6 +92,9 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             seeds.push(("a.csv".into(), text.to_vec()));
             seeds.push(("volume_4x4x4_uint8.raw".into(), vec![3; 64]));
         }
+        for _ in 0..4 {
+            seeds.extend(images());
+        }
         for encoding in Ply::ALL {
             for degree in 0..4 {
                 let splats = some_splats(3, degree);
@@ -127,6 +132,98 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         }
         seeds
     })
+}
+
+/// Images with headers, with their numbers behind them, and STL.
+fn images() -> Vec<(String, Vec<u8>)> {
+    let mut seeds = Vec::new();
+    let gzip = |bytes: &[u8]| {
+        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        gz.write_all(bytes).unwrap();
+        gz.finish().unwrap()
+    };
+    let shorts: Vec<u8> = (0..48).collect();
+    for (encoding, body) in [
+        (
+            "raw\nline skip: 1\nbyte skip: 2",
+            [b"x\n12", &shorts[..]].concat(),
+        ),
+        ("gzip", gzip(&shorts)),
+        ("hex", b"0102 0304 ".repeat(12)),
+        ("text", b"7 -9\n".repeat(12)),
+    ] {
+        for axes in [
+            "dimension: 3\nsizes: 2 3 4\nspace directions: (1,0,0) (0,.5,.5) (0,-.5,.5)\nspace origin: (1,2,3)",
+            "dimension: 4\nsizes: 2 2 3 2\nkinds: vector domain domain domain\nspacings: nan 1 2 3",
+            "dimension: 3\nsizes: 6 2 2\nkinds: domain domain time\naxis mins: 0 1 2\naxis maxs: 3 4 5",
+        ] {
+            let head = format!(
+                "NRRD0004\n# x\ntype: short\nendian: big\n{axes}\nencoding: {encoding}\n\n"
+            );
+            seeds.push(("a.nrrd".into(), [head.as_bytes(), &body].concat()));
+        }
+    }
+    let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1.5 0\nendloop\nendfacet\nendsolid\n";
+    seeds.push(("a.stl".into(), text.into()));
+    for (comment, attributes) in [
+        (&b"solid facet"[..], 0x801f_u16),
+        (b"COLOR=abcd", 0x1234),
+        (b"", 0),
+    ] {
+        let mut binary = comment.to_vec();
+        binary.resize(80, 0);
+        binary.extend(2_u32.to_le_bytes());
+        for corners in [[0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0; 9]] {
+            binary.extend([0; 12]);
+            binary.extend(corners.iter().flat_map(|x| x.to_le_bytes()));
+            binary.extend(attributes.to_le_bytes());
+        }
+        seeds.push(("a.stl".into(), binary));
+    }
+    for version in [1, 2] {
+        for big_endian in [false, true] {
+            let placed = Nifti {
+                version,
+                big_endian,
+                slope: [0.5, 1.0],
+                sform: Some([0.0, 0.0, 2.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 3.0, 0.0, 3.0]),
+                ..Nifti::new(4, &[2, 3, 4])
+            };
+            let turned = Nifti {
+                qform: Some([0.5, 0.5, 0.5, 1.0, 2.0, 3.0]),
+                sform: None,
+                ..Nifti::new(2, &[2, 2, 2, 2, 3])
+            };
+            seeds.push(("a.nii".into(), placed.file(&shorts)));
+            seeds.push(("a.nii.gz".into(), gzip(&placed.file(&shorts))));
+            seeds.push(("b.nii".into(), turned.file(&shorts)));
+        }
+    }
+    let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+    zlib.write_all(&shorts).unwrap();
+    for (fields, body) in [
+        (
+            "CompressedData = True\nCompressedDataSize = 59",
+            zlib.finish().unwrap(),
+        ),
+        (
+            "BinaryDataByteOrderMSB = True\nHeaderSize = -1",
+            [b"123", &shorts[..]].concat(),
+        ),
+        ("BinaryData = False", b"7 -9\n".repeat(12)),
+    ] {
+        for sizes in [
+            "NDims = 3\nDimSize = 2 3 4\nTransformMatrix = 1 0 0 0 .6 .8 0 -.8 .6\nOffset = 1 2 3",
+            "NDims = 3\nDimSize = 2 3 2\nElementNumberOfChannels = 2\nElementSpacing = 1 2 3",
+            "NDims = 4\nDimSize = 2 2 3 2\nPosition = 1 2 3 4",
+        ] {
+            let head = format!(
+                "ObjectType = Image\n{sizes}\n{fields}\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+            );
+            seeds.push(("a.mha".into(), [head.as_bytes(), &body].concat()));
+        }
+    }
+    seeds
 }
 
 /// A mesh with all that a PLY file says of one: colours, normals, coordinates of vertices and of faces, two

@@ -1,0 +1,315 @@
+//! MetaImage (`.mha`, and `.mhd` with the numbers in other files).
+//!
+//! ```text
+//! ObjectType = Image
+//! NDims = 3
+//! DimSize = 256 256 60
+//! ElementSpacing = 0.9 0.9 2
+//! TransformMatrix = 1 0 0 0 1 0 0 0 1
+//! Offset = -120 -120 0
+//! ElementType = MET_SHORT
+//! ElementByteOrderMSB = False
+//! ElementDataFile = LOCAL
+//! numbers, the first axis fastest, the channels of a sample beside each other
+//! ```
+//!
+//! `ElementDataFile` is the last line. It says `LOCAL`, the name of a file, a pattern with its first, last and step, or
+//! `LIST` with one name to a line behind it. Row n of `TransformMatrix` is the direction of axis n: sample (i, j, k) lies
+//! at `Offset` plus i, j and k times the rows, each times its `ElementSpacing`. World axes are those of the file, and
+//! nothing is turned.
+//!
+//! <https://itk.org/Wiki/ITK/MetaIO/Documentation>
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::dataset::{Dataset, Geometry};
+use super::file::Input;
+use super::scalars::{Encoding, ScalarType};
+use super::voxels::{self, Numbers, Packing, Skip, Source};
+use super::vtk_xml::clip;
+use crate::error::{Error, Result};
+
+/// More than any header has, lists of some ten thousand files among them.
+const MOST_HEADER: usize = 1 << 22;
+
+/// As many as MetaIO reads.
+const MOST_AXES: usize = 10;
+
+const DAMAGED: &str =
+    "the header is damaged or breaks the format's rules: correct it or save the file again";
+
+/// Whether a file begins as headers of images do.
+pub(super) fn looks_like(head: &[u8]) -> bool {
+    let text = head.trim_ascii_start();
+    ["ObjectType", "NDims", "Comment"].iter().any(|key| {
+        let value = text.strip_prefix(key.as_bytes());
+        value.is_some_and(|rest| rest.trim_ascii_start().starts_with(b"="))
+    })
+}
+
+/// Reads a volume, or an image as a layer.
+///
+/// # Errors
+/// A header that breaks the format's rules, or numbers that are not as it says.
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let (head, _) = input.head(MOST_HEADER)?;
+    let header = Header::parse(path, &head)?;
+    if let Some(kind) = header.get(&["ObjectType"])
+        && !kind.eq_ignore_ascii_case("image")
+    {
+        let fault = header.fault("ObjectType", "Image", kind);
+        return Err(fault);
+    }
+    let text = header.required("NDims")?;
+    let axis_count: usize = text
+        .parse()
+        .ok()
+        .filter(|n| (2..=MOST_AXES).contains(n))
+        .ok_or_else(|| header.fault("NDims", format!("2 to {MOST_AXES}"), text))?;
+    let none = || header.fault("DimSize", "this field", "");
+    let sizes: Vec<usize> = header.numbers(&["DimSize"], axis_count)?.ok_or_else(none)?;
+    let of_space = axis_count.min(3);
+    let mut dims = [1; 3];
+    dims[..of_space].copy_from_slice(&sizes[..of_space]);
+    let volumes = sizes[of_space..]
+        .iter()
+        .try_fold(1, |n: usize, m| n.checked_mul(*m));
+    let volumes = volumes.ok_or_else(|| {
+        let expected = "counts whose product fits into memory";
+        header.fault("DimSize", expected, "more")
+    })?;
+    let mut notes = Vec::new();
+    if volumes > 1 {
+        notes.push(format!("The first of {volumes} volumes."));
+    }
+    let channels = match header.get(&["ElementNumberOfChannels"]) {
+        None => 1,
+        Some(text) => {
+            let channels = text.parse().ok().filter(|n: &usize| *n > 0);
+            let fault = || header.fault("ElementNumberOfChannels", "at least 1", text);
+            channels.ok_or_else(fault)?
+        }
+    };
+    let is_text = !header.flag(&["BinaryData"], true)?;
+    let is_packed = header.flag(&["CompressedData"], false)?;
+    let numbers = Numbers {
+        encoding: Encoding {
+            scalar: scalar_type(&header)?,
+            big_endian: header.flag(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"], false)?,
+        },
+        dims,
+        beside: channels,
+        volumes,
+        volume_step: volumes.max(1),
+        scale: None,
+    };
+    numbers.check(path)?;
+    let source = source(input, &header)?;
+    let packing = match (is_text, is_packed) {
+        (true, _) => Packing::Text,
+        (_, true) => Packing::Zlib,
+        _ => Packing::Raw,
+    };
+    let (components, more) = voxels::read(input, &source, packing, skip(&header)?, &numbers)?;
+    notes.extend(more);
+
+    let (origin, steps) = placement(&header, axis_count)?;
+    let place = "header, `ElementSpacing`, `TransformMatrix` and `Offset`";
+    let lattice = voxels::lattice(path, place, dims, origin, &steps)?;
+    let field = voxels::field("value", components, None);
+    Ok(Dataset {
+        notes,
+        ..Dataset::new(path, "MetaImage", Geometry::Lattice(lattice), vec![field])
+    })
+}
+
+/// The fields of a header.
+struct Header<'h> {
+    path: &'h Path,
+    fields: Vec<(String, String)>,
+    /// The lines behind `ElementDataFile = LIST`.
+    list: Vec<String>,
+    /// Where the line of `ElementDataFile` ends.
+    end: usize,
+}
+
+impl<'h> Header<'h> {
+    fn parse(path: &'h Path, head: &[u8]) -> Result<Self> {
+        let mut header = Self {
+            path,
+            fields: Vec::new(),
+            list: Vec::new(),
+            end: 0,
+        };
+        let mut lines = head.split_inclusive(|&b| b == b'\n').enumerate();
+        for (number, line) in lines.by_ref() {
+            header.end += line.len();
+            let text = String::from_utf8_lossy(line.trim_ascii());
+            if text.is_empty() {
+                continue;
+            }
+            let Some((name, value)) = text.split_once('=') else {
+                let place = format!("header, line {}", number + 1);
+                let expected = "`Name = value`";
+                let found = format!("`{}`", clip(&text));
+                return Err(Error::format(path, place, expected, found, DAMAGED));
+            };
+            let (name, value) = (name.trim().to_owned(), value.trim().to_owned());
+            let is_last = name == "ElementDataFile";
+            let is_list = is_last && value.split_whitespace().next() == Some("LIST");
+            header.fields.push((name, value));
+            if is_list {
+                let names = lines.map(|(_, line)| String::from_utf8_lossy(line.trim_ascii()));
+                let names = names.filter(|name| !name.is_empty());
+                header.list = names.map(|name| name.into_owned()).collect();
+                return Ok(header);
+            }
+            if is_last {
+                return Ok(header);
+            }
+        }
+        Err(header.fault("ElementDataFile", "this field, the last of the header", ""))
+    }
+
+    /// The value of the first of these names that there is.
+    fn get(&self, names: &[&str]) -> Option<&str> {
+        names.iter().find_map(|name| {
+            let mut fields = self.fields.iter();
+            fields
+                .find(|(field, _)| field == name)
+                .map(|(_, value)| value.as_str())
+        })
+    }
+
+    fn fault(&self, name: &str, expected: impl Into<String>, found: &str) -> Error {
+        let found = match found {
+            "" => "nothing".to_owned(),
+            found => format!("`{}`", clip(found)),
+        };
+        let place = format!("header, `{name}`");
+        Error::format(self.path, place, expected, found, DAMAGED)
+    }
+
+    fn required(&self, name: &str) -> Result<&str> {
+        let none = || self.fault(name, "this field", "");
+        self.get(&[name]).ok_or_else(none)
+    }
+
+    fn numbers<T: std::str::FromStr>(
+        &self,
+        names: &[&str],
+        count: usize,
+    ) -> Result<Option<Vec<T>>> {
+        let Some(text) = self.get(names) else {
+            return Ok(None);
+        };
+        let numbers: Option<Vec<T>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+        let numbers = numbers.filter(|n| n.len() == count);
+        let fault = || self.fault(names[0], format!("{count} numbers"), text);
+        numbers.ok_or_else(fault).map(Some)
+    }
+
+    fn flag(&self, names: &[&str], default: bool) -> Result<bool> {
+        let Some(text) = self.get(names) else {
+            return Ok(default);
+        };
+        match text.to_ascii_lowercase().as_str() {
+            "true" | "t" | "1" => Ok(true),
+            "false" | "f" | "0" => Ok(false),
+            _ => Err(self.fault(names[0], "True or False", text)),
+        }
+    }
+}
+
+/// The position of the first sample, and the steps along the axes of space.
+fn placement(header: &Header<'_>, axis_count: usize) -> Result<(DVec3, Vec<DVec3>)> {
+    let of_space = axis_count.min(3);
+    let vector = |numbers: &[f64]| {
+        let mut vector = [0.0; 3];
+        vector[..of_space].copy_from_slice(&numbers[..of_space]);
+        DVec3::from_array(vector)
+    };
+    let spacing = match header.numbers(&["ElementSpacing"], axis_count)? {
+        Some(spacing) => spacing,
+        None => header
+            .numbers(&["ElementSize"], axis_count)?
+            .unwrap_or_else(|| vec![1.0; axis_count]),
+    };
+    let origin = header.numbers(&["Offset", "Position", "Origin"], axis_count)?;
+    let origin: Vec<f64> = origin.unwrap_or_else(|| vec![0.0; axis_count]);
+    let names = ["TransformMatrix", "Rotation", "Orientation"];
+    let rows: Option<Vec<f64>> = header.numbers(&names, axis_count * axis_count)?;
+    let steps = (0..of_space).map(|axis| {
+        let direction = match &rows {
+            Some(rows) => vector(&rows[axis * axis_count..]),
+            None => DVec3::AXES[axis],
+        };
+        direction * spacing[axis]
+    });
+    Ok((vector(&origin), steps.collect()))
+}
+
+fn scalar_type(header: &Header<'_>) -> Result<ScalarType> {
+    let text = header.required("ElementType")?;
+    let name = text.strip_suffix("_ARRAY").unwrap_or(text);
+    Ok(match name {
+        "MET_CHAR" | "MET_ASCII_CHAR" => ScalarType::I8,
+        "MET_UCHAR" => ScalarType::U8,
+        "MET_SHORT" => ScalarType::I16,
+        "MET_USHORT" => ScalarType::U16,
+        // MetaIO's long has 32 bits in files, whatever the machine.
+        "MET_INT" | "MET_LONG" => ScalarType::I32,
+        "MET_UINT" | "MET_ULONG" => ScalarType::U32,
+        "MET_LONG_LONG" => ScalarType::I64,
+        "MET_ULONG_LONG" => ScalarType::U64,
+        "MET_FLOAT" => ScalarType::F32,
+        "MET_DOUBLE" => ScalarType::F64,
+        _ => {
+            let expected = "a type of numbers, from MET_CHAR to MET_DOUBLE";
+            return Err(header.fault("ElementType", expected, text));
+        }
+    })
+}
+
+fn skip(header: &Header<'_>) -> Result<Skip> {
+    let Some(text) = header.get(&["HeaderSize"]) else {
+        return Ok(Skip::default());
+    };
+    let size = text.parse().ok().filter(|n: &i64| *n >= -1);
+    let size = size.ok_or_else(|| {
+        let expected = "a whole number, at least -1";
+        header.fault("HeaderSize", expected, text)
+    })?;
+    Ok(Skip {
+        lines: 0,
+        bytes: u64::try_from(size).unwrap_or(0),
+        to_the_end: size < 0,
+    })
+}
+
+fn source(input: Input<'_>, header: &Header<'_>) -> Result<Source> {
+    let path = input.path;
+    let text = header.required("ElementDataFile")?;
+    if text.eq_ignore_ascii_case("local") {
+        return Ok(Source::Attached(header.end as u64));
+    }
+    let words: Vec<&str> = text.split_whitespace().collect();
+    if words.first() == Some(&"LIST") {
+        let files: Result<Vec<_>> = header
+            .list
+            .iter()
+            .map(|name| voxels::beside(path, name))
+            .collect();
+        return Ok(Source::Beside(files?));
+    }
+    let numbers = words.iter().skip(1).filter_map(|w| w.parse().ok());
+    let numbers: Vec<i64> = numbers.collect();
+    if text.contains('%') && words.len() == 4 && numbers.len() == 3 {
+        let range = [numbers[0], numbers[1], numbers[2]];
+        return Ok(Source::Beside(voxels::by_pattern(input, words[0], range)?));
+    }
+    Ok(Source::Beside(vec![voxels::beside(path, text)?]))
+}
