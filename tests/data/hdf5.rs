@@ -14,6 +14,8 @@
 //! | `gadget_types.h5` | the gas, 2 particles of `PartType1` 10 further on, 3 of `PartType4` 20 further on, none of `PartType5` |
 //! | `phantom_sinks.h5` | types 1, 7, -1, 3, 9, dust from 7 and its boundary from 9; 3 sinks 1 further on, of radii .5, 0, .25 |
 //! | `swift_units.h5` | masses in units of their own, densities and temperatures in cgs, pressures in comoving cgs |
+//! | `swift_lossy.h5` | each of SWIFT's lossy filters, chunks of 4 rows, n-bit; half floats without it, integers of 40 bits, scale-offset |
+//! | `swift_unnormalised.h5`, `swift_unnormalised_masses.h5` | temperatures, masses without an implied leading bit of the mantissa |
 
 #![allow(
     clippy::unwrap_used,
@@ -387,4 +389,105 @@ fn declared_sizes_beyond_reason_are_refused() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("32 times the file's bytes"), "{error}");
+}
+
+/// What libhdf5 2.0 reads of each (through h5py, as doubles), among them a subnormal number, the greatest one and infinities.
+#[test]
+fn swifts_lossy_floats_have_the_values_that_libhdf5_reads() {
+    let data = read("swift_lossy.h5");
+    assert_eq!(positions(&data), places());
+    assert_eq!(numbers(&data, "SmoothingLengths"), times(0.25));
+    assert_eq!(numbers(&data, "Masses"), times(2.0));
+    assert_eq!(numbers(&data, "Densities"), times(8.0));
+    let infinite = f64::INFINITY;
+    let nine = [
+        0.33349609375,
+        -2.341805152028776e-39,
+        3.0007322004844476e+38,
+        0.0,
+        -2.5,
+    ];
+    let half = [
+        0.333251953125,
+        -5.960464477539063e-08,
+        65504.0,
+        infinite,
+        -2.5,
+    ];
+    for (field, values) in [
+        ("FMantissa9", nine),
+        ("BigEndian9", nine),
+        (
+            "FMantissa13",
+            [
+                0.333343505859375,
+                -2.3403702224013073e-39,
+                2.999901432987082e+38,
+                0.0,
+                -2.5,
+            ],
+        ),
+        (
+            "BFloat16",
+            [
+                0.333984375,
+                -2.2958874039497803e-39,
+                3.00405527047391e+38,
+                0.0,
+                -2.5,
+            ],
+        ),
+        ("HalfFloat", half),
+        ("Float16", half),
+        (
+            "DMantissa9",
+            [
+                0.33349609375,
+                -9.999428271258529e-31,
+                1.0002555517425873e+30,
+                -infinite,
+                -2.5,
+            ],
+        ),
+        (
+            "DMantissa13",
+            [
+                0.333343505859375,
+                -1.0000391236230722e-30,
+                1.0000234379852213e+30,
+                -infinite,
+                -2.5,
+            ],
+        ),
+        (
+            "DMantissa21",
+            [
+                0.3333333730697632,
+                -1.0000000031710769e-30,
+                9.999998639317388e+29,
+                -infinite,
+                -2.5,
+            ],
+        ),
+        ("Nbit40", [1.0, -2.0, 3221225472.0, -549755813888.0, 0.0]),
+        ("DScale2", [1.25, -3.5, 0.0, 100.01, 7.0]),
+    ] {
+        assert_eq!(numbers(&data, field), values.map(|x| x as f32), "{field}");
+    }
+}
+
+#[test]
+fn numbers_of_an_unknown_layout_are_never_shown() {
+    let data = read("swift_unnormalised.h5");
+    assert!(data.scalar("Temperatures").is_err());
+    assert!(has_note(&data, "`Temperatures`, floats of 4 bytes") && has_note(&data, "swiftsimio"));
+    // The same of masses is an error: without them a picture would mean something else.
+    let masses = fixture("swift_unnormalised_masses.h5");
+    let error = open(&masses, &OpenOptions::default()).unwrap_err();
+    let error = error.to_string();
+    assert!(
+        error.contains("dataset `PartType0/Masses`") && error.contains("leading bit"),
+        "{error}"
+    );
+    assert!(error.contains("write it as 32-bit floats"), "{error}");
 }

@@ -63,7 +63,13 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push(("b.xyz".into(), encoding.grids(&two)));
             }
         }
-        for name in ["gadget_old", "gadget_old_packed", "swift", "phantom"] {
+        for name in [
+            "gadget_old",
+            "gadget_old_packed",
+            "swift",
+            "swift_lossy",
+            "phantom",
+        ] {
             let name = format!("{name}.h5");
             let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
             let bytes = std::fs::read(path.join(&name)).unwrap();

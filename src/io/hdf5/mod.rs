@@ -6,6 +6,7 @@
 //! gigabytes.
 
 mod gadget;
+mod layout;
 mod phantom;
 
 use std::cell::{Cell, RefCell};
@@ -14,12 +15,13 @@ use std::path::Path;
 use glam::DVec3;
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::group::Group;
-use hdf5_reader::{ByteOrder, Datatype, Hdf5File, OpenOptions};
+use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute};
 
+use self::layout::{Layout, NotRead};
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
 use super::particle_type::{ParticleCount, ParticleType};
-use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
+use super::scalars::{Encoding, Stride, doubles, points, values};
 use super::table::list;
 use super::unit;
 use crate::error::{Error, Parameter, Result};
@@ -34,6 +36,24 @@ const MOST_INFLATION: usize = 32;
 
 /// ... and so many bytes more, for files so small that the ratio says nothing.
 const SMALL: usize = 16 << 20;
+
+/// Arrays that decide where particles are, how large and how heavy: a file in which one of them cannot be read is refused,
+/// where others are left out with a note.
+const DECISIVE: [&str; 10] = [
+    "Coordinates",
+    "Masses",
+    "Mass",
+    "Density",
+    "Densities",
+    "SmoothingLength",
+    "SmoothingLengths",
+    "xyz",
+    "h",
+    "itype",
+];
+
+/// What to do about numbers that are not read.
+const AS_FLOATS: &str = "write it as 32-bit floats (h5py, swiftsimio)";
 
 /// Numbers per particle that an array may have.
 const MOST_COMPONENTS: usize = 16;
@@ -81,6 +101,15 @@ struct Array {
     encoding: Encoding,
     bytes: Vec<u8>,
     unit: Option<String>,
+}
+
+/// What a dataset of a group is.
+enum Found {
+    Numbers(Array),
+    /// No numbers in rows.
+    Other,
+    /// Numbers of a layout that is not read.
+    Unreadable(String),
 }
 
 impl<'a> SnapshotFile<'a> {
@@ -143,26 +172,33 @@ impl<'a> SnapshotFile<'a> {
         if !self.has(group, name)? {
             return Ok(None);
         }
-        self.present_array(group, name)
+        match self.present_array(group, name)? {
+            Found::Numbers(array) => Ok(Some(array)),
+            Found::Other => Ok(None),
+            Found::Unreadable(layout) => Err(self.unreadable(group, name, layout)),
+        }
     }
 
-    /// The same of a dataset that is known to be there.
-    fn present_array(&self, group: &Group, name: &str) -> Result<Option<Array>> {
+    /// What a dataset is that is known to be there.
+    fn present_array(&self, group: &Group, name: &str) -> Result<Found> {
         let place = || format!("dataset `{}/{}`", group.name(), shortened(name));
         let failed = |e| broken(self.path, &place(), &e);
         let dataset = group.dataset(name).map_err(failed)?;
-        let Some(encoding) = encoding(dataset.dtype()) else {
-            return Ok(None);
+        let layout = match Layout::of(&dataset.raw_datatype().map_err(failed)?) {
+            Ok(layout) => layout,
+            Err(NotRead::NoNumbers) => return Ok(Found::Other),
+            Err(NotRead::Layout(layout)) => return Ok(Found::Unreadable(layout)),
         };
+        let encoding = layout.encoding();
         let size = |n: &u64| usize::try_from(*n).ok();
         let (count, components) = match dataset.shape() {
             [] => (Some(1), Some(1)),
             [count] => (size(count), Some(1)),
             [count, components] => (size(count), size(components)),
-            _ => return Ok(None),
+            _ => return Ok(Found::Other),
         };
         let (Some(count), Some(components @ 1..=MOST_COMPONENTS)) = (count, components) else {
-            return Ok(None);
+            return Ok(Found::Other);
         };
         let too_large = || {
             Error::format(
@@ -173,20 +209,33 @@ impl<'a> SnapshotFile<'a> {
                 "the file is damaged, or compressed beyond reason: write it uncompressed",
             )
         };
+        // What is stored is in memory beside what it is widened to.
+        let size = encoding.scalar.size().max(layout.stored_size());
         let left = count
             .checked_mul(components)
-            .and_then(|n| n.checked_mul(encoding.scalar.size()))
+            .and_then(|n| n.checked_mul(size))
             .and_then(|byte_count| self.budget.get().checked_sub(byte_count));
         self.budget.set(left.ok_or_else(too_large)?);
         let bytes = dataset.read_raw_bytes().map_err(failed)?;
-        Ok(Some(Array {
+        let factors = dataset.raw_attributes().unwrap_or_default();
+        Ok(Found::Numbers(Array {
             name: name.to_owned(),
             count,
             components,
             encoding,
-            bytes,
-            unit: stated_unit(&dataset.attributes()),
+            bytes: layout.widened(bytes),
+            unit: stated_unit(&dataset.attributes(), &factors),
         }))
+    }
+
+    fn unreadable(&self, group: &Group, name: &str, layout: String) -> Error {
+        Error::format(
+            self.path,
+            format!("dataset `{}/{}`", group.name(), shortened(name)),
+            "IEEE numbers, or the shorter ones of SWIFT's lossy compression",
+            layout,
+            AS_FLOATS,
+        )
     }
 
     /// How many rows a dataset of a group has, which is not read.
@@ -229,7 +278,14 @@ impl<'a> SnapshotFile<'a> {
                 continue;
             }
             match self.present_array(group, &name)? {
-                Some(array) if array.count == count => fields.extend(array.field()),
+                Found::Numbers(array) if array.count == count => fields.extend(array.field()),
+                Found::Unreadable(layout) if DECISIVE.contains(&name.as_str()) => {
+                    return Err(self.unreadable(group, &name, layout));
+                }
+                Found::Unreadable(layout) => self.note(format!(
+                    "Left out, because numbers are not read that are stored like these: `{}`, {layout}; {AS_FLOATS}.",
+                    shortened(&name)
+                )),
                 _ => left_out.push(format!("`{}`", shortened(&name))),
             }
         }
@@ -250,7 +306,8 @@ impl<'a> SnapshotFile<'a> {
 
     /// The numbers of an attribute of a group.
     fn attribute(&self, group: &Group, name: &str) -> Option<Vec<f64>> {
-        attribute_numbers(&group.attribute(name).ok()?)
+        let attributes = group.raw_attributes().ok()?;
+        attribute_numbers(attributes.iter().find(|a| a.name() == name)?)
     }
 }
 
@@ -307,7 +364,7 @@ fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error
 ///
 /// SWIFT states what the numbers are in once they are converted to cgs (`a^-3 U_M U_L^-3 [ g cm^-3 ]`) beside the factors of
 /// the conversion: that is the unit of the numbers themselves only where these factors are 1.
-fn stated_unit(attributes: &[Attribute]) -> Option<String> {
+fn stated_unit(attributes: &[Attribute], raw: &[RawAttribute]) -> Option<String> {
     let read = |attribute: &Attribute| attribute.read_string().ok();
     let is_unit = |a: &&Attribute| {
         ["unit", "units"]
@@ -317,10 +374,10 @@ fn stated_unit(attributes: &[Attribute]) -> Option<String> {
     if let Some(attribute) = attributes.iter().find(is_unit) {
         return unit::cleaned(&read(attribute)?);
     }
-    let is_factor = |a: &&Attribute| a.name.starts_with("Conversion factor to");
-    let mut factors = attributes.iter().filter(is_factor).peekable();
+    let is_factor = |a: &&RawAttribute| a.name().starts_with("Conversion factor to");
+    let mut factors = raw.iter().filter(is_factor).peekable();
     factors.peek()?;
-    let is_one = |a: &Attribute| {
+    let is_one = |a: &RawAttribute| {
         let numbers = attribute_numbers(a);
         numbers.is_some_and(|n| matches!(n[..], [x] if (x - 1.0).abs() <= 1e-6))
     };
@@ -334,49 +391,16 @@ fn stated_unit(attributes: &[Attribute]) -> Option<String> {
 }
 
 /// The numbers of an attribute.
-fn attribute_numbers(attribute: &Attribute) -> Option<Vec<f64>> {
-    let encoding = encoding(&attribute.datatype)?;
+fn attribute_numbers(attribute: &RawAttribute) -> Option<Vec<f64>> {
+    let layout = Layout::of(attribute.raw_datatype()).ok()?;
+    let encoding = layout.encoding();
+    let bytes = layout.widened(attribute.message().raw_data.clone());
     let stride = Stride {
         first: 0,
         step: encoding.scalar.size(),
-        count: attribute.raw_data.len() / encoding.scalar.size(),
+        count: bytes.len() / encoding.scalar.size(),
     };
-    doubles(&attribute.raw_data, encoding, stride)
-}
-
-/// How the numbers of a datatype are written, where it is one of numbers.
-fn encoding(datatype: &Datatype) -> Option<Encoding> {
-    use ScalarType as S;
-    let (scalar, order) = match datatype {
-        Datatype::FixedPoint {
-            size,
-            signed,
-            byte_order,
-        } => {
-            let scalar = match (size, signed) {
-                (1, true) => S::I8,
-                (1, false) => S::U8,
-                (2, true) => S::I16,
-                (2, false) => S::U16,
-                (4, true) => S::I32,
-                (4, false) => S::U32,
-                (8, true) => S::I64,
-                (8, false) => S::U64,
-                _ => return None,
-            };
-            (scalar, byte_order)
-        }
-        Datatype::FloatingPoint { size, byte_order } => match size {
-            4 => (S::F32, byte_order),
-            8 => (S::F64, byte_order),
-            _ => return None,
-        },
-        _ => return None,
-    };
-    Some(Encoding {
-        scalar,
-        big_endian: matches!(order, ByteOrder::BigEndian),
-    })
+    doubles(&bytes, encoding, stride)
 }
 
 /// What the decoder found wrong, as an error of this library.
