@@ -6,7 +6,9 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
-use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
+use super::splats::{
+    Element, Ply, glb_splats, packed_ply, some_splats, splat_ply, splat_records, spz,
+};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
@@ -111,6 +113,9 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 ];
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
                 seeds.push(("c.ply".into(), mesh_ply(encoding)));
+                if degree < 2 {
+                    seeds.push(("e.ply".into(), packed_ply(encoding, degree, degree > 0)));
+                }
                 seeds.push(("d.ply".into(), strips_ply(encoding)));
             }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
