@@ -11,7 +11,8 @@ use std::path::PathBuf;
 
 use crate::common::scene::{Particle, camera, difference, render, volume};
 use crate::support::splats::{
-    Ply, Splat, glb, gzip, packed_ply, some_splats, splat_ply, splat_records, spz, spz_unpacked,
+    Ply, Splat, glb, gzip, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
+    spz_unpacked, stored,
 };
 use ewa_splat::image::linear_from_srgb;
 use ewa_splat::io::{
@@ -432,7 +433,10 @@ fn spz_claims_are_checked_against_the_bytes() {
         (with(0, b"PGSN"), "NGSP"),
         (with(4, &[4]), "version 4"),
         (with(4, &[0]), "version 0"),
-        ([b"NGSP\x04".to_vec(), vec![0; 40]].concat(), "version 4"),
+        (
+            [b"NGSP\x04".to_vec(), vec![0; 40]].concat(),
+            "a table of 5 streams",
+        ),
         (with(8, &[5]), "5 splats"),
         // 4e9 splats in a hundred bytes.
         (with(8, &[255; 4]), "4294967295 splats"),
@@ -1258,4 +1262,64 @@ fn negative_columns_of_scales_are_logarithms() {
             .contains("leave the meaning of scales out"),
         "{error}"
     );
+}
+
+// SPZ version 4.
+
+/// The same splats packed as one and in streams, by a hand that stores and by a compressor.
+#[test]
+fn spz_in_streams_holds_what_it_holds_in_one() {
+    type Pack = fn(&[u8]) -> Vec<u8>;
+    let compressed = |bytes: &[u8]| {
+        ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest)
+    };
+    let packers: [Pack; 2] = [stored, compressed];
+    let options = OpenOptions::default();
+    for degree in 0..4 {
+        let splats = some_splats(40, degree);
+        let one = read("a.spz", &spz(3, 1, &splats), &options).unwrap();
+        let bare = read("a.spz", &spz_unpacked(3, 1, &splats), &options).unwrap();
+        assert_eq!(cloud(&bare), cloud(&one), "without gzip");
+        for pack in packers {
+            let streams = read("a.spz", &spz_streams(1, &splats, &pack), &options).unwrap();
+            assert_eq!(cloud(&streams), cloud(&one), "degree {degree}");
+            assert!(streams.notes.is_empty());
+        }
+    }
+    // Of degree 4 the first three are taken.
+    let four = read(
+        "a.spz",
+        &spz_streams(0, &some_splats(3, 4), &stored),
+        &options,
+    )
+    .unwrap();
+    assert_eq!(cloud(&four).harmonics_degree, 3);
+    assert!(four.notes[0].contains("harmonics of degree 4"));
+}
+
+#[test]
+fn spz_streams_are_checked_against_the_header() {
+    let good = spz_streams(0, &some_splats(4, 1), &stored);
+    let refused = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut file = good.clone();
+        change(&mut file);
+        let answer = read("a.spz", &file, &OpenOptions::default());
+        answer.unwrap_err().to_string()
+    };
+    for (at, byte, words) in [
+        (8, 5, "stream 0: expected 45 bytes for 5 splats, found 36"),
+        (15, 5, "a table of 6 streams or more"),
+        (16, 31, "a table of 6 streams or more"),
+        (19, 1, "a table of 6 streams or more"),
+        (11, 255, "a file of"),
+        (39, 1, "left in the file"),
+        (40, 37, "stream 0: expected 36 bytes for 4 splats, found 37"),
+        (128, 0, "a sound zstd stream"),
+    ] {
+        let words_found = refused(&|file| file[at] = byte);
+        assert!(words_found.contains(words), "{at}: {words_found}");
+    }
+    for len in [20, 40, 130, good.len() - 1] {
+        refused(&|file| file.truncate(len));
+    }
 }

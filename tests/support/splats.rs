@@ -237,6 +237,40 @@ pub(crate) fn spz(version: u32, flags: u8, splats: &[Splat]) -> Vec<u8> {
     gzip(&spz_unpacked(version, flags, splats))
 }
 
+/// A zstd frame of one block that is not compressed, at most 128 KiB (RFC 8878): a descriptor that says that the size has four bytes and
+/// that there is no window, the size, the block's header.
+pub(crate) fn stored(bytes: &[u8]) -> Vec<u8> {
+    let mut out = vec![0x28, 0xb5, 0x2f, 0xfd, 0xa0];
+    out.extend((bytes.len() as u32).to_le_bytes());
+    out.extend(&(1 | (bytes.len() as u32) << 3).to_le_bytes()[..3]);
+    out.extend(bytes);
+    out
+}
+
+/// An SPZ file of version 4, whose arrays `pack` packs as zstd streams.
+pub(crate) fn spz_streams(flags: u8, splats: &[Splat], pack: &dyn Fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
+    let mut out = spz_unpacked(3, flags, splats);
+    let mut body = out.split_off(16);
+    let rest = 3 * (splats[0].harmonics.len() - 1);
+    let sizes = [9, 1, 3, 3, 4, rest];
+    let count = sizes.iter().filter(|s| **s > 0).count();
+    out[4] = 4;
+    out[15] = count as u8;
+    out.extend(32_u32.to_le_bytes());
+    out.resize(32, 0);
+    let mut streams = Vec::new();
+    for size in &sizes[..count] {
+        let others = body.split_off(size * splats.len());
+        let packed = pack(&body);
+        out.extend((packed.len() as u64).to_le_bytes());
+        out.extend((body.len() as u64).to_le_bytes());
+        streams.extend(packed);
+        body = others;
+    }
+    out.extend(streams);
+    out
+}
+
 /// A .glb file.
 pub(crate) fn glb(json: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
     let mut json = json.to_string().into_bytes();
