@@ -207,8 +207,8 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
 /// | the same with a `P` before the type | an index, with the files of pieces that it names |
 /// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
-/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
-/// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
+/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, splats in INRIA's layout or compressed ones |
+/// | `NGSP`, packed with gzip or not, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
 /// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
