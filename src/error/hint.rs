@@ -76,6 +76,8 @@ pub enum Parameter {
     ReadAs,
     /// [`OpenOptions::particle_type`](crate::io::OpenOptions::particle_type).
     ParticleType,
+    /// [`OpenOptions::scales`](crate::io::OpenOptions::scales).
+    Scales,
     /// [`RawLayout::dims`](crate::io::RawLayout::dims).
     RawDims,
     /// [`RawLayout::spacing`](crate::io::RawLayout::spacing) and
@@ -134,6 +136,7 @@ impl fmt::Display for Parameter {
             Self::SurfelSpacing => "spacing of surfels",
             Self::ReadAs => "what it is to be read as",
             Self::ParticleType => "the type of particles",
+            Self::Scales => "the meaning of scales",
             Self::RawDims => "dimensions",
             Self::RawGeometry => "spacing and origin",
         })

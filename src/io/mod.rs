@@ -20,6 +20,7 @@ mod gltf_splats;
 mod handedness;
 mod hdf5;
 mod image_file;
+mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
@@ -34,6 +35,7 @@ mod ply;
 mod ply_body;
 mod ply_header;
 mod ply_mesh;
+mod ply_packed;
 mod ply_splats;
 mod ply_table;
 mod polygons;
@@ -87,6 +89,7 @@ pub use image_file::{
     check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
     write_normals,
 };
+pub use log_scales::ScaleMeaning;
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub(crate) use mesh_part::leave_out_unused;
 pub use particle_type::{ParticleCount, ParticleType};
@@ -125,6 +128,9 @@ pub struct OpenOptions {
     /// and of Phantom all but its sinks. A file without particles of this type is refused, and so is one of another
     /// format.
     pub particle_type: Option<ParticleType>,
+    /// What the scales of splats in glTF files and the columns `scale_0..2` of tables are; without it, logarithms where any
+    /// is negative, and otherwise standard deviations. Data without such scales are refused.
+    pub scales: Option<ScaleMeaning>,
 }
 
 /// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
@@ -210,8 +216,8 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `NRRD` | [NRRD](https://teem.sourceforge.net/nrrd/format.html) image, with the files of numbers that it names |
 /// | `ObjectType =` or `NDims =`, or `.mha`, `.mhd` | [MetaImage](https://itk.org/Wiki/ITK/MetaIO/Documentation), with the files of numbers that it names |
 /// | `n+1`, `n+2`, `ni1` or `ni2` in its header, also packed with gzip; `.nii`; `.img` with its `.hdr` | [NIfTI](https://nifti.nimh.nih.gov/) image |
-/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, or splats in INRIA's layout |
-/// | `NGSP`, packed with gzip, or `.spz` | SPZ splats |
+/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, splats in INRIA's layout or compressed ones |
+/// | `NGSP`, packed with gzip or not, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
 /// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
@@ -281,6 +287,17 @@ pub fn read_with(
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let mut data = recognised(input, options)?;
+    let has_scales =
+        data.format == gltf_splats::FORMAT || log_scales::settle_table(&mut data, options.scales);
+    if options.scales.is_some() && !has_scales {
+        return Err(Error::format(
+            input.path,
+            Parameter::Scales,
+            "splats of a glTF file, or a table with scale_0..2 and rot_0..3",
+            data.format,
+            Hint::LeaveOut(Parameter::Scales),
+        ));
+    }
     for field in &mut data.fields {
         let stated = field.unit.take();
         let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
@@ -363,7 +380,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     }
     // Before the meshes of glTF files, which may hold both.
     if gltf_splats::looks_like(input, &head) {
-        return gltf_splats::read(input);
+        return gltf_splats::read(input, options.scales);
     }
     if head.starts_with(npz::MAGIC) {
         return npz::read(input);

@@ -15,7 +15,7 @@
 //! | `rot_0..3` | quaternion w, x, y, z of any length |
 //! | all others | fields |
 //!
-//! A file with `f_dc_0` has the splat layout; of the others, one with faces is a mesh (see
+//! A file with `packed_position` has packed splats (see [`super::ply_packed`]), one with `f_dc_0` the splat layout; of the others, one with faces is a mesh (see
 //! [`super::ply_mesh`]) unless its points are asked for, and any other is a table. A comment
 //! `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot) marks splats made for the low-pass filter of Yu et al. 2024,
 //! *Mip-Splatting*, that keeps opacity times area.
@@ -27,8 +27,9 @@
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::ply_body::rows;
-use super::ply_header::{Header, Property};
+use super::ply_header::Header;
 use super::ply_mesh::{self, Faces};
+use super::ply_packed;
 use super::ply_splats::splats;
 use super::ply_table::Table;
 use super::table::dataset;
@@ -61,15 +62,8 @@ pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             "give a file with vertices",
         ));
     };
-    let is_packed = |p: &Property| p.name == "packed_position";
-    if header.elements[vertex].properties.iter().any(is_packed) {
-        return Err(Error::format(
-            path,
-            "header",
-            "splats with properties x, y, z",
-            "`packed_position`: a compressed PLY",
-            "export the splats as uncompressed PLY, .splat or .spz",
-        ));
+    if ply_packed::is_packed(&header) {
+        return ply_packed::read(path, &bytes, &header);
     }
     let mut notes = Vec::new();
     let has = |name: &str| {

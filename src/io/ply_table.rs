@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::Field;
-use super::scalars::{Encoding, ScalarType, Stride, positions, values};
+use super::scalars::{Encoding, ScalarType, Stride, doubles, positions, values};
 use super::table::{position_columns, scalar_field};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -68,6 +68,12 @@ impl Table<'_> {
             Values::F32(column) => column,
             column => (0..column.len()).map(|i| column.get(i)).collect(),
         })
+    }
+
+    /// A column in double precision, which holds every 32-bit number.
+    pub(super) fn numbers(&self, member: usize) -> Result<Vec<f64>> {
+        let (encoding, stride) = self.place(member);
+        doubles(&self.rows.data, encoding, stride).ok_or_else(|| self.damaged())
     }
 
     pub(super) fn positions(&self) -> Result<(Vec<DVec3>, Vec<usize>)> {

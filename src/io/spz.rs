@@ -1,4 +1,4 @@
-//! SPZ, versions 1 to 3: splats in some 20 to 65 bytes each, behind gzip; little-endian.
+//! SPZ, versions 1 to 4: splats in some 20 to 65 bytes each, behind gzip or (version 4) in zstd streams; little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | 12 | degree of the harmonics |
 //! | 13 | fractional bits b of positions |
 //! | 14 | flags: 1 made for an anti-aliasing filter, 2 extensions follow |
-//! | 15 | reserved |
+//! | 15 | version 4: number of streams; before, reserved |
 //! | 9 N | positions: three signed 24-bit numbers in units of 2^-b (version 1: 6 N, half floats) |
 //! | N | peak opacities, 0 to 255 |
 //! | 3 N | coefficients of the constant harmonic: (byte / 255 - 1/2) / .15 |
@@ -16,6 +16,10 @@
 //! | 4 N | version 3: quaternions without their largest component; see [`smallest_three`] |
 //! | 3 N | versions 1 and 2: quaternions' x, y, z, each byte / 127.5 - 1; w is not negative |
 //! | the rest | per splat and coefficient R, G, B, each (byte - 128) / 128 |
+//!
+//! Version 4 has 16 bytes more of header, at first where its table of streams begins (u32), and each array in a zstd stream of its
+//! own; the table has two numbers (u64) for each, its bytes packed and unpacked, and the streams follow it. Versions 1 to 3 are read
+//! without gzip, too.
 //!
 //! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
@@ -27,6 +31,7 @@ use std::path::Path;
 
 use flate2::read::MultiGzDecoder;
 use glam::DVec3;
+use ruzstd::decoding::StreamingDecoder;
 
 use super::dataset::Dataset;
 use super::file::Input;
@@ -37,9 +42,14 @@ use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 
 pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
+/// The version whose arrays are packed, not the file, and the length of its header.
+const STREAMED: u32 = 4;
+const STREAMED_HEADER: usize = 32;
+/// Bytes of a stream's row in the table.
+const STREAM_ROW: usize = 16;
 
 /// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
-/// its size.
+/// its size. (Runs of equal bytes can in zstd; no splats have such.)
 const GREATEST_RATIO: u64 = 1032;
 
 /// The signs that the harmonics take under half a turn about x: (x, y, z) to (x, -y, -z).
@@ -73,12 +83,19 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
             n => started += n,
         }
     }
-    if start.starts_with(MAGIC) {
-        // Version 4 packs its arrays, not the file.
-        return Err(unknown_version(path, word(&start, 4)));
-    }
     let packed = start[..started].chain(file.take(len.saturating_sub(HEADER as u64)));
-    let mut unpacked = MultiGzDecoder::new(packed);
+    let is_bare = start.starts_with(MAGIC);
+    if is_bare && word(&start, 4) == STREAMED {
+        let mut packed = packed;
+        let mut bytes = Vec::new();
+        packed.read_to_end(&mut bytes).map_err(io)?;
+        return read_streams(path, &bytes);
+    }
+    let mut unpacked: Box<dyn Read + '_> = if is_bare {
+        Box::new(packed)
+    } else {
+        Box::new(MultiGzDecoder::new(packed))
+    };
     let damaged = |e: std::io::Error| {
         let advice = "the file is damaged or is no SPZ file: get it again";
         Error::io(path, "unpacking", e, advice)
@@ -98,55 +115,169 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     if !(1..=3).contains(&version) {
         return Err(unknown_version(path, version));
     }
-    let [degree, fraction_bits, flags] = [header[12], header[13], header[14]];
-    // Degree 4 is the greatest that the format knows.
-    if degree > 4 || fraction_bits > 24 {
-        return Err(Error::format(
-            path,
-            "header",
-            "harmonics of degree 0 to 4 and up to 24 fractional bits",
-            format!("degree {degree} and {fraction_bits} bits"),
-            "the file is damaged: get it again",
-        ));
-    }
-    let layout = Layout::new(version, degree);
-    let count = u64::from(word(&header, 8));
-    let size = count.saturating_mul(layout.bytes_per_splat() as u64);
-    let too_short = |found: String| {
-        Error::format(
-            path,
-            "size",
-            format!("{size} bytes for {count} splats of degree {degree}"),
-            found,
-            "the file is cut off or its header is wrong: get it again",
-        )
-    };
-    if size > len.saturating_mul(GREATEST_RATIO) {
-        return Err(too_short(format!("a file of {len} bytes")));
-    }
+    let header = Header::of(path, &header, len)?;
+    let size = header.size;
     let mut body = Vec::new();
     (&mut unpacked)
         .take(size)
         .read_to_end(&mut body)
         .map_err(damaged)?;
     if body.len() as u64 != size {
-        return Err(too_short(format!("{} bytes", body.len())));
+        return Err(header.too_short(path, format!("{} bytes", body.len())));
     }
-    let mut notes = Vec::new();
-    let more = unpacked.read(&mut [0]).map_err(damaged)? > 0;
-    if more || flags & 2 != 0 {
-        notes.push("what follows the splats (extensions) is not read".into());
-    }
-    if degree > MAX_HARMONICS_DEGREE {
-        notes.push(format!(
-            "harmonics of degree {degree}: those above {MAX_HARMONICS_DEGREE} are not used"
+    let is_more = unpacked.read(&mut [0]).map_err(damaged)? > 0;
+    header.dataset(path, &body, is_more)
+}
+
+/// Reads version 4.
+///
+/// # Errors
+/// A table or streams that are not within the file, or that hold other sizes than the header says.
+fn read_streams(path: &Path, bytes: &[u8]) -> Result<Dataset> {
+    let fault = |place: String, expected: String, found: String| {
+        let advice = "the file is cut off or damaged: get it again";
+        Error::format(path, place, expected, found, advice)
+    };
+    let table_at = bytes.get(HEADER..HEADER + 4);
+    let (Some(start), Some(table_at)) = (bytes.first_chunk::<HEADER>(), table_at) else {
+        return Err(fault(
+            "header".into(),
+            format!("{STREAMED_HEADER} bytes"),
+            format!("{} bytes", bytes.len()),
         ));
+    };
+    let header = Header::of(path, start, bytes.len() as u64)?;
+    let arrays = header.layout.arrays();
+    let wanted = arrays.iter().filter(|a| **a > 0).count();
+    let stream_count = usize::from(start[15]);
+    let table_at = u32::from_le_bytes(array::from_fn(|i| table_at[i])) as usize;
+    let table = bytes
+        .get(table_at..)
+        .and_then(|rest| rest.split_at_checked(stream_count * STREAM_ROW))
+        .filter(|_| table_at >= STREAMED_HEADER && stream_count >= wanted);
+    let Some((table, mut rest)) = table else {
+        return Err(fault(
+            "header".into(),
+            format!("a table of {wanted} streams or more within the file"),
+            format!("{stream_count} at byte {table_at} of {}", bytes.len()),
+        ));
+    };
+    let mut body = Vec::new();
+    for (i, (row, array)) in table.chunks_exact(STREAM_ROW).zip(arrays).enumerate() {
+        let place = || format!("stream {i}");
+        let number = |at: usize| u64::from_le_bytes(array::from_fn(|k| row[at + k]));
+        let (packed_size, size) = (number(0), number(8));
+        let expected = u64::from(header.count) * array as u64;
+        if size != expected {
+            return Err(fault(
+                place(),
+                format!("{expected} bytes for {} splats", header.count),
+                size.to_string(),
+            ));
+        }
+        let packed = usize::try_from(packed_size).ok();
+        let split = packed.and_then(|size| rest.split_at_checked(size));
+        let Some((packed, others)) = split else {
+            return Err(fault(
+                place(),
+                format!("{packed_size} bytes"),
+                format!("{} left in the file", rest.len()),
+            ));
+        };
+        rest = others;
+        if array == 0 {
+            continue;
+        }
+        let damaged = |found: String| fault(place(), "a sound zstd stream".into(), found);
+        let stream = StreamingDecoder::new(packed).map_err(|e| damaged(e.to_string()))?;
+        let before = body.len() as u64;
+        let mut stream = stream.take(size);
+        stream
+            .read_to_end(&mut body)
+            .map_err(|e| damaged(e.to_string()))?;
+        let found = body.len() as u64 - before;
+        if found != size {
+            return Err(fault(
+                place(),
+                format!("{size} bytes"),
+                format!("{found} bytes"),
+            ));
+        }
     }
-    let scale = 0.5_f64.powi(i32::from(fraction_bits));
-    let cloud = layout.splats(&body, scale, flags & 1 != 0);
-    let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
-    data.notes = notes;
-    Ok(data)
+    header.dataset(path, &body, table_at > STREAMED_HEADER)
+}
+
+/// What the first bytes say.
+struct Header {
+    layout: Layout,
+    count: u32,
+    fraction_bits: u8,
+    flags: u8,
+    /// Bytes of all arrays.
+    size: u64,
+}
+
+impl Header {
+    /// - `len`: bytes of the file.
+    fn of(path: &Path, header: &[u8; HEADER], len: u64) -> Result<Self> {
+        let [degree, fraction_bits, flags] = [header[12], header[13], header[14]];
+        // Degree 4 is the greatest that the format knows.
+        if degree > 4 || fraction_bits > 24 {
+            return Err(Error::format(
+                path,
+                "header",
+                "harmonics of degree 0 to 4 and up to 24 fractional bits",
+                format!("degree {degree} and {fraction_bits} bits"),
+                "the file is damaged: get it again",
+            ));
+        }
+        let layout = Layout::new(word(header, 4), degree);
+        let count = word(header, 8);
+        let size = u64::from(count).saturating_mul(layout.bytes_per_splat() as u64);
+        let header = Self {
+            layout,
+            count,
+            fraction_bits,
+            flags,
+            size,
+        };
+        if size > len.saturating_mul(GREATEST_RATIO) {
+            return Err(header.too_short(path, format!("a file of {len} bytes")));
+        }
+        Ok(header)
+    }
+
+    fn too_short(&self, path: &Path, found: String) -> Error {
+        Error::format(
+            path,
+            "size",
+            format!(
+                "{} bytes for {} splats of degree {}",
+                self.size, self.count, self.layout.degree
+            ),
+            found,
+            "the file is cut off or its header is wrong: get it again",
+        )
+    }
+
+    /// - `is_more`: whether the file holds more than the arrays.
+    fn dataset(&self, path: &Path, body: &[u8], is_more: bool) -> Result<Dataset> {
+        let degree = self.layout.degree;
+        let mut notes = Vec::new();
+        if is_more || self.flags & 2 != 0 {
+            notes.push("what follows the splats (extensions) is not read".into());
+        }
+        if degree > MAX_HARMONICS_DEGREE {
+            notes.push(format!(
+                "harmonics of degree {degree}: those above {MAX_HARMONICS_DEGREE} are not used"
+            ));
+        }
+        let scale = 0.5_f64.powi(i32::from(self.fraction_bits));
+        let cloud = self.layout.splats(body, scale, self.flags & 1 != 0);
+        let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
+        data.notes = notes;
+        Ok(data)
+    }
 }
 
 fn word(header: &[u8; HEADER], at: usize) -> u32 {
@@ -157,7 +288,7 @@ fn unknown_version(path: &Path, version: u32) -> Error {
     Error::format(
         path,
         "header",
-        "version 1, 2 or 3",
+        "version 1 to 3, or 4 without gzip",
         format!("version {version}, which is not read"),
         "save it as version 3, or as PLY",
     )
@@ -182,8 +313,13 @@ impl Layout {
         }
     }
 
+    /// Bytes per splat of each array, in their order.
+    fn arrays(&self) -> [usize; 6] {
+        [self.position, 1, 3, 3, self.rotation, 3 * self.coefficients]
+    }
+
     fn bytes_per_splat(&self) -> usize {
-        self.position + 1 + 3 + 3 + self.rotation + 3 * self.coefficients
+        self.arrays().iter().sum()
     }
 
     /// Decodes the arrays; `body` holds whole ones.

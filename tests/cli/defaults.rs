@@ -20,9 +20,6 @@ const REFUSED: &[(&str, &str)] = &[
     ("beach.ascii.nhdr", "no file"),
     ("BoxMetaDraco.gltf", "KHR_draco_mesh_compression"),
     ("BoxMeshopt.glb", "EXT_meshopt_compression"),
-    ("guitar.compressed.ply", "compressed PLY"),
-    ("minimal-raw.spz", "version"),
-    ("minimal-v4.spz", "version"),
 ];
 
 /// Files with a few points that are far from one another, each far below the picture.

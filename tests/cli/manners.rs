@@ -137,7 +137,18 @@ fn info_explains_what_cannot_be_drawn() {
     let table = "x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity\n\
                  0,0,0,-3,-4,-2,1,0,0,0,.5\n0.0100000001,0,1,-3,-4,-2,1,0,0,0,.5\n";
     std::fs::write(folder.path().join("a.csv"), table).unwrap();
+    // Logarithms are known by their signs.
     let output = run(folder.path(), &["info", "a.csv", "--json"]);
+    let info: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(info["particles"], 2);
+    assert!(info["problem"].is_null(), "{info}");
+    let note = info["notes"][0].as_str().unwrap();
+    assert!(
+        note.contains("2 particles are taken as logarithms"),
+        "{note}"
+    );
+    let linear = ["info", "a.csv", "--scales", "linear"];
+    let output = run(folder.path(), &[&linear[..], &["--json"]].concat());
     assert!(output.status.success(), "{}", text(&output.stderr));
     let info: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(info["geometry"]["count"], 2);
@@ -147,18 +158,15 @@ fn info_explains_what_cannot_be_drawn() {
     assert!(!problem.contains("ewa-splat info"), "{problem}");
     let note = info["notes"][0].as_str().unwrap();
     assert!(
-        note.contains("logarithms") && note.contains("--radius"),
+        note.contains("logarithms") && note.contains("--scales"),
         "{note}"
     );
-    let output = run(folder.path(), &["info", "a.csv"]);
+    let output = run(folder.path(), &linear);
     let table = text(&output.stdout);
     assert!(table.contains("upper bound        0.01, 0, 1\n"), "{table}");
     assert!(table.contains("\nproblem "), "{table}");
-    // Which is what the note says helps.
-    let output = run(
-        folder.path(),
-        &["info", "a.csv", "--radius", ".1", "--json"],
-    );
+    let radius = [&linear[..], &["--radius", ".1", "--json"]].concat();
+    let output = run(folder.path(), &radius);
     let info: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(info["particles"], 2);
     assert!(info["problem"].is_null() && info["notes"][0].is_null());

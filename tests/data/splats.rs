@@ -11,10 +11,13 @@ use std::path::PathBuf;
 
 use crate::common::scene::{Particle, camera, difference, render, volume};
 use crate::support::splats::{
-    Ply, Splat, gzip, some_splats, splat_ply, splat_records, spz, spz_unpacked,
+    Ply, Splat, glb, gzip, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
+    spz_unpacked, stored,
 };
 use ewa_splat::image::linear_from_srgb;
-use ewa_splat::io::{Dataset, FieldSource, Geometry, OpenOptions, SplatCloud, open};
+use ewa_splat::io::{
+    Dataset, FieldSource, Geometry, OpenOptions, ScaleMeaning, SplatCloud, open, read,
+};
 use ewa_splat::reference::Integrator;
 use ewa_splat::sample::{SampleOptions, Sampled, volume as sample};
 use ewa_splat::scene::{Colour, Particles, PointVolume, Requirements, Strength, Values};
@@ -201,7 +204,7 @@ fn broken_ply_headers_are_named() {
         ),
         (
             format!("{head}element vertex 1\nproperty float packed_position\nend_header\n1\n"),
-            "compressed PLY",
+            "an element `chunk`",
         ),
         (format!("{head}magic\nend_header\n"), "`magic`"),
     ] {
@@ -430,7 +433,10 @@ fn spz_claims_are_checked_against_the_bytes() {
         (with(0, b"PGSN"), "NGSP"),
         (with(4, &[4]), "version 4"),
         (with(4, &[0]), "version 0"),
-        ([b"NGSP\x04".to_vec(), vec![0; 40]].concat(), "version 4"),
+        (
+            [b"NGSP\x04".to_vec(), vec![0; 40]].concat(),
+            "a table of 5 streams",
+        ),
         (with(8, &[5]), "5 splats"),
         // 4e9 splats in a hundred bytes.
         (with(8, &[255; 4]), "4294967295 splats"),
@@ -972,4 +978,348 @@ fn fields_of_splats_are_those_that_nothing_else_uses() {
     assert!(
         matches!(&data.fields[0].source, FieldSource::Scalar(Values::I16(ids)) if *ids == [7, 7])
     );
+}
+
+// Compressed PLY.
+
+/// Two chunks, of which the second has another box: what every bit means, with harmonics and colours in boxes and without.
+#[test]
+fn packed_splats_have_the_values_that_their_bits_say() {
+    for encoding in Ply::ALL {
+        for degree in [0, 1, 3] {
+            let data = read(
+                "a.ply",
+                &packed_ply(encoding, degree, true),
+                &OpenOptions::default(),
+            );
+            let data = data.unwrap();
+            let cloud = cloud(&data);
+            assert!(data.notes.is_empty() && data.field_names().is_empty());
+            assert_eq!(cloud.positions.len(), 258);
+            assert_eq!(usize::from(cloud.harmonics_degree), degree);
+            // Of the first chunk: x by 2046/2047, y by 1/1023, z by 1 of boxes from -1 to 1, 0 to 2 and 5 to 5.
+            let close = |a: f64, b: f64| (a - b).abs() <= 2e-7 * b.abs().max(1.0);
+            let expected = [-1.0 + 2.0 * 2046.0 / 2047.0, 2.0 / 1023.0, 5.0];
+            for (found, expected) in cloud.positions[3].to_array().into_iter().zip(expected) {
+                assert!(close(found, expected), "{found} {expected}");
+            }
+            // The same bits in the second, from 10 to 20 along each axis.
+            let expected = [10.0 + 10.0 * 2046.0 / 2047.0, 10.0 + 10.0 / 1023.0, 20.0];
+            for (found, expected) in cloud.positions[257].to_array().into_iter().zip(expected) {
+                assert!(close(found, expected), "{found} {expected}");
+            }
+            // Logarithms from -4 to 0.
+            let shares = [0.0, 1.0, 1023.0 / 2047.0];
+            for (found, share) in cloud.scales[3].into_iter().zip(shares) {
+                assert!(
+                    close(found.into(), (-4.0_f64 + 4.0 * share).exp()),
+                    "{found}"
+                );
+            }
+            // Each component is the largest once; the others are -√½, 0 by 511.5 of 1023, and √½ / 1023.
+            let low = -0.5_f64.sqrt();
+            let others = [
+                low,
+                0.5_f64.sqrt() / 1023.0,
+                low + 2.0_f64.sqrt() * 256.0 / 1023.0,
+            ];
+            let largest = (1.0 - others.iter().map(|c| c * c).sum::<f64>())
+                .max(0.0)
+                .sqrt();
+            for i in 0..4 {
+                let mut expected = others.to_vec();
+                expected.insert(i, largest);
+                for (found, expected) in cloud.rotations[i].into_iter().zip(expected) {
+                    assert!(close(found.into(), expected), "{i}: {found} {expected}");
+                }
+            }
+            assert!(close(cloud.opacities[3].into(), 51.0 / 255.0));
+            let stride = cloud.harmonics_stride();
+            let set = &cloud.harmonics[3 * stride..][..stride];
+            // Colours from .5 to 1.5 in the first chunk.
+            for (found, share) in set.iter().zip([0.0, 1.0, 102.0 / 255.0]) {
+                let constant = share / 0.282_094_791_773_878_14;
+                assert!(close((*found).into(), constant), "{found} {constant}");
+            }
+            // Bytes 0, 255, 1, 2, 3, ...: all of red, of green, of blue.
+            for k in 1..stride / 3 {
+                for channel in 0..3 {
+                    let place = channel * (stride / 3 - 1) + k - 1;
+                    let expected = match place {
+                        0 => -4.0,
+                        1 => 4.0,
+                        n => (n as f64 - 1.0 + 0.5) / 32.0 - 4.0,
+                    };
+                    assert!(close(set[3 * k + channel].into(), expected), "{place}");
+                }
+            }
+            // Without boxes of colours these are shares themselves.
+            let plain = packed_ply(encoding, degree, false);
+            let plain = read("a.ply", &plain, &OpenOptions::default()).unwrap();
+            let Geometry::Splats(plain) = &plain.geometry else {
+                panic!()
+            };
+            let constant = (102.0 / 255.0 - 0.5) / 0.282_094_791_773_878_14;
+            assert!(close(plain.harmonics[3 * stride + 2].into(), constant));
+        }
+    }
+}
+
+#[test]
+fn packed_splats_that_lack_something_are_refused() {
+    let open = |text: &str| read("a.ply", text.as_bytes(), &OpenOptions::default());
+    let good = String::from_utf8(packed_ply(Ply::Ascii, 1, true)).unwrap();
+    assert!(open(&good).is_ok());
+    for (from, to, words) in [
+        (
+            "float min_scale_y",
+            "float least",
+            "chunks with `min_scale_y`",
+        ),
+        (
+            "packed_rotation",
+            "rotation",
+            "splats with `packed_rotation`",
+        ),
+        ("uchar f_rest_0", "float f_rest_0", "bytes (uchar)"),
+        ("f_rest_8", "f_best_8", "0, 9, 24 or 45"),
+        ("element sh 258", "element sh 257", "of 257"),
+        ("element chunk 2", "element chunk 1", "row 0 of 258"),
+        (
+            "uint packed_color",
+            "float packed_color\nproperty float x",
+            "row 0 of 258",
+        ),
+    ] {
+        let error = open(&good.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(error.contains(words), "{from}: {error}");
+    }
+    // The second chunk's row left out.
+    let (head, rows) = good.split_once("end_header\n").unwrap();
+    let mut rows: Vec<&str> = rows.lines().collect();
+    rows.remove(1);
+    let head = head.replacen("element chunk 2", "element chunk 1", 1);
+    let error = open(&format!("{head}end_header\n{}\n", rows.join("\n"))).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("expected 2 chunks for 258 splats, found 1"),
+        "{error}"
+    );
+}
+
+// Scales that are logarithms, and splats of glTF in other numbers and under other names.
+
+/// What the extension's attributes of two splats are called, of which component type they are, and their bytes.
+fn glb_of(attributes: &[(&str, &str, u32, Vec<u8>)]) -> Vec<u8> {
+    let mut binary = Vec::new();
+    let (mut accessors, mut views) = (Vec::new(), Vec::new());
+    let mut names = serde_json::Map::new();
+    for (i, (name, kind, code, bytes)) in attributes.iter().enumerate() {
+        names.insert((*name).to_owned(), i.into());
+        accessors.push(
+            serde_json::json!({ "bufferView": i, "componentType": code, "count": 2,
+                                           "type": kind, "normalized": *code != 5126 }),
+        );
+        views.push(serde_json::json!({ "buffer": 0, "byteOffset": binary.len(),
+                                       "byteLength": bytes.len() }));
+        binary.extend(bytes);
+    }
+    let json = serde_json::json!({
+        "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "scale": [2.0, 2.0, 2.0] }],
+        "meshes": [{ "primitives": [{ "mode": 0, "attributes": names,
+            "extensions": { "KHR_gaussian_splatting": {} } }] }],
+        "accessors": accessors, "bufferViews": views, "buffers": [{ "byteLength": binary.len() }],
+    });
+    glb(&json, &binary)
+}
+
+fn floats(numbers: &[f32]) -> Vec<u8> {
+    numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
+const IDENTITIES: [f32; 8] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+#[test]
+fn negative_scales_of_gltf_splats_are_logarithms() {
+    let (half, quarter) = (0.5_f32.ln(), 0.25_f32.ln());
+    let file = |scales: [f32; 6]| {
+        let name = |n: &str| format!("KHR_gaussian_splatting:{n}");
+        glb_of(&[
+            (
+                "POSITION",
+                "VEC3",
+                5126,
+                floats(&[0.0, 0.0, 0.0, 1.0, 2.0, 3.0]),
+            ),
+            (&name("SCALE"), "VEC3", 5126, floats(&scales)),
+            (&name("ROTATION"), "VEC4", 5126, floats(&IDENTITIES)),
+            (&name("OPACITY"), "SCALAR", 5126, floats(&[0.25, 0.75])),
+            (&name("SH_DEGREE_0_COEF_0"), "VEC3", 5126, floats(&[0.5; 6])),
+        ])
+    };
+    let logarithms = file([half, 0.0, quarter, half, half, half]);
+    let scales = |bytes: &[u8], meaning: Option<ScaleMeaning>| {
+        let options = OpenOptions {
+            scales: meaning,
+            ..OpenOptions::default()
+        };
+        let data = read("a.glb", bytes, &options).unwrap();
+        (cloud(&data).scales.clone(), data.notes.clone())
+    };
+    // Twice as large by their node, after the exponential.
+    let close = |found: [f32; 3], expected: [f32; 3]| {
+        (0..3).all(|i| (found[i] - expected[i]).abs() <= 4.0 * f32::EPSILON * expected[i].abs())
+    };
+    let (found, notes) = scales(&logarithms, None);
+    assert!(
+        close(found[0], [1.0, 2.0, 0.5]) && close(found[1], [1.0; 3]),
+        "{found:?}"
+    );
+    assert!(
+        notes[0].contains("2 splats are taken as logarithms, because"),
+        "{notes:?}"
+    );
+    let (found, notes) = scales(&logarithms, Some(ScaleMeaning::Linear));
+    assert!(close(found[0], [2.0 * half, 0.0, 2.0 * quarter]) && notes.is_empty());
+    // Standard deviations all above 0 stay, unless they are said to be logarithms.
+    let linear = file([0.5, 1.0, 0.25, 0.5, 0.5, 0.5]);
+    let (found, notes) = scales(&linear, None);
+    assert!(close(found[0], [1.0, 2.0, 0.5]) && notes.is_empty());
+    let (found, notes) = scales(&linear, Some(ScaleMeaning::Logarithms));
+    assert!(close(found[0], [0.5, 1.0, 0.25].map(|s: f32| 2.0 * s.exp())) && notes.len() == 1);
+}
+
+#[test]
+fn splats_of_gltf_open_under_their_first_names_and_in_shorts() {
+    let shorts = |numbers: &[i32]| -> Vec<u8> {
+        let low = |n: &i32| n.to_le_bytes()[..2].to_vec();
+        numbers.iter().flat_map(low).collect()
+    };
+    let file = glb_of(&[
+        (
+            "POSITION",
+            "VEC3",
+            5122,
+            shorts(&[0, 0, 0, 32767, -32767, -32768]),
+        ),
+        (
+            "_SCALE",
+            "VEC3",
+            5123,
+            shorts(&[65535, 13107, 0, 65535, 65535, 65535]),
+        ),
+        ("_ROTATION", "VEC4", 5120, vec![0, 0, 0, 127, 129, 0, 0, 0]),
+        ("COLOR_0", "VEC4", 5121, vec![255, 0, 51, 102, 0, 0, 0, 255]),
+    ]);
+    let data = read("a.glb", &file, &OpenOptions::default()).unwrap();
+    let cloud = cloud(&data);
+    assert_eq!(cloud.positions, [DVec3::ZERO, DVec3::new(2.0, -2.0, -2.0)]);
+    assert_eq!(cloud.scales[0][0], 2.0);
+    assert!((cloud.scales[0][1] - 0.4).abs() < 1e-7 && cloud.scales[0][2] == 0.0);
+    assert_eq!(
+        cloud.rotations,
+        [[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0]]
+    );
+    assert_eq!(cloud.opacities, [0.4, 1.0]);
+    for (found, code) in cloud
+        .harmonics
+        .iter()
+        .zip([1.0_f32, 0.0, 0.2, 0.0, 0.0, 0.0])
+    {
+        assert!((0.5 + 0.282_094_8 * found - code).abs() < 1e-6, "{found}");
+    }
+    assert!(data.notes.is_empty(), "{:?}", data.notes);
+}
+
+#[test]
+fn negative_columns_of_scales_are_logarithms() {
+    let table = b"x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity\n\
+        0,0,0,-3,0,-2,1,0,0,0,.5\n0,0,1,1,1,1,1,0,0,0,.5\n";
+    let column = |meaning: Option<ScaleMeaning>| {
+        let options = OpenOptions {
+            scales: meaning,
+            ..OpenOptions::default()
+        };
+        let data = read("a.csv", table, &options).unwrap();
+        let values = values(&data, "scale_0");
+        ([values.get(0), values.get(1)], data.notes.len())
+    };
+    let exponentials = ([(-3.0_f32).exp(), 1.0_f32.exp()], 1);
+    assert_eq!(column(None), exponentials);
+    assert_eq!(column(Some(ScaleMeaning::Logarithms)), exponentials);
+    assert_eq!(column(Some(ScaleMeaning::Linear)), ([-3.0, 1.0], 0));
+    // Data without such scales cannot have them one way or the other.
+    let options = OpenOptions {
+        scales: Some(ScaleMeaning::Linear),
+        ..OpenOptions::default()
+    };
+    let error = read("a.csv", b"x,y,z,sigma\n0,0,0,1\n1,0,0,1\n", &options).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("leave the meaning of scales out"),
+        "{error}"
+    );
+}
+
+// SPZ version 4.
+
+/// The same splats packed as one and in streams, by a hand that stores and by a compressor.
+#[test]
+fn spz_in_streams_holds_what_it_holds_in_one() {
+    type Pack = fn(&[u8]) -> Vec<u8>;
+    let compressed = |bytes: &[u8]| {
+        ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest)
+    };
+    let packers: [Pack; 2] = [stored, compressed];
+    let options = OpenOptions::default();
+    for degree in 0..4 {
+        let splats = some_splats(40, degree);
+        let one = read("a.spz", &spz(3, 1, &splats), &options).unwrap();
+        let bare = read("a.spz", &spz_unpacked(3, 1, &splats), &options).unwrap();
+        assert_eq!(cloud(&bare), cloud(&one), "without gzip");
+        for pack in packers {
+            let streams = read("a.spz", &spz_streams(1, &splats, &pack), &options).unwrap();
+            assert_eq!(cloud(&streams), cloud(&one), "degree {degree}");
+            assert!(streams.notes.is_empty());
+        }
+    }
+    // Of degree 4 the first three are taken.
+    let four = read(
+        "a.spz",
+        &spz_streams(0, &some_splats(3, 4), &stored),
+        &options,
+    )
+    .unwrap();
+    assert_eq!(cloud(&four).harmonics_degree, 3);
+    assert!(four.notes[0].contains("harmonics of degree 4"));
+}
+
+#[test]
+fn spz_streams_are_checked_against_the_header() {
+    let good = spz_streams(0, &some_splats(4, 1), &stored);
+    let refused = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut file = good.clone();
+        change(&mut file);
+        let answer = read("a.spz", &file, &OpenOptions::default());
+        answer.unwrap_err().to_string()
+    };
+    for (at, byte, words) in [
+        (8, 5, "stream 0: expected 45 bytes for 5 splats, found 36"),
+        (15, 5, "a table of 6 streams or more"),
+        (16, 31, "a table of 6 streams or more"),
+        (19, 1, "a table of 6 streams or more"),
+        (11, 255, "a file of"),
+        (39, 1, "left in the file"),
+        (40, 37, "stream 0: expected 36 bytes for 4 splats, found 37"),
+        (128, 0, "a sound zstd stream"),
+    ] {
+        let words_found = refused(&|file| file[at] = byte);
+        assert!(words_found.contains(words), "{at}: {words_found}");
+    }
+    for len in [20, 40, 130, good.len() - 1] {
+        refused(&|file| file.truncate(len));
+    }
 }

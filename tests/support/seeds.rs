@@ -8,7 +8,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
-use super::splats::{Element, Ply, glb_splats, some_splats, splat_ply, splat_records, spz};
+use super::splats::{
+    Element, Ply, glb_splats, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
+    stored,
+};
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
 
@@ -114,8 +117,20 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                     ("vertex", vertices, &rows),
                     ("range_grid", others, &[vec![3.0, 0.0, 1.0, 0.0]]),
                 ];
+                let packed = |bytes: &[u8]| {
+                    use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+                    compress_to_vec(bytes, CompressionLevel::Fastest)
+                };
+                let pack: &dyn Fn(&[u8]) -> Vec<u8> = if degree == 1 { &stored } else { &packed };
+                seeds.push((
+                    "b.spz".into(),
+                    spz_streams(0, &some_splats(9, degree), pack),
+                ));
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
                 seeds.push(("c.ply".into(), mesh_ply(encoding)));
+                if degree < 2 {
+                    seeds.push(("e.ply".into(), packed_ply(encoding, degree, degree > 0)));
+                }
                 seeds.push(("d.ply".into(), strips_ply(encoding)));
             }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));

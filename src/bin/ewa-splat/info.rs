@@ -187,7 +187,7 @@ impl Arguments {
     }
 }
 
-/// What is said of scales below 0, which look like logarithms where standard deviations belong.
+/// What is said of scales below 0 that are taken as standard deviations: they look like logarithms.
 fn logarithms(dataset: &Dataset) -> Option<String> {
     let count = match &dataset.geometry {
         Geometry::Splats(cloud) => {
@@ -204,21 +204,18 @@ fn logarithms(dataset: &Dataset) -> Option<String> {
         }
         _ => 0,
     };
-    let advice = if matches!(dataset.geometry, Geometry::Points { .. }) {
-        "write their exponentials, or give all particles one size with --radius"
-    } else {
-        "convert the file by a program that writes standard deviations"
+    let (of, advice) = match &dataset.geometry {
+        // Without `--scales linear` these would have been taken as logarithms.
+        Geometry::Points { .. } => ("particles", "leave --scales linear out"),
+        _ if dataset.format == "glTF splats" => ("splats", "leave --scales linear out"),
+        _ => (
+            "splats",
+            "convert the file by a program that writes standard deviations",
+        ),
     };
     (count > 0).then(|| {
         format!(
-            "{count} of the {} have scales below 0: they look like logarithms, and {} has standard \
-             deviations; no option reads them: {advice}",
-            if matches!(dataset.geometry, Geometry::Points { .. }) {
-                "particles"
-            } else {
-                "splats"
-            },
-            dataset.format,
+            "{count} of the {of} have scales below 0: they look like logarithms where standard deviations belong; {advice}"
         )
     })
 }

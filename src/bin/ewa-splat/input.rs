@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use ewa_splat::error::{Hint, Parameter};
 use ewa_splat::io::{
-    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, SphKernel,
+    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
+    SphKernel,
 };
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, Sampled, TransferChoice};
@@ -63,6 +64,10 @@ pub(crate) struct DataOptions {
     /// Particles: one length for all instead of the file's; a standard deviation unless --length
     #[arg(long, value_name = "R", value_parser = parse::positive, allow_hyphen_values = true)]
     pub(crate) radius: Option<f64>,
+    /// Splats of glTF files, columns scale_0..2 of tables: what they are, standard deviations or their natural logarithms
+    /// [default: logarithms where any is negative]
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub(crate) scales: Option<Scales>,
     /// Particles: shape of those that state a length at most
     #[arg(long, value_enum, value_name = "SHAPE", default_value = "auto")]
     pub(crate) shape: Shape,
@@ -122,6 +127,15 @@ pub(crate) enum Scale {
     Linear,
     Log,
     Symlog,
+}
+
+/// What scales of kernels are.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Scales {
+    /// Standard deviations
+    Linear,
+    /// Their natural logarithms
+    Log,
 }
 
 /// What a length means.
@@ -219,6 +233,10 @@ impl DataOptions {
                     ReadAsName::Mesh => ReadAs::Mesh,
                 }),
                 particle_type: input.particle_type,
+                scales: self.scales.map(|meaning| match meaning {
+                    Scales::Linear => ScaleMeaning::Linear,
+                    Scales::Log => ScaleMeaning::Logarithms,
+                }),
             },
         )?;
         input.edit.applied(dataset)

@@ -156,6 +156,7 @@ fn option(parameter: Parameter) -> String {
         Parameter::SurfelSpacing => "--spacing",
         Parameter::ReadAs => "--as",
         Parameter::ParticleType => "--type",
+        Parameter::Scales => "--scales",
         Parameter::RawDims => "--dims",
         Parameter::RawGeometry => "--spacing and --origin",
         other => return other.to_string(),

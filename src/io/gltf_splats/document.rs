@@ -202,8 +202,8 @@ impl<'a> Document<'a> {
         let accessor = (self.root.accessors.get(index))
             .ok_or_else(|| missing("an accessor that is there", index))?;
         let kind = ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N];
-        // What the extension lets be bytes or shorts; positions and colours are floats.
-        let is_short = ["SCALE", "ROTATION", "OPACITY"]
+        // What the extension and `KHR_mesh_quantization` let be bytes or shorts; harmonics are floats.
+        let is_short = ["SCALE", "ROTATION", "OPACITY", "POSITION", "COLOR_0"]
             .iter()
             .any(|n| name.ends_with(n));
         let size: u64 = match accessor.component_type {

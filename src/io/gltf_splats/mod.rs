@@ -6,10 +6,14 @@
 //! | attribute | type | what |
 //! |---|---|---|
 //! | `POSITION` | VEC3 | centre |
-//! | `KHR_gaussian_splatting:SCALE` | VEC3 | standard deviations, linear (drafts until 2026 had logarithms) |
+//! | `KHR_gaussian_splatting:SCALE` | VEC3 | standard deviations, linear; drafts until 2026 had logarithms: see [`super::log_scales`] |
 //! | `KHR_gaussian_splatting:ROTATION` | VEC4 | quaternion x, y, z, w |
 //! | `KHR_gaussian_splatting:OPACITY` | SCALAR | peak opacity, 0 to 1 |
 //! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | VEC3 | R, G, B of harmonic n = 0 to 2 l of degree l |
+//!
+//! The first drafts called scales and rotations `_SCALE` and `_ROTATION`, and had the constant colour and the opacity in `COLOR_0`:
+//! these are taken where the others are not there. Numbers may be bytes and shorts, as the extension and `KHR_mesh_quantization`
+//! have them.
 //!
 //! Nodes move splats: rotations and uniform scales exactly, harmonics with them. Where a node
 //! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
@@ -26,6 +30,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use self::document::{Document, Primitive};
 use super::dataset::Dataset;
 use super::file::Input;
+use super::log_scales::{self, ScaleMeaning};
 use super::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
@@ -35,6 +40,9 @@ use crate::math::{
 
 pub(super) use self::document::looks_like;
 pub(super) use self::write::encode;
+
+/// What the format is called.
+pub(super) const FORMAT: &str = "glTF splats";
 
 const EXTENSION: &str = "KHR_gaussian_splatting";
 
@@ -52,13 +60,14 @@ fn harmonic_name(degree: u8, n: usize) -> String {
 /// # Errors
 /// JSON, containers, accessors or buffers that break glTF's rules or hold less than they say; an
 /// attribute that is missing; splats packed by a further extension.
-pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Dataset> {
     let path = input.path;
     let mut document = Document::open(input)?;
     let placed = nodes::placed_meshes(path, &document.root)?;
     let mut notes = Vec::new();
     let mut cloud = SplatCloud::default();
     let mut others = 0_usize;
+    let mut logarithms = 0;
     // A file may show one mesh many times, but not make gigabytes of a kilobyte.
     let most = (document.len / 8).max(MOST_OF_ANY_FILE);
     let meshes = std::mem::take(&mut document.root.meshes);
@@ -70,6 +79,8 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
             };
             let linear = extension.color_space.as_deref() == Some("lin_rec709_display");
             let mut part = read_primitive(&mut document, primitive)?;
+            // Before nodes multiply them.
+            logarithms += log_scales::settle_splats(&mut part.scales, meaning);
             if linear {
                 encode_colours(&mut part, &mut notes);
             }
@@ -92,12 +103,15 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
             cloud.append(part);
         }
     }
+    if logarithms > 0 {
+        notes.push(log_scales::note(logarithms, "splats", meaning));
+    }
     if others > 0 {
         notes.push(format!(
             "{others} primitives that are no splats are not read"
         ));
     }
-    let mut data = cloud.dataset(path, "glTF splats", Vec::new())?;
+    let mut data = cloud.dataset(path, FORMAT, Vec::new())?;
     data.format_up = Some((DVec3::Y, "glTF has y up"));
     data.notes = notes;
     Ok(data)
@@ -114,6 +128,22 @@ fn read_primitive(document: &mut Document<'_>, primitive: &Primitive) -> Result<
     let path = document.path;
     let positions = document.floats::<3>(primitive, "POSITION")?;
     let count = positions.len();
+    let has = |name: &str| primitive.attributes.contains_key(name);
+    let opacity = format!("{EXTENSION}:OPACITY");
+    let constant = format!("{EXTENSION}:{}", harmonic_name(0, 0));
+    let is_draft = (!has(&opacity) || !has(&constant)) && has("COLOR_0");
+    let draft_colours = match is_draft {
+        true => Some(document.floats::<4>(primitive, "COLOR_0")?),
+        false => None,
+    };
+    let named = |name: &str| {
+        let (final_name, draft) = (format!("{EXTENSION}:{name}"), format!("_{name}"));
+        if has(&final_name) || !has(&draft) {
+            final_name
+        } else {
+            draft
+        }
+    };
     let mut harmonics: Vec<Vec<[f32; 3]>> = Vec::new();
     let mut degree = 0;
     for l in 0..=MAX_HARMONICS_DEGREE {
@@ -124,14 +154,26 @@ fn read_primitive(document: &mut Document<'_>, primitive: &Primitive) -> Result<
             break;
         }
         degree = l;
+        if let (0, Some(colours), false) = (l, &draft_colours, is_there) {
+            let constants = colours.iter().map(|[r, g, b, _]| [r, g, b]);
+            harmonics.push(
+                constants
+                    .map(|rgb| rgb.map(|c| constant_of_colour(*c)))
+                    .collect(),
+            );
+            continue;
+        }
         for n in 0..=2 * usize::from(l) {
             let name = format!("{EXTENSION}:{}", harmonic_name(l, n));
             harmonics.push(document.floats::<3>(primitive, &name)?);
         }
     }
-    let scales = document.floats::<3>(primitive, &format!("{EXTENSION}:SCALE"))?;
-    let rotations = document.floats::<4>(primitive, &format!("{EXTENSION}:ROTATION"))?;
-    let opacities = document.floats::<1>(primitive, &format!("{EXTENSION}:OPACITY"))?;
+    let scales = document.floats::<3>(primitive, &named("SCALE"))?;
+    let rotations = document.floats::<4>(primitive, &named("ROTATION"))?;
+    let opacities = match &draft_colours {
+        Some(colours) if !has(&opacity) => colours.iter().map(|[.., a]| [*a]).collect(),
+        _ => document.floats::<1>(primitive, &opacity)?,
+    };
     let lengths = [scales.len(), rotations.len(), opacities.len()];
     let lengths = lengths.into_iter().chain(harmonics.iter().map(Vec::len));
     if let Some(len) = lengths.into_iter().find(|&len| len != count) {
