@@ -116,9 +116,11 @@ fn default_pictures_of_all_real_files_show_them() {
         seen.sort_by(f32::total_cmp);
         let (middle, most) = (seen[seen.len() / 2], seen[seen.len() - 1]);
         assert!(most > 0.3, "{name}: no more than {most}");
-        let is_surface = ["gltf", "glb", "obj", "ply", "splat", "spz", "vtp"]
-            .iter()
-            .any(|ending| name.ends_with(ending));
+        let is_surface = [
+            "gltf", "glb", "obj", "ply", "splat", "spz", "vtp", "stl", "pvd",
+        ]
+        .iter()
+        .any(|ending| name.ends_with(ending));
         assert!(
             is_surface || middle < 0.97,
             "{name}: half of it hides all ({middle})"
