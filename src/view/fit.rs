@@ -47,7 +47,7 @@ pub fn sphere_around(boxes: &[Bounds]) -> Option<(DVec3, f64)> {
 }
 
 impl Viewpoint {
-    /// The azimuth [degrees], -180 to 180, of a direction of view; 0 where that is along what points up.
+    /// The azimuth \[degrees\], -180 to 180, of a direction of view; 0 where that is along what points up.
     ///
     /// - `up`: as [`Viewpoint::up`].
     pub fn azimuth_of(direction: DVec3, up: DVec3) -> f64 {

@@ -78,7 +78,7 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
     Ok(count)
 }
 
-/// How many pixels fall on a unit of a mesh's area, at most, on [`SEEN`] of the pixels that it covers
+/// How many pixels fall on a unit of a mesh's area, at most, on half of the pixels that it covers
 /// \[1/length²\]: surfels of this density are at least one for each of those. What hides it does not count, and
 /// nor does what lies beside the picture. `None` where some of the mesh lies behind the eye, or nothing
 /// of it is in the picture.
