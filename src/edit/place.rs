@@ -90,7 +90,7 @@ impl Placement {
 ///   `rot_0..3`.
 /// - **Fields** keep their values, but vectors of three components, which turn. Colours do not, nor do bytes,
 ///   tensors, and scalars of which a vector is made up (`vx`, `vy`, `vz` of a table).
-/// - **What is up** turns ([`Dataset::up`]).
+/// - **What is up** stays ([`Dataset::up`]): a turned thing is seen turned.
 ///
 /// Lengths that are stated elsewhere (a transfer function's unit distance) are world units after the move.
 ///
