@@ -868,8 +868,8 @@ fn gltf_numbers_are_read_in_all_their_places() {
     );
     refuse(&|j| set(j, "/accessors/4/count", json!(1)), "2 of each");
     refuse(
-        &|j| set(j, "/accessors/0/componentType", json!(5123)),
-        "floats (5126)",
+        &|j| set(j, "/accessors/0/componentType", json!(5125)),
+        "bytes, shorts or floats",
     );
     refuse(
         &|j| set(j, "/accessors/2/componentType", json!(5125)),
