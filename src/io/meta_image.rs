@@ -26,6 +26,7 @@ use glam::DVec3;
 
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
+use super::image_header::{DAMAGED, Header};
 use super::scalars::{Encoding, ScalarType};
 use super::voxels::{self, Numbers, Packing, Skip, Source};
 use super::vtk_xml::clip;
@@ -36,9 +37,6 @@ const MOST_HEADER: usize = 1 << 22;
 
 /// As many as MetaIO reads.
 const MOST_AXES: usize = 10;
-
-const DAMAGED: &str =
-    "the header is damaged or breaks the format's rules: correct it or save the file again";
 
 /// Whether a file begins as headers of images do.
 pub(super) fn looks_like(head: &[u8]) -> bool {
@@ -56,7 +54,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
-    let header = Header::parse(path, &head)?;
+    let header = parse(path, &head)?;
     if let Some(kind) = header.get(&["ObjectType"])
         && !kind.eq_ignore_ascii_case("image")
     {
@@ -70,7 +68,9 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         .filter(|n| (2..=MOST_AXES).contains(n))
         .ok_or_else(|| header.fault("NDims", format!("2 to {MOST_AXES}"), text))?;
     let none = || header.fault("DimSize", "this field", "");
-    let sizes: Vec<usize> = header.numbers(&["DimSize"], axis_count)?.ok_or_else(none)?;
+    let sizes: Vec<usize> = header
+        .numbers(&["DimSize"], axis_count, "numbers")?
+        .ok_or_else(none)?;
     let of_space = axis_count.min(3);
     let mut dims = [1; 3];
     dims[..of_space].copy_from_slice(&sizes[..of_space]);
@@ -126,92 +126,42 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// The fields of a header.
-struct Header<'h> {
-    path: &'h Path,
-    fields: Vec<(String, String)>,
-    /// The lines behind `ElementDataFile = LIST`.
-    list: Vec<String>,
-    /// Where the line of `ElementDataFile` ends.
-    end: usize,
+/// The fields of a header, and the lines behind `ElementDataFile = LIST`.
+fn parse<'h>(path: &'h Path, head: &[u8]) -> Result<Header<'h>> {
+    let mut header = Header::new(path);
+    let mut end = 0;
+    let mut lines = head.split_inclusive(|&b| b == b'\n').enumerate();
+    for (number, line) in lines.by_ref() {
+        end += line.len();
+        let text = String::from_utf8_lossy(line.trim_ascii());
+        if text.is_empty() {
+            continue;
+        }
+        let Some((name, value)) = text.split_once('=') else {
+            let place = format!("header, line {}", number + 1);
+            let expected = "`Name = value`";
+            let found = format!("`{}`", clip(&text));
+            return Err(Error::format(path, place, expected, found, DAMAGED));
+        };
+        let (name, value) = (name.trim().to_owned(), value.trim().to_owned());
+        let is_last = name == "ElementDataFile";
+        let is_list = is_last && value.split_whitespace().next() == Some("LIST");
+        header.fields.push((name, value));
+        if is_list {
+            let names = lines.map(|(_, line)| String::from_utf8_lossy(line.trim_ascii()));
+            let names = names.filter(|name| !name.is_empty());
+            header.list = names.map(|name| name.into_owned()).collect();
+            return Ok(header);
+        }
+        if is_last {
+            header.end = Some(end);
+            return Ok(header);
+        }
+    }
+    Err(header.fault("ElementDataFile", "this field, the last of the header", ""))
 }
 
-impl<'h> Header<'h> {
-    fn parse(path: &'h Path, head: &[u8]) -> Result<Self> {
-        let mut header = Self {
-            path,
-            fields: Vec::new(),
-            list: Vec::new(),
-            end: 0,
-        };
-        let mut lines = head.split_inclusive(|&b| b == b'\n').enumerate();
-        for (number, line) in lines.by_ref() {
-            header.end += line.len();
-            let text = String::from_utf8_lossy(line.trim_ascii());
-            if text.is_empty() {
-                continue;
-            }
-            let Some((name, value)) = text.split_once('=') else {
-                let place = format!("header, line {}", number + 1);
-                let expected = "`Name = value`";
-                let found = format!("`{}`", clip(&text));
-                return Err(Error::format(path, place, expected, found, DAMAGED));
-            };
-            let (name, value) = (name.trim().to_owned(), value.trim().to_owned());
-            let is_last = name == "ElementDataFile";
-            let is_list = is_last && value.split_whitespace().next() == Some("LIST");
-            header.fields.push((name, value));
-            if is_list {
-                let names = lines.map(|(_, line)| String::from_utf8_lossy(line.trim_ascii()));
-                let names = names.filter(|name| !name.is_empty());
-                header.list = names.map(|name| name.into_owned()).collect();
-                return Ok(header);
-            }
-            if is_last {
-                return Ok(header);
-            }
-        }
-        Err(header.fault("ElementDataFile", "this field, the last of the header", ""))
-    }
-
-    /// The value of the first of these names that there is.
-    fn get(&self, names: &[&str]) -> Option<&str> {
-        names.iter().find_map(|name| {
-            let mut fields = self.fields.iter();
-            fields
-                .find(|(field, _)| field == name)
-                .map(|(_, value)| value.as_str())
-        })
-    }
-
-    fn fault(&self, name: &str, expected: impl Into<String>, found: &str) -> Error {
-        let found = match found {
-            "" => "nothing".to_owned(),
-            found => format!("`{}`", clip(found)),
-        };
-        let place = format!("header, `{name}`");
-        Error::format(self.path, place, expected, found, DAMAGED)
-    }
-
-    fn required(&self, name: &str) -> Result<&str> {
-        let none = || self.fault(name, "this field", "");
-        self.get(&[name]).ok_or_else(none)
-    }
-
-    fn numbers<T: std::str::FromStr>(
-        &self,
-        names: &[&str],
-        count: usize,
-    ) -> Result<Option<Vec<T>>> {
-        let Some(text) = self.get(names) else {
-            return Ok(None);
-        };
-        let numbers: Option<Vec<T>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
-        let numbers = numbers.filter(|n| n.len() == count);
-        let fault = || self.fault(names[0], format!("{count} numbers"), text);
-        numbers.ok_or_else(fault).map(Some)
-    }
-
+impl Header<'_> {
     fn flag(&self, names: &[&str], default: bool) -> Result<bool> {
         let Some(text) = self.get(names) else {
             return Ok(default);
@@ -232,16 +182,16 @@ fn placement(header: &Header<'_>, axis_count: usize) -> Result<(DVec3, Vec<DVec3
         vector[..of_space].copy_from_slice(&numbers[..of_space]);
         DVec3::from_array(vector)
     };
-    let spacing = match header.numbers(&["ElementSpacing"], axis_count)? {
+    let spacing = match header.numbers(&["ElementSpacing"], axis_count, "numbers")? {
         Some(spacing) => spacing,
         None => header
-            .numbers(&["ElementSize"], axis_count)?
+            .numbers(&["ElementSize"], axis_count, "numbers")?
             .unwrap_or_else(|| vec![1.0; axis_count]),
     };
-    let origin = header.numbers(&["Offset", "Position", "Origin"], axis_count)?;
+    let origin = header.numbers(&["Offset", "Position", "Origin"], axis_count, "numbers")?;
     let origin: Vec<f64> = origin.unwrap_or_else(|| vec![0.0; axis_count]);
     let names = ["TransformMatrix", "Rotation", "Orientation"];
-    let rows: Option<Vec<f64>> = header.numbers(&names, axis_count * axis_count)?;
+    let rows: Option<Vec<f64>> = header.numbers(&names, axis_count * axis_count, "numbers")?;
     let steps = (0..of_space).map(|axis| {
         let direction = match &rows {
             Some(rows) => vector(&rows[axis * axis_count..]),
@@ -275,14 +225,7 @@ fn scalar_type(header: &Header<'_>) -> Result<ScalarType> {
 }
 
 fn skip(header: &Header<'_>) -> Result<Skip> {
-    let Some(text) = header.get(&["HeaderSize"]) else {
-        return Ok(Skip::default());
-    };
-    let size = text.parse().ok().filter(|n: &i64| *n >= -1);
-    let size = size.ok_or_else(|| {
-        let expected = "a whole number, at least -1";
-        header.fault("HeaderSize", expected, text)
-    })?;
+    let size = header.skipped("HeaderSize")?;
     Ok(Skip {
         lines: 0,
         bytes: u64::try_from(size).unwrap_or(0),
@@ -294,16 +237,11 @@ fn source(input: Input<'_>, header: &Header<'_>) -> Result<Source> {
     let path = input.path;
     let text = header.required("ElementDataFile")?;
     if text.eq_ignore_ascii_case("local") {
-        return Ok(Source::Attached(header.end as u64));
+        return Ok(Source::Attached(header.end.unwrap_or(0) as u64));
     }
     let words: Vec<&str> = text.split_whitespace().collect();
     if words.first() == Some(&"LIST") {
-        let files: Result<Vec<_>> = header
-            .list
-            .iter()
-            .map(|name| voxels::beside(path, name))
-            .collect();
-        return Ok(Source::Beside(files?));
+        return Ok(Source::Beside(header.listed()?));
     }
     let numbers = words.iter().skip(1).filter_map(|w| w.parse().ok());
     let numbers: Vec<i64> = numbers.collect();

@@ -20,6 +20,7 @@ mod gltf_splats;
 mod handedness;
 mod hdf5;
 mod image_file;
+mod image_header;
 mod log_scales;
 mod mesh;
 mod mesh_part;

@@ -31,6 +31,7 @@ use glam::DVec3;
 
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
+use super::image_header::{DAMAGED, Header};
 use super::scalars::{Encoding, ScalarType};
 use super::unit::cleaned;
 use super::voxels::{self, Numbers, Packing, Skip, Source};
@@ -50,10 +51,13 @@ const MOST_AXES: usize = 16;
 ///
 /// # Errors
 /// A header that breaks the format's rules, or numbers that are not as it says.
+/// What is expected of a field of numbers, behind their count.
+const PER_AXIS: &str = "numbers, one for each axis";
+
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
-    let header = Header::parse(path, &head)?;
+    let header = parse(path, &head)?;
     let axes = Axes::of(&header)?;
     let shape = Shape::of(&header, &axes)?;
     let mut notes = shape.notes.clone();
@@ -84,7 +88,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
 
     let place = "header, the positions of the axes";
     let lattice = voxels::lattice(path, place, shape.dims, shape.origin, &shape.steps)?;
-    let unit = header.get("sampleunits").and_then(|text| {
+    let unit = header.get(&["sampleunits"]).and_then(|text| {
         let text = text.trim().trim_matches('"');
         cleaned(text)
     });
@@ -95,105 +99,58 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// The fields of a header.
-struct Header<'h> {
-    path: &'h Path,
-    /// Names in lower case and without blanks, as `data file` is `datafile` too.
-    fields: Vec<(String, String)>,
-    /// The lines behind `data file: LIST`.
-    list: Vec<String>,
-    /// Where the numbers begin, after an empty line.
-    end: Option<usize>,
+/// The fields of a header: names in lower case and without blanks, as `data file` is `datafile` too.
+fn parse<'h>(path: &'h Path, head: &[u8]) -> Result<Header<'h>> {
+    let mut header = Header::new(path);
+    let mut at = 0;
+    let mut is_list = false;
+    for (number, line) in head.split_inclusive(|&b| b == b'\n').enumerate() {
+        at += line.len();
+        let line = line.trim_ascii_end();
+        if number == 0 {
+            continue;
+        }
+        if line.is_empty() && !is_list {
+            header.end = Some(at);
+            break;
+        }
+        let text = String::from_utf8_lossy(line);
+        if is_list {
+            header
+                .list
+                .extend((!line.is_empty()).then(|| text.trim().to_owned()));
+            continue;
+        }
+        if text.starts_with('#') {
+            continue;
+        }
+        let Some((name, value)) = text.split_once(':') else {
+            let place = format!("header, line {}", number + 1);
+            let expected = "`field: value`, `key:=value`, a comment or an empty line";
+            let found = format!("`{}`", clip(&text));
+            return Err(Error::format(path, place, expected, found, DAMAGED));
+        };
+        // A key of the user's own.
+        if value.starts_with('=') {
+            continue;
+        }
+        let name = name.replace(' ', "").to_ascii_lowercase();
+        let value = value.trim().to_owned();
+        is_list = name == "datafile" && value.split(' ').next() == Some("LIST");
+        header.fields.push((name, value));
+    }
+    Ok(header)
 }
 
-impl<'h> Header<'h> {
-    fn parse(path: &'h Path, head: &[u8]) -> Result<Self> {
-        let mut header = Self {
-            path,
-            fields: Vec::new(),
-            list: Vec::new(),
-            end: None,
-        };
-        let mut at = 0;
-        let mut is_list = false;
-        for (number, line) in head.split_inclusive(|&b| b == b'\n').enumerate() {
-            at += line.len();
-            let line = line.trim_ascii_end();
-            if number == 0 {
-                continue;
-            }
-            if line.is_empty() && !is_list {
-                header.end = Some(at);
-                break;
-            }
-            let text = String::from_utf8_lossy(line);
-            if is_list {
-                header
-                    .list
-                    .extend((!line.is_empty()).then(|| text.trim().to_owned()));
-                continue;
-            }
-            if text.starts_with('#') {
-                continue;
-            }
-            let Some((name, value)) = text.split_once(':') else {
-                let place = format!("header, line {}", number + 1);
-                let expected = "`field: value`, `key:=value`, a comment or an empty line";
-                let found = format!("`{}`", clip(&text));
-                return Err(Error::format(path, place, expected, found, DAMAGED));
-            };
-            // A key of the user's own.
-            if value.starts_with('=') {
-                continue;
-            }
-            let name = name.replace(' ', "").to_ascii_lowercase();
-            let value = value.trim().to_owned();
-            is_list = name == "datafile" && value.split(' ').next() == Some("LIST");
-            header.fields.push((name, value));
-        }
-        Ok(header)
-    }
-
-    fn get(&self, name: &str) -> Option<&str> {
-        let mut fields = self.fields.iter();
-        fields
-            .find(|(field, _)| field == name)
-            .map(|(_, value)| value.as_str())
-    }
-
+impl Header<'_> {
     /// A value of one word, in lower case.
     fn word(&self, name: &str) -> Option<String> {
-        self.get(name).map(str::to_ascii_lowercase)
-    }
-
-    fn fault(&self, name: &str, expected: impl Into<String>, found: &str) -> Error {
-        let found = match found {
-            "" => "nothing".to_owned(),
-            found => format!("`{}`", clip(found)),
-        };
-        let place = format!("header, `{name}`");
-        Error::format(self.path, place, expected, found, DAMAGED)
-    }
-
-    fn required(&self, name: &str) -> Result<&str> {
-        let none = || self.fault(name, "this field", "");
-        self.get(name).ok_or_else(none)
-    }
-
-    /// One number for each axis, or nothing.
-    fn numbers<T: std::str::FromStr>(&self, name: &str, count: usize) -> Result<Option<Vec<T>>> {
-        let Some(text) = self.get(name) else {
-            return Ok(None);
-        };
-        let numbers: Option<Vec<T>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
-        let numbers = numbers.filter(|n| n.len() == count);
-        let fault = || self.fault(name, format!("{count} numbers, one for each axis"), text);
-        numbers.ok_or_else(fault).map(Some)
+        self.get(&[name]).map(str::to_ascii_lowercase)
     }
 
     /// One word for each axis; quotes around it are left out.
     fn words(&self, name: &str, count: usize) -> Result<Vec<String>> {
-        let Some(text) = self.get(name) else {
+        let Some(text) = self.get(&[name]) else {
             return Ok(vec![String::new(); count]);
         };
         let words: Vec<String> = text
@@ -208,7 +165,7 @@ impl<'h> Header<'h> {
 
     /// Vectors in parentheses; `None` stands for `none`.
     fn vectors(&self, name: &str, count: usize) -> Result<Option<Vec<Option<Vector>>>> {
-        let Some(text) = self.get(name) else {
+        let Some(text) = self.get(&[name]) else {
             return Ok(None);
         };
         let fault = || {
@@ -249,9 +206,6 @@ impl<'h> Header<'h> {
         }
     }
 }
-
-const DAMAGED: &str =
-    "the header is damaged or breaks the format's rules: correct it or save the file again";
 
 /// A vector of the file's space: two, three or (with time) four numbers.
 #[derive(Debug, Clone, Copy)]
@@ -301,10 +255,12 @@ impl Axes {
             .filter(|n| (1..=MOST_AXES).contains(n))
             .ok_or_else(|| header.fault("dimension", format!("1 to {MOST_AXES}"), text))?;
         let none = || header.fault("sizes", "this field", "");
-        let sizes = header.numbers("sizes", dimension)?.ok_or_else(none)?;
+        let sizes = header
+            .numbers(&["sizes"], dimension, PER_AXIS)?
+            .ok_or_else(none)?;
         let kinds = header.words("kinds", dimension)?;
         let directions = header.vectors("spacedirections", dimension)?;
-        let spacings: Option<Vec<f64>> = header.numbers("spacings", dimension)?;
+        let spacings: Option<Vec<f64>> = header.numbers(&["spacings"], dimension, PER_AXIS)?;
         let is_spaced = |n: &f64| n.is_finite();
         let some_spaced = spacings.iter().flatten().any(is_spaced);
         let role = |axis: usize| {
@@ -445,9 +401,9 @@ fn placement(header: &Header<'_>, axes: &Axes, of_space: &[usize]) -> Result<(DV
         return Ok((stated.unwrap_or(DVec3::ZERO), steps));
     }
     let count = axes.sizes.len();
-    let mins: Option<Vec<f64>> = header.numbers("axismins", count)?;
-    let maxs: Option<Vec<f64>> = header.numbers("axismaxs", count)?;
-    let centres = match header.get("centers").is_some() {
+    let mins: Option<Vec<f64>> = header.numbers(&["axismins"], count, PER_AXIS)?;
+    let maxs: Option<Vec<f64>> = header.numbers(&["axismaxs"], count, PER_AXIS)?;
+    let centres = match header.get(&["centers"]).is_some() {
         true => header.words("centers", count)?,
         false => header.words("centerings", count)?,
     };
@@ -517,14 +473,7 @@ fn packing(header: &Header<'_>) -> Result<Packing> {
 }
 
 fn skip(header: &Header<'_>) -> Result<Skip> {
-    let number = |name: &str| {
-        let Some(text) = header.get(name) else {
-            return Ok(0);
-        };
-        let number = text.parse().ok().filter(|n: &i64| *n >= -1);
-        number.ok_or_else(|| header.fault(name, "a whole number, at least -1", text))
-    };
-    let (lines, bytes) = (number("lineskip")?, number("byteskip")?);
+    let (lines, bytes) = (header.skipped("lineskip")?, header.skipped("byteskip")?);
     Ok(Skip {
         lines: u64::try_from(lines).unwrap_or(0),
         bytes: u64::try_from(bytes).unwrap_or(0),
@@ -534,7 +483,7 @@ fn skip(header: &Header<'_>) -> Result<Skip> {
 
 fn source(input: Input<'_>, header: &Header<'_>) -> Result<Source> {
     let path = input.path;
-    let Some(text) = header.get("datafile") else {
+    let Some(text) = header.get(&["datafile"]) else {
         let none = || {
             let place = "header";
             let expected =
@@ -545,12 +494,7 @@ fn source(input: Input<'_>, header: &Header<'_>) -> Result<Source> {
     };
     let words: Vec<&str> = text.split_whitespace().collect();
     if words.first() == Some(&"LIST") {
-        let files: Result<Vec<_>> = header
-            .list
-            .iter()
-            .map(|name| voxels::beside(path, name))
-            .collect();
-        return Ok(Source::Beside(files?));
+        return Ok(Source::Beside(header.listed()?));
     }
     let is_number = |w: &&str| w.parse::<i64>().is_ok();
     // The axes that a file holds may follow: the sizes say it as well.

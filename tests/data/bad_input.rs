@@ -13,9 +13,10 @@ use std::sync::OnceLock;
 
 use crate::support::VtkEncoding;
 use crate::support::damage::{apply, damage};
+use crate::support::gzip;
 use crate::support::meshes::{RICH_MTL, RICH_OBJ, jpeg, png, rich_gltf};
 use crate::support::seeds::{legacy_vtk, seeds, vtk_grids};
-use crate::support::splats::{Ply, gzip, some_splats, splat_ply, splat_records, spz_unpacked};
+use crate::support::splats::{Ply, some_splats, splat_ply, splat_records, spz_unpacked};
 use ewa_splat::Error;
 use ewa_splat::image::Image;
 use ewa_splat::io::{OpenOptions, RawLayout, RawType, collection, open, read_image, write_image};

@@ -2,39 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use std::io::Write;
-
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use ewa_splat::io::{Dataset, FieldSource, Geometry, OpenOptions, open};
-use ewa_splat::scene::{Lattice, Values};
+use ewa_splat::io::{FieldSource, OpenOptions, open};
+use ewa_splat::scene::Values;
 use glam::DVec3;
 
 use crate::common::real_data;
-use crate::support::Folder;
-
-fn lattice(data: &Dataset) -> &Lattice {
-    match &data.geometry {
-        Geometry::Lattice(lattice) => lattice,
-        _ => panic!("no lattice"),
-    }
-}
-
-fn scalar(data: &Dataset) -> Values {
-    data.scalar("value").unwrap().1
-}
-
-fn zlib(bytes: &[u8]) -> Vec<u8> {
-    let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
-    zlib.write_all(bytes).unwrap();
-    zlib.finish().unwrap()
-}
-
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
-    gz.write_all(bytes).unwrap();
-    gz.finish().unwrap()
-}
+use crate::support::images::{check_volume_of_itk, lattice, scalar};
+use crate::support::{Folder, gzip, zlib};
 
 /// A header of 2 x 3 x 2 bytes, and what follows.
 fn file(fields: &str, place: &str, body: &[u8]) -> Vec<u8> {
@@ -49,19 +25,7 @@ fn file(fields: &str, place: &str, body: &[u8]) -> Vec<u8> {
 fn a_file_that_itk_wrote_has_its_positions_and_values() {
     let text = "T2JqZWN0VHlwZSA9IEltYWdlCk5EaW1zID0gMwpCaW5hcnlEYXRhID0gVHJ1ZQpCaW5hcnlEYXRhQnl0ZU9yZGVyTVNCID0gRmFsc2UKQ29tcHJlc3NlZERhdGEgPSBUcnVlCkNvbXByZXNzZWREYXRhU2l6ZSA9IDU5ClRyYW5zZm9ybU1hdHJpeCA9IDAuODAwMDAwMDAwMDAwMDAwMDQgMC41OTk5OTk5OTk5OTk5OTk5OCAwIC0wLjU5OTk5OTk5OTk5OTk5OTk4IDAuODAwMDAwMDAwMDAwMDAwMDQgMCAwIDAgMQpPZmZzZXQgPSAtMTAgMjAgNS41CkNlbnRlck9mUm90YXRpb24gPSAwIDAgMApBbmF0b21pY2FsT3JpZW50YXRpb24gPSBSQUkKRWxlbWVudFNwYWNpbmcgPSAwLjUgMC43NSAyCkRpbVNpemUgPSAzIDQgMgpFbGVtZW50VHlwZSA9IE1FVF9TSE9SVApFbGVtZW50RGF0YUZpbGUgPSBMT0NBTAp4XgEwAM//zv/V/9z/4//q//H/+P///wYADQAUABsAIgApADAANwA+AEUATABTAFoAYQBoAG8Aj6YS1Q==";
     let data = Folder::new().open("a.mha", &STANDARD.decode(text).unwrap());
-    let expected: Vec<i16> = (0..24).map(|i| 7 * i - 50).collect();
-    assert_eq!(scalar(&data), Values::I16(expected));
-    let lattice = lattice(&data);
-    assert_eq!(lattice.dims, [3, 4, 2]);
-    // SimpleITK's TransformIndexToPhysicalPoint, to the rounding of its decimal numbers.
-    for (index, place) in [
-        ([0, 0, 0], DVec3::new(-10.0, 20.0, 5.5)),
-        ([1, 0, 0], DVec3::new(-9.6, 20.3, 5.5)),
-        ([2, 3, 1], DVec3::new(-10.55, 22.4, 7.5)),
-    ] {
-        assert!(lattice.position(index).distance(place) < 1e-13);
-    }
-    assert!(data.notes.is_empty(), "{:?}", data.notes);
+    check_volume_of_itk(&data);
 }
 
 #[test]

@@ -2,41 +2,18 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use std::io::{Read, Write};
+use std::io::Read;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use ewa_splat::io::{Dataset, FieldSource, Geometry, OpenOptions, open};
-use ewa_splat::scene::{Lattice, Values};
+use ewa_splat::io::{OpenOptions, open};
+use ewa_splat::scene::Values;
 use glam::DVec3;
 
 use crate::common::real_data;
-use crate::support::Folder;
+use crate::support::images::{components, lattice, scalar};
 use crate::support::nifti::Nifti;
-
-fn lattice(data: &Dataset) -> &Lattice {
-    match &data.geometry {
-        Geometry::Lattice(lattice) => lattice,
-        _ => panic!("no lattice"),
-    }
-}
-
-fn scalar(data: &Dataset) -> Values {
-    data.scalar("value").unwrap().1
-}
-
-fn components(data: &Dataset) -> &[Values] {
-    match &data.fields[0].source {
-        FieldSource::Vector(components) => components,
-        _ => panic!("no vector"),
-    }
-}
-
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
-    gz.write_all(bytes).unwrap();
-    gz.finish().unwrap()
-}
+use crate::support::{Folder, gzip};
 
 /// Files that nibabel 5.4 wrote, 2 x 3 x 4, n being the place in the file: one of NIfTI-2 with the highest byte first and
 /// 3 n - 20 scaled to 1.5 n, placed by its sform; one of NIfTI-1 with 3 n - 20, placed by a quaternion and a mirror.

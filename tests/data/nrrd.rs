@@ -2,40 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use std::io::Write;
-
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use ewa_splat::io::{Dataset, FieldSource, Geometry, OpenOptions, open};
-use ewa_splat::scene::{Lattice, Values};
+use ewa_splat::io::{OpenOptions, open};
+use ewa_splat::scene::Values;
 use glam::DVec3;
 
 use crate::common::real_data;
-use crate::support::Folder;
-
-fn lattice(data: &Dataset) -> &Lattice {
-    match &data.geometry {
-        Geometry::Lattice(lattice) => lattice,
-        _ => panic!("no lattice"),
-    }
-}
-
-fn scalar(data: &Dataset) -> Values {
-    data.scalar("value").unwrap().1
-}
-
-fn components(data: &Dataset) -> &[Values] {
-    match &data.fields[0].source {
-        FieldSource::Vector(components) => components,
-        _ => panic!("no vector"),
-    }
-}
-
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
-    gz.write_all(bytes).unwrap();
-    gz.finish().unwrap()
-}
+use crate::support::images::{check_volume_of_itk, components, lattice, scalar};
+use crate::support::{Folder, gzip};
 
 /// A header, an empty line and what follows.
 fn file(header: &str, body: &[u8]) -> Vec<u8> {
@@ -49,19 +24,7 @@ const CUBE: &str = "dimension: 3\nsizes: 2 3 2\n";
 fn a_file_that_itk_wrote_has_its_positions_and_values() {
     let text = "TlJSRDAwMDQKIyBDb21wbGV0ZSBOUlJEIGZpbGUgZm9ybWF0IHNwZWNpZmljYXRpb24gYXQ6CiMgaHR0cDovL3RlZW0uc291cmNlZm9yZ2UubmV0L25ycmQvZm9ybWF0Lmh0bWwKdHlwZTogc2hvcnQKZGltZW5zaW9uOiAzCnNwYWNlOiBsZWZ0LXBvc3Rlcmlvci1zdXBlcmlvcgpzaXplczogMyA0IDIKc3BhY2UgZGlyZWN0aW9uczogKDAuNDAwMDAwMDAwMDAwMDAwMDIsMC4yOTk5OTk5OTk5OTk5OTk5OSwwKSAoLTAuNDQ5OTk5OTk5OTk5OTk5OTYsMC42MDAwMDAwMDAwMDAwMDAwOSwwKSAoMCwwLDIpCmtpbmRzOiBkb21haW4gZG9tYWluIGRvbWFpbgplbmRpYW46IGxpdHRsZQplbmNvZGluZzogZ3ppcApzcGFjZSBvcmlnaW46ICgtMTAsMjAsNS41KQoKH4sIAAAAAAAAAwEwAM//zv/V/9z/4//q//H/+P///wYADQAUABsAIgApADAANwA+AEUATABTAFoAYQBoAG8AoqYLWzAAAAA=";
     let data = Folder::new().open("a.nrrd", &STANDARD.decode(text).unwrap());
-    let expected: Vec<i16> = (0..24).map(|i| 7 * i - 50).collect();
-    assert_eq!(scalar(&data), Values::I16(expected));
-    let lattice = lattice(&data);
-    assert_eq!(lattice.dims, [3, 4, 2]);
-    // SimpleITK's TransformIndexToPhysicalPoint, to the rounding of its decimal numbers.
-    for (index, place) in [
-        ([0, 0, 0], DVec3::new(-10.0, 20.0, 5.5)),
-        ([1, 0, 0], DVec3::new(-9.6, 20.3, 5.5)),
-        ([2, 3, 1], DVec3::new(-10.55, 22.4, 7.5)),
-    ] {
-        assert!(lattice.position(index).distance(place) < 1e-13);
-    }
-    assert!(data.notes.is_empty(), "{:?}", data.notes);
+    check_volume_of_itk(&data);
 }
 
 #[test]

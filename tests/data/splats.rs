@@ -10,8 +10,9 @@
 use std::path::PathBuf;
 
 use crate::common::scene::{Particle, camera, difference, render, volume};
+use crate::support::gzip;
 use crate::support::splats::{
-    Ply, Splat, glb, gzip, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
+    Ply, Splat, glb, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
     spz_unpacked, stored,
 };
 use ewa_splat::image::linear_from_srgb;

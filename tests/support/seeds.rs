@@ -1,6 +1,5 @@
 //! Small sound files of every format, for damage.
 
-use std::io::Write;
 use std::sync::OnceLock;
 
 use base64::Engine;
@@ -13,7 +12,7 @@ use super::splats::{
     stored,
 };
 use super::vtk_legacy::LegacyVtk;
-use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece};
+use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
 
 /// The corners of a cube, in the order of VTK's hexahedra.
 const CUBE: [f32; 24] = [
@@ -158,11 +157,6 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
 /// Images with headers, with their numbers behind them, and STL.
 fn images() -> Vec<(String, Vec<u8>)> {
     let mut seeds = Vec::new();
-    let gzip = |bytes: &[u8]| {
-        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
-        gz.write_all(bytes).unwrap();
-        gz.finish().unwrap()
-    };
     let shorts: Vec<u8> = (0..48).collect();
     for (encoding, body) in [
         (
@@ -220,12 +214,10 @@ fn images() -> Vec<(String, Vec<u8>)> {
             seeds.push(("b.nii".into(), turned.file(&shorts)));
         }
     }
-    let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
-    zlib.write_all(&shorts).unwrap();
     for (fields, body) in [
         (
             "CompressedData = True\nCompressedDataSize = 59",
-            zlib.finish().unwrap(),
+            zlib(&shorts),
         ),
         (
             "BinaryDataByteOrderMSB = True\nHeaderSize = -1",

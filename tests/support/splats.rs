@@ -2,6 +2,8 @@
 
 use std::io::Write;
 
+use super::gzip;
+
 /// Name, properties as the header has them, rows.
 pub(crate) type Element<'a> = (&'a str, &'a [&'a str], &'a [Vec<f64>]);
 
@@ -170,13 +172,6 @@ pub(crate) fn splat_records(splats: &[Splat]) -> Vec<u8> {
         );
     }
     out
-}
-
-/// Gzip of anything.
-pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    out.write_all(bytes).unwrap();
-    out.finish().unwrap()
 }
 
 /// An SPZ file of version 2 or 3 before it is packed, 12 fractional bits. Positions, rotations

@@ -1,0 +1,91 @@
+//! Headers of images in text, field by field, as NRRD and MetaImage have them.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use super::voxels;
+use super::vtk_xml::clip;
+use crate::error::{Error, Result};
+
+/// What to do about a header that is wrong.
+pub(super) const DAMAGED: &str =
+    "the header is damaged or breaks the format's rules: correct it or save the file again";
+
+/// The fields of a header.
+pub(super) struct Header<'h> {
+    pub(super) path: &'h Path,
+    /// Names as their format compares them, and values.
+    pub(super) fields: Vec<(String, String)>,
+    /// The lines behind a field that says that files are listed.
+    pub(super) list: Vec<String>,
+    /// Where the numbers begin, if they follow.
+    pub(super) end: Option<usize>,
+}
+
+impl<'h> Header<'h> {
+    pub(super) fn new(path: &'h Path) -> Self {
+        Self {
+            path,
+            fields: Vec::new(),
+            list: Vec::new(),
+            end: None,
+        }
+    }
+
+    /// The value of the first of these names that there is.
+    pub(super) fn get(&self, names: &[&str]) -> Option<&str> {
+        names.iter().find_map(|name| {
+            let mut fields = self.fields.iter();
+            fields
+                .find(|(field, _)| field == name)
+                .map(|(_, value)| value.as_str())
+        })
+    }
+
+    pub(super) fn fault(&self, name: &str, expected: impl Into<String>, found: &str) -> Error {
+        let found = match found {
+            "" => "nothing".to_owned(),
+            found => format!("`{}`", clip(found)),
+        };
+        let place = format!("header, `{name}`");
+        Error::format(self.path, place, expected, found, DAMAGED)
+    }
+
+    pub(super) fn required(&self, name: &str) -> Result<&str> {
+        let none = || self.fault(name, "this field", "");
+        self.get(&[name]).ok_or_else(none)
+    }
+
+    /// So many numbers, or nothing.
+    ///
+    /// - `expected`: what is said of another number of them.
+    pub(super) fn numbers<T: FromStr>(
+        &self,
+        names: &[&str],
+        count: usize,
+        expected: &str,
+    ) -> Result<Option<Vec<T>>> {
+        let Some(text) = self.get(names) else {
+            return Ok(None);
+        };
+        let numbers: Option<Vec<T>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+        let numbers = numbers.filter(|n| n.len() == count);
+        let fault = || self.fault(names[0], format!("{count} {expected}"), text);
+        numbers.ok_or_else(fault).map(Some)
+    }
+
+    /// How much is to be passed over: 0 where nothing is said, -1 for all but what is needed.
+    pub(super) fn skipped(&self, name: &str) -> Result<i64> {
+        let Some(text) = self.get(&[name]) else {
+            return Ok(0);
+        };
+        let number = text.parse().ok().filter(|n: &i64| *n >= -1);
+        number.ok_or_else(|| self.fault(name, "a whole number, at least -1", text))
+    }
+
+    /// The files that are listed, beside this one.
+    pub(super) fn listed(&self) -> Result<Vec<PathBuf>> {
+        let names = self.list.iter();
+        names.map(|name| voxels::beside(self.path, name)).collect()
+    }
+}
