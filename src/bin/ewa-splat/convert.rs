@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::input::DataOptions;
 use crate::outputs::check_collisions;
 use crate::progress;
-use crate::source::{Input, steps};
+use crate::source::Input;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -50,9 +50,8 @@ struct Converted {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     check_splats_path(&arguments.out)?;
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
-    let mut inputs: Vec<_> = arguments.inputs.iter().cloned().map(Input::file).collect();
-    arguments.data.note_edits(&mut inputs)?;
-    let inputs = arguments.data.resolved(steps(inputs, false)?, false)?;
+    let named = arguments.inputs.iter().cloned().map(Input::file);
+    let inputs = arguments.data.inputs(named.collect(), false)?;
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
     for input in &inputs {

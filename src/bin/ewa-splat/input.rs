@@ -16,7 +16,7 @@ use glam::DVec3;
 
 use crate::edits::EditOptions;
 use crate::parse::{self, Spacing, TypeName};
-use crate::source::Input;
+use crate::source::{Input, steps};
 
 #[derive(Args)]
 #[command(next_help_heading = "Data")]
@@ -263,6 +263,29 @@ impl DataOptions {
         types
     }
 
+    /// Notes at each input what is done to it.
+    ///
+    /// # Errors
+    /// Those of [`EditOptions::of_inputs`](crate::edits::EditOptions::of_inputs).
+    pub(crate) fn note_edits(&self, inputs: &mut [Input]) -> Result<()> {
+        let edits = self.edits.of_inputs(inputs.len())?;
+        for (input, edit) in inputs.iter_mut().zip(edits) {
+            input.edit = edit;
+        }
+        Ok(())
+    }
+
+    /// What the inputs of a picture stand for: where each goes, the files of collections, the particles of snapshots.
+    ///
+    /// - `is_series`: whether they are steps of time.
+    ///
+    /// # Errors
+    /// Those of [`Self::note_edits`], [`steps`] and [`Self::resolved`].
+    pub(crate) fn inputs(&self, mut named: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+        self.note_edits(&mut named)?;
+        self.resolved(steps(named, is_series)?, is_series)
+    }
+
     /// What the inputs stand for: a snapshot for the particles of each type that is asked for.
     ///
     /// - `is_series`: whether they are steps of time.
@@ -293,15 +316,20 @@ impl DataOptions {
         }
         let has_types =
             |input: &Input| ewa_splat::io::has_particle_types(&input.path).unwrap_or(false);
-        if !inputs.iter().any(has_types) {
+        let have_types: Vec<bool> = inputs.iter().map(has_types).collect();
+        if !have_types.contains(&true) {
             let expected = "an HDF5 snapshot of particles";
             return fault("inputs", expected, "none".into(), "leave it out");
         }
-        let of_type = |input: Input| match has_types(&input) {
+        let of_type = |(input, has_types): (Input, bool)| match has_types {
             true => types.iter().map(|t| input.of_type(*t)).collect(),
             false => vec![input],
         };
-        Ok(inputs.into_iter().flat_map(of_type).collect())
+        Ok(inputs
+            .into_iter()
+            .zip(have_types)
+            .flat_map(of_type)
+            .collect())
     }
 
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.

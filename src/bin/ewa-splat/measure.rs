@@ -20,7 +20,7 @@ use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse;
 use crate::progress::{bar, spinner, task_of, with_bar};
 use crate::scene::Scene;
-use crate::source::{Input, paths, steps};
+use crate::source::{Input, paths};
 use crate::truth::Truth;
 use crate::viewpoint::{CameraOptions, Canvas, most_pixels};
 
@@ -74,9 +74,8 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
-    arguments.data.note_edits(&mut arguments.inputs)?;
-    let inputs = std::mem::take(&mut arguments.inputs);
-    arguments.inputs = arguments.data.resolved(steps(inputs, false)?, false)?;
+    let named = std::mem::take(&mut arguments.inputs);
+    arguments.inputs = arguments.data.inputs(named, false)?;
     let arguments = &*arguments;
     let folder = &arguments.out;
     let kernel_width = arguments.data.kernel_width();

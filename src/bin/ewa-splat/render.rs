@@ -32,10 +32,10 @@ use crate::outputs::{check_collisions, warn_unconverged};
 use crate::parse::{self, Background, Clip};
 use crate::progress::{bar, spinner, task_of, with_bar};
 use crate::sequence::SequenceOptions;
-use crate::source::{Input, paths, steps};
+use crate::source::{Input, paths};
 use crate::statistics::{Prepared, stats};
 use crate::truth::{ReferenceName, Truth};
-use crate::usage::{is_filtered, is_surface, refuse_unused};
+use crate::usage::{CLASSIFIED, is_filtered, is_surface, refuse_unused};
 use crate::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
 
 #[derive(Args)]
@@ -261,12 +261,10 @@ struct Output {
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
     arguments.check_sequence()?;
-    arguments.data.note_edits(&mut arguments.inputs)?;
-    let inputs = std::mem::take(&mut arguments.inputs);
-    let is_series = arguments.sequence.is_series();
+    let named = std::mem::take(&mut arguments.inputs);
     arguments.inputs = arguments
         .data
-        .resolved(steps(inputs, is_series)?, is_series)?;
+        .inputs(named, arguments.sequence.is_series())?;
     let arguments = &*arguments;
     let layers = [&arguments.output.depth, &arguments.output.normals];
     for path in layers.into_iter().flatten() {
@@ -934,12 +932,7 @@ impl Method {
                 is_translucent,
                 "more than opaque surfaces",
             ),
-            (
-                "--classify",
-                is_each,
-                is_classified,
-                "data that a transfer function shows",
-            ),
+            ("--classify", is_each, is_classified, CLASSIFIED),
         ])
     }
 

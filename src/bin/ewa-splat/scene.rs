@@ -56,18 +56,6 @@ struct Read {
 }
 
 impl DataOptions {
-    /// Notes at each input what is done to it.
-    ///
-    /// # Errors
-    /// Those of [`EditOptions::of_inputs`](crate::edits::EditOptions::of_inputs).
-    pub(crate) fn note_edits(&self, inputs: &mut [Input]) -> Result<()> {
-        let edits = self.edits.of_inputs(inputs.len())?;
-        for (input, edit) in inputs.iter_mut().zip(edits) {
-            input.edit = edit;
-        }
-        Ok(())
-    }
-
     /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
     /// that is chosen from values share one, of the values of all.
     ///

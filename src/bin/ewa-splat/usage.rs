@@ -64,7 +64,7 @@ pub(crate) fn refuse_unused(options: &[Row]) -> Result<()> {
 }
 
 /// What options of transfer functions are for.
-const CLASSIFIED: &str = "data that a transfer function shows";
+pub(crate) const CLASSIFIED: &str = "data that a transfer function shows";
 
 impl DataOptions {
     /// Refuses options that are for what none of the inputs is.
