@@ -32,5 +32,6 @@ mod ripple;
 mod sampling;
 mod splats;
 mod stl;
+mod surface_fields;
 mod vtk_legacy;
 mod vtk_xml;
