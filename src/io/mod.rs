@@ -6,6 +6,7 @@
 //! temporary file that is renamed when complete.
 
 mod atomic;
+mod axes;
 mod blanking;
 mod cells;
 mod closed;
@@ -77,6 +78,7 @@ mod zip;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
+pub use axes::SplatAxes;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
