@@ -38,6 +38,7 @@ mod ply_body;
 mod ply_header;
 mod ply_mesh;
 mod ply_packed;
+mod ply_packed_write;
 mod ply_splats;
 mod ply_table;
 mod polygons;
@@ -84,7 +85,7 @@ pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-pub use encoded_splats::PlyForm;
+pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
 pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;

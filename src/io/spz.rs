@@ -23,7 +23,7 @@
 //!
 //! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
-//! harmonics that are odd under this turn. `spz_write.rs` writes version 3.
+//! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `axes.rs` has the axes of all formats.
 
 use std::array;
 use std::io::Read;
@@ -44,9 +44,9 @@ pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
 /// The version whose arrays are packed, not the file, and the length of its header.
 const STREAMED: u32 = 4;
-const STREAMED_HEADER: usize = 32;
+pub(super) const STREAMED_HEADER: usize = 32;
 /// Bytes of a stream's row in the table.
-const STREAM_ROW: usize = 16;
+pub(super) const STREAM_ROW: usize = 16;
 
 /// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
 /// its size. (Runs of equal bytes can in zstd; no splats have such.)

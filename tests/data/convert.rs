@@ -14,7 +14,7 @@ use crate::common::scene::{difference, render};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use ewa_splat::io::{
-    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, WrittenSplats, open,
+    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, SplatFileOptions, WrittenSplats, open,
     write_splats,
 };
 use ewa_splat::math::{harmonics, harmonics_sum};
@@ -48,7 +48,7 @@ impl Folder {
 
     fn write(&self, extension: &str, cloud: &SplatCloud) -> WrittenSplats {
         let path = self.path(&format!("a.{extension}"));
-        let written = write_splats(&path, cloud, PlyForm::Volumetric).unwrap();
+        let written = write_splats(&path, cloud, &SplatFileOptions::default()).unwrap();
         assert_eq!(
             written.bytes as u64,
             std::fs::metadata(&path).unwrap().len()
@@ -64,9 +64,16 @@ impl Folder {
 
     fn refuse(&self, extension: &str, cloud: &SplatCloud, form: PlyForm) -> String {
         let path = self.path(&format!("refused.{extension}"));
-        let error = write_splats(&path, cloud, form).unwrap_err().to_string();
+        let error = write_splats(&path, cloud, &of_form(form)).unwrap_err().to_string();
         assert!(!path.exists(), "left behind");
         error
+    }
+}
+
+fn of_form(form: PlyForm) -> SplatFileOptions {
+    SplatFileOptions {
+        form,
+        ..SplatFileOptions::default()
     }
 }
 
@@ -381,7 +388,7 @@ fn what_no_file_should_hold_is_refused() {
     }
     for name in ["a.obj", "a", "none/a.ply"] {
         let path = folder.path(name);
-        let error = write_splats(&path, &sound, PlyForm::Volumetric).unwrap_err();
+        let error = write_splats(&path, &sound, &SplatFileOptions::default()).unwrap_err();
         let error = error.to_string();
         assert!(
             error.contains(".glb") || error.contains("folder"),
@@ -419,7 +426,7 @@ fn the_flat_form_of_ply_has_two_scales() {
     for is_anti_aliased in [false, true] {
         cloud.is_anti_aliased = is_anti_aliased;
         let path = folder.path("flat.ply");
-        write_splats(&path, &cloud, PlyForm::Surfels).unwrap();
+        write_splats(&path, &cloud, &of_form(PlyForm::Surfels)).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains("SplatRenderMode: 2dgs") && !text.contains("scale_2"));
