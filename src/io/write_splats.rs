@@ -10,7 +10,7 @@ use super::axes::SplatAxes;
 use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
 use super::splats::SplatCloud;
-use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz, stem_extension};
+use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz};
 use crate::error::{Error, Result};
 
 /// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
@@ -49,7 +49,9 @@ impl Format {
     /// By the end of the name.
     fn of(path: &Path) -> Option<Self> {
         match extension(path).as_str() {
-            "ply" if stem_extension(path) == "compressed" => Some(Self::PackedPly),
+            "ply" if path.file_stem().is_some_and(|s| extension(Path::new(s)) == "compressed") => {
+                Some(Self::PackedPly)
+            }
             "ply" => Some(Self::Ply),
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
