@@ -93,7 +93,9 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         }
         let section = Section::of(&file, &format!("section {i}"), header, mode, at)?;
         at = section.end;
-        cloud.append(section.splats(mode));
+        if section.count > 0 {
+            cloud.append(section.splats(mode));
+        }
     }
     let stated = word(header, 16) as usize;
     if cloud.positions.len() != stated {
