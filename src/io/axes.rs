@@ -126,7 +126,11 @@ mod tests {
             for to in ALL {
                 let turned = rotation_matrix(to.from_up(up)) * up;
                 // Exact but for the arc.
-                assert!((turned - to.up()).length() < 1e-15 * f64::from(u8::from(up == oblique)) + 1e-300, "{up}");
+                assert!(
+                    (turned - to.up()).length()
+                        < 1e-15 * f64::from(u8::from(up == oblique)) + 1e-300,
+                    "{up}"
+                );
             }
         }
     }

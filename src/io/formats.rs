@@ -9,8 +9,8 @@ use std::path::Path;
 use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd, obj,
-    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
+    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 

@@ -26,7 +26,13 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     if u32::try_from(count).is_err() {
         let found = count.to_string();
         let advice = "split the scene";
-        return Err(Error::format(path, "splats", "fewer than 2^32", found, advice));
+        return Err(Error::format(
+            path,
+            "splats",
+            "fewer than 2^32",
+            found,
+            advice,
+        ));
     }
     let order = morton_order(&cloud.positions);
     let per_channel = harmonics_count(cloud.harmonics_degree) - 1;
@@ -55,7 +61,8 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
                 [0, 1, 2].map(|c| 0.5 + HARMONIC_0 * constant[c])
             })
             .collect();
-        let [places, sizes, colour_box] = [&positions, &logarithms, &colours].map(|v| Bounds::of(v));
+        let [places, sizes, colour_box] =
+            [&positions, &logarithms, &colours].map(|v| Bounds::of(v));
         position_quantum = position_quantum.max(places.step());
         for bounds in [&places, &sizes, &colour_box] {
             for value in bounds.least.into_iter().chain(bounds.most) {
@@ -63,9 +70,8 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
             }
         }
         for (k, &i) in members.iter().enumerate() {
-            let three = |[a, b, c]: [f64; 3]| {
-                packed(a, 11) << 21 | packed(b, 10) << 11 | packed(c, 11)
-            };
+            let three =
+                |[a, b, c]: [f64; 3]| packed(a, 11) << 21 | packed(b, 10) << 11 | packed(c, 11);
             let opacity = f64::from(cloud.opacities[i]);
             let alpha = packed(opacity, 8);
             faint += usize::from(alpha == 0 && opacity > 0.0);
@@ -95,7 +101,11 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     if cloud.is_anti_aliased {
         notes.push("the mark of anti-aliased splats is lost: the format has none".into());
     }
-    note_cut(&mut notes, cut_scales, "scales outside 2.1e-9 to 4.9e8 are cut");
+    note_cut(
+        &mut notes,
+        cut_scales,
+        "scales outside 2.1e-9 to 4.9e8 are cut",
+    );
     note_cut(
         &mut notes,
         cut_harmonics,

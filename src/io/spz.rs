@@ -156,11 +156,7 @@ fn decode(
 ///
 /// # Errors
 /// A table or streams that are not within the file, or that hold other sizes than the header says.
-fn read_streams(
-    path: &Path,
-    bytes: &[u8],
-    signs: &[f32; 16],
-) -> Result<(SplatCloud, Vec<String>)> {
+fn read_streams(path: &Path, bytes: &[u8], signs: &[f32; 16]) -> Result<(SplatCloud, Vec<String>)> {
     let fault = |place: String, expected: String, found: String| {
         let advice = "the file is cut off or damaged: get it again";
         Error::format(path, place, expected, found, advice)
@@ -288,12 +284,7 @@ impl Header {
     }
 
     /// - `is_more`: whether the file holds more than the arrays.
-    fn splats(
-        &self,
-        body: &[u8],
-        is_more: bool,
-        signs: &[f32; 16],
-    ) -> (SplatCloud, Vec<String>) {
+    fn splats(&self, body: &[u8], is_more: bool, signs: &[f32; 16]) -> (SplatCloud, Vec<String>) {
         let degree = self.layout.degree;
         let mut notes = Vec::new();
         if is_more || self.flags & 2 != 0 {

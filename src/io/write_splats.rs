@@ -49,7 +49,11 @@ impl Format {
     /// By the end of the name.
     fn of(path: &Path) -> Option<Self> {
         match extension(path).as_str() {
-            "ply" if path.file_stem().is_some_and(|s| extension(Path::new(s)) == "compressed") => {
+            "ply"
+                if path
+                    .file_stem()
+                    .is_some_and(|s| extension(Path::new(s)) == "compressed") =>
+            {
                 Some(Self::PackedPly)
             }
             "ply" => Some(Self::Ply),

@@ -220,7 +220,12 @@ fn write_splats_file(folder: &Path) {
             .collect(),
         is_anti_aliased: false,
     };
-    write_splats(&folder.join("splats.ply"), &cloud, &SplatFileOptions::default()).unwrap();
+    write_splats(
+        &folder.join("splats.ply"),
+        &cloud,
+        &SplatFileOptions::default(),
+    )
+    .unwrap();
 }
 
 fn write_mesh(folder: &Path) {

@@ -14,8 +14,8 @@ use crate::common::scene::{difference, render};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use ewa_splat::io::{
-    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, SplatFileOptions, WrittenSplats, open,
-    write_splats,
+    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, SplatFileOptions,
+    WrittenSplats, open, write_splats,
 };
 use ewa_splat::math::{harmonics, harmonics_sum};
 use ewa_splat::sample::{
@@ -64,7 +64,9 @@ impl Folder {
 
     fn refuse(&self, extension: &str, cloud: &SplatCloud, form: PlyForm) -> String {
         let path = self.path(&format!("refused.{extension}"));
-        let error = write_splats(&path, cloud, &of_form(form)).unwrap_err().to_string();
+        let error = write_splats(&path, cloud, &of_form(form))
+            .unwrap_err()
+            .to_string();
         assert!(!path.exists(), "left behind");
         error
     }

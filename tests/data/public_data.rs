@@ -8,8 +8,8 @@ use std::sync::Arc;
 use ewa_splat::image::{ColumnImage, Image};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
-    Material, Mesh, MeshPart, SplatCloud, SplatFileOptions, Texture, TextureImage, TextureUse, Wrap,
-    column_colours, column_picture, write_splats,
+    Material, Mesh, MeshPart, SplatCloud, SplatFileOptions, Texture, TextureImage, TextureUse,
+    Wrap, column_colours, column_picture, write_splats,
 };
 use ewa_splat::measure::{compare, difference, flip, ssim};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};

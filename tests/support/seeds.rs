@@ -8,8 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
 use super::splats::{
-    Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
-    stored,
+    Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
+    splat_records, spz, spz_streams, stored,
 };
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};

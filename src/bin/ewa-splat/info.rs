@@ -264,9 +264,8 @@ fn describe(dataset: &Dataset) -> Value {
         Geometry::Points { positions } => json!({ "kind": "points", "count": positions.len() }),
     };
     let up = dataset.up();
-    let axes = SplatAxes::of_format(dataset.format).map(|(file, read)| {
-        json!({ "file": file.to_string(), "read": read.to_string() })
-    });
+    let axes = SplatAxes::of_format(dataset.format)
+        .map(|(file, read)| json!({ "file": file.to_string(), "read": read.to_string() }));
     let bounds = dataset.bounds();
     let fields: Vec<Value> = dataset
         .fields

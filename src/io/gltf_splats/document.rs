@@ -279,7 +279,9 @@ impl<'a> Document<'a> {
         };
         let view = (packed.buffer_view).and_then(|index| self.root.buffer_views.get(index));
         let Some(view) = view else {
-            let found = packed.buffer_view.map_or("none".into(), |i| format!("number {i}"));
+            let found = packed
+                .buffer_view
+                .map_or("none".into(), |i| format!("number {i}"));
             return Err(fault("a buffer view that is there", found));
         };
         let (start, len, buffer) = (view.byte_offset, view.byte_length, view.buffer);

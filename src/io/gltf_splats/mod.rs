@@ -94,7 +94,8 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
                     if unpacked.insert((mesh, i)) {
                         most += part.positions.len() as u64;
                     }
-                    said.into_iter().for_each(|note| note_once(&mut notes, note));
+                    said.into_iter()
+                        .for_each(|note| note_once(&mut notes, note));
                     part
                 }
                 None => {
