@@ -67,11 +67,17 @@ fn unit(q: &[f64]) -> Vec<f64> {
 }
 
 fn assert_near(a: &[Vec<f64>; 6], b: &[Vec<f64>; 6], what: &str) {
-    for (a, b) in a.iter().zip(b) {
+    for (k, (a, b)) in a.iter().zip(b).enumerate() {
         assert_eq!(a.len(), b.len(), "{what}");
+        // Some roundings of f32, of numbers up to 4. Rotations of records are byte / 127.5 - 1 to that program, and
+        // byte / 128 - 1 to the format's first viewer and here: 1/128 apart at most.
+        let most = if k == 5 && what.contains(".splat") {
+            8e-3
+        } else {
+            1e-6
+        };
         for (a, b) in a.iter().zip(b) {
-            // Some roundings of f32, of numbers up to 4.
-            assert!((a - b).abs() < 1e-6, "{what}: {a}, not {b}");
+            assert!((a - b).abs() < most, "{what}: {a}, not {b}");
         }
     }
 }
@@ -144,8 +150,10 @@ fn gltf_files_are_turned_as_the_other_program_turns_them() {
         let back = folder.path().join("back.ply");
         write_splats(&back, &opened(glb), &turned(glb, None)).unwrap();
         let after = opened(&back);
-        assert_eq!(after.positions, before.positions);
-        assert_eq!(after.harmonics, before.harmonics);
+        if *glb == ours {
+            assert_eq!(after.positions, before.positions);
+            assert_eq!(after.harmonics, before.harmonics);
+        }
         for i in 0..3 {
             assert_near(&numbers(&after, i), &numbers(&before, i), "back");
         }
