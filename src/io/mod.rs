@@ -6,7 +6,6 @@
 //! temporary file that is renamed when complete.
 
 mod atomic;
-mod axes;
 mod blanking;
 mod cells;
 mod closed;
@@ -14,8 +13,10 @@ mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+mod element;
 mod encoded_splats;
 mod file;
+mod first_order;
 mod formats;
 mod gltf;
 mod gltf_splats;
@@ -54,6 +55,7 @@ mod scalars;
 mod shape_columns;
 mod smoothing;
 mod splat;
+mod splat_axes;
 mod splats;
 mod spz;
 mod spz_write;
@@ -85,13 +87,18 @@ mod zip;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
-pub use axes::SplatAxes;
+pub use splat_axes::SplatAxes;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+<<<<<<< HEAD
 pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
+=======
+pub use encoded_splats::PlyForm;
+pub(crate) use first_order::{is_of_higher_order, to_first_order};
+>>>>>>> main
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]

@@ -1,4 +1,4 @@
-//! Splats as radiance fields store them: what their formats share. `axes.rs` has the axes of each.
+//! Splats as radiance fields store them: what their formats share. `splat_axes.rs` has the axes of each.
 
 use std::path::Path;
 

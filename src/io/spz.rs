@@ -23,7 +23,7 @@
 //!
 //! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
-//! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `axes.rs` has the axes of all formats.
+//! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
 
 use std::array;
 use std::io::Read;

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DQuat;
 
 use super::atomic::write_bytes_atomically;
-use super::axes::SplatAxes;
+use super::splat_axes::SplatAxes;
 use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
 use super::splats::SplatCloud;
