@@ -87,18 +87,13 @@ mod zip;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
-pub use splat_axes::SplatAxes;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-<<<<<<< HEAD
 pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
-=======
-pub use encoded_splats::PlyForm;
 pub(crate) use first_order::{is_of_higher_order, to_first_order};
->>>>>>> main
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]
@@ -115,6 +110,7 @@ pub(crate) use polyhedron::polyhedron_faces;
 pub use raw::{RawLayout, RawType};
 pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
+pub use splat_axes::SplatAxes;
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
 pub use time_steps::{Part, TimeStep};

@@ -6,9 +6,9 @@ use std::path::Path;
 use glam::DQuat;
 
 use super::atomic::write_bytes_atomically;
-use super::splat_axes::SplatAxes;
 use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
+use super::splat_axes::SplatAxes;
 use super::splats::SplatCloud;
 use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz};
 use crate::error::{Error, Result};
