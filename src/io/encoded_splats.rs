@@ -16,10 +16,10 @@ pub enum PlyForm {
 /// Which version of SPZ is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpzVersion {
-    /// One gzip stream: what viewers have read since 2025.
+    /// One gzip stream: what more viewers read.
     #[default]
     Three,
-    /// A zstd stream for each array, of 2026: not read by many viewers yet.
+    /// A zstd stream for each array, which those made before it refuse.
     Four,
 }
 
