@@ -45,7 +45,7 @@ pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
 /// The version whose arrays are packed, not the file, and the length of its header.
 const STREAMED: u32 = 4;
-pub(super) const STREAMED_HEADER: usize = 32;
+pub(super) const STREAMED_HEADER: u32 = 32;
 /// Bytes of a stream's row in the table.
 pub(super) const STREAM_ROW: usize = 16;
 
@@ -173,9 +173,9 @@ fn read_streams(path: &Path, bytes: &[u8], signs: &[f32; 16]) -> Result<(SplatCl
     let arrays = header.layout.arrays();
     let wanted = arrays.iter().filter(|a| **a > 0).count();
     let stream_count = usize::from(start[15]);
-    let table_at = u32::from_le_bytes(array::from_fn(|i| table_at[i])) as usize;
+    let table_at = u32::from_le_bytes(array::from_fn(|i| table_at[i]));
     let table = bytes
-        .get(table_at..)
+        .get(table_at as usize..)
         .and_then(|rest| rest.split_at_checked(stream_count * STREAM_ROW))
         .filter(|_| table_at >= STREAMED_HEADER && stream_count >= wanted);
     let Some((table, mut rest)) = table else {

@@ -88,7 +88,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Re
             rest.extend(rgb.iter().map(code));
         }
     }
-    let mut header = Vec::with_capacity(STREAMED_HEADER);
+    let mut header = Vec::with_capacity(STREAMED_HEADER as usize);
     header.extend(MAGIC);
     let number: u32 = match version {
         SpzVersion::Three => 3,
@@ -150,8 +150,8 @@ fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>]) -> Vec<u8> {
     // At most six.
     header.push(u8::try_from(arrays.len()).unwrap_or(u8::MAX));
     // No extensions before the table.
-    header.extend((STREAMED_HEADER as u32).to_le_bytes());
-    header.resize(STREAMED_HEADER, 0);
+    header.extend(STREAMED_HEADER.to_le_bytes());
+    header.resize(STREAMED_HEADER as usize, 0);
     let mut streams = Vec::new();
     header.reserve(STREAM_ROW * arrays.len());
     for array in arrays {

@@ -147,7 +147,7 @@ pub fn write_splats(
         let expected = "a .spz file for a version of SPZ";
         return of_another("version", expected, "write a .spz file, or name no version");
     }
-    let turn = (options.up).map_or(DQuat::IDENTITY, |up| format.axes().from_up(up));
+    let turn = (options.up).map_or(DQuat::IDENTITY, |up| format.axes().turn_from(up));
     let cloud = if turn == DQuat::IDENTITY {
         Cow::Borrowed(cloud)
     } else {

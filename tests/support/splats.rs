@@ -403,10 +403,10 @@ pub(crate) fn ksplat(mode: u16, sections: &[&[Splat]]) -> Vec<u8> {
         }
         for (k, s) in splats.iter().enumerate() {
             let middle = middles[if k < 2 { 0 } else { k }];
-            for axis in 0..3 {
-                let steps = (s.position[axis] - middle[axis]) / (0.5 * SIDE) * STEPS + STEPS;
+            for (x, middle) in s.position.iter().zip(middle) {
+                let steps = (x - middle) / (0.5 * SIDE) * STEPS + STEPS;
                 match mode {
-                    0 => data.extend((s.position[axis] as f32).to_le_bytes()),
+                    0 => data.extend((*x as f32).to_le_bytes()),
                     _ => data.extend((steps.round() as u16).to_le_bytes()),
                 }
             }
@@ -456,7 +456,8 @@ fn half(x: f64) -> u16 {
     let exponent = x.abs().log2().floor();
     let steps = (x.abs() / exponent.exp2() * 1024.0).round() as u16;
     // Rounding up to the next power of two carries into the exponent.
-    u16::from(x < 0.0) << 15 | (((exponent + 15.0) as u16) << 10) + (steps - 1024)
+    let size = (((exponent + 15.0) as u16) << 10) + (steps - 1024);
+    u16::from(x < 0.0) << 15 | size
 }
 
 /// Splats as compressed PLY has them, 258 in two chunks. Of the bits of each word: positions 2046, 1, 2047; scales 0, 1023, 1023;
