@@ -1,6 +1,6 @@
 //! Axes of splats: those of each format, and the turns between them.
 //!
-//! No format of splats states its axes, but programs agree on them:
+//! Files of splats do not state their axes; these are the conventions:
 //!
 //! | format | x | y | z | up |
 //! |---|---|---|---|---|
@@ -9,8 +9,8 @@
 //! | glTF | left | up | forward | +y |
 //!
 //! The first are those of the training scenes (COLMAP's). SPZ's are turned to them by half a turn about x, glTF's by half a turn
-//! about z, as PlayCanvas's `splat-transform` does, too: numbers of that program are in
-//! `tests/data/splat_axes.rs`.
+//! about z, as PlayCanvas's `splat-transform` 2.7 does, too: numbers of that program are in `tests/data/splat_axes.rs`. Its version 3.7
+//! turns glTF's alike, but reads and writes SPZ without a turn; nothing in such a file says so.
 //!
 //! Readers give the coordinates of the file, but those of SPZ, which they turn to the axes of PLY. glTF splats are left where they
 //! are, so that they stay in place beside meshes of glTF files. Writers of splats are told what points up among what they
