@@ -33,5 +33,6 @@ mod sampling;
 mod splat_axes;
 mod splats;
 mod stl;
+mod surface_fields;
 mod vtk_legacy;
 mod vtk_xml;
