@@ -9,8 +9,8 @@ use std::path::Path;
 use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
-    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
+    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -277,10 +277,19 @@ static FORMATS: &[Format] = &[
     },
     // Before the meshes of glTF files, which may hold both.
     Format {
+        name: "KSPLAT",
+        family: Family::Splats,
+        endings: &["ksplat"],
+        reads: "version 0.1, its compression modes 0 to 2, harmonics of degrees 0 to 2",
+        read: |input, _| ksplat::read(input),
+        ..PLAIN
+    },
+    Format {
         name: "glTF splats",
         family: Family::Splats,
         endings: &[],
-        reads: "`.glb` and `.gltf` with `KHR_gaussian_splatting`, its drafts' names too, in floats, bytes and shorts",
+        reads: "`.glb` and `.gltf` with `KHR_gaussian_splatting`, its drafts' names too, in floats, bytes and shorts; packed as \
+                SPZ by `KHR_gaussian_splatting_compression_spz_2`",
         begins: |p| gltf_splats::looks_like(p.input, p.head),
         read: |input, options| gltf_splats::read(input, options.scales),
         ..PLAIN

@@ -3,7 +3,7 @@
 //! | data | up |
 //! |---|---|
 //! | glTF, its splats too; OBJ | +y: what the formats or their writers agree on |
-//! | other splats | -y: training scenes have y down, and what is read is turned to their axes |
+//! | other splats | -y: training scenes have y down, and what is read is turned to their axes (`splat_axes.rs`) |
 //! | particles in a flat layer across x or y | the axis across it |
 //! | grids, and meshes with fields, in a plane across an axis | +y of that across z, +z of others: they are seen straight on |
 //! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |

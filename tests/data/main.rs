@@ -30,6 +30,7 @@ mod public_data;
 mod readers;
 mod ripple;
 mod sampling;
+mod splat_axes;
 mod splats;
 mod stl;
 mod surface_fields;

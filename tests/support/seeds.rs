@@ -8,8 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
 use super::splats::{
-    Element, Ply, glb_splats, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
-    stored,
+    Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
+    splat_records, spz, spz_streams, stored,
 };
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
@@ -132,10 +132,17 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 }
                 seeds.push(("d.ply".into(), strips_ply(encoding)));
             }
+            for mode in 0..3 {
+                let splats = [some_splats(3, 2), some_splats(3, 1)];
+                let file = ksplat(mode, &[&splats[0], &splats[1]]);
+                seeds.push(("a.ksplat".into(), file));
+            }
             seeds.push(("a.splat".into(), splat_records(&some_splats(4, 0))));
             for degree in 0..2 {
                 for _ in 0..4 {
                     seeds.push(("a.glb".into(), glb_splats(&some_splats(3, degree))));
+                    let stream = spz(2, 0, &some_splats(3, degree));
+                    seeds.push(("c.glb".into(), glb_packed(&stream)));
                 }
             }
         }

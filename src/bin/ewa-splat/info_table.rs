@@ -181,6 +181,14 @@ pub(crate) fn print_table(description: &Value) {
     if geometry["spacing"].is_array() {
         row("spacing", vector(&geometry["spacing"]));
     }
+    if description["axes"].is_object() {
+        let [file, read] = ["file", "read"].map(|of| text(&description["axes"][of]));
+        let turned = match file == read {
+            true => String::new(),
+            false => format!("; turned as it is read: {read}"),
+        };
+        row("axes", format!("{file}{turned}"));
+    }
     row(
         "up",
         format!(
