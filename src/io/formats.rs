@@ -34,8 +34,11 @@ pub struct Format {
     resembles: fn(&Probe<'_>) -> bool,
     pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
     /// The steps of time that a file stands for, and the files or places in it where each is.
-    pub(super) steps: Option<fn(Input<'_>) -> Result<Vec<TimeStep>>>,
+    pub(super) steps: Option<Steps>,
 }
+
+/// Reads the steps of time of a file.
+type Steps = fn(Input<'_>) -> Result<Vec<TimeStep>>;
 
 /// What the files of a format hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
