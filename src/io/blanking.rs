@@ -4,6 +4,8 @@ use super::{Association, Dataset};
 use crate::error::Result;
 use crate::scene::Values;
 
+/// VTK's name for the array that marks cells and nodes.
+pub(super) const GHOST_TYPE: &str = "vtkGhostType";
 /// Bits of VTK's `vtkGhostType` that take a cell out: a copy of another piece's, replaced by a
 /// finer one, hidden.
 const GHOST_CELL: u8 = 1 | 8 | 32;
@@ -32,7 +34,7 @@ impl Blanking {
             let is_blank: &dyn Fn(f32) -> bool = if is("iblank") {
                 // 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
                 &|v| v.abs() < 0.5
-            } else if is("vtkGhostType") {
+            } else if is(GHOST_TYPE) {
                 &|v| ghost_bits(v) & bits != 0
             } else if is("vtkGhostLevels") && !of_nodes {
                 &|v| v > 0.5

@@ -5,6 +5,7 @@
 //! claims against the bytes that are there before it allocates, and every writer writes to a
 //! temporary file that is renamed when complete.
 
+mod amr;
 mod atomic;
 mod blanking;
 mod cells;
@@ -387,7 +388,7 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return npz::read(input);
     }
     if head.starts_with(hdf5::MAGIC) {
-        return hdf5::read(input, options.particle_type);
+        return hdf5::read(input, options.particle_type, options.read_as, None);
     }
     if extension == "gltf" || gltf::looks_like(&head) {
         return gltf::read(input);
