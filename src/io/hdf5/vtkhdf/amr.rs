@@ -6,7 +6,7 @@
 //! | `AMRBox`, (boxes, 6) | the first and the last cell of each box along each axis, i0 i1 j0 j1 k0 k1; the last before the first along the axis that data of two dimensions lack |
 //! | `PointData`, `CellData` | the numbers of one box after those of another |
 //!
-//! The attribute `Origin` of the whole says where cell 0 begins. At a time the boxes are `NumberOfAMRBoxes` from
+//! The attribute `Origin` of the whole says where cell 0 begins. At a time the boxes are `NumberOfAMRBox` from
 //! `AMRBoxOffsets` on, both in `Steps/LevelN`, where `PointDataOffsets` and `CellDataOffsets` are, too.
 
 use std::path::Path;
@@ -82,7 +82,7 @@ impl Block<'_, '_> {
             None => None,
             Some(steps) => {
                 let first = self.start_in(steps, "AMRBoxOffsets", 0)?.unwrap_or(0);
-                let count = self.start_in(steps, "NumberOfAMRBoxes", 0)?;
+                let count = self.start_in(steps, "NumberOfAMRBox", 0)?;
                 count.map(|count| first..first.saturating_add(count))
             }
         };
