@@ -313,12 +313,7 @@ fn covered(level: &Level, finer: &Level, patch: &Patch) -> Range {
 }
 
 fn common(a: Range, b: Range) -> Range {
-    [0, 1, 2].map(|axis| {
-        [
-            a[axis][0].max(b[axis][0]),
-            a[axis][1].min(b[axis][1]),
-        ]
-    })
+    [0, 1, 2].map(|axis| [a[axis][0].max(b[axis][0]), a[axis][1].min(b[axis][1])])
 }
 
 fn count_of(range: Range) -> usize {

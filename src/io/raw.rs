@@ -81,7 +81,11 @@ impl RawLayout {
 ///
 /// # Errors
 /// A layout that makes no sense, or a size that differs from it.
-pub(crate) fn read(input: Input<'_>, layout: &RawLayout) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Dataset> {
+    let layout = layout.ok_or_else(|| Error::NoLayout {
+        path: input.path.to_path_buf(),
+        suggested: layout_from_name(input.path),
+    })?;
     let path = input.path;
     let [nx, ny, nz] = layout.dims;
     let size = layout.scalar.scalar().size();

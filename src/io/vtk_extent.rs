@@ -42,7 +42,10 @@ impl Extent {
     pub(super) fn from_reals(reals: [f64; 6]) -> Option<Self> {
         let [i0, i1, j0, j1, k0, k1] = reals;
         let whole = |n: f64| {
-            #[allow(clippy::cast_possible_truncation, reason = "it was checked to be whole and small")]
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "it was checked to be whole and small"
+            )]
             (n.abs() <= f64::from(i32::MAX) && n.fract() == 0.0).then_some(n as i64)
         };
         let [first, last] = [[i0, j0, k0], [i1, j1, k1]].map(|ends| {

@@ -140,7 +140,10 @@ pub(super) fn face_streams(path: &Path, place: &str, faces: &Runs, cells: &Runs)
                 return Err(Error::format(
                     path,
                     place,
-                    format!("faces below {}, each at most twice", faces.offsets.len() - 1),
+                    format!(
+                        "faces below {}, each at most twice",
+                        faces.offsets.len() - 1
+                    ),
                     format!("face {face} in cell {i}"),
                     "the file is damaged: save it again",
                 ));

@@ -22,10 +22,10 @@ use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute, SliceInfo, SliceInfoElem}
 use self::layout::{Layout, NotRead};
 use super::dataset::{Association, Dataset, Field, FieldSource};
 use super::file::Input;
-use super::ReadAs;
 use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
+use super::time_steps::{self, Part, TimeStep};
 use super::unit;
 use crate::error::{Error, Parameter, Result};
 use crate::scene::Values;
@@ -61,24 +61,42 @@ const AS_FLOATS: &str = "write it as 32-bit floats (h5py, swiftsimio)";
 /// Numbers per particle that an array may have.
 const MOST_COMPONENTS: usize = 16;
 
-/// Reads a snapshot.
+/// Whether the first bytes name the group of VTKHDF files. Where they do not, as the group may stand farther behind, it is
+/// found when the file is read.
+pub(super) fn names_vtk(head: &[u8]) -> bool {
+    let name = vtkhdf::ROOT.as_bytes();
+    head.windows(name.len()).any(|bytes| bytes == name)
+}
+
+/// The steps of time of a VTKHDF file.
+///
+/// # Errors
+/// A damaged file.
+pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let file = SnapshotFile::open(input)?;
+    let times = match file.group(vtkhdf::ROOT)? {
+        Some(root) => vtkhdf::times(&file, &root)?,
+        None => None,
+    };
+    Ok(match times {
+        Some(times) => time_steps::of_file(input.path, &times),
+        None => vec![TimeStep {
+            time: None,
+            parts: vec![Part::file(input.path.to_path_buf())],
+        }],
+    })
+}
+
+/// Reads a snapshot, or a VTKHDF file.
 ///
 /// # Errors
 /// A damaged file, or one that holds no particles under the names these codes use, or none of the type that is asked for.
-///
-/// - `wanted`: the type of particles; without it what the code's own reader takes.
-/// - `read_as`: of VTKHDF files: what to make of points with faces.
-/// - `time_step`: of VTKHDF files: which of their times.
-pub(crate) fn read(
-    input: Input<'_>,
-    wanted: Option<ParticleType>,
-    read_as: Option<ReadAs>,
-    time_step: Option<usize>,
-) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dataset> {
     let path = input.path;
+    let wanted = options.particle_type;
     let file = SnapshotFile::open(input)?;
     if let Some(root) = file.group(vtkhdf::ROOT)? {
-        return vtkhdf::read(&file, root, read_as, time_step);
+        return vtkhdf::read(&file, root, options.read_as, options.time_step);
     }
     if let Some(particles) = file.group("particles")?
         && file.has(&particles, "xyz")?
@@ -276,7 +294,13 @@ impl<'a> SnapshotFile<'a> {
                 let bytes = read_rows(&dataset, stored.scalar, &rows).map_err(failed)?;
                 // The decoder turns them to the order of this machine, and they are written as little-endian ones.
                 let big_endian = false;
-                (bytes, Encoding { big_endian, ..stored })
+                (
+                    bytes,
+                    Encoding {
+                        big_endian,
+                        ..stored
+                    },
+                )
             }
             // Rows of other layouts are taken out of all of them.
             (Some(rows), layout) => {

@@ -7,7 +7,7 @@
 //! | `PointData`, `CellData` | the numbers of one box after those of another |
 //!
 //! The attribute `Origin` of the whole says where cell 0 begins. At a time the boxes are `NumberOfAMRBox` from
-//! `AMRBoxOffsets` on, both in `Steps/LevelN`, where `PointDataOffsets` and `CellDataOffsets` are, too.
+//! `AMRBoxOffset` on, both in `Steps/LevelN`, where `PointDataOffset` and `CellDataOffset` are, too.
 
 use std::path::Path;
 
@@ -37,7 +37,12 @@ impl Amr {
     }
 
     pub(super) fn dataset(self, path: &Path) -> Result<Dataset> {
-        amr::dataset(path, "VTKHDF levels of refinement", self.levels, self.patches)
+        amr::dataset(
+            path,
+            "VTKHDF levels of refinement",
+            self.levels,
+            self.patches,
+        )
     }
 }
 
@@ -81,7 +86,7 @@ impl Block<'_, '_> {
         let rows = match steps {
             None => None,
             Some(steps) => {
-                let first = self.start_in(steps, "AMRBoxOffsets", 0)?.unwrap_or(0);
+                let first = self.start_in(steps, "AMRBoxOffset", 0)?.unwrap_or(0);
                 let count = self.start_in(steps, "NumberOfAMRBox", 0)?;
                 count.map(|count| first..first.saturating_add(count))
             }
@@ -132,7 +137,7 @@ impl Block<'_, '_> {
         };
         let offsets = match steps {
             Some(steps) => {
-                let name = format!("{}Offsets", element_of(association));
+                let name = format!("{}Offset", element_of(association));
                 self.file.child(steps, &name)?
             }
             None => None,

@@ -65,7 +65,10 @@ impl Block<'_, '_> {
             true => Some(Faces::new(self, points.len())?),
             false => None,
         };
-        let (point_start, cell_start) = (self.start("PointOffsets", 0)?, self.start("CellOffsets", 0)?);
+        let (point_start, cell_start) = (
+            self.start("PointOffsets", 0)?,
+            self.start("CellOffsets", 0)?,
+        );
         let (mut point, mut cell) = (0_usize, 0_usize);
         let mut id = self.start("ConnectivityIdOffsets", 0)?;
         let mut face_starts = match &faces {
@@ -79,12 +82,21 @@ impl Block<'_, '_> {
             let kinds = self.indices(group, "Types", rows(first, cell_count), |n| {
                 u8::try_from(n).ok().map(CellKind)
             })?;
-            let starts = Starts { cell: first.saturating_add(part), id };
-            let runs = self.runs(group, ["Offsets", "Connectivity"], starts, [cell_count, id_count])?;
+            let starts = Starts {
+                cell: first.saturating_add(part),
+                id,
+            };
+            let runs = self.runs(
+                group,
+                ["Offsets", "Connectivity"],
+                starts,
+                [cell_count, id_count],
+            )?;
             let has_polyhedra = kinds.contains(&CellKind::POLYHEDRON);
             let mesh = match &faces {
                 Some(faces) if has_polyhedra => {
-                    let of_cells = faces.of_part(self, part, &face_starts, starts.cell, cell_count)?;
+                    let of_cells =
+                        faces.of_part(self, part, &face_starts, starts.cell, cell_count)?;
                     with_polyhedra(self.file.path, kinds, &runs, &of_cells)?
                 }
                 _ => without_nodes(kinds, runs),
@@ -129,7 +141,12 @@ impl Block<'_, '_> {
                 id: self.start("ConnectivityIdOffsets", column)?,
             };
             cell_start = cell_start.saturating_add(starts.cell);
-            kinds.push(Some(Kind { group, cells, ids, starts }));
+            kinds.push(Some(Kind {
+                group,
+                cells,
+                ids,
+                starts,
+            }));
         }
         let point_start = self.start("PointOffsets", 0)?;
         let (mut point, mut cell) = (0_usize, 0_usize);
@@ -172,8 +189,13 @@ impl Block<'_, '_> {
         }
         let [point_start, cell_start] = rows_of.starts;
         let first = point_start.saturating_add(rows_of.points.start);
-        let points = self.needed(&self.group, "Points", Some(rows(first, rows_of.points.len())))?;
-        let nodes = (points.components == 3).then(|| scalars::points(&points.bytes, points.encoding, points.count));
+        let points = self.needed(
+            &self.group,
+            "Points",
+            Some(rows(first, rows_of.points.len())),
+        )?;
+        let nodes = (points.components == 3)
+            .then(|| scalars::points(&points.bytes, points.encoding, points.count));
         mesh.nodes = nodes.flatten().ok_or_else(|| {
             let found = format!("{} numbers each", points.components);
             self.fault("Points", "three numbers for each point", found)
@@ -202,7 +224,12 @@ impl Block<'_, '_> {
             });
         }
         let index = |n: i128| u32::try_from(n).ok();
-        let bounds = self.indices(group, offsets, rows(starts.cell, count.saturating_add(1)), index)?;
+        let bounds = self.indices(
+            group,
+            offsets,
+            rows(starts.cell, count.saturating_add(1)),
+            index,
+        )?;
         let connectivity = self.indices(group, entries, rows(starts.id, entry_count), index)?;
         let rises = bounds.windows(2).all(|w| w[0] <= w[1]);
         let ends = [bounds.first(), bounds.last()].map(|n| n.map(|n| *n as usize));

@@ -6,11 +6,11 @@ use glam::DVec3;
 use hdf5_reader::group::Group;
 
 use super::super::super::dataset::{Association, CurvilinearBlock, Dataset, Geometry};
+use super::super::super::vti;
 use super::super::super::vtk_array::Array;
 use super::super::super::vtk_extent::Extent;
 use super::super::super::vtk_meshes::append_arrays;
 use super::super::super::vtk_pieces::{element_of, keep_common, to_fields};
-use super::super::super::vti;
 use super::{Block, numbers};
 use crate::error::{Error, Result};
 use crate::scene::Lattice;
@@ -99,15 +99,23 @@ pub(super) fn dataset(path: &Path, mut images: Vec<Image>) -> Result<Dataset> {
     let mut fields = Vec::new();
     if let [image] = images.as_mut_slice() {
         let Image { lattice, arrays } = image;
-        for (arrays, association) in arrays.iter_mut().zip([Association::Nodes, Association::Cells]) {
+        for (arrays, association) in arrays
+            .iter_mut()
+            .zip([Association::Nodes, Association::Cells])
+        {
             fields.extend(to_fields(std::mem::take(arrays), association));
         }
         let geometry = Geometry::Lattice(lattice.clone());
         return Ok(Dataset::new(path, FORMAT, geometry, fields));
     }
     let mut notes = Vec::new();
-    for (i, association) in [Association::Nodes, Association::Cells].into_iter().enumerate() {
-        let arrays = images.iter_mut().map(|image| std::mem::take(&mut image.arrays[i]));
+    for (i, association) in [Association::Nodes, Association::Cells]
+        .into_iter()
+        .enumerate()
+    {
+        let arrays = images
+            .iter_mut()
+            .map(|image| std::mem::take(&mut image.arrays[i]));
         let mut arrays: Vec<Vec<Array>> = arrays.collect();
         keep_common(&mut arrays, element_of(association), &mut notes);
         let arrays = arrays.into_iter().reduce(append_arrays).unwrap_or_default();
@@ -116,7 +124,13 @@ pub(super) fn dataset(path: &Path, mut images: Vec<Image>) -> Result<Dataset> {
     if fields.is_empty() {
         let advice = "save them with the same arrays";
         let expected = "an array that all images have";
-        return Err(Error::format(path, "PointData and CellData", expected, "none", advice));
+        return Err(Error::format(
+            path,
+            "PointData and CellData",
+            expected,
+            "none",
+            advice,
+        ));
     }
     let block = |image: &Image| {
         let dims = image.lattice.dims;

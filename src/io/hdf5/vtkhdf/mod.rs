@@ -23,6 +23,7 @@ use std::ops::Range;
 use hdf5_reader::group::Group;
 
 use super::super::dataset::{Association, Dataset};
+use super::super::time_steps;
 use super::super::vtk_array;
 use super::super::vtk_meshes::{self, Part};
 use super::super::vtk_pieces::element_of;
@@ -52,16 +53,15 @@ pub(super) fn read(
     time_step: Option<usize>,
 ) -> Result<Dataset> {
     let mut found = Vec::new();
-    let block = Block::new(file, root, time_step.unwrap_or(0))?;
-    if time_step.is_none()
-        && let Some(times) = block.times()?.filter(|times| times.len() > 1)
-    {
-        let (count, time) = (times.len(), times[0]);
-        file.note(format!("The first of {count} time steps, of time {time}."));
+    let all = times(file, &root)?.unwrap_or_default();
+    let (step, note) = time_steps::chosen(file.path, &all, time_step)?;
+    if let Some(note) = note {
+        file.note(note);
     }
+    let block = Block::new(file, root, step)?;
     match block.kind()?.as_str() {
         "MultiBlockDataSet" | "PartitionedDataSetCollection" => {
-            let blocks = block.blocks(time_step.unwrap_or(0))?;
+            let blocks = block.blocks()?;
             if blocks.len() > 1 {
                 file.note(format!("Blocks put together: {}.", blocks.len()));
             }
@@ -104,7 +104,13 @@ fn together(
     let path = file.path;
     let Some(kind) = found.first().map(Piece::name) else {
         let advice = "save the data set with its data";
-        return Err(Error::format(path, ROOT, "at least one block", "none", advice));
+        return Err(Error::format(
+            path,
+            ROOT,
+            "at least one block",
+            "none",
+            advice,
+        ));
     };
     let others = found.iter().filter(|piece| piece.name() != kind).count();
     if others > 0 {
@@ -139,25 +145,23 @@ struct Block<'f, 'a> {
     group: Group,
     steps: Option<Group>,
     step: usize,
+    /// The step that was asked for.
+    wanted: usize,
 }
 
 impl<'f, 'a> Block<'f, 'a> {
+    /// A block of other times than the first has its own last one where it has fewer.
     fn new(file: &'f SnapshotFile<'a>, group: Group, step: usize) -> Result<Self> {
         let steps = file.child(&group, "Steps")?;
-        let block = Self {
+        let mut block = Self {
             file,
             group,
             steps,
             step,
+            wanted: step,
         };
         let count = block.times()?.map_or(1, |times| times.len());
-        if step >= count {
-            return Err(block.fault(
-                "Steps",
-                &format!("a time step below {count}"),
-                format!("{step}"),
-            ));
-        }
+        block.step = step.min(count.saturating_sub(1));
         Ok(block)
     }
 
@@ -185,7 +189,7 @@ impl<'f, 'a> Block<'f, 'a> {
     }
 
     /// The blocks of a collection, in the order of their indices.
-    fn blocks(&self, step: usize) -> Result<Vec<Self>> {
+    fn blocks(&self) -> Result<Vec<Self>> {
         let names = self.group.member_names();
         let (names, _) = names.map_err(|e| broken(self.file.path, ROOT, &e))?;
         let mut blocks = Vec::new();
@@ -199,7 +203,7 @@ impl<'f, 'a> Block<'f, 'a> {
             }
             let index = self.file.attribute(&group, "Index");
             let index = index.and_then(|n| n.first().copied()).unwrap_or(f64::MAX);
-            blocks.push((index, Self::new(self.file, group, step)?));
+            blocks.push((index, Self::new(self.file, group, self.wanted)?));
         }
         blocks.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(blocks.into_iter().map(|(_, block)| block).collect())
@@ -374,7 +378,11 @@ fn whole(number: f64) -> Option<usize> {
 }
 
 /// Numbers of an attribute, as many as are wanted.
-fn numbers<const N: usize>(block: &Block<'_, '_>, group: &Group, name: &str) -> Result<Option<[f64; N]>> {
+fn numbers<const N: usize>(
+    block: &Block<'_, '_>,
+    group: &Group,
+    name: &str,
+) -> Result<Option<[f64; N]>> {
     let Some(found) = block.file.attribute(group, name) else {
         return Ok(None);
     };
@@ -391,13 +399,13 @@ fn numbers<const N: usize>(block: &Block<'_, '_>, group: &Group, name: &str) -> 
 ///
 /// # Errors
 /// A damaged file.
-pub(super) fn times(file: &SnapshotFile<'_>, root: Group) -> Result<Option<Vec<f64>>> {
-    let block = Block::new(file, root, 0)?;
+pub(super) fn times(file: &SnapshotFile<'_>, root: &Group) -> Result<Option<Vec<f64>>> {
+    let block = Block::new(file, root.clone(), 0)?;
     if let Some(times) = block.times()? {
         return Ok(Some(times));
     }
     // Of collections each block has them.
-    let blocks = block.blocks(0)?;
+    let blocks = block.blocks()?;
     match blocks.first() {
         Some(first) => first.times(),
         None => Ok(None),
