@@ -10,7 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
-    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_collection, vtk_legacy, vtk_xml,
+    vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -224,14 +225,29 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTK's collections",
+        family: Family::Collections,
+        endings: &vtk_collection::ENDINGS,
+        reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
+                their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
+                in folders below",
+        begins: |p| vtk_collection::looks_like(p.head),
+        read: vtk_collection::read,
+        steps: Some(vtk_collection::steps),
+        ..PLAIN
+    },
+    Format {
         name: "VTK XML",
         family: Family::Grids,
         endings: &[
-            "vti", "vtr", "vts", "vtu", "vtp", "pvti", "pvtr", "pvts", "pvtu", "pvtp",
+            "vti", "vtr", "vts", "vtu", "vtp", "vthb", "vth", "pvti", "pvtr", "pvts", "pvtu",
+            "pvtp",
         ],
         reads: "image data with Direction, rectilinear and structured grids, unstructured grids with polyhedra, \
                 polygonal data, flat cells as [surfaces](#surfaces); ascii, base64, appended base64 and raw, zlib, LZ4 \
-                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together",
+                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together; \
+                levels of refinement (`vtkOverlappingAMR`, `vtkHierarchicalBoxDataSet`), of which the finest counts in \
+                each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
         ..PLAIN
