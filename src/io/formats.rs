@@ -10,8 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
-    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_collection, vtk_legacy, vtk_xml,
-    vtk_xml_kinds,
+    of_folder, plot3d, plotfile, ply, pvd, raw, refused, splat, spz, stl, vtk_collection,
+    vtk_legacy, vtk_xml, vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -135,7 +135,7 @@ pub fn formats() -> &'static [Format] {
 /// # Errors
 /// The file cannot be read, or is of none of [`formats`].
 pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
-    recognise(Input::of_file(path), options)
+    recognise(Input::of_file(&of_folder(path)), options)
 }
 
 pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
@@ -343,6 +343,16 @@ static FORMATS: &[Format] = &[
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
         read: |input, options| hdf5::read(input, options),
+        ..PLAIN
+    },
+    Format {
+        name: "AMReX plotfiles",
+        family: Family::Simulations,
+        endings: &[],
+        reads: "of BoxLib and AMReX, given as a folder or its `Header`: all levels, of which the finest counts in each place; \
+                IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
+        begins: |p| plotfile::looks_like(p.head),
+        read: |input, _| plotfile::read(input),
         ..PLAIN
     },
     Format {

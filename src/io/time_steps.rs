@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::file::{HEAD, Input};
 use super::formats::Format;
 use super::vtk_xml::clip;
-use super::{Dataset, OpenOptions, pvd, read_input, vtk_collection};
+use super::{Dataset, OpenOptions, of_folder, pvd, read_input, vtk_collection};
 use crate::error::{Error, Result};
 
 /// A step of time.
@@ -44,7 +44,7 @@ impl Format {
     /// A file that cannot be read, or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
         match self.steps {
-            Some(steps) => steps(Input::of_file(path)),
+            Some(steps) => steps(Input::of_file(&of_folder(path))),
             None => Ok(vec![TimeStep {
                 time: None,
                 parts: vec![Part::file(path.to_path_buf())],
