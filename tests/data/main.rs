@@ -12,6 +12,7 @@ mod examples;
 #[path = "../support/mod.rs"]
 mod support;
 
+mod amr;
 mod bad_input;
 mod cells;
 mod collections;
@@ -34,3 +35,4 @@ mod splats;
 mod stl;
 mod vtk_legacy;
 mod vtk_xml;
+mod vtkhdf;
