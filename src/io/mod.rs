@@ -14,8 +14,10 @@ mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+mod element;
 mod encoded_splats;
 mod file;
+mod first_order;
 mod formats;
 mod gltf;
 mod gltf_splats;
@@ -92,6 +94,7 @@ pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 pub use encoded_splats::PlyForm;
+pub(crate) use first_order::{is_of_higher_order, to_first_order};
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]
