@@ -339,10 +339,12 @@ static FORMATS: &[Format] = &[
         endings: &["h5", "hdf5"],
         reads: "Phantom dumps; snapshots of Gadget, Gizmo, Arepo and SWIFT, whose lossy compression included \
                 (`FMantissa9` ... `DMantissa21`, `HalfFloat`, `BFloat16`, `DScale`, integers of odd widths); fields in \
-                other floating-point layouts are left out with a note. Which of their particles: \
+                other floating-point layouts are left out with a note. Any file of a snapshot in several files stands for \
+                all of them. Which of their particles: \
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
         read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::snapshot_steps),
         ..PLAIN
     },
     Format {

@@ -8,6 +8,7 @@
 mod gadget;
 mod layout;
 mod phantom;
+mod pieces;
 mod vtkhdf;
 
 use std::cell::{Cell, RefCell};
@@ -20,8 +21,9 @@ use hdf5_reader::group::Group;
 use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute, SliceInfo, SliceInfoElem};
 
 use self::layout::{Layout, NotRead};
+use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
-use super::file::Input;
+use super::file::{Input, regular_len};
 use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
@@ -73,7 +75,7 @@ pub(super) fn names_vtk(head: &[u8]) -> bool {
 /// # Errors
 /// A damaged file.
 pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
-    let file = SnapshotFile::open(input)?;
+    let file = SnapshotFile::open_in_parts(input.path)?;
     let times = match file.group(vtkhdf::ROOT)? {
         Some(root) => vtkhdf::times(&file, &root)?,
         None => None,
@@ -85,6 +87,22 @@ pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
             parts: vec![Part::file(input.path.to_path_buf())],
         }],
     })
+}
+
+/// The one step of a snapshot: of one in several files the first file, which any of them stands for.
+///
+/// # Errors
+/// A damaged file.
+pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let file = SnapshotFile::open_in_parts(input.path)?;
+    let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
+    let first = pieces.map(|pieces| pieces.path(0));
+    let first = first.filter(|first| input.has_beside(first));
+    let path = first.unwrap_or_else(|| input.path.to_path_buf());
+    Ok(vec![TimeStep {
+        time: None,
+        parts: vec![Part::file(path)],
+    }])
 }
 
 /// Reads a snapshot, or a VTKHDF file.
@@ -103,6 +121,11 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
     {
         return phantom::read(&file, &particles, wanted);
     }
+    if let Some(pieces) = Pieces::of(&file, |piece| input.has_beside(piece))? {
+        drop(file);
+        return pieces::read(input, &pieces, wanted);
+    }
+    gadget::note_other_files(&file)?;
     if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
     }
@@ -147,20 +170,34 @@ impl<'a> SnapshotFile<'a> {
     fn open(input: Input<'a>) -> Result<Self> {
         let path = input.path;
         let bytes = input.read_all()?.into_owned();
-        let budget = bytes
-            .len()
-            .saturating_mul(MOST_INFLATION)
-            .saturating_add(SMALL);
+        Self::new(path, bytes.len(), |options| {
+            Hdf5File::from_vec_with_options(bytes, options)
+        })
+    }
+
+    /// The same of which no more is read than is asked for: a file on the disk.
+    fn open_in_parts(path: &'a Path) -> Result<Self> {
+        let len = usize::try_from(regular_len(path)?).unwrap_or(usize::MAX);
+        Self::new(path, len, |options| {
+            Hdf5File::open_with_options(path, options)
+        })
+    }
+
+    fn new(
+        path: &'a Path,
+        len: usize,
+        open: impl FnOnce(OpenOptions) -> hdf5_reader::error::Result<Hdf5File>,
+    ) -> Result<Self> {
+        let budget = len.saturating_mul(MOST_INFLATION).saturating_add(SMALL);
         let options = OpenOptions {
             // Every array is read once.
             chunk_cache_bytes: 0,
             max_chunk_bytes: budget,
             max_read_bytes: budget,
-            max_object_header_bytes: bytes.len().saturating_add(SMALL / 16),
+            max_object_header_bytes: len.saturating_add(SMALL / 16),
             ..OpenOptions::default()
         };
-        let file = Hdf5File::from_vec_with_options(bytes, options)
-            .map_err(|e| broken(path, "file", &e))?;
+        let file = open(options).map_err(|e| broken(path, "file", &e))?;
         Ok(Self {
             path,
             file,
@@ -528,6 +565,17 @@ fn attribute_numbers(attribute: &RawAttribute) -> Option<Vec<f64>> {
         count: bytes.len() / encoding.scalar.size(),
     };
     doubles(&bytes, encoding, stride)
+}
+
+/// A count or a place that a file states as a number.
+fn whole(number: f64) -> Option<usize> {
+    let is_whole = number >= 0.0 && number <= 2.0_f64.powi(53) && number.fract() == 0.0;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "it was checked to be whole and in range"
+    )]
+    is_whole.then_some(number as usize)
 }
 
 /// What the decoder found wrong, as an error of this library.

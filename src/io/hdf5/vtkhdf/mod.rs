@@ -28,7 +28,7 @@ use super::super::vtk_array;
 use super::super::vtk_meshes::{self, Part};
 use super::super::vtk_pieces::element_of;
 use super::super::{ReadAs, scalars};
-use super::{Found, SnapshotFile, broken, shortened};
+use super::{Found, SnapshotFile, broken, shortened, whole};
 use crate::error::{Error, Result};
 
 /// The group that holds it all.
@@ -364,17 +364,6 @@ impl<'f, 'a> Block<'f, 'a> {
             self.fault(&shortened(name), "whole numbers that fit", found)
         })
     }
-}
-
-/// A count or a place that a file states as a number.
-fn whole(number: f64) -> Option<usize> {
-    let is_whole = number >= 0.0 && number <= 2.0_f64.powi(53) && number.fract() == 0.0;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "it was checked to be whole and in range"
-    )]
-    is_whole.then_some(number as usize)
 }
 
 /// Numbers of an attribute, as many as are wanted.
