@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::scene::Values;
 
 /// VTK's mark of cells that finer ones replace.
-const REFINED: u8 = 8;
+const REFINED: u8 = blanking::REFINED_CELL;
 /// Of cells that another box has.
 const DUPLICATE: u8 = 1;
 

@@ -18,6 +18,7 @@ mod kernel_sums;
 mod kernels;
 mod lattice;
 mod left_out;
+mod levels;
 mod local_models;
 pub mod mesh;
 mod neighbours;
