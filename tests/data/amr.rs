@@ -212,32 +212,36 @@ fn uniform_fields_stay_so_between_boxes_and_levels() {
             },
         ]
     };
-    let kernels = sampled(read(&plotfile(&levels(), false, 0, &|_, _| 1.0)).unwrap());
+    let uniform =
+        |levels: &[Level]| sampled(read(&plotfile(levels, false, 0, &|_, _| 1.0)).unwrap());
+    let kernels = uniform(&levels());
     assert_eq!(kernels.len(), 256 + 2048);
     let total: f64 = kernels.iter().map(|(.., v)| v).sum();
     assert!((total / 512.0 - 1.0).abs() < 0.01, "{total}");
-    let off = |x: [f64; 2]| {
+    let off = |kernels: &[(DVec3, f64, f64)], x: [f64; 2]| {
         let mut all = Vec::new();
         for i in 0..40 {
             for [y, z] in [[4.0, 4.0], [4.2, 3.9], [3.6, 4.4]] {
                 let x = x[0] + (x[1] - x[0]) * f64::from(i) / 39.0;
-                all.push((density(&kernels, DVec3::new(x, y, z)) - 1.0).abs());
+                all.push((density(kernels, DVec3::new(x, y, z)) - 1.0).abs());
             }
         }
         let rms = (all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64).sqrt();
         (rms, all.iter().fold(0.0, |a: f64, b| a.max(*b)))
     };
-    // Between coarse boxes (at x = 3), between fine ones (at x = 6, y = 4), and where the spacing halves (at x = 4).
-    for (range, most_rms, most) in [
-        ([2.0, 2.5], 0.015, 0.03),
-        ([5.7, 6.3], 0.015, 0.03),
-        ([2.0, 6.0], 0.02, 0.04),
-    ] {
-        let (rms, greatest) = off(range);
-        println!("{range:?} {rms:.4} {greatest:.4}");
-        assert!(
-            rms < most_rms && greatest < most,
-            "{range:?} {rms} {greatest}"
-        );
-    }
+    // The spacing halves at x = 4; boxes end at x = 3 and 6.
+    let (rms, greatest) = off(&kernels, [2.0, 6.0]);
+    println!("levels {rms:.4} {greatest:.4}");
+    assert!(rms < 0.016 && greatest < 0.03, "{rms} {greatest}");
+    let boxes = Level {
+        spacing: 1.0,
+        boxes: vec![
+            [[0; 3], [3, 7, 7]],
+            [[4, 0, 0], [7, 3, 7]],
+            [[4, 4, 0], [7; 3]],
+        ],
+    };
+    let (rms, greatest) = off(&uniform(&[boxes]), [3.0, 5.0]);
+    println!("boxes {rms:.4} {greatest:.4}");
+    assert!(rms < 0.006 && greatest < 0.01, "{rms} {greatest}");
 }

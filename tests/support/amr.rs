@@ -67,8 +67,8 @@ pub(crate) fn plotfile(
         let mut data = Vec::new();
         let mut places = String::new();
         for &ends in &level.boxes {
-            for axis in 0..3 {
-                let [a, b] = [ends[0][axis], ends[1][axis] + 1].map(|n| n as f64 * level.spacing);
+            for (first, last) in ends[0].into_iter().zip(ends[1]) {
+                let [a, b] = [first, last + 1].map(|n| n as f64 * level.spacing);
                 writeln!(header, "{a} {b}").unwrap();
             }
             writeln!(list, "{}", text(ends)).unwrap();
