@@ -220,6 +220,12 @@ pub(crate) fn sets() -> Vec<Set> {
         ]),
     ];
     sets.extend(levels.into_iter().flatten().map(|files| Set { files }));
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/split");
+    let piece = |name: &str| (name.to_owned(), std::fs::read(folder.join(name)).unwrap());
+    let pieces = ["snap_010.1.hdf5", "snap_010.0.hdf5", "snap_010.2.hdf5"];
+    sets.push(Set {
+        files: pieces.map(piece).into(),
+    });
     sets
 }
 
