@@ -33,6 +33,7 @@ mod ripple;
 mod sampling;
 mod splats;
 mod stl;
+mod surface_fields;
 mod vtk_legacy;
 mod vtk_xml;
 mod vtkhdf;

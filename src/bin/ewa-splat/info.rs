@@ -276,6 +276,7 @@ fn describe(dataset: &Dataset) -> Value {
         "format": dataset.format,
         "geometry": geometry,
         "up": { "direction": up.direction.to_array(), "reason": up.reason },
+        "is_plane": up.is_plane,
         "front": up.front.map(|front| front.to_array()),
         "bounds": bounds.map(|(lower, upper)| [lower.to_array(), upper.to_array()]),
         "fields": fields,

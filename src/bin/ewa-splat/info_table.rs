@@ -191,10 +191,11 @@ pub(crate) fn print_table(description: &Value) {
     );
     if description["front"].is_array() {
         let front = vector(&description["front"]);
-        row(
-            "seen along",
-            format!("{front} (a piece of a scene, from its origin)"),
-        );
+        let why = match &description["is_plane"] {
+            Value::Bool(true) => "straight on",
+            _ => "a piece of a scene, from its origin",
+        };
+        row("seen along", format!("{front} ({why})"));
     }
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));
