@@ -10,7 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, splat, spz, stl, vtk_collection,
+    vtk_legacy, vtk_xml, vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -137,7 +138,7 @@ pub fn formats() -> &'static [Format] {
 /// # Errors
 /// The file cannot be read, or is of none of [`formats`].
 pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
-    recognise(Input::of_file(path), options)
+    recognise(Input::of_file(&of_folder(path)), options)
 }
 
 pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
@@ -227,14 +228,29 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTK's collections",
+        family: Family::Collections,
+        endings: &vtk_collection::ENDINGS,
+        reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
+                their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
+                in folders below",
+        begins: |p| vtk_collection::looks_like(p.head),
+        read: vtk_collection::read,
+        steps: Some(vtk_collection::steps),
+        ..PLAIN
+    },
+    Format {
         name: "VTK XML",
         family: Family::Grids,
         endings: &[
-            "vti", "vtr", "vts", "vtu", "vtp", "pvti", "pvtr", "pvts", "pvtu", "pvtp",
+            "vti", "vtr", "vts", "vtu", "vtp", "vthb", "vth", "pvti", "pvtr", "pvts", "pvtu",
+            "pvtp",
         ],
         reads: "image data with Direction, rectilinear and structured grids, unstructured grids with polyhedra, \
                 polygonal data, flat cells as [surfaces](#surfaces); ascii, base64, appended base64 and raw, zlib, LZ4 \
-                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together",
+                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together; \
+                levels of refinement (`vtkOverlappingAMR`, `vtkHierarchicalBoxDataSet`), of which the finest counts in \
+                each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
         ..PLAIN
@@ -318,15 +334,39 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTKHDF",
+        family: Family::Grids,
+        endings: &["vtkhdf", "hdf"],
+        reads: "image data with Direction, unstructured grids with polyhedra, polygonal data, in parts; overlapping AMR, of \
+                which the finest level counts in each place; multi-block data sets and partitioned collections, whose \
+                blocks are put together; steps of time",
+        begins: |p| p.head.starts_with(hdf5::MAGIC) && hdf5::names_vtk(p.head),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::vtk_steps),
+        ..PLAIN
+    },
+    Format {
         name: "HDF5 particles",
         family: Family::Particles,
         endings: &["h5", "hdf5"],
         reads: "Phantom dumps; snapshots of Gadget, Gizmo, Arepo and SWIFT, whose lossy compression included \
                 (`FMantissa9` ... `DMantissa21`, `HalfFloat`, `BFloat16`, `DScale`, integers of odd widths); fields in \
-                other floating-point layouts are left out with a note. Which of their particles: \
+                other floating-point layouts are left out with a note. Any file of a snapshot in several files stands for \
+                all of them. Which of their particles: \
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
-        read: |input, options| hdf5::read(input, options.particle_type),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::snapshot_steps),
+        ..PLAIN
+    },
+    Format {
+        name: "AMReX plotfiles",
+        family: Family::Simulations,
+        endings: &[],
+        reads: "of BoxLib and AMReX, given as a folder or its `Header`: all levels, of which the finest counts in each place; \
+                IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
+        begins: |p| plotfile::looks_like(p.head),
+        read: |input, _| plotfile::read(input),
         ..PLAIN
     },
     Format {

@@ -5,6 +5,7 @@
 //! claims against the bytes that are there before it allocates, and every writer writes to a
 //! temporary file that is renamed when complete.
 
+mod amr;
 mod atomic;
 mod blanking;
 mod cells;
@@ -37,6 +38,7 @@ mod nrrd;
 mod obj;
 mod particle_type;
 mod plot3d;
+mod plotfile;
 mod ply;
 mod ply_body;
 mod ply_header;
@@ -67,8 +69,10 @@ mod unit;
 mod up;
 mod voxels;
 mod vti;
+mod vtk_amr;
 mod vtk_array;
 mod vtk_codec;
+mod vtk_collection;
 mod vtk_extent;
 mod vtk_grid;
 mod vtk_legacy;
@@ -84,6 +88,7 @@ mod vtu;
 mod write_splats;
 mod zip;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
@@ -120,7 +125,7 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
@@ -168,7 +173,20 @@ pub enum ReadAs {
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    read_input(Input::of_file(path), options)
+    let path = of_folder(path);
+    read_input(Input::of_file(&path), options)
+}
+
+/// Of a folder that is a data set the file in it that is opened, of all else the path itself.
+pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    if path.is_dir() {
+        let header = path.join(plotfile::HEADER);
+        let head = Input::of_file(&header).head(HEAD);
+        if head.is_ok_and(|(head, _)| plotfile::looks_like(&head)) {
+            return Cow::Owned(header);
+        }
+    }
+    Cow::Borrowed(path)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -12,7 +12,7 @@ use ewa_splat::scene::Strength;
 /// Endings of files that belong to others, or are of formats that are not read (yet).
 const PASSED_OVER: &[&str] = &[
     "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "ex2",
-    "hdf", "3mf", "nc", "json", "case", "vtm",
+    "3mf", "nc", "json", "case",
 ];
 
 /// Files that are refused for what is in them; each with a part of the reason.

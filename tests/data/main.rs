@@ -12,6 +12,7 @@ mod examples;
 #[path = "../support/mod.rs"]
 mod support;
 
+mod amr;
 mod bad_input;
 mod cells;
 mod collections;
@@ -36,3 +37,4 @@ mod stl;
 mod surface_fields;
 mod vtk_legacy;
 mod vtk_xml;
+mod vtkhdf;

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+pub(crate) mod amr;
 pub(crate) mod damage;
 pub(crate) mod images;
 pub(crate) mod meshes;
