@@ -47,6 +47,7 @@ mod samples;
 mod scalars;
 mod shape_columns;
 mod smoothing;
+mod sog;
 mod splat;
 mod splats;
 mod spz;
@@ -99,6 +100,7 @@ pub use pvd::{TimeStep, collection, is_collection};
 pub use raw::{RawLayout, RawType};
 pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
+pub use sog::scene_in as sog_scene;
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
 #[cfg(feature = "legend")]
@@ -175,7 +177,7 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 
 /// What is read, in messages about what is not.
 const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
-     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, OBJ, STL, glTF or a raw volume";
+     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, SOG, OBJ, STL, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -220,6 +222,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, splats in INRIA's layout or compressed ones |
 /// | `NGSP`, packed with gzip or not, or `.spz` | SPZ splats |
 /// | `.splat` | splats, 32 bytes each |
+/// | `{` with `means`, `scales` and `quats`; ZIP with a `meta.json`; a folder that holds one | SOG splats (PlayCanvas), with their images |
 /// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
@@ -232,7 +235,11 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    read_input(Input::of_file(path), options)
+    let scene = match path.is_dir() {
+        true => sog::scene_in(path),
+        false => None,
+    };
+    read_input(Input::of_file(scene.as_deref().unwrap_or(path)), options)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
@@ -379,12 +386,16 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     if extension == "splat" {
         return splat::read(input);
     }
+    // Before glTF, with which it shares an `asset`.
+    if sog::looks_like(path, &head) {
+        return sog::read(input);
+    }
     // Before the meshes of glTF files, which may hold both.
     if gltf_splats::looks_like(input, &head) {
         return gltf_splats::read(input, options.scales);
     }
-    if head.starts_with(npz::MAGIC) {
-        return npz::read(input);
+    if head.starts_with(zip::MAGIC) {
+        return archived(input);
     }
     if head.starts_with(hdf5::MAGIC) {
         return hdf5::read(input, options.particle_type);
@@ -466,6 +477,17 @@ fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         "none of these",
         Hint::ConvertOrGiveLayout,
     ))
+}
+
+/// Reads a ZIP archive as what its members say that it is.
+fn archived(input: Input<'_>) -> Result<Dataset> {
+    let bytes = input.read_all()?;
+    // What is no archive is told of by the reader of arrays.
+    let entries = zip::entries(&bytes).unwrap_or_default();
+    if extension(input.path) == "sog" || sog::is_archive(&entries) {
+        return sog::read(input);
+    }
+    npz::read(input)
 }
 
 /// The first part of the first time step of a collection, with notes of what else there is.

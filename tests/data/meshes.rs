@@ -320,7 +320,7 @@ fn a_texture_is_bound_by_hand() {
         ..OpenOptions::default()
     };
     let error = open(&path, &missing).unwrap_err().to_string();
-    assert!(error.contains("neither PNG nor JPEG"), "{error}");
+    assert!(error.contains("neither PNG, JPEG nor WebP"), "{error}");
 }
 
 #[test]
@@ -776,7 +776,7 @@ fn texture_statements_are_obeyed() {
 
     for (mtl, words) in [
         ("map_Kd none.png", "no file `none.png`"),
-        ("map_Kd a.mtl", "neither PNG nor JPEG"),
+        ("map_Kd a.mtl", "neither PNG, JPEG nor WebP"),
         ("Kd spectral x", "no RGB colour"),
     ] {
         let (material, data) = painted(&folder, mtl);

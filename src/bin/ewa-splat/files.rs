@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use ewa_splat::io::sog_scene;
 use ewa_splat::{Error, Result};
 
 /// The files that inputs name.
@@ -12,7 +13,7 @@ pub(crate) struct Files {
 }
 
 impl Files {
-    /// A folder stands for all files in it and in the folders below it, a name with `*`, `?` or `[...]` that
+    /// A folder stands for all files in it and in the folders below it, that of a SOG scene for the scene; a name with `*`, `?` or `[...]` that
     /// is no file's for what it matches, where the shell has not put that in its place. In the order of their
     /// names.
     ///
@@ -22,7 +23,9 @@ impl Files {
         let mut paths = Vec::new();
         let mut is_list = inputs.len() != 1;
         for input in inputs {
-            if input.is_dir() {
+            if let Some(scene) = sog_scene(input) {
+                paths.push(scene);
+            } else if input.is_dir() {
                 is_list = true;
                 walk(input, &mut paths)?;
             } else if is_pattern(input) && !input.exists() {
@@ -60,8 +63,12 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// All files below a folder. Links to folders are not followed: they may lead around in circles.
+/// All files below a folder, of SOG scenes the one that names the others. Links to folders are not followed: they may lead around in circles.
 fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
+    if let Some(scene) = sog_scene(folder) {
+        paths.push(scene);
+        return Ok(());
+    }
     let fault = |e| Error::io(folder, "listing the folder", e, "check its permissions");
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(fault)? {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use ewa_splat::Result;
-use ewa_splat::io::{ParticleType, collection, is_collection};
+use ewa_splat::io::{ParticleType, collection, is_collection, sog_scene};
 
 use crate::edits::Edit;
 use crate::progress::note;
@@ -47,10 +47,10 @@ impl Input {
         }
     }
 
-    /// A file as it is.
+    /// A file as it is; of a folder with a SOG scene, the file that names the others.
     pub(crate) fn file(path: PathBuf) -> Self {
         Self {
-            path,
+            path: sog_scene(&path).unwrap_or(path),
             field: None,
             function: None,
             particle_type: None,
