@@ -55,6 +55,7 @@ mod spz_write;
 mod stl;
 mod table;
 mod texture;
+mod threemf;
 mod unit;
 mod up;
 mod voxels;
@@ -177,7 +178,7 @@ const NOT_READ: &[(&[u8], &str, &str)] = &[
 
 /// What is read, in messages about what is not.
 const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
-     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, SOG, OBJ, STL, glTF or a raw volume";
+     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, SOG, OBJ, STL, 3MF, glTF or a raw volume";
 
 /// Types of VTK XML files that are not read: how they begin, and what to do.
 const VTK_NOT_READ: &[(&str, &str)] = &[
@@ -227,6 +228,7 @@ const VTK_NOT_READ: &[(&str, &str)] = &[
 /// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
 /// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
 /// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
+/// | ZIP with a `.model`, or `.3mf` | [3MF](https://3mf.io/spec/) mesh |
 /// | `.stl`, or text that begins with `solid`, or the size of so many triangles | STL mesh |
 /// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
 /// | text whose first line names x, y and z, or `.csv` | CSV particle table |
@@ -486,6 +488,9 @@ fn archived(input: Input<'_>) -> Result<Dataset> {
     let entries = zip::entries(&bytes).unwrap_or_default();
     if extension(input.path) == "sog" || sog::is_archive(&entries) {
         return sog::read(input);
+    }
+    if extension(input.path) == "3mf" || threemf::is_archive(&entries) {
+        return threemf::read(input);
     }
     npz::read(input)
 }
