@@ -200,7 +200,10 @@ impl<'a> Encoded<'a> {
                     .ok_or_else(|| damaged("too large"))?;
                 let mut bytes = vec![0; length];
                 decoder.read_image(&mut bytes).map_err(damaged)?;
-                (if decoder.has_alpha() { 4 } else { 3 }, Numbers::Eight(bytes))
+                (
+                    if decoder.has_alpha() { 4 } else { 3 },
+                    Numbers::Eight(bytes),
+                )
             }
         };
         let samples = Samples {

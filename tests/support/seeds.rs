@@ -7,10 +7,12 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::sog;
 use super::splats::{
     Element, Ply, glb_splats, packed_ply, some_splats, splat_ply, splat_records, spz, spz_streams,
     stored,
 };
+use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
 
@@ -138,6 +140,25 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                     seeds.push(("a.glb".into(), glb_splats(&some_splats(3, degree))));
                 }
             }
+        }
+        for degree in 0..3 {
+            for version in [1, 2] {
+                for packed in [false, true] {
+                    let file = sog::archive(version, &some_splats(5, degree), packed);
+                    seeds.push(("a.sog".into(), file));
+                }
+            }
+        }
+        for _ in 0..4 {
+            seeds.push(("a.3mf".into(), threemf::rich()));
+        }
+        let mut picture = rich_gltf();
+        let pixels: Vec<[u8; 4]> = (0..64_u8).map(|i| [4 * i, 255 - i, i, 255]).collect();
+        picture.json["images"][0] = serde_json::json!({
+            "uri": format!("data:image/webp;base64,{}", STANDARD.encode(sog::webp(8, &pixels))),
+        });
+        for _ in 0..8 {
+            seeds.push(("c.gltf".into(), picture.text()));
         }
         let mut image = rich_gltf();
         image.json["images"][0] = serde_json::json!({

@@ -16,11 +16,7 @@ use crate::io::vtk_xml::clip;
 use crate::io::{AlphaMode, Material, Texture, TextureImage, TextureUse, Wrap};
 
 /// Extensions that say how a texture is stored; without another source it is not read.
-const TEXTURE_FORMATS: &[&str] = &[
-    "KHR_texture_basisu",
-    "EXT_texture_avif",
-    "MSFT_texture_dds",
-];
+const TEXTURE_FORMATS: &[&str] = &["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"];
 
 /// The extension that names an image in WebP, which is taken where there is no other.
 const WEBP: &str = "EXT_texture_webp";

@@ -112,7 +112,12 @@ impl Meta {
             let place = if is_coded { "`count`" } else { "`means.shape`" };
             fault(place, "the number of splats", "nothing".into())
         })?;
-        if let Some(other) = stated.quats.encoding.as_ref().filter(|e| *e != "quaternion_packed") {
+        if let Some(other) = stated
+            .quats
+            .encoding
+            .as_ref()
+            .filter(|e| *e != "quaternion_packed")
+        {
             let found = format!("`{}`, which is not read", clip(other));
             return Err(fault("`quats.encoding`", "quaternion_packed", found));
         }

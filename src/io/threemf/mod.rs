@@ -72,7 +72,10 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let root = &scene.models[&first];
     let mut items = root.items.clone();
     if root.unit != model::DEFAULT_UNIT {
-        notes.push(format!("the file's unit of length is the {}", clip(&root.unit)));
+        notes.push(format!(
+            "the file's unit of length is the {}",
+            clip(&root.unit)
+        ));
     }
     if items.is_empty() {
         items = root.all_meshes();
@@ -147,8 +150,7 @@ impl Scene {
         };
         self.placed += 1;
         if depth > DEEPEST || self.placed > MOST_PLACED {
-            let expected =
-                format!("components {DEEPEST} deep and {MOST_PLACED} objects at most");
+            let expected = format!("components {DEEPEST} deep and {MOST_PLACED} objects at most");
             return Err(package.fault(&place, &expected, "more".into()));
         }
         match &object.content {
@@ -168,7 +170,8 @@ impl Scene {
                     return Err(Error::format(path, place, expected, "more", advice));
                 }
                 let parts = self.shapes.of_object(package, file, model, id)?;
-                self.parts.extend(parts.iter().map(|part| shapes::placed(part, transform)));
+                self.parts
+                    .extend(parts.iter().map(|part| shapes::placed(part, transform)));
             }
         }
         Ok(())

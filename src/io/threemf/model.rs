@@ -200,7 +200,11 @@ impl Reader<'_> {
                 let components = child(node, "components");
                 let components = components.iter().flat_map(Node::children);
                 let components = components.filter(|node| node.has_tag_name("component"));
-                Content::Components(components.map(|node| self.placed(node)).collect::<Result<_>>()?)
+                Content::Components(
+                    components
+                        .map(|node| self.placed(node))
+                        .collect::<Result<_>>()?,
+                )
             }
         };
         Ok(Object { content, property })
@@ -263,7 +267,9 @@ impl Reader<'_> {
         };
         let Some(file) = node.attribute("path") else {
             let place = self.place(node, "path");
-            return Err(self.package.fault(&place, "a file in the archive", "none".into()));
+            return Err(self
+                .package
+                .fault(&place, "a file in the archive", "none".into()));
         };
         Ok(StatedTexture {
             file: name_of(file).to_owned(),

@@ -19,7 +19,9 @@ use crate::io::{AlphaMode, Material, MeshPart, Texture, TextureUse};
 enum Kind {
     /// Nothing that is stated.
     Plain,
-    Coloured { is_translucent: bool },
+    Coloured {
+        is_translucent: bool,
+    },
     /// The texture of this number in a file.
     Textured(String, u32),
 }
