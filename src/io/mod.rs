@@ -21,6 +21,8 @@ mod handedness;
 mod hdf5;
 mod image_file;
 mod image_header;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod log_scales;
 mod mesh;
 mod mesh_part;

@@ -1,4 +1,4 @@
-//! PNG, JPEG and WebP files decoded to samples: what images and textures share.
+//! PNG, JPEG, WebP and KTX 2 files decoded to samples: what images and textures share.
 //!
 //! Decoding has two steps, so that the claimed size can be checked before memory is taken for it:
 //! [`Encoded::open`] reads the header, [`Encoded::decode`] the pixels. Colour profiles are not
@@ -13,12 +13,17 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+#[cfg(feature = "ktx2")]
+use super::ktx2::Ktx2;
 use super::raw::DEFLATE_RATIO;
 
 /// The first bytes of every PNG file.
 pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The first bytes of every JPEG file.
 pub(super) const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
+
+/// The first bytes of every KTX 2 file.
+pub(super) const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
 /// A PNG holds eight pixels in a byte at most, deflated.
 const PNG_PIXELS_PER_BYTE: u64 = 8 * DEFLATE_RATIO;
@@ -44,6 +49,8 @@ enum Form<'a> {
     Png(Box<png::Reader<Cursor<&'a [u8]>>>),
     Jpeg(Box<JpegDecoder<ZCursor<&'a [u8]>>>),
     WebP(Box<WebPDecoder<Cursor<&'a [u8]>>>),
+    #[cfg(feature = "ktx2")]
+    Ktx2(Ktx2),
 }
 
 /// Why there are no pixels, as the end of a sentence about the image.
@@ -51,6 +58,9 @@ enum Form<'a> {
 pub(super) enum Refusal {
     /// Its first bytes are of another format.
     Unknown,
+    /// A format, and the feature of the crate that reads it.
+    #[cfg(not(feature = "ktx2"))]
+    NotBuilt(&'static str, &'static str),
     /// What the decoder says.
     Damaged(String),
     /// More pixels than its bytes can hold, or none: width, height and bytes.
@@ -60,7 +70,12 @@ pub(super) enum Refusal {
 impl std::fmt::Display for Refusal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Unknown => write!(f, "is neither PNG, JPEG nor WebP"),
+            Self::Unknown => write!(f, "is neither PNG, JPEG, WebP nor KTX 2"),
+            #[cfg(not(feature = "ktx2"))]
+            Self::NotBuilt(name, feature) => write!(
+                f,
+                "is {name}, which is read where the feature `{feature}` is built in: save it as PNG or JPEG"
+            ),
             Self::Damaged(reason) => write!(f, "is damaged ({reason})"),
             Self::Claim(width, height, bytes) => {
                 write!(f, "claims {width} x {height} pixels in {bytes} bytes")
@@ -89,6 +104,8 @@ impl<'a> Encoded<'a> {
             Self::jpeg(bytes)
         } else if is_webp(bytes) {
             Self::webp(bytes)
+        } else if bytes.starts_with(KTX2_MAGIC) {
+            Self::ktx2(bytes)
         } else {
             Err(Refusal::Unknown)
         }
@@ -162,6 +179,21 @@ impl<'a> Encoded<'a> {
         })
     }
 
+    /// Reads the header of a KTX 2 file.
+    #[cfg(feature = "ktx2")]
+    fn ktx2(bytes: &[u8]) -> Result<Self, Refusal> {
+        let image = Ktx2::of(bytes).map_err(damaged)?;
+        Ok(Self {
+            size: image.size,
+            form: Form::Ktx2(image),
+        })
+    }
+
+    #[cfg(not(feature = "ktx2"))]
+    fn ktx2(_: &[u8]) -> Result<Self, Refusal> {
+        Err(Refusal::NotBuilt("KTX 2", "ktx2"))
+    }
+
     /// Width and height, pixels.
     pub(super) fn size(&self) -> [usize; 2] {
         self.size
@@ -194,6 +226,8 @@ impl<'a> Encoded<'a> {
                     Numbers::Eight(bytes),
                 )
             }
+            #[cfg(feature = "ktx2")]
+            Form::Ktx2(image) => (4, Numbers::Eight(image.decode().map_err(damaged)?)),
             Form::WebP(mut decoder) => {
                 let length = decoder
                     .output_buffer_size()

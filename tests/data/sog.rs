@@ -143,7 +143,12 @@ fn what_is_wrong_with_a_scene_is_told() {
         (2, "means_l.webp", "../means_l.webp", "a relative path"),
         (2, "means_l.webp", "/means_l.webp", "a relative path"),
         (2, "means_l.webp", "means_x.webp", "means_x.webp"),
-        (2, "means_l.webp", "meta.json", "neither PNG, JPEG nor WebP"),
+        (
+            2,
+            "means_l.webp",
+            "meta.json",
+            "neither PNG, JPEG, WebP nor KTX 2",
+        ),
         (1, "[5,3]", "[]", "`means.shape`"),
         (1, "quaternion_packed", "quaternion", "`quaternion`"),
         (1, "\"mins\":[-6.0,", "\"mins\":[", "3 numbers each"),

@@ -18,8 +18,8 @@ use crate::io::{AlphaMode, Material, Texture, TextureImage, TextureUse, Wrap};
 /// Extensions that say how a texture is stored; without another source it is not read.
 const TEXTURE_FORMATS: &[&str] = &["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"];
 
-/// The extension that names an image in WebP, which is taken where there is no other.
-const WEBP: &str = "EXT_texture_webp";
+/// The extensions that name an image in WebP or KTX 2, which is taken where there is no other.
+const SOURCES: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
 
 /// A material for the primitives that have certain sets of texture coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -280,7 +280,8 @@ fn image_of(texture: &json::Texture) -> Option<Index<json::Image>> {
         return Some(texture.source);
     }
     let others = &texture.extensions.as_ref()?.others;
-    let source = others.get(WEBP)?.get("source")?.as_u64()?;
+    let stated = SOURCES.iter().find_map(|name| others.get(*name));
+    let source = stated?.get("source")?.as_u64()?;
     u32::try_from(source).ok().map(Index::new)
 }
 
