@@ -23,6 +23,12 @@ impl Blanking {
         cells: None,
     };
 
+    /// Whether a field of this name says what is blanked.
+    pub(crate) fn is_told_by(name: &str) -> bool {
+        let names = ["iblank", "vtkGhostType", "vtkGhostLevels"];
+        names.iter().any(|known| name.eq_ignore_ascii_case(known))
+    }
+
     pub(crate) fn of(dataset: &Dataset) -> Result<Self> {
         let mut blanking = Self::default();
         for field in &dataset.fields {

@@ -13,8 +13,11 @@ mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+mod element;
 mod encoded_splats;
 mod file;
+mod first_order;
+mod formats;
 mod gltf;
 mod gltf_splats;
 mod handedness;
@@ -45,6 +48,7 @@ mod polygons;
 mod polyhedron;
 mod pvd;
 mod raw;
+mod refused;
 mod samples;
 mod scalars;
 mod shape_columns;
@@ -58,6 +62,7 @@ mod stl;
 mod table;
 mod texture;
 mod threemf;
+mod time_steps;
 mod unit;
 mod up;
 mod voxels;
@@ -71,6 +76,7 @@ mod vtk_meshes;
 mod vtk_pieces;
 mod vtk_surface;
 mod vtk_xml;
+mod vtk_xml_kinds;
 mod vtp;
 mod vtr;
 mod vts;
@@ -87,6 +93,8 @@ pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 pub use encoded_splats::PlyForm;
+pub(crate) use first_order::{is_of_higher_order, to_first_order};
+pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
 #[cfg(feature = "report")]
 pub(crate) use image_file::png_bytes;
@@ -99,22 +107,23 @@ pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, Textu
 pub(crate) use mesh_part::leave_out_unused;
 pub use particle_type::{ParticleCount, ParticleType};
 pub(crate) use polyhedron::polyhedron_faces;
-pub use pvd::{TimeStep, collection, is_collection};
 pub use raw::{RawLayout, RawType};
 pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use sog::scene_in as sog_scene;
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
+pub use time_steps::{Part, TimeStep};
 #[cfg(feature = "legend")]
 pub(crate) use unit::divided as name_and_unit;
 pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::{HEAD, Input};
+use file::Input;
+use formats::recognise;
 
-use crate::error::{Advice, Error, Hint, Parameter, Result};
+use crate::error::{Error, Hint, Parameter, Result};
 
 /// What files do not say about themselves.
 #[derive(Debug, Clone, Default)]
@@ -137,6 +146,9 @@ pub struct OpenOptions {
     /// What the scales of splats in glTF files and the columns `scale_0..2` of tables are; without it, logarithms where any
     /// is negative, and otherwise standard deviations. Data without such scales are refused.
     pub scales: Option<ScaleMeaning>,
+    /// Which step of time to read of a file that holds several, counted from 0 ([`Format::time_steps`]); without it the first,
+    /// which a note says. Other formats ignore it.
+    pub time_step: Option<usize>,
 }
 
 /// What to make of points with faces: of PLY files, and of VTK files whose cells are flat.
@@ -148,93 +160,11 @@ pub enum ReadAs {
     Mesh,
 }
 
-/// Formats that are recognised in order to be refused by name: the bytes they start with, and
-/// what to do.
-const NOT_READ: &[(&[u8], &str, &str)] = &[
-    (
-        b"CDF\x01",
-        "a netCDF or Exodus file",
-        "save it as VTK XML (.vtu), or export CSV",
-    ),
-    (
-        b"CDF\x02",
-        "a netCDF or Exodus file",
-        "save it as VTK XML (.vtu), or export CSV",
-    ),
-    (
-        b"\x89PNG",
-        "a PNG image",
-        "an image holds no volume: give a data file",
-    ),
-    (
-        b"PF\n",
-        "a PFM image",
-        "an image holds no volume: give a data file",
-    ),
-    (
-        b"\x76\x2f\x31\x01",
-        "an EXR image",
-        "an image holds no volume: give a data file",
-    ),
-];
-
-/// What is read, in messages about what is not.
-const KNOWN: &str = "VTK XML (.vti, .vtr, .vts, .vtu, .vtp), legacy VTK, NRRD, \
-     MetaImage, NIfTI, PLOT3D, HDF5 particles, CSV, NPY, NPZ, PLY, .splat, SPZ, SOG, OBJ, STL, 3MF, glTF or a raw volume";
-
-/// Types of VTK XML files that are not read: how they begin, and what to do.
-const VTK_NOT_READ: &[(&str, &str)] = &[
-    ("vtkMultiBlock", "give one of the files that it names"),
-    ("vtkPartitioned", "give one of the files that it names"),
-    ("vtkMultiPiece", "give one of the files that it names"),
-    (
-        "vtkHierarchical",
-        "give one of the files that it names, or resample it to ImageData (.vti)",
-    ),
-    (
-        "vtkOverlapping",
-        "give one of the files that it names, or resample it to ImageData (.vti)",
-    ),
-    (
-        "vtkNonOverlapping",
-        "give one of the files that it names, or resample it to ImageData (.vti)",
-    ),
-    ("HyperTreeGrid", "resample it to ImageData (.vti)"),
-    ("PHyperTreeGrid", "resample it to ImageData (.vti)"),
-    ("Table", "export it as CSV with columns x, y and z"),
-    ("PTable", "export it as CSV with columns x, y and z"),
-];
-
 /// Reads a data file.
 ///
-/// | recognised by | format |
-/// |---|---|
-/// | `\x93NUMPY` | [NPY](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) particle table |
-/// | `PK\x03\x04` | NPZ archive of such arrays |
-/// | `<VTKFile type="ImageData"` | VTK image data |
-/// | `<VTKFile type="RectilinearGrid"` | VTK rectilinear grid |
-/// | `<VTKFile type="StructuredGrid"` | VTK structured grid |
-/// | `<VTKFile type="UnstructuredGrid"` | VTK unstructured grid; a mesh where all cells are flat |
-/// | `<VTKFile type="PolyData"` | VTK polygonal data: a mesh, or particles |
-/// | `<VTKFile type="Collection"` | ParaView's collection: the first file of its first time step; [`collection`] has the others |
-/// | the same with a `P` before the type | an index, with the files of pieces that it names |
-/// | `# vtk DataFile` | legacy VTK file: image data, grids of all kinds, polygonal data |
-/// | `NRRD` | [NRRD](https://teem.sourceforge.net/nrrd/format.html) image, with the files of numbers that it names |
-/// | `ObjectType =` or `NDims =`, or `.mha`, `.mhd` | [MetaImage](https://itk.org/Wiki/ITK/MetaIO/Documentation), with the files of numbers that it names |
-/// | `n+1`, `n+2`, `ni1` or `ni2` in its header, also packed with gzip; `.nii`; `.img` with its `.hdr` | [NIfTI](https://nifti.nimh.nih.gov/) image |
-/// | `ply` and the end of a line | PLY particle table, a mesh where it has faces, splats in INRIA's layout or compressed ones |
-/// | `NGSP`, packed with gzip or not, or `.spz` | SPZ splats |
-/// | `.splat` | splats, 32 bytes each |
-/// | `{` with `means`, `scales` and `quats`; ZIP with a `meta.json`; a folder that holds one | SOG splats (PlayCanvas), with their images |
-/// | `glTF` or `.gltf`, with `KHR_gaussian_splatting` | splats of a glTF file |
-/// | `\x89HDF` | HDF5 snapshot of particles: Phantom, Gadget, Gizmo, Arepo, SWIFT |
-/// | `glTF`, or JSON with an `asset`, or `.gltf` | [glTF 2.0](https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) mesh, with textures |
-/// | `.obj`, or text of its statements | Wavefront OBJ mesh, with materials and textures |
-/// | ZIP with a `.model`, or `.3mf` | [3MF](https://3mf.io/spec/) mesh |
-/// | `.stl`, or text that begins with `solid`, or the size of so many triangles | STL mesh |
-/// | [`OpenOptions::raw`] | raw volume, also gzip-compressed |
-/// | text whose first line names x, y and z, or `.csv` | CSV particle table |
-/// | size and first words, or `.xyz`, `.x`, `.g`, `.p3d` | PLOT3D grids, with their solution |
+/// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
+/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
+/// that of a SOG scene, for its `meta.json`.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -298,7 +228,7 @@ pub fn read_with(
 }
 
 fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let mut data = recognised(input, options)?;
+    let mut data = (recognise(input, options)?.read)(input, options)?;
     let has_scales =
         data.format == gltf_splats::FORMAT || log_scales::settle_table(&mut data, options.scales);
     if options.scales.is_some() && !has_scales {
@@ -348,192 +278,9 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     ))
 }
 
-/// Reads a file as what its content, or else its name, says that it is.
-fn recognised(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let path = input.path;
-    let (head, len) = input.head(HEAD)?;
-    let extension = extension(path);
-    let extension = extension.as_str();
-
-    if head.starts_with(npy::MAGIC) {
-        return npy::read(input);
-    }
-    if head.starts_with(nrrd::MAGIC) {
-        return nrrd::read(input);
-    }
-    if meta_image::looks_like(&head) {
-        return meta_image::read(input);
-    }
-    if nifti::looks_like(&head) {
-        return nifti::read(input);
-    }
-    if vtk_xml::looks_like(&head) {
-        return match vtk_xml::file_type(&head).unwrap_or("") {
-            "ImageData" | "PImageData" => vti::read(input),
-            "RectilinearGrid" | "PRectilinearGrid" => vtr::read(input),
-            "StructuredGrid" | "PStructuredGrid" => vts::read(input),
-            "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, options.read_as),
-            "PolyData" | "PPolyData" => vtp::read(input, options.read_as),
-            pvd::TYPE => read_first(input, options),
-            other => Err(refuse_vtk_type(path, other)),
-        };
-    }
-    if head.starts_with(vtk_legacy::MAGIC) {
-        return vtk_legacy::read(input, options.read_as);
-    }
-    if ply::looks_like(&head) {
-        return ply::read(input, options);
-    }
-    if extension == "spz" || spz::looks_like(&head) {
-        return spz::read(input);
-    }
-    if extension == "splat" {
-        return splat::read(input);
-    }
-    // Before glTF, with which it shares an `asset`.
-    if sog::looks_like(path, &head) {
-        return sog::read(input);
-    }
-    // Before the meshes of glTF files, which may hold both.
-    if gltf_splats::looks_like(input, &head) {
-        return gltf_splats::read(input, options.scales);
-    }
-    if head.starts_with(zip::MAGIC) {
-        return archived(input);
-    }
-    if head.starts_with(hdf5::MAGIC) {
-        return hdf5::read(input, options.particle_type);
-    }
-    if extension == "gltf" || gltf::looks_like(&head) {
-        return gltf::read(input);
-    }
-    let texture = options.texture.as_deref();
-    if extension == "obj" {
-        return obj::read(input, texture);
-    }
-    // The size says less where a layout is given.
-    if extension == "stl" || (options.raw.is_none() && stl::looks_like(&head, len)) {
-        return stl::read(input);
-    }
-    if matches!(extension, "mha" | "mhd") {
-        return meta_image::read(input);
-    }
-    let is_nifti = extension == "nii" || (extension == "gz" && stem_extension(path) == "nii");
-    if is_nifti {
-        return nifti::read(input);
-    }
-    if extension == "hdr" && nifti::looks_like_analyze(&head) {
-        return Err(nifti::refuse_analyze(path));
-    }
-    if extension == "img"
-        && let Some(header) = nifti::header_beside(input)
-    {
-        return input.with_beside(&header, |header| {
-            match nifti::looks_like(&header.head(HEAD)?.0) {
-                true => nifti::read(header),
-                false => Err(nifti::refuse_analyze(header.path)),
-            }
-        });
-    }
-    let is_table = matches!(extension, "csv" | "tsv");
-    if let (Some(layout), false) = (&options.raw, is_table) {
-        return raw::read(input, layout);
-    }
-    if extension == "raw" || (extension == "gz" && stem_extension(path) == "raw") {
-        return Err(Error::NoLayout {
-            path: path.to_path_buf(),
-            suggested: raw::layout_from_name(path),
-        });
-    }
-    let refuse = |name: &str, advice: Advice| {
-        Error::format(
-            path,
-            "format",
-            KNOWN,
-            format!("{name}, which is not read yet"),
-            advice,
-        )
-    };
-    if let Some((_, name, advice)) = NOT_READ.iter().find(|(magic, ..)| head.starts_with(magic)) {
-        return Err(refuse(name, (*advice).into()));
-    }
-    if head.starts_with(b"\x1f\x8b") {
-        return Err(refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()));
-    }
-    if is_table {
-        return csv::read(input);
-    }
-    if obj::looks_like(&head) {
-        return obj::read(input, texture);
-    }
-    let is_plot3d = matches!(extension, "xyz" | "x" | "g" | "p3d" | "p3dx" | "q");
-    let is_text = !head.iter().any(|&b| b < 0x20 && !b.is_ascii_whitespace());
-    if is_text && (!is_plot3d || csv::names_positions(&head)) {
-        return csv::read(input);
-    }
-    if is_plot3d || extension == "bin" || plot3d::looks_like_grid(&head, len) {
-        return plot3d::read(input, options.solution.as_deref());
-    }
-    Err(Error::format(
-        path,
-        "format",
-        KNOWN,
-        "none of these",
-        Hint::ConvertOrGiveLayout,
-    ))
-}
-
-/// Reads a ZIP archive as what its members say that it is.
-fn archived(input: Input<'_>) -> Result<Dataset> {
-    let bytes = input.read_all()?;
-    // What is no archive is told of by the reader of arrays.
-    let entries = zip::entries(&bytes).unwrap_or_default();
-    if extension(input.path) == "sog" || sog::is_archive(&entries) {
-        return sog::read(input);
-    }
-    if extension(input.path) == "3mf" || threemf::is_archive(&entries) {
-        return threemf::read(input);
-    }
-    npz::read(input)
-}
-
-/// The first part of the first time step of a collection, with notes of what else there is.
-fn read_first(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let (file, notes) = pvd::first(input)?;
-    let mut data = input.with_beside(&file, |part| {
-        // What a collection names could name the collection.
-        pvd::check_part(input.path, &file, &part.head(HEAD)?.0)?;
-        read_input(part, options)
-    })?;
-    data.notes.extend(notes);
-    Ok(data)
-}
-
-/// A VTK XML file of a type that is not read.
-fn refuse_vtk_type(path: &Path, kind: &str) -> Error {
-    let advice = VTK_NOT_READ
-        .iter()
-        .find(|(start, _)| kind.starts_with(start));
-    let advice = advice.map_or("save it as one of these", |(_, advice)| advice);
-    Error::format(
-        path,
-        "VTKFile, `type`",
-        "ImageData, RectilinearGrid, StructuredGrid, UnstructuredGrid or PolyData",
-        format!("`{}`, which is not read yet", vtk_xml::clip(kind)),
-        advice,
-    )
-}
-
 /// The extension in lower case, or nothing.
 fn extension(path: &Path) -> String {
     path.extension()
         .map(|e| e.to_string_lossy().to_ascii_lowercase())
-        .unwrap_or_default()
-}
-
-/// The extension before the last one, as in `volume.raw.gz`.
-fn stem_extension(path: &Path) -> String {
-    path.file_stem()
-        .map(|stem| extension(Path::new(stem)))
         .unwrap_or_default()
 }

@@ -26,7 +26,8 @@ use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::dataset::{Dataset, Geometry};
-use super::file::Input;
+use super::extension;
+use super::file::{HEAD, Input};
 use super::scalars::{Encoding, ScalarType, double};
 use super::voxels::{self, GZIP, Numbers, Packing, Skip, Source};
 use crate::error::{Error, Hint, Result};
@@ -95,16 +96,30 @@ pub(super) fn looks_like_analyze(head: &[u8]) -> bool {
 /// The header of an image (`.img`) by the image's name, if there is one beside it.
 pub(super) fn header_beside(input: Input<'_>) -> Option<std::path::PathBuf> {
     let header = input.path.with_extension("hdr");
-    input.has_beside(&header).then_some(header)
+    let is_image = extension(input.path) == "img";
+    (is_image && input.has_beside(&header)).then_some(header)
 }
 
-/// Reads the first volume of a series, or an image as a layer.
+/// Reads the first volume of a series, or an image as a layer, by the header beside it where that stands alone.
 ///
 /// # Errors
-/// A header that breaks the format's rules, a type that is not read, or fewer numbers than the header says.
+/// An Analyze 7.5 header, one that breaks the format's rules, a type that is not read, or fewer numbers than the header
+/// says.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let (head, _) = input.head(HEAD)?;
+    match header_beside(input).filter(|_| !looks_like(&head)) {
+        Some(header) => input.with_beside(&header, read_from_header),
+        None => read_from_header(input),
+    }
+}
+
+/// As [`read`], from the file that begins with the header.
+fn read_from_header(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
-    let (head, _) = input.head(super::file::HEAD)?;
+    let (head, _) = input.head(HEAD)?;
+    if !looks_like(&head) && looks_like_analyze(&head) {
+        return Err(refuse_analyze(path));
+    }
     let is_gzip = head.starts_with(GZIP);
     let start = start(&head);
     let fault = |place: &str, expected: &str, found: String| {
@@ -464,7 +479,7 @@ impl<'h> Header<'h> {
 }
 
 /// An Analyze 7.5 image is refused by name.
-pub(super) fn refuse_analyze(path: &Path) -> Error {
+fn refuse_analyze(path: &Path) -> Error {
     let found = "an Analyze 7.5 header, which does not say which way round the image is";
     let expected = "a NIfTI header (`n+1`, `ni1`, `n+2` or `ni2`)";
     Error::format(path, "format", expected, found, Hint::GiveRawData)

@@ -14,75 +14,57 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use super::dataset::Dataset;
 use super::file::{HEAD, Input};
+use super::time_steps::{Part, TimeStep};
 use super::vtk_xml::{self, Frame, child, clip};
+use super::{OpenOptions, read_input};
 use crate::error::{Error, Result};
 
 /// The `type` of these files.
-pub(super) const TYPE: &str = "Collection";
+const TYPE: &str = "Collection";
 
 /// Bytes of a collection at most: hundreds of thousands of entries. A larger one is no list of files.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// A step of time of a collection.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TimeStep {
-    /// Its time, in the unit of whoever wrote the collection.
-    pub time: f64,
-    /// Its files, at least one, in the order of their parts: paths that can be opened from where the collection can.
-    pub files: Vec<PathBuf>,
-}
-
-/// The steps of a collection (`.pvd`), in the order of time; at least one. The files that it names are not looked for.
-///
-/// # Errors
-/// A file that cannot be read or is no collection; entries without a file, with a time that is no number, that name one
-/// file twice at one time, or that name a collection; none at all.
-pub fn collection(path: &Path) -> Result<Vec<TimeStep>> {
-    steps(Input::of_file(path))
-}
-
-/// Whether a file is a collection, by its content.
-///
-/// # Errors
-/// The file cannot be read.
-pub fn is_collection(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(HEAD)?;
-    Ok(begins(&head))
-}
-
 /// Whether a file that begins with `head` is a collection.
-fn begins(head: &[u8]) -> bool {
+pub(super) fn looks_like(head: &[u8]) -> bool {
     vtk_xml::looks_like(head) && vtk_xml::file_type(head) == Some(TYPE)
 }
 
-/// The first part of the first step, and what else there is.
-pub(super) fn first(input: Input<'_>) -> Result<(PathBuf, Vec<String>)> {
+/// Reads the first part of the first time step, with notes of what else there is.
+///
+/// # Errors
+/// Those of [`steps`], and those of the part.
+pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     let steps = steps(input)?;
     let (first, count) = (&steps[0], steps.len());
     let mut notes = Vec::new();
-    if count > 1 {
-        let time = first.time;
+    if let (true, Some(time)) = (count > 1, first.time) {
         notes.push(format!("The first of {count} time steps, of time {time}."));
     }
-    if first.files.len() > 1 {
-        let parts = first.files.len();
+    if first.parts.len() > 1 {
+        let parts = first.parts.len();
         notes.push(format!("The first of {parts} parts of the time step."));
     }
-    Ok((first.files[0].clone(), notes))
+    let file = &first.parts[0].path;
+    let mut data = input.with_beside(file, |part| {
+        // What a collection names could name the collection.
+        if looks_like(&part.head(HEAD)?.0) {
+            return Err(refuse_nested(input.path, "DataSet, `file`", file));
+        }
+        read_input(part, options)
+    })?;
+    data.notes.extend(notes);
+    Ok(data)
 }
 
-/// Refuses a collection in a collection.
+/// The steps, in the order of time; at least one. The files that it names are not looked for.
 ///
-/// - `head`: how the part begins.
-pub(super) fn check_part(path: &Path, part: &Path, head: &[u8]) -> Result<()> {
-    match begins(head) {
-        true => Err(refuse_nested(path, "DataSet, `file`", part)),
-        false => Ok(()),
-    }
-}
-
-fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+/// # Errors
+/// A file that is no collection; entries without a file, with a time that is no number, that name one file twice at one
+/// time, or that name a collection; none at all.
+pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let path = input.path;
     let (_, len) = input.head(1)?;
     if len > MOST_BYTES {
@@ -143,18 +125,18 @@ fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let mut steps: Vec<TimeStep> = Vec::new();
     for (time, _, file) in parts {
         match steps.last_mut() {
-            Some(step) if step.time.total_cmp(&time).is_eq() => step.files.push(file),
+            Some(step) if step.time == Some(time) => step.parts.push(Part::file(file)),
             _ => steps.push(TimeStep {
-                time,
-                files: vec![file],
+                time: Some(time),
+                parts: vec![Part::file(file)],
             }),
         }
     }
     for step in &steps {
-        let mut files: Vec<&PathBuf> = step.files.iter().collect();
+        let mut files: Vec<&PathBuf> = step.parts.iter().map(|part| &part.path).collect();
         files.sort();
         if let Some(twice) = files.windows(2).find(|pair| pair[0] == pair[1]) {
-            let place = format!("files of time {}", step.time);
+            let place = format!("files of time {}", step.time.unwrap_or(0.0));
             let found = format!("`{}` again", clip(&twice[0].display().to_string()));
             let expected = "each file once";
             return Err(Error::format(path, place, expected, found, damaged));

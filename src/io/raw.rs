@@ -81,7 +81,11 @@ impl RawLayout {
 ///
 /// # Errors
 /// A layout that makes no sense, or a size that differs from it.
-pub(crate) fn read(input: Input<'_>, layout: &RawLayout) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Dataset> {
+    let layout = layout.ok_or_else(|| Error::NoLayout {
+        path: input.path.to_path_buf(),
+        suggested: layout_from_name(input.path),
+    })?;
     let path = input.path;
     let [nx, ny, nz] = layout.dims;
     let size = layout.scalar.scalar().size();
@@ -252,7 +256,7 @@ mod tests {
         let mut layout = RawLayout::new([2, 2, 1], RawType::U16);
         layout.big_endian = true;
         for bytes in [bytes.to_vec(), gzip(&bytes)] {
-            let data = read(Input::of_file(file(&bytes).path()), &layout).unwrap();
+            let data = read(Input::of_file(file(&bytes).path()), Some(&layout)).unwrap();
             let (_, values) = data.scalar("value").unwrap();
             assert_eq!(values, Values::U16(vec![0x0102, 0x0304, 0x0506, 0x0708]));
         }
@@ -264,7 +268,7 @@ mod tests {
             .flat_map(|i| (i as f32).to_le_bytes())
             .collect();
         let layout = RawLayout::new([300, 100, 10], RawType::F32);
-        let data = read(Input::of_file(file(&bytes).path()), &layout).unwrap();
+        let data = read(Input::of_file(file(&bytes).path()), Some(&layout)).unwrap();
         let (_, values) = data.scalar("value").unwrap();
         assert!((0..300_000).all(|i| values.get(i) == i as f32));
     }
@@ -282,7 +286,7 @@ mod tests {
         ] {
             let err = read(
                 Input::of_file(file(&bytes).path()),
-                &RawLayout::new(dims, RawType::U8),
+                Some(&RawLayout::new(dims, RawType::U8)),
             )
             .unwrap_err();
             assert!(matches!(err, Error::Format { .. }), "{err}");

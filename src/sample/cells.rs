@@ -7,8 +7,8 @@
 //!   tetrahedron's own covariance is too small for the gaps between centroids: a uniform field
 //!   ripples by 16 to 25 % with it, by 2.5 to 5 % with this.
 //!
-//! Cells of higher order are taken by their corners; the nodes between are corners of no cell and
-//! carry nothing.
+//! Cells of higher order were cut before, where their corners do not say what their elements do ([`crate::io`]). Those
+//! that are still there are taken by their corners; the nodes between are corners of no cell and carry nothing.
 
 use super::duals::{Duals, cut, sound_volume};
 use super::incidence::CellsAround;

@@ -14,6 +14,7 @@ mod columns;
 mod commands;
 mod defaults;
 mod edits;
+mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod manners;

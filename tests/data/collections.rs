@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::io::{Geometry, OpenOptions, TimeStep, collection, is_collection, open, read_with};
+use ewa_splat::io::{Geometry, OpenOptions, Part, TimeStep, format_of, open, read_with};
 
 use crate::common::real_data;
 
@@ -18,17 +18,20 @@ fn entry(time: &str, part: &str, file: &str) -> String {
     format!("<DataSet timestep=\"{time}\" group=\"\" part=\"{part}\" file=\"{file}\"/>\n")
 }
 
-/// Writes a collection and says how it is answered.
-fn answer(entries: &str) -> Result<Vec<TimeStep>, String> {
+/// The steps of a file, whatever it is.
+fn steps_of(path: &Path) -> ewa_splat::Result<Vec<TimeStep>> {
+    format_of(path, &OpenOptions::default())?.time_steps(path)
+}
+
+/// Writes a collection and says how it is answered: times, and files relative to its folder.
+fn answer(entries: &str) -> Result<Vec<(f64, Vec<PathBuf>)>, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.pvd");
     std::fs::write(&path, file_of(entries)).unwrap();
-    let from = |file: &PathBuf| file.strip_prefix(folder.path()).unwrap().to_owned();
-    let steps = collection(&path).map_err(|e| e.to_string())?;
-    let relative = steps.into_iter().map(|step| TimeStep {
-        time: step.time,
-        files: step.files.iter().map(from).collect(),
-    });
+    let steps = steps_of(&path).map_err(|e| e.to_string())?;
+    let from = |part: &Part| part.path.strip_prefix(folder.path()).unwrap().to_owned();
+    let files = |step: &TimeStep| step.parts.iter().map(from).collect();
+    let relative = steps.iter().map(|step| (step.time.unwrap(), files(step)));
     Ok(relative.collect())
 }
 
@@ -44,10 +47,7 @@ fn steps_are_in_the_order_of_time_and_parts_in_theirs() {
         entry("-0", "1", "f.vtu"),
         "<Other timestep=\"9\" file=\"x.vtu\"/>".to_owned(),
     ];
-    let step = |time: f64, files: &[&str]| TimeStep {
-        time,
-        files: files.iter().map(PathBuf::from).collect(),
-    };
+    let step = |time: f64, files: &[&str]| (time, files.iter().map(PathBuf::from).collect());
     assert_eq!(
         answer(&entries.concat()).unwrap(),
         [
@@ -103,8 +103,9 @@ fn damaged_and_nested_collections_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
     std::fs::write(&path, "x,y,z\n0,0,0\n").unwrap();
-    assert!(!is_collection(&path).unwrap());
-    assert!(collection(&path).is_err());
+    let alone = steps_of(&path).unwrap();
+    assert_eq!((alone.len(), alone[0].time), (1, None));
+    assert_eq!(alone[0].parts[0].path, path);
 }
 
 #[test]
@@ -122,7 +123,8 @@ fn a_collection_opens_as_its_first_step() {
     ];
     let path = folder.path().join("any.xml");
     std::fs::write(&path, file_of(&entries.concat())).unwrap();
-    assert!(is_collection(&path).unwrap());
+    let format = format_of(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(format.endings, ["pvd"]);
     let data = open(&path, &OpenOptions::default()).unwrap();
     let Geometry::Points { positions } = &data.geometry else {
         panic!("particles expected");
@@ -145,15 +147,15 @@ fn a_collection_of_paraviews_is_read() {
     let Some(path) = real_data("formats/collections/pvd/singleSphereAnimation.pvd") else {
         return;
     };
-    let steps = collection(&path).unwrap();
-    let times: Vec<f64> = steps.iter().map(|step| step.time).collect();
+    let steps = steps_of(&path).unwrap();
+    let times: Vec<f64> = steps.iter().filter_map(|step| step.time).collect();
     assert_eq!(times, (0..11).map(f64::from).collect::<Vec<_>>());
     assert!(
         steps
             .iter()
-            .all(|step| step.files.len() == 1 && step.files[0].is_file())
+            .all(|step| step.parts.len() == 1 && step.parts[0].path.is_file())
     );
-    let first = open(&steps[0].files[0], &OpenOptions::default()).unwrap();
+    let first = open(&steps[0].parts[0].path, &OpenOptions::default()).unwrap();
     let whole = open(&path, &OpenOptions::default()).unwrap();
     assert_eq!(whole.field_names(), first.field_names());
     assert_eq!(whole.bounds(), first.bounds());

@@ -13,16 +13,18 @@
 mod support;
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-use std::path::Path;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use ewa_splat::io::{OpenOptions, RawLayout, RawType, open};
+use ewa_splat::io::{OpenOptions, RawLayout, RawType, format_of, formats, open};
 use ewa_splat::sample::{SampleOptions, volume};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
 use support::damage::{apply, damage};
+use support::seeds::Set;
 use support::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece};
 
 /// Bytes allocated now, and the most there were since it was last set.
@@ -65,17 +67,21 @@ fn count(size: usize) {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// What reading and sampling a file of `len` bytes may allocate: a constant for threads and
-/// tables, and a multiple for positions, factors and values.
-fn most_bytes(len: usize) -> usize {
+/// What reading a file of `len` bytes may allocate: a constant for tables and decoders, and some numbers for each byte.
+fn most_read(len: usize) -> usize {
+    (64 << 20) + 16 * len
+}
+
+/// The same, with sampling: a multiple for positions, factors and values.
+fn most_sampled(len: usize) -> usize {
     (64 << 20) + 64 * len
 }
 
 /// Far more than any file of some thousand bytes needs, even on a busy machine.
-const LONGEST: Duration = Duration::from_secs(20);
+const LONGEST: Duration = Duration::from_secs(5);
 
-/// Names and contents of sound files, one entry each.
-fn seeds() -> Vec<(String, Vec<u8>)> {
+/// Sound files that can be sampled.
+fn seeds() -> Vec<Set> {
     let fixture = |name: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
         (name.to_owned(), std::fs::read(path.join(name)).unwrap())
@@ -108,9 +114,16 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         seeds.push(("a.vti".into(), support::vti(encoding, attributes, &[piece])));
     }
 
-    for (i, encoding) in Plot3dEncoding::all().into_iter().enumerate() {
-        let grids = cubes(encoding, 3);
-        seeds.push((format!("{i}.xyz"), encoding.grids(&grids)));
+    let mut with_solutions = Vec::new();
+    for encoding in Plot3dEncoding::all() {
+        // A solution beside each grid, so that there is something to sample.
+        let [grid, solution] = [3, 5].map(|per_node| cubes(encoding, per_node));
+        with_solutions.push(Set {
+            files: vec![
+                ("a.xyz".into(), encoding.grids(&grid)),
+                ("a.q".into(), encoding.solutions(&solution)),
+            ],
+        });
     }
 
     let rows = "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }\n";
@@ -128,7 +141,8 @@ fn seeds() -> Vec<(String, Vec<u8>)> {
         support::npz(&[("arr_0.npy", array.clone())], false),
     ));
     seeds.push(("a.npy".into(), array));
-    seeds
+    let alone = seeds.into_iter().map(|file| Set { files: vec![file] });
+    alone.chain(with_solutions).collect()
 }
 
 /// Two cubes beside each other, or one where the encoding holds no more: their nodes, or so
@@ -153,64 +167,132 @@ fn cubes(encoding: Plot3dEncoding, per_node: usize) -> Vec<Plot3dBlock> {
     cubes
 }
 
-/// Reads and samples: whether the file was read, and whether it was sampled.
-fn answer(path: &Path) -> (bool, bool) {
-    let mut options = OpenOptions::default();
-    if path.extension().is_some_and(|e| e == "raw") {
-        options.raw = Some(RawLayout::new([4, 4, 4], RawType::U8));
+fn options(path: &Path) -> OpenOptions {
+    let is_raw = path.extension().is_some_and(|e| e == "raw");
+    OpenOptions {
+        raw: is_raw.then(|| RawLayout::new([4, 4, 4], RawType::U8)),
+        ..OpenOptions::default()
     }
-    match open(path, &options) {
-        Ok(data) => (true, volume(data, &SampleOptions::default()).is_ok()),
+}
+
+/// What was made of a file, and what that took.
+struct Answer {
+    is_read: bool,
+    is_sampled: bool,
+    /// The most bytes that were allocated at a time until the file was read, and in all.
+    bytes: [usize; 2],
+    time: Duration,
+}
+
+/// Recognises, reads and samples a file.
+fn answer(path: &Path) -> Answer {
+    let before = NOW.load(Relaxed);
+    MOST.store(before, Relaxed);
+    let most = || MOST.load(Relaxed).saturating_sub(before);
+    let start = Instant::now();
+    let options = options(path);
+    let steps = format_of(path, &options).and_then(|format| format.time_steps(path));
+    let data = open(path, &options);
+    let read = most();
+    let (is_read, is_sampled) = match data {
+        Ok(data) => (
+            true,
+            steps.is_ok() && volume(data, &SampleOptions::default()).is_ok(),
+        ),
         Err(_) => (false, false),
+    };
+    Answer {
+        is_read,
+        is_sampled,
+        bytes: [read, most()],
+        time: start.elapsed(),
+    }
+}
+
+/// What came of the damaged files of one format.
+#[derive(Default)]
+struct Count {
+    files: usize,
+    read: usize,
+    sampled: usize,
+    most: usize,
+    longest: Duration,
+}
+
+/// Sound files of one format: each is a folder with what it names, written before, and the file that is opened.
+struct Seed {
+    folder: PathBuf,
+    set: Set,
+}
+
+impl Seed {
+    /// Writes all files of a set into a folder of its own.
+    fn new(folder: PathBuf, set: Set) -> Self {
+        let seed = Self { folder, set };
+        for (name, bytes) in &seed.set.files {
+            seed.write(name, bytes);
+        }
+        seed
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        let path = self.folder.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+
+    /// The file that is opened.
+    fn path(&self) -> PathBuf {
+        self.folder.join(&self.set.files[0].0)
+    }
+
+    fn len(&self) -> usize {
+        self.set.files.iter().map(|(_, bytes)| bytes.len()).sum()
     }
 }
 
 /// One test, because the allocations of another would be counted with it.
 #[test]
 fn damaged_files_cost_no_more_than_sound_ones() {
-    let seeds = seeds();
     let folder = tempfile::tempdir().unwrap();
-    for (i, encoding) in Plot3dEncoding::all().into_iter().enumerate() {
-        // A sound solution beside each grid, so that there is something to sample.
-        let solution = encoding.solutions(&cubes(encoding, 5));
-        std::fs::write(folder.path().join(format!("{i}.q")), solution).unwrap();
-    }
-    let measured = |name: &str, bytes: &[u8]| {
-        let path = folder.path().join(name);
-        std::fs::write(&path, bytes).unwrap();
-        let before = NOW.load(Relaxed);
-        MOST.store(before, Relaxed);
-        let start = Instant::now();
-        let answer = answer(&path);
-        let most = MOST.load(Relaxed).saturating_sub(before);
-        std::fs::remove_file(&path).unwrap();
-        (answer, most, start.elapsed())
+    let mut count = 0;
+    let mut seed = |set: Set| {
+        count += 1;
+        Seed::new(folder.path().join(count.to_string()), set)
     };
-    for (name, bytes) in &seeds {
-        let (answer, most, _) = measured(name, bytes);
-        assert_eq!(answer, (true, true), "{name} is no sound file");
-        assert!(most > bytes.len(), "allocations are not counted");
+
+    // Those of this file are whole; not all of the other tests' have a volume.
+    let own: Vec<Seed> = seeds().into_iter().map(&mut seed).collect();
+    for seed in &own {
+        let answer = answer(&seed.path());
+        let name = &seed.set.files[0].0;
+        assert!(
+            answer.is_read && answer.is_sampled,
+            "{name} is no sound file"
+        );
+        assert!(answer.bytes[1] > seed.len(), "allocations are not counted");
     }
-    // Those of the other tests, not all of which have a volume; one kind of array encoding in
-    // eight, so that no format has most of the seeds.
-    let others = support::seeds::seeds().iter();
-    let is_vtk_xml = |name: &str| {
-        [".vti", ".vtr", ".vts", ".vtu", ".vtp"]
-            .iter()
-            .any(|e| name.ends_with(e))
-    };
-    let (vtk_xml, others): (Vec<_>, Vec<_>) =
-        others.cloned().partition(|(name, _)| is_vtk_xml(name));
-    let solutions = |(name, _): &(String, Vec<u8>)| !name.ends_with(".q");
-    let mut seeds = seeds;
-    seeds.extend(
-        vtk_xml
-            .into_iter()
-            .enumerate()
-            .filter(|(i, _)| i / 7 % 8 == 0)
-            .map(|(_, s)| s),
-    );
-    seeds.extend(others.into_iter().filter(solutions));
+    let others = support::seeds::seeds().iter().cloned();
+    let others = others
+        .filter(|(name, _)| !name.ends_with(".q"))
+        .map(|file| Set { files: vec![file] });
+    let others: Vec<Seed> = others.chain(support::seeds::sets()).map(seed).collect();
+
+    // By format, so that each is damaged as often as the others.
+    let mut by_format: BTreeMap<&str, Vec<Seed>> = BTreeMap::new();
+    for seed in own.into_iter().chain(others) {
+        let path = seed.path();
+        let format = format_of(&path, &options(&path)).unwrap().name;
+        by_format.entry(format).or_default().push(seed);
+    }
+    for format in formats() {
+        let name = format.name;
+        assert!(
+            by_format.contains_key(name),
+            "no sound file of {name} is damaged"
+        );
+    }
+    let seeds: Vec<(&str, Vec<Seed>)> = by_format.into_iter().collect();
 
     let cases = std::env::var("EWA_FUZZ_CASES")
         .ok()
@@ -222,34 +304,45 @@ fn damaged_files_cost_no_more_than_sound_ones() {
     });
     let inputs = (
         any::<prop::sample::Index>(),
+        any::<prop::sample::Index>(),
+        any::<prop::sample::Index>(),
         prop::collection::vec(damage(), 1..4),
     );
-    let [run, read, sampled, most] = [const { Cell::new(0_usize) }; 4];
-    let result = runner.run(&inputs, |(seed, damages)| {
-        let (name, bytes) = seed.get(&seeds);
-        let mut bytes = bytes.clone();
+    let counts: RefCell<BTreeMap<&str, Count>> = RefCell::default();
+    let result = runner.run(&inputs, |(format, seed, file, damages)| {
+        let (format, seeds) = format.get(&seeds);
+        let seed = seed.get(seeds);
+        let (name, sound) = file.get(&seed.set.files);
+        let mut bytes = sound.clone();
         damages.iter().for_each(|d| apply(&mut bytes, d));
-        let (answer, bytes_used, time) = measured(name, &bytes);
-        run.set(run.get() + 1);
-        read.set(read.get() + usize::from(answer.0));
-        sampled.set(sampled.get() + usize::from(answer.1));
-        most.set(most.get().max(bytes_used));
-        prop_assert!(
-            bytes_used <= most_bytes(bytes.len()),
-            "{name}: {bytes_used} bytes for a file of {}",
-            bytes.len()
-        );
-        prop_assert!(time <= LONGEST, "{name}: {time:?}");
+        seed.write(name, &bytes);
+        let answer = answer(&seed.path());
+        seed.write(name, sound);
+        let mut counts = counts.borrow_mut();
+        let count = counts.entry(format).or_default();
+        count.files += 1;
+        count.read += usize::from(answer.is_read);
+        count.sampled += usize::from(answer.is_sampled);
+        count.most = count.most.max(answer.bytes[1]);
+        count.longest = count.longest.max(answer.time);
+        let len = seed.len() + bytes.len() - sound.len();
+        for (used, most) in answer.bytes.iter().zip([most_read(len), most_sampled(len)]) {
+            prop_assert!(*used <= most, "{name}: {used} bytes for a file of {len}");
+        }
+        prop_assert!(answer.time <= LONGEST, "{name}: {:?}", answer.time);
         Ok(())
     });
-    println!(
-        "{} damaged files of {} seeds: {} still read, {} still sampled; at most {} bytes",
-        run.get(),
-        seeds.len(),
-        read.get(),
-        sampled.get(),
-        most.get()
-    );
+    println!("format                    damaged      read   sampled  most bytes   longest");
+    for (format, count) in counts.borrow().iter() {
+        println!(
+            "{format:<24} {:>8} {:>9} {:>9} {:>11} {:>6.1} ms",
+            count.files,
+            count.read,
+            count.sampled,
+            count.most,
+            1e3 * count.longest.as_secs_f64()
+        );
+    }
     if let Err(error) = result {
         panic!("{error}");
     }

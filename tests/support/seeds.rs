@@ -175,6 +175,29 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
     })
 }
 
+/// Files that belong together: any of them may be damaged, and the first is opened.
+pub(crate) struct Set {
+    pub(crate) files: Vec<(String, Vec<u8>)>,
+}
+
+/// Sound sets of files of the formats that name other files; each a folder of its own.
+pub(crate) fn sets() -> Vec<Set> {
+    let set = |files: &[(&str, &[u8])]| Set {
+        files: files
+            .iter()
+            .map(|(name, bytes)| ((*name).into(), bytes.to_vec()))
+            .collect(),
+    };
+    let collection = b"<VTKFile type=\"Collection\"><Collection>\
+        <DataSet timestep=\"0.5\" part=\"0\" file=\"in/a.csv\"/>\
+        <DataSet timestep=\"1\" file=\"b.csv\"/></Collection></VTKFile>";
+    vec![set(&[
+        ("a.pvd", collection),
+        ("in/a.csv", b"x,y,z,m\n0,0,0,1\n1,0,0,1\n"),
+        ("b.csv", b"x,y,z,m\n0,0,0,1\n1,1,0,1\n"),
+    ])]
+}
+
 /// Images with headers, with their numbers behind them, and STL.
 fn images() -> Vec<(String, Vec<u8>)> {
     let mut seeds = Vec::new();

@@ -7,7 +7,7 @@ use clap::Args;
 use ewa_splat::error::{Advice, Hint};
 use ewa_splat::io::{
     AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
-    TextureUse, TimeStep, collection, is_collection,
+    TextureUse, TimeStep, format_of,
 };
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics, doubts};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
@@ -119,11 +119,18 @@ impl Arguments {
     fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
         let dataset = self.data.open(input)?;
         let mut description = describe(&dataset);
-        if is_collection(&input.path)? {
-            let steps = collection(&input.path)?;
+        let steps = format_of(&input.path, &self.data.open_options())?.time_steps(&input.path)?;
+        let is_alone = steps.iter().all(|step| step.time.is_none()) && steps[0].parts.len() == 1;
+        if !is_alone {
             let of_step = |step: &TimeStep| {
-                let files = step.files.iter().map(|file| file.display().to_string());
-                json!({ "time": step.time, "files": files.collect::<Vec<_>>() })
+                let mut files: Vec<String> = Vec::new();
+                for part in &step.parts {
+                    let file = part.path.display().to_string();
+                    if part.path != input.path && !files.contains(&file) {
+                        files.push(file);
+                    }
+                }
+                json!({ "time": step.time, "files": files })
             };
             description["file"] = json!(input.path.display().to_string());
             description["time_steps"] = steps.iter().map(of_step).collect();

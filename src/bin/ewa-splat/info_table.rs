@@ -122,8 +122,13 @@ pub(crate) fn print_table(description: &Value) {
             0 => String::new(),
             count => format!(" and {count} more"),
         };
-        let time = step["time"].as_f64().map_or_else(String::new, significant);
-        row("  at time", format!("{time}: {}{more}", files.join(", ")));
+        let time = step["time"].as_f64().map(significant);
+        let files = format!("{}{more}", files.join(", "));
+        match (time, files.is_empty()) {
+            (Some(time), true) => row("  at time", time),
+            (Some(time), false) => row("  at time", format!("{time}: {files}")),
+            (None, _) => row("  of", files),
+        }
     }
     if steps.len() > MOST_STEPS {
         row("", format!("... {} time steps in all", steps.len()));

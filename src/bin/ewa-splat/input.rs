@@ -211,6 +211,17 @@ impl DataOptions {
     /// The data of an input where they are to be, and what of them is to be read on.
     pub(crate) fn open(&self, input: &Input) -> Result<Dataset> {
         self.check_spacing()?;
+        let options = OpenOptions {
+            particle_type: input.particle_type,
+            time_step: input.time_step,
+            ..self.open_options()
+        };
+        let dataset = ewa_splat::io::open(&input.path, &options)?;
+        input.edit.applied(dataset)
+    }
+
+    /// What is said of the files of all inputs.
+    pub(crate) fn open_options(&self) -> OpenOptions {
         let raw = self.dims.map(|dims| RawLayout {
             dims,
             spacing: match self.spacing {
@@ -222,24 +233,21 @@ impl DataOptions {
             scalar: self.sample_types().next().unwrap_or(RawType::U8),
             big_endian: self.endian == Endian::Big,
         });
-        let dataset = ewa_splat::io::open(
-            &input.path,
-            &OpenOptions {
-                raw,
-                solution: self.solution.clone(),
-                texture: self.texture.clone(),
-                read_as: self.read_as.map(|name| match name {
-                    ReadAsName::Points => ReadAs::Points,
-                    ReadAsName::Mesh => ReadAs::Mesh,
-                }),
-                particle_type: input.particle_type,
-                scales: self.scales.map(|meaning| match meaning {
-                    Scales::Linear => ScaleMeaning::Linear,
-                    Scales::Log => ScaleMeaning::Logarithms,
-                }),
-            },
-        )?;
-        input.edit.applied(dataset)
+        OpenOptions {
+            raw,
+            solution: self.solution.clone(),
+            texture: self.texture.clone(),
+            read_as: self.read_as.map(|name| match name {
+                ReadAsName::Points => ReadAs::Points,
+                ReadAsName::Mesh => ReadAs::Mesh,
+            }),
+            particle_type: None,
+            time_step: None,
+            scales: self.scales.map(|meaning| match meaning {
+                Scales::Linear => ScaleMeaning::Linear,
+                Scales::Log => ScaleMeaning::Logarithms,
+            }),
+        }
     }
 
     /// The types of samples that are asked for.
@@ -283,7 +291,8 @@ impl DataOptions {
     /// Those of [`Self::note_edits`], [`steps`] and [`Self::resolved`].
     pub(crate) fn inputs(&self, mut named: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
         self.note_edits(&mut named)?;
-        self.resolved(steps(named, is_series)?, is_series)
+        let inputs = steps(named, is_series, &self.open_options())?;
+        self.resolved(inputs, is_series)
     }
 
     /// What the inputs stand for: a snapshot for the particles of each type that is asked for.

@@ -23,6 +23,7 @@ mod cut;
 mod driver;
 mod edits;
 mod files;
+mod formats;
 mod info;
 mod info_table;
 mod input;
@@ -79,7 +80,9 @@ enum Command {
 fn main() -> ExitCode {
     driver::hush();
     let words = truth::join_reference(std::env::args_os());
-    let program = Arguments::command().long_version(shell::version());
+    let program = Arguments::command()
+        .after_help(formats::list())
+        .long_version(shell::version());
     let matches = program.get_matches_from(words);
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     if arguments.quiet {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use ewa_splat::Result;
-use ewa_splat::io::{ParticleType, collection, is_collection, sog_scene};
+use ewa_splat::io::{OpenOptions, Part, ParticleType, format_of, sog_scene};
 
 use crate::edits::Edit;
 use crate::progress::note;
@@ -19,7 +19,9 @@ pub(crate) struct Input {
     pub(crate) particle_type: Option<ParticleType>,
     /// Which step of a series it belongs to.
     pub(crate) step: usize,
-    /// The time that a collection states of it.
+    /// Which step of a file that holds several.
+    pub(crate) time_step: Option<usize>,
+    /// The time that the file or its collection states of it.
     pub(crate) time: Option<f64>,
     /// Where it goes, and what of it is read on.
     pub(crate) edit: Edit,
@@ -55,6 +57,7 @@ impl Input {
             function: None,
             particle_type: None,
             step: 0,
+            time_step: None,
             time: None,
             edit: Edit::default(),
         }
@@ -74,34 +77,39 @@ impl Input {
     }
 }
 
-/// The inputs with the files of collections in their place: those of the first time step, or of all steps of a series.
+/// The inputs with what collections and files of several steps hold in their place: the first time step, or all steps of a
+/// series.
 ///
 /// # Errors
-/// Collections that cannot be read.
-pub(crate) fn steps(inputs: Vec<Input>, is_series: bool) -> Result<Vec<Input>> {
+/// Collections that cannot be read. Other files that cannot be read stay: reading them says why.
+pub(crate) fn steps(
+    inputs: Vec<Input>,
+    is_series: bool,
+    options: &OpenOptions,
+) -> Result<Vec<Input>> {
     let mut files = Vec::new();
     let mut step = 0;
     for input in inputs {
-        if !is_collection(&input.path).unwrap_or(false) {
+        let Ok(format) = format_of(&input.path, options) else {
             files.push(Input { step, ..input });
             step += 1;
             continue;
-        }
-        let steps = collection(&input.path)?;
+        };
+        let steps = format.time_steps(&input.path)?;
         let count = steps.len();
-        if count > 1 && !is_series {
-            let (path, time) = (input.path.display(), steps[0].time);
+        if let (true, false, Some(time)) = (count > 1, is_series, steps[0].time) {
+            let path = input.path.display();
             note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
         }
         for found in steps.into_iter().take(if is_series { count } else { 1 }) {
-            let time = Some(found.time);
-            let of_step = |path| Input {
-                path,
+            let of_step = |part: Part| Input {
+                path: part.path,
+                time_step: part.time_step,
                 step,
-                time,
+                time: found.time,
                 ..input.clone()
             };
-            files.extend(found.files.into_iter().map(of_step));
+            files.extend(found.parts.into_iter().map(of_step));
             step += 1;
         }
     }

@@ -30,13 +30,16 @@ use super::ray::RayIntegral;
 use super::sight::Sight;
 use super::{PixelFilter, ReferenceFrame, ReferenceSettings, check};
 use crate::error::{Error, Result};
-use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry};
+use crate::io::{Association, Blanking, CurvilinearBlock, Dataset, Geometry, to_first_order};
 use crate::scene::{TransferFunction, Values};
 use crate::view::{Camera, ClipPlane};
 use cells::{Mesh, Scratch};
 use emission::Emission;
 use function::Function;
 use lattice::Grid;
+
+/// How far the field may be from what elements of higher order say of it, as a share of its range.
+const ELEMENT_SLACK: f64 = 0.001;
 
 /// A data set's own field under a transfer function.
 ///
@@ -51,7 +54,8 @@ use lattice::Grid;
 ///
 /// Outside of the domain there is nothing. Where several cells claim a place (blocks overlap, cells
 /// fold over), it belongs to the first of them in the order of blocks and cells: one medium is not
-/// counted twice. Cells of higher order are taken by their corners. Left out are cells with a position or
+/// counted twice. Cells of higher order are cut into cells of first order that say the same to a thousandth of the
+/// field's range, or as finely as memory allows. Left out are cells with a position or
 /// a value that is not finite (infinity, too: nothing lies between it and a number), blanked ones and
 /// those at a blanked node, those without volume, and those inverted against the others of their kind
 /// ([`Self::left_out`] counts them).
@@ -110,6 +114,7 @@ impl DataIntegrator {
     /// volume, and those of which nothing is left.
     pub fn new(dataset: Dataset, field: &str, function: TransferFunction) -> Result<Self> {
         dataset.validate()?;
+        let (dataset, _) = to_first_order(dataset, field, ELEMENT_SLACK)?;
         let (association, values) = dataset.scalar(field)?;
         let values = function.value_scale().positions(values);
         let blanking = Blanking::of(&dataset)?;

@@ -1,0 +1,264 @@
+//! Grids whose cells of higher order are cut into cells of first order.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::Element;
+use crate::io::{Association, CellKind, CellMesh};
+use crate::scene::Values;
+
+/// Weights below this are rounding: a node beside the face or the edge on which a place lies.
+const NOTHING: f64 = 1e-9;
+
+/// Steps of weights that tell places apart.
+const WEIGHT_STEPS: f64 = 1e6;
+
+/// The most small cells: some gigabytes when they are sampled.
+const MOST_CELLS: usize = 8_000_000;
+
+/// Cells that are looked at to choose how finely all are cut.
+const LOOKED_AT: usize = 2000;
+
+/// The part of the places that are looked at that may differ by more.
+const TAIL: f64 = 0.001;
+
+/// Solid cells of higher order that are known, by what tells elements apart.
+type Elements = HashMap<(CellKind, usize), Option<Element>>;
+
+fn elements(mesh: &CellMesh) -> Elements {
+    let mut known = Elements::new();
+    for (i, &kind) in mesh.kinds.iter().enumerate() {
+        if kind.is_of_higher_order() && kind.is_solid() {
+            let count = mesh.cell(i).len();
+            let element = || Element::of(kind, count);
+            known.entry((kind, count)).or_insert_with(element);
+        }
+    }
+    known
+}
+
+/// Into how many steps each edge is to be cut: 1 where the corners say as much, or a multiple of the order of the elements.
+///
+/// Between corners of small cells what is drawn is linear. Halfway between two it is compared with what the element says:
+/// positions may differ by `slack` of the cell's size, values by `slack` of their range, at 999 places of 1000.
+///
+/// - `values`: of the nodes, or `None` where values belong to cells.
+pub(crate) fn steps(mesh: &CellMesh, values: Option<&Values>, slack: f64) -> i32 {
+    let elements = elements(mesh);
+    let known = elements.values().flatten();
+    let Some(order) = known.map(|element| element.order).max() else {
+        return 1;
+    };
+    let range = values.and_then(Values::finite_range);
+    let width = range.map_or(0.0, |[low, high]| f64::from(high) - f64::from(low));
+    let is_known = |i: &usize| {
+        let key = (mesh.kinds[*i], mesh.cell(*i).len());
+        matches!(elements.get(&key), Some(Some(_)))
+    };
+    let all: Vec<usize> = (0..mesh.cell_count()).filter(is_known).collect();
+    let every = all.len().div_ceil(LOOKED_AT).max(1);
+    let mut chosen = 1;
+    for steps in [1, order, 2 * order, 4 * order] {
+        let most = all
+            .len()
+            .saturating_mul(steps.pow(3).unsigned_abs() as usize);
+        if most > MOST_CELLS && steps > 1 {
+            break;
+        }
+        chosen = steps;
+        let halves: HashMap<(CellKind, usize), Vec<Between>> = elements
+            .iter()
+            .filter_map(|(key, element)| Some((*key, between(element.as_ref()?, steps))))
+            .collect();
+        let (mut places, mut apart) = (0_usize, 0_usize);
+        for &i in all.iter().step_by(every) {
+            let cell = mesh.cell(i);
+            let Some(halves) = halves.get(&(mesh.kinds[i], cell.len())) else {
+                continue;
+            };
+            let nodes = || cell.iter().map(|&n| mesh.nodes[n as usize]);
+            let size = nodes().fold(DVec3::NEG_INFINITY, DVec3::max)
+                - nodes().fold(DVec3::INFINITY, DVec3::min);
+            for difference in halves {
+                let position: DVec3 = nodes().zip(difference).map(|(p, w)| p * *w).sum();
+                let value = |values: &Values| -> f64 {
+                    let of_cell = cell.iter().map(|&n| f64::from(values.get(n as usize)));
+                    of_cell.zip(difference).map(|(v, w)| v * w).sum()
+                };
+                let value = values.map_or(0.0, value).abs();
+                places += 1;
+                let is_far =
+                    position.length() > slack * size.max_element() || value > slack * width;
+                apart += usize::from(is_far);
+            }
+        }
+        #[expect(clippy::cast_precision_loss, reason = "some million at most")]
+        let is_close = apart as f64 <= TAIL * places as f64;
+        if is_close {
+            break;
+        }
+    }
+    chosen
+}
+
+/// Halfway between two corners of a small cell: the weights of the element less those of the straight line.
+type Between = Vec<f64>;
+
+fn between(element: &Element, steps: i32) -> Vec<Between> {
+    let mut all = Vec::new();
+    for (kind, corners) in element.split(steps) {
+        let pairs: &[(usize, usize)] = match kind {
+            CellKind::HEXAHEDRON | CellKind::PYRAMID => &[(0, 1), (1, 2), (0, 4)],
+            CellKind::WEDGE => &[(0, 1), (1, 2), (0, 3)],
+            _ => &[(0, 1), (1, 2), (2, 3)],
+        };
+        for &(a, b) in pairs {
+            let (a, b) = (corners[a], corners[b]);
+            let middle = element.weights([0, 1, 2].map(|axis| 0.5 * (a[axis] + b[axis])));
+            let ends = element.weights(a).into_iter().zip(element.weights(b));
+            let less = |(middle, (a, b)): (f64, (f64, f64))| middle - 0.5 * (a + b);
+            all.push(middle.into_iter().zip(ends).map(less).collect());
+        }
+    }
+    all
+}
+
+/// A grid whose cells of higher order are cut, and where its nodes and cells come from.
+#[derive(Debug)]
+pub(crate) struct Subdivision {
+    /// All nodes that there were, and those between.
+    pub(crate) mesh: CellMesh,
+    /// For each cell the one that it is, or a part of.
+    pub(crate) parents: Vec<u32>,
+    /// Cells that were cut.
+    pub(crate) cut: usize,
+    /// Of each node between: nodes that there were, with their weights.
+    between: Vec<Vec<(u32, f64)>>,
+}
+
+impl Subdivision {
+    /// Cuts the solid cells of higher order that are known, each edge into so many steps. `None` where that would be more
+    /// nodes than numbers are for, or memory.
+    pub(crate) fn new(mesh: &CellMesh, steps: i32) -> Option<Self> {
+        let elements = elements(mesh);
+        let templates: HashMap<(CellKind, usize), Template> = elements
+            .iter()
+            .filter_map(|(key, element)| Some((*key, Template::new(element.as_ref()?, steps))))
+            .collect();
+        let mut cut = Self {
+            mesh: CellMesh {
+                nodes: mesh.nodes.clone(),
+                offsets: vec![0],
+                ..CellMesh::default()
+            },
+            parents: Vec::new(),
+            cut: 0,
+            between: Vec::new(),
+        };
+        let mut known: HashMap<Vec<(u32, i64)>, u32> = HashMap::new();
+        for (i, parent) in (0..mesh.cell_count()).zip(0_u32..) {
+            let (kind, cell) = (mesh.kinds[i], mesh.cell(i));
+            let Some(template) = templates.get(&(kind, cell.len())) else {
+                cut.push(kind, parent, cell.iter().copied())?;
+                continue;
+            };
+            cut.cut += 1;
+            let mut nodes = Vec::with_capacity(template.places.len());
+            for place in &template.places {
+                nodes.push(match place[..] {
+                    [(only, _)] => cell[only],
+                    _ => cut.node(mesh, cell, place, &mut known)?,
+                });
+            }
+            for (kind, corners) in &template.cells {
+                cut.push(*kind, parent, corners.iter().map(|&corner| nodes[corner]))?;
+            }
+        }
+        Some(cut)
+    }
+
+    fn push(
+        &mut self,
+        kind: CellKind,
+        parent: u32,
+        nodes: impl Iterator<Item = u32>,
+    ) -> Option<()> {
+        self.mesh.kinds.push(kind);
+        self.mesh.connectivity.extend(nodes);
+        self.mesh
+            .offsets
+            .push(u32::try_from(self.mesh.connectivity.len()).ok()?);
+        self.parents.push(parent);
+        Some(())
+    }
+
+    /// The node between some of a cell's: one for all cells that meet there.
+    fn node(
+        &mut self,
+        mesh: &CellMesh,
+        cell: &[u32],
+        place: &[(usize, f64)],
+        known: &mut HashMap<Vec<(u32, i64)>, u32>,
+    ) -> Option<u32> {
+        let mut weights: Vec<(u32, f64)> = place.iter().map(|&(n, w)| (cell[n], w)).collect();
+        weights.sort_unstable_by_key(|(node, _)| *node);
+        #[expect(clippy::cast_possible_truncation, reason = "weights are a few at most")]
+        let key = weights
+            .iter()
+            .map(|(n, w)| (*n, (w * WEIGHT_STEPS).round() as i64));
+        let key = key.collect();
+        if let Some(node) = known.get(&key) {
+            return Some(*node);
+        }
+        let node = u32::try_from(self.mesh.nodes.len()).ok()?;
+        let position = weights.iter().map(|(n, w)| mesh.nodes[*n as usize] * *w);
+        self.mesh.nodes.push(position.sum());
+        self.between.push(weights);
+        known.insert(key, node);
+        Some(node)
+    }
+
+    /// What a field of the grid says at the nodes or cells of the cut one.
+    pub(crate) fn values(&self, association: Association, values: &Values) -> Values {
+        match association {
+            Association::Cells => values.gather(&self.parents),
+            Association::Nodes => {
+                let stated = (0..values.len()).map(|i| values.get(i));
+                #[expect(clippy::cast_possible_truncation, reason = "fields are in f32")]
+                let of = |weights: &Vec<(u32, f64)>| {
+                    let value = |(n, w): &(u32, f64)| f64::from(values.get(*n as usize)) * w;
+                    weights.iter().map(value).sum::<f64>() as f32
+                };
+                Values::F32(stated.chain(self.between.iter().map(of)).collect())
+            }
+        }
+    }
+}
+
+/// How all cells of one element are cut.
+struct Template {
+    /// Small cells by the numbers of their corners' places.
+    cells: Vec<(CellKind, Vec<usize>)>,
+    /// The nodes of the element that have a part in each place, with their weights.
+    places: Vec<Vec<(usize, f64)>>,
+}
+
+impl Template {
+    fn new(element: &Element, steps: i32) -> Self {
+        let mut numbers: HashMap<[u64; 3], usize> = HashMap::new();
+        let mut places = Vec::new();
+        let mut number = |at: [f64; 3]| {
+            *numbers.entry(at.map(f64::to_bits)).or_insert_with(|| {
+                let weights = element.weights(at).into_iter().enumerate();
+                places.push(weights.filter(|(_, w)| w.abs() > NOTHING).collect());
+                places.len() - 1
+            })
+        };
+        let cells = element.split(steps).into_iter();
+        let cells = cells
+            .map(|(kind, corners)| (kind, corners.into_iter().map(&mut number).collect()))
+            .collect();
+        Self { cells, places }
+    }
+}

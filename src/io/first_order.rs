@@ -1,0 +1,224 @@
+//! Cells of higher order, cut so finely that cells of first order say the same of one field.
+
+use super::element::{Subdivision, steps};
+use super::{Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry};
+use crate::error::{Error, Result};
+
+/// Whether there are solid cells of higher order.
+pub(crate) fn is_of_higher_order(mesh: &CellMesh) -> bool {
+    let mut kinds = mesh.kinds.iter();
+    kinds.any(|kind| kind.is_of_higher_order() && kind.is_solid())
+}
+
+/// A data set with its cells of higher order cut, one field of it, and what says which cells are hidden; with how many
+/// cells were cut. As it was where none is of higher order, or where their corners say as much.
+///
+/// - `selector`: the field, as [`Dataset::scalar`] takes it.
+/// - `slack`: how far what is drawn may be from what the elements say, at 999 places of 1000: of the range of the field, and
+///   of a cell's size.
+///
+/// # Errors
+/// A field that is not there, or that has another number of values than there are samples.
+pub(crate) fn to_first_order(
+    mut dataset: Dataset,
+    selector: &str,
+    slack: f64,
+) -> Result<(Dataset, usize)> {
+    let Geometry::Cells(mesh) = &dataset.geometry else {
+        return Ok((dataset, 0));
+    };
+    let count_of = |association| match association {
+        Association::Nodes => mesh.nodes.len(),
+        Association::Cells => mesh.cell_count(),
+    };
+    let (association, values) = dataset.scalar(selector)?;
+    let expected = count_of(association);
+    if values.len() != expected {
+        return Err(Error::format(
+            &dataset.path,
+            format!("field `{selector}`"),
+            format!("{expected} values"),
+            format!("{} values", values.len()),
+            "the file is damaged",
+        ));
+    }
+    let of_nodes = (association == Association::Nodes).then_some(&values);
+    let steps = steps(mesh, of_nodes, slack);
+    if steps == 1 {
+        return Ok((dataset, 0));
+    }
+    let Some(cut) = Subdivision::new(mesh, steps) else {
+        return Ok((dataset, 0));
+    };
+    let unit = dataset.unit(selector).map(str::to_owned);
+    let mut fields = Vec::new();
+    for field in dataset
+        .fields
+        .iter()
+        .filter(|f| Blanking::is_told_by(&f.name))
+    {
+        if let FieldSource::Scalar(stated) = &field.source
+            && stated.len() == count_of(field.association)
+        {
+            let source = FieldSource::Scalar(cut.values(field.association, stated));
+            fields.push(Field {
+                source,
+                ..field.clone()
+            });
+        }
+    }
+    let source = FieldSource::Scalar(cut.values(association, &values));
+    fields.push(Field {
+        name: selector.to_owned(),
+        association,
+        source,
+        unit,
+    });
+    let count = cut.cut;
+    dataset.fields = fields;
+    dataset.geometry = Geometry::Cells(cut.mesh);
+    Ok((dataset, count))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::io::CellKind;
+    use crate::scene::Values;
+
+    /// Two quadratic hexahedra of 20 nodes beside each other, the second with its edges at x = 2 bent outwards by `bulge`.
+    fn two_hexahedra(bulge: f64) -> CellMesh {
+        let corner = [
+            [0, 0, 0],
+            [2, 0, 0],
+            [2, 2, 0],
+            [0, 2, 0],
+            [0, 0, 2],
+            [2, 0, 2],
+            [2, 2, 2],
+            [0, 2, 2],
+        ];
+        let edges = [
+            [0, 1],
+            [1, 2],
+            [2, 3],
+            [3, 0],
+            [4, 5],
+            [5, 6],
+            [6, 7],
+            [7, 4],
+            [0, 4],
+            [1, 5],
+            [2, 6],
+            [3, 7],
+        ];
+        let middle =
+            |[a, b]: [usize; 2]| [0, 1, 2].map(|axis| (corner[a][axis] + corner[b][axis]) / 2);
+        let places: Vec<[i32; 3]> = corner.into_iter().chain(edges.map(middle)).collect();
+        let mut mesh = CellMesh {
+            offsets: vec![0],
+            ..CellMesh::default()
+        };
+        let mut known: Vec<[i32; 3]> = Vec::new();
+        for x in [0, 2] {
+            mesh.kinds.push(CellKind(25));
+            for place in &places {
+                let place = [place[0] + x, place[1], place[2]];
+                let number = known.iter().position(|p| *p == place).unwrap_or_else(|| {
+                    known.push(place);
+                    let mut at = DVec3::from(place.map(|i| 0.5 * f64::from(i)));
+                    if place[0] == 4 && (place[1] == 1 || place[2] == 1) {
+                        at.x += bulge;
+                    }
+                    mesh.nodes.push(at);
+                    known.len() - 1
+                });
+                mesh.connectivity.push(u32::try_from(number).unwrap());
+            }
+            mesh.offsets
+                .push(u32::try_from(mesh.connectivity.len()).unwrap());
+        }
+        mesh
+    }
+
+    fn dataset(mesh: CellMesh, of: impl Fn(DVec3) -> f64) -> Dataset {
+        #[expect(clippy::cast_possible_truncation, reason = "fields are in f32")]
+        let values = mesh.nodes.iter().map(|p| of(*p) as f32).collect();
+        let field = Field {
+            name: "f".into(),
+            association: Association::Nodes,
+            source: FieldSource::Scalar(Values::F32(values)),
+            unit: Some("K".into()),
+        };
+        Dataset::new(Path::new("a"), "test", Geometry::Cells(mesh), vec![field])
+    }
+
+    fn cells(data: &Dataset) -> &CellMesh {
+        let Geometry::Cells(mesh) = &data.geometry else {
+            panic!("cells expected");
+        };
+        mesh
+    }
+
+    #[test]
+    fn what_corners_say_as_well_is_not_cut() {
+        let linear = |p: DVec3| 3.0 + p.x - 2.0 * p.y + 0.5 * p.z;
+        let (data, count) = to_first_order(dataset(two_hexahedra(0.0), linear), "f", 0.01).unwrap();
+        assert_eq!((count, cells(&data).cell_count()), (0, 2));
+        // The same field on edges that are bent is another one inside.
+        let (data, count) = to_first_order(dataset(two_hexahedra(0.3), linear), "f", 0.01).unwrap();
+        assert_eq!(count, 2);
+        assert!(cells(&data).cell_count() >= 2 * 8);
+    }
+
+    #[test]
+    fn quadratic_fields_are_met_at_every_node() {
+        let quadratic = |p: DVec3| p.x * p.x - p.x * p.y + 2.0 * p.z * p.z + p.y;
+        let (data, count) =
+            to_first_order(dataset(two_hexahedra(0.0), quadratic), "F", 0.01).unwrap();
+        let mesh = cells(&data);
+        assert_eq!(count, 2);
+        assert_eq!(data.unit("F"), Some("K"));
+        let (_, values) = data.scalar("F").unwrap();
+        for (i, node) in mesh.nodes.iter().enumerate() {
+            // In single precision.
+            assert!(
+                (f64::from(values.get(i)) - quadratic(*node)).abs() < 1e-5,
+                "{node}"
+            );
+        }
+        // n steps along each edge: 2n + 1 by n + 1 by n + 1 places, and of those that were there all are among them.
+        let n = (mesh.cell_count() / 2) as f64;
+        let n = n.cbrt().round() as usize;
+        assert_eq!(mesh.cell_count(), 2 * n.pow(3));
+        assert_eq!(mesh.nodes.len(), (2 * n + 1) * (n + 1) * (n + 1));
+        assert!(n == 4 || n == 8, "{n}");
+    }
+
+    #[test]
+    fn values_of_cells_go_to_their_parts_and_hidden_ones_stay_hidden() {
+        let mut data = dataset(two_hexahedra(0.4), |_| 0.0);
+        let of_cells = |name: &str, values| Field {
+            name: name.into(),
+            association: Association::Cells,
+            source: FieldSource::Scalar(values),
+            unit: None,
+        };
+        data.fields = vec![
+            of_cells("c", Values::F32(vec![5.0, 7.0])),
+            of_cells("vtkGhostType", Values::U8(vec![0, 32])),
+        ];
+        let (data, _) = to_first_order(data, "c", 0.01).unwrap();
+        let half = cells(&data).cell_count() / 2;
+        for (name, first, second) in [("c", 5.0, 7.0), ("vtkGhostType", 0.0, 32.0)] {
+            let (_, values) = data.scalar(name).unwrap();
+            assert_eq!(values.len(), 2 * half);
+            let is_of = |i: usize| values.get(i) == if i < half { first } else { second };
+            assert!((0..2 * half).all(is_of), "{name}");
+        }
+    }
+}

@@ -1,0 +1,404 @@
+//! The formats that are read: one table, from which recognition, the program's help, the lists in the documentation and
+//! the tests of damaged files are made.
+//!
+//! A file is what its first bytes say beyond doubt ([`Format::begins`]); or else what its name says; or else what its text
+//! or its size suggest ([`Format::resembles`]). Within each of these, the first line of the table decides.
+
+use std::path::Path;
+
+use super::file::{HEAD, Input};
+use super::time_steps::TimeStep;
+use super::{
+    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
+    plot3d, ply, pvd, raw, refused, sog, splat, spz, stl, threemf, vtk_legacy, vtk_xml,
+    vtk_xml_kinds, zip,
+};
+use crate::error::{Error, Hint, Result};
+
+/// A format that is read.
+#[derive(Debug)]
+pub struct Format {
+    /// What it is called in lists.
+    pub name: &'static str,
+    /// What its files hold.
+    pub family: Family,
+    /// The endings of its files, in lower case, without the dot before the first word: `vti`, `nii.gz`. Files with other
+    /// names are recognised, too, where their content says what they are.
+    pub endings: &'static [&'static str],
+    /// What of it is read, for people: Markdown.
+    pub reads: &'static str,
+    /// Whether the first bytes are those of this format, and of no other.
+    begins: fn(&Probe<'_>) -> bool,
+    /// Whether the name is that of this format.
+    is_named: fn(&Probe<'_>) -> bool,
+    /// Whether the first bytes, or the size, may be those of this format.
+    resembles: fn(&Probe<'_>) -> bool,
+    pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
+    /// The steps of time that a file stands for, and the files or places in it where each is.
+    pub(super) steps: Option<fn(Input<'_>) -> Result<Vec<TimeStep>>>,
+}
+
+/// What the files of a format hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Family {
+    /// Grids of scientific data.
+    Grids,
+    /// Images of scanners and simulations: samples on a lattice.
+    Volumes,
+    /// Results of simulation codes.
+    Simulations,
+    /// Particles and tables of points.
+    Particles,
+    /// Meshes.
+    Meshes,
+    /// Splats of radiance fields.
+    Splats,
+    /// Files that name others.
+    Collections,
+}
+
+impl Family {
+    /// All of them, in the order of lists.
+    pub const ALL: [Self; 7] = [
+        Self::Grids,
+        Self::Volumes,
+        Self::Simulations,
+        Self::Particles,
+        Self::Meshes,
+        Self::Splats,
+        Self::Collections,
+    ];
+
+    /// For headings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Grids => "grids",
+            Self::Volumes => "volumes",
+            Self::Simulations => "simulations",
+            Self::Particles => "particles",
+            Self::Meshes => "meshes",
+            Self::Splats => "splats",
+            Self::Collections => "collections",
+        }
+    }
+}
+
+/// What is known of a file before it is read.
+pub(super) struct Probe<'a> {
+    pub(super) input: Input<'a>,
+    /// Its first bytes.
+    pub(super) head: &'a [u8],
+    /// Its length in bytes.
+    pub(super) len: u64,
+    pub(super) options: &'a OpenOptions,
+}
+
+impl Probe<'_> {
+    /// Whether the name ends in a dot and one of these, in upper or lower case.
+    pub(super) fn ends_in(&self, endings: &[&str]) -> bool {
+        let name = self.input.path.file_name().unwrap_or_default();
+        let name = name.to_string_lossy().to_ascii_lowercase();
+        endings.iter().any(|ending| {
+            let rest = name.strip_suffix(ending);
+            rest.is_some_and(|rest| rest.ends_with('.'))
+        })
+    }
+
+    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
+        let looked_at = || {
+            let bytes = self.input.read_all().unwrap_or_default();
+            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+        };
+        // Archives of arrays may be large, and are what their name says.
+        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
+        is_archive && (self.ends_in(&[ending]) || looked_at())
+    }
+
+    /// Whether there is nothing but text in the first bytes.
+    fn is_text(&self) -> bool {
+        let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
+        !self.head.iter().any(is_control)
+    }
+}
+
+/// What most formats leave out: recognised by nothing, they say so by what they put in its place.
+const PLAIN: Format = Format {
+    name: "",
+    family: Family::Grids,
+    endings: &[],
+    reads: "",
+    begins: |_| false,
+    is_named: |_| false,
+    resembles: |_| false,
+    read: |input, _| npy::read(input),
+    steps: None,
+};
+
+/// The formats that are read, in the order in which they are looked for.
+pub fn formats() -> &'static [Format] {
+    FORMATS
+}
+
+/// The format of a file.
+///
+/// # Errors
+/// The file cannot be read, or is of none of [`formats`].
+pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
+    recognise(Input::of_file(path), options)
+}
+
+pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
+    let (head, len) = input.head(HEAD)?;
+    let probe = Probe {
+        input,
+        head: &head,
+        len,
+        options,
+    };
+    let is_named = |f: &Format| probe.ends_in(f.endings) || (f.is_named)(&probe);
+    let mut formats = FORMATS.iter();
+    let known = formats.find(|f| (f.begins)(&probe));
+    if let Some(known) = known.or_else(|| FORMATS.iter().find(|f| is_named(f))) {
+        return Ok(known);
+    }
+    if let Some(refusal) = refused::by_name(input.path, &head) {
+        return Err(refusal);
+    }
+    let similar = FORMATS.iter().find(|f| (f.resembles)(&probe));
+    similar.ok_or_else(|| {
+        let advice = Hint::ConvertOrGiveLayout;
+        Error::format(input.path, "format", names(), "none of these", advice)
+    })
+}
+
+/// What is read, in messages about what is not.
+pub(super) fn names() -> String {
+    let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+    names.join(", ")
+}
+
+static FORMATS: &[Format] = &[
+    Format {
+        name: "NPY",
+        family: Family::Particles,
+        endings: &["npy"],
+        reads: "columns of particles, of one array or named: see [tables](#tables)",
+        begins: |p| p.head.starts_with(npy::MAGIC),
+        read: |input, _| npy::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "NRRD",
+        family: Family::Volumes,
+        endings: &["nrrd", "nhdr"],
+        reads: "all types of numbers in either byte order; raw, text, hex, gzip; numbers in other files, a list or a \
+                pattern of them. See [Images with headers](#images-with-headers)",
+        begins: |p| p.head.starts_with(nrrd::MAGIC),
+        read: |input, _| nrrd::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "MetaImage",
+        family: Family::Volumes,
+        endings: &["mha", "mhd"],
+        reads: "all types of numbers in either byte order, compressed or not, with channels; numbers in other files, a \
+                list or a pattern of them",
+        begins: |p| meta_image::looks_like(p.head),
+        read: |input, _| meta_image::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "NIfTI",
+        family: Family::Volumes,
+        endings: &["nii", "nii.gz"],
+        reads: "versions 1 and 2 in either byte order, alone or as `.hdr` with `.img`; integers, floats and RGB, scaled \
+                by `scl_slope` and `scl_inter`; no complex numbers",
+        begins: |p| nifti::looks_like(p.head),
+        is_named: |p| {
+            let is_analyze = p.ends_in(&["hdr"]) && nifti::looks_like_analyze(p.head);
+            is_analyze || p.ends_in(&["img"]) && nifti::header_beside(p.input).is_some()
+        },
+        read: |input, _| nifti::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "ParaView's collections",
+        family: Family::Collections,
+        endings: &["pvd"],
+        reads: "the first time step, or with `--series` all in the order of time; the parts of one time are drawn \
+                together (`info` and `io::open` take the first). Paths are relative to the collection; another \
+                collection in it is refused",
+        begins: |p| pvd::looks_like(p.head),
+        read: pvd::read,
+        steps: Some(pvd::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "VTK XML",
+        family: Family::Grids,
+        endings: &[
+            "vti", "vtr", "vts", "vtu", "vtp", "pvti", "pvtr", "pvts", "pvtu", "pvtp",
+        ],
+        reads: "image data with Direction, rectilinear and structured grids, unstructured grids with polyhedra, \
+                polygonal data, flat cells as [surfaces](#surfaces); ascii, base64, appended base64 and raw, zlib, LZ4 \
+                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together",
+        begins: |p| vtk_xml::looks_like(p.head),
+        read: |input, options| vtk_xml_kinds::read(input, options.read_as),
+        ..PLAIN
+    },
+    Format {
+        name: "legacy VTK",
+        family: Family::Grids,
+        endings: &["vtk"],
+        reads: "versions 1 to 5, ascii and binary; structured points, rectilinear, structured and unstructured grids \
+                (polyhedra too), polygonal data, flat cells as [surfaces](#surfaces); all attributes that are numbers. \
+                Vertices and bare points become particles",
+        begins: |p| p.head.starts_with(vtk_legacy::MAGIC),
+        read: |input, options| vtk_legacy::read(input, options.read_as),
+        ..PLAIN
+    },
+    Format {
+        name: "PLY",
+        family: Family::Meshes,
+        endings: &["ply"],
+        reads: "text and binary in either byte order: meshes with faces or strips, colours and texture coordinates; \
+                splats in INRIA's layout, and PlayCanvas' compressed ones; points with columns: see \
+                [tables](#tables)",
+        begins: |p| ply::looks_like(p.head),
+        read: ply::read,
+        ..PLAIN
+    },
+    Format {
+        name: "SPZ",
+        family: Family::Splats,
+        endings: &["spz"],
+        reads: "versions 1 to 4, packed with gzip or not",
+        begins: |p| spz::looks_like(p.head),
+        read: |input, _| spz::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: ".splat",
+        family: Family::Splats,
+        endings: &["splat"],
+        reads: "records of 32 bytes",
+        read: |input, _| splat::read(input),
+        ..PLAIN
+    },
+    // Before glTF, with which it shares an `asset`, and before the other archives.
+    Format {
+        name: "SOG",
+        family: Family::Splats,
+        endings: &["sog"],
+        reads: "PlayCanvas' splats in lossless WebP images, versions 1 and 2: as the `meta.json` that names them, as the \
+                folder that holds it, or bundled in a ZIP archive",
+        begins: |p| sog::looks_like(p.input.path, p.head) || p.is_archive("sog", sog::is_archive),
+        read: |input, _| sog::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "3MF",
+        family: Family::Meshes,
+        endings: &["3mf"],
+        reads: "what is to be built, of objects and their components in their places, those of other models in the archive \
+                too; colours of base materials and colour groups, textures; no composite materials, slices or beams. \
+                Coordinates stay in the file's unit",
+        begins: |p| p.is_archive("3mf", threemf::is_archive),
+        read: |input, _| threemf::read(input),
+        ..PLAIN
+    },
+    // Before the meshes of glTF files, which may hold both.
+    Format {
+        name: "glTF splats",
+        family: Family::Splats,
+        endings: &[],
+        reads: "`.glb` and `.gltf` with `KHR_gaussian_splatting`, its drafts' names too, in floats, bytes and shorts",
+        begins: |p| gltf_splats::looks_like(p.input, p.head),
+        read: |input, options| gltf_splats::read(input, options.scales),
+        ..PLAIN
+    },
+    Format {
+        name: "glTF",
+        family: Family::Meshes,
+        endings: &["glb", "gltf"],
+        reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
+                and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
+                modes, morph targets and skins at rest",
+        begins: |p| gltf::looks_like(p.head),
+        read: |input, _| gltf::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "NPZ",
+        family: Family::Particles,
+        endings: &["npz"],
+        reads: "archives of NPY columns: see [tables](#tables)",
+        begins: |p| p.head.starts_with(zip::MAGIC),
+        read: |input, _| npz::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "HDF5 particles",
+        family: Family::Particles,
+        endings: &["h5", "hdf5"],
+        reads: "Phantom dumps; snapshots of Gadget, Gizmo, Arepo and SWIFT, whose lossy compression included \
+                (`FMantissa9` ... `DMantissa21`, `HalfFloat`, `BFloat16`, `DScale`, integers of odd widths); fields in \
+                other floating-point layouts are left out with a note. Which of their particles: \
+                [below](#types-of-particles)",
+        begins: |p| p.head.starts_with(hdf5::MAGIC),
+        read: |input, options| hdf5::read(input, options.particle_type),
+        ..PLAIN
+    },
+    Format {
+        name: "OBJ",
+        family: Family::Meshes,
+        endings: &["obj"],
+        reads: "polygons of any shape, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+                not there are left out with a note",
+        resembles: |p| obj::looks_like(p.head),
+        read: |input, options| obj::read(input, options.texture.as_deref()),
+        ..PLAIN
+    },
+    Format {
+        name: "STL",
+        family: Family::Meshes,
+        endings: &["stl"],
+        reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
+        resembles: |p| stl::looks_like(p.head, p.len),
+        read: |input, _| stl::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "CSV",
+        family: Family::Particles,
+        endings: &["csv", "tsv"],
+        reads: "columns of particles with a line of names: see [tables](#tables)",
+        begins: |p| p.is_text() && csv::names_positions(p.head),
+        // Other names, and text that names nothing: the reader says what is missing.
+        resembles: |p| p.is_text(),
+        read: |input, _| csv::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "raw volumes",
+        family: Family::Volumes,
+        endings: &["raw", "raw.gz"],
+        reads: "`--dims X,Y,Z --type u8,i16,u16,f32 --endian little,big --spacing --origin`; x fastest",
+        is_named: |p| p.options.raw.is_some(),
+        read: |input, options| raw::read(input, options.raw.as_ref()),
+        ..PLAIN
+    },
+    Format {
+        name: "PLOT3D",
+        family: Family::Grids,
+        endings: &["xyz", "x", "g", "p3d", "p3dx", "q"],
+        reads: "one or several grids, binary (f32 or f64, either byte order, with or without record marks) or text, with \
+                or without iblank, all detected, also as `.bin`; its solution (`.q`) beside it or by `--solution`. \
+                Fields: density, momentum, energy, and derived velocity magnitude, pressure, Mach",
+        resembles: |p| p.ends_in(&["bin"]) || plot3d::looks_like_grid(p.head, p.len),
+        read: |input, options| plot3d::read(input, options.solution.as_deref()),
+        ..PLAIN
+    },
+];

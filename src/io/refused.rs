@@ -1,0 +1,82 @@
+//! Formats that are recognised in order to be refused by name, each with a way out.
+
+use std::path::Path;
+
+use super::extension;
+use super::formats::names;
+use super::voxels::GZIP;
+use crate::error::{Advice, Error, Hint};
+
+/// What files begin with, at which byte; what they are; and what to do.
+const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
+    (0, b"\x89PNG", "a PNG image", IMAGE),
+    (0, b"PF\n", "a PFM image", IMAGE),
+    (0, b"\x76\x2f\x31\x01", "an EXR image", IMAGE),
+    (0, b"Kaydara FBX", "an FBX file", MESH),
+    (0, b"; FBX ", "an FBX file", MESH),
+    (0, b"PXR-USDC", "a USD file", MESH),
+    (0, b"#usda", "a USD file", MESH),
+    (
+        0,
+        b"#!TDV",
+        "a binary Tecplot file",
+        "save it as text (.dat), or as VTK XML",
+    ),
+    (
+        4,
+        b"ADF Database",
+        "a CGNS file in the old ADF container",
+        "turn it into HDF5 with adf2hdf, then into VTK XML",
+    ),
+    (
+        0,
+        b" BDV",
+        "an OpenVDB file",
+        "save its grids as NRRD or VTK XML (.vti), and its points as PLY",
+    ),
+    (
+        0,
+        b"RAD0",
+        "splats in .rad",
+        "save them as SPZ or PLY with the program that wrote them",
+    ),
+];
+
+/// Endings of files that say nothing in their first bytes.
+const ENDINGS: &[(&str, &str, &str)] = &[
+    (
+        "lcc",
+        "splats in LCC",
+        "save them as SPZ or PLY with the program that wrote them",
+    ),
+    ("fbx", "an FBX file", MESH),
+    ("usd", "a USD file", MESH),
+    ("usda", "a USD file", MESH),
+    ("usdc", "a USD file", MESH),
+    ("usdz", "a USD file", MESH),
+];
+
+const IMAGE: &str = "an image holds no volume: give a data file";
+const MESH: &str = "save it as glTF (.glb)";
+
+/// Why a file that begins with `head` is not read, where it is known what it is.
+pub(super) fn by_name(path: &Path, head: &[u8]) -> Option<Error> {
+    let begins = |(at, start, ..): &&(usize, &[u8], &str, &str)| {
+        head.get(*at..).is_some_and(|rest| rest.starts_with(start))
+    };
+    let refuse = |name: &str, advice: Advice| {
+        let found = format!("{name}, which is not read");
+        Some(Error::format(path, "format", names(), found, advice))
+    };
+    if let Some((_, _, name, advice)) = BEGINNINGS.iter().find(begins) {
+        return refuse(name, (*advice).into());
+    }
+    let ending = extension(path);
+    if let Some((_, name, advice)) = ENDINGS.iter().find(|(known, ..)| *known == ending) {
+        return refuse(name, (*advice).into());
+    }
+    match head.starts_with(GZIP) {
+        true => refuse("a gzip archive", Hint::UnpackOrGiveLayout.into()),
+        false => None,
+    }
+}

@@ -1,0 +1,91 @@
+//! Steps of time: what one file or several hold of one thing at one time.
+
+use std::path::{Path, PathBuf};
+
+use super::file::Input;
+use super::formats::Format;
+use crate::error::{Error, Result};
+
+/// A step of time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeStep {
+    /// Its time, in the unit of whoever wrote it; `None` where the file states none.
+    pub time: Option<f64>,
+    /// What is drawn together of it, at least one.
+    pub parts: Vec<Part>,
+}
+
+/// A file, or one step of a file that holds several.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// A path that can be opened from where the file that names it can.
+    pub path: PathBuf,
+    /// What [`OpenOptions::time_step`] is to be.
+    pub time_step: Option<usize>,
+}
+
+impl Part {
+    /// The whole of a file.
+    pub(super) fn file(path: PathBuf) -> Self {
+        Self {
+            path,
+            time_step: None,
+        }
+    }
+}
+
+impl Format {
+    /// The steps of time that a file of this format stands for, in their order, at least one: those of a collection, those
+    /// in the file, or the file itself. Files that it names are not looked for.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or breaks its format's rules.
+    pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
+        match self.steps {
+            Some(steps) => steps(Input::of_file(path)),
+            None => Ok(vec![TimeStep {
+                time: None,
+                parts: vec![Part::file(path.to_path_buf())],
+            }]),
+        }
+    }
+}
+
+/// The steps of a file that holds them itself, one for each of `times`.
+pub(super) fn of_file(path: &Path, times: &[f64]) -> Vec<TimeStep> {
+    let step = |(i, &time): (usize, &f64)| TimeStep {
+        time: Some(time),
+        parts: vec![Part {
+            path: path.to_path_buf(),
+            time_step: Some(i),
+        }],
+    };
+    times.iter().enumerate().map(step).collect()
+}
+
+/// Which of `times` is meant, and a note where nobody said.
+///
+/// # Errors
+/// A step that is not there.
+pub(super) fn chosen(
+    path: &Path,
+    times: &[f64],
+    time_step: Option<usize>,
+) -> Result<(usize, Option<String>)> {
+    let step = time_step.unwrap_or(0);
+    if step > 0 && step >= times.len() {
+        return Err(Error::format(
+            path,
+            "time step",
+            format!("one of {}, counted from 0", times.len()),
+            step.to_string(),
+            "name one that is there",
+        ));
+    }
+    let is_said = time_step.is_some() || times.len() < 2;
+    let note = (!is_said).then(|| {
+        let (count, time) = (times.len(), times[0]);
+        format!("The first of {count} time steps, of time {time}.")
+    });
+    Ok((step, note))
+}
