@@ -160,6 +160,16 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         for _ in 0..8 {
             seeds.push(("c.gltf".into(), picture.text()));
         }
+        for name in ["gradient_etc1s.ktx2", "gradient_uastc.ktx2"] {
+            let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(fixtures.join(name)).unwrap();
+            picture.json["images"][0] = serde_json::json!({
+                "uri": format!("data:image/ktx2;base64,{}", STANDARD.encode(bytes)),
+            });
+            for _ in 0..4 {
+                seeds.push(("c.gltf".into(), picture.text()));
+            }
+        }
         let mut image = rich_gltf();
         image.json["images"][0] = serde_json::json!({
             "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),
