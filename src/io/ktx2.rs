@@ -147,7 +147,7 @@ fn etc1s(
         let start = number(TABLES + part);
         let length = number(TABLES + part + 4);
         let end = start.zip(length).and_then(|(a, b)| a.checked_add(b));
-        if !end.is_some_and(|end| end <= level.len()) {
+        if end.is_none_or(|end| end > level.len()) {
             return Err(wrong);
         }
     }

@@ -162,7 +162,7 @@ impl Meta {
         let harmonics = match &stated.harmonics {
             None => None,
             Some(of) => {
-                if is_coded && !of.bands.is_some_and(|bands| bands <= 3) {
+                if is_coded && of.bands.is_none_or(|bands| bands > 3) {
                     let found = of.bands.map_or("nothing".into(), |bands| bands.to_string());
                     return Err(fault("`shN.bands`", "0 to 3", found));
                 }
