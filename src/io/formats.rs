@@ -10,8 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, splat, spz, stl, vtk_collection,
-    vtk_legacy, vtk_xml, vtk_xml_kinds,
+    obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, threemf,
+    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -106,6 +106,17 @@ impl Probe<'_> {
             let rest = name.strip_suffix(ending);
             rest.is_some_and(|rest| rest.ends_with('.'))
         })
+    }
+
+    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
+        let looked_at = || {
+            let bytes = self.input.read_all().unwrap_or_default();
+            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+        };
+        // Archives of arrays may be large, and are what their name says.
+        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
+        is_archive && (self.ends_in(&[ending]) || looked_at())
     }
 
     /// Whether there is nothing but text in the first bytes.
@@ -294,6 +305,28 @@ static FORMATS: &[Format] = &[
         read: |input, _| splat::read(input),
         ..PLAIN
     },
+    // Before glTF, with which it shares an `asset`, and before the other archives.
+    Format {
+        name: "SOG",
+        family: Family::Splats,
+        endings: &["sog"],
+        reads: "PlayCanvas' splats in lossless WebP images, versions 1 and 2: as the `meta.json` that names them, as the \
+                folder that holds it, or bundled in a ZIP archive",
+        begins: |p| sog::looks_like(p.input.path, p.head) || p.is_archive("sog", sog::is_archive),
+        read: |input, _| sog::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "3MF",
+        family: Family::Meshes,
+        endings: &["3mf"],
+        reads: "what is to be built, of objects and their components in their places, those of other models in the archive \
+                too; colours of base materials and colour groups, textures; no composite materials, slices or beams. \
+                Coordinates stay in the file's unit",
+        begins: |p| p.is_archive("3mf", threemf::is_archive),
+        read: |input, _| threemf::read(input),
+        ..PLAIN
+    },
     // Before the meshes of glTF files, which may hold both.
     Format {
         name: "KSPLAT",
@@ -318,8 +351,8 @@ static FORMATS: &[Format] = &[
         family: Family::Meshes,
         endings: &["glb", "gltf"],
         reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
-                and emissive textures (PNG, JPEG) with `KHR_texture_transform`, alpha modes, morph targets and skins at \
-                rest",
+                and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
+                modes, morph targets and skins at rest",
         begins: |p| gltf::looks_like(p.head),
         read: |input, _| gltf::read(input),
         ..PLAIN
@@ -329,7 +362,7 @@ static FORMATS: &[Format] = &[
         family: Family::Particles,
         endings: &["npz"],
         reads: "archives of NPY columns: see [tables](#tables)",
-        begins: |p| p.head.starts_with(npz::MAGIC),
+        begins: |p| p.head.starts_with(zip::MAGIC),
         read: |input, _| npz::read(input),
         ..PLAIN
     },
@@ -373,7 +406,8 @@ static FORMATS: &[Format] = &[
         name: "OBJ",
         family: Family::Meshes,
         endings: &["obj"],
-        reads: "polygons of any shape, MTL, `--texture FILE` where it names none",
+        reads: "polygons of any shape, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+                not there are left out with a note",
         resembles: |p| obj::looks_like(p.head),
         read: |input, options| obj::read(input, options.texture.as_deref()),
         ..PLAIN

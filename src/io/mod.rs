@@ -27,6 +27,8 @@ mod hdf5;
 mod image_file;
 mod image_header;
 mod ksplat;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod log_scales;
 mod mesh;
 mod mesh_part;
@@ -56,6 +58,7 @@ mod samples;
 mod scalars;
 mod shape_columns;
 mod smoothing;
+mod sog;
 mod splat;
 mod splat_axes;
 mod splats;
@@ -64,6 +67,7 @@ mod spz_write;
 mod stl;
 mod table;
 mod texture;
+mod threemf;
 mod time_steps;
 mod unit;
 mod up;
@@ -168,7 +172,8 @@ pub enum ReadAs {
 /// Reads a data file.
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
-/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests.
+/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
+/// that of a SOG scene, for its `meta.json`.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -179,14 +184,17 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 
 /// Of a folder that is a data set the file in it that is opened, of all else the path itself.
 pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
-    if path.is_dir() {
-        let header = path.join(plotfile::HEADER);
-        let head = Input::of_file(&header).head(HEAD);
-        if head.is_ok_and(|(head, _)| plotfile::looks_like(&head)) {
-            return Cow::Owned(header);
-        }
-    }
-    Cow::Borrowed(path)
+    let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
+        let file = path.join(name);
+        let head = Input::of_file(&file).head(HEAD);
+        let is_so = head.is_ok_and(|(head, _)| is_so(&file, &head));
+        is_so.then_some(file)
+    };
+    let file = path.is_dir().then(|| {
+        let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
+        plotfile().or_else(|| stands_in(sog::META, &sog::looks_like))
+    });
+    file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -9,7 +9,9 @@ pub(crate) mod meshes;
 pub(crate) mod nifti;
 pub(crate) mod raytrace;
 pub(crate) mod seeds;
+pub(crate) mod sog;
 pub(crate) mod splats;
+pub(crate) mod threemf;
 pub(crate) mod vtk_legacy;
 
 use std::io::Write;

@@ -8,10 +8,12 @@ use base64::engine::general_purpose::STANDARD;
 use super::amr;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
     splat_records, spz, spz_streams, stored,
 };
+use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
 
@@ -152,6 +154,35 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                     let stream = spz(2, 0, &some_splats(3, degree));
                     seeds.push(("c.glb".into(), glb_packed(&stream)));
                 }
+            }
+        }
+        for degree in 0..3 {
+            for version in [1, 2] {
+                for packed in [false, true] {
+                    let file = sog::archive(version, &some_splats(5, degree), packed);
+                    seeds.push(("a.sog".into(), file));
+                }
+            }
+        }
+        for _ in 0..4 {
+            seeds.push(("a.3mf".into(), threemf::rich()));
+        }
+        let mut picture = rich_gltf();
+        let pixels: Vec<[u8; 4]> = (0..64_u8).map(|i| [4 * i, 255 - i, i, 255]).collect();
+        picture.json["images"][0] = serde_json::json!({
+            "uri": format!("data:image/webp;base64,{}", STANDARD.encode(sog::webp(8, &pixels))),
+        });
+        for _ in 0..8 {
+            seeds.push(("c.gltf".into(), picture.text()));
+        }
+        for name in ["gradient_etc1s.ktx2", "gradient_uastc.ktx2"] {
+            let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(fixtures.join(name)).unwrap();
+            picture.json["images"][0] = serde_json::json!({
+                "uri": format!("data:image/ktx2;base64,{}", STANDARD.encode(bytes)),
+            });
+            for _ in 0..4 {
+                seeds.push(("c.gltf".into(), picture.text()));
             }
         }
         let mut image = rich_gltf();

@@ -49,7 +49,7 @@ impl Input {
         }
     }
 
-    /// A file as it is.
+    /// A file as it is; of a folder with a SOG scene, the file that names the others.
     pub(crate) fn file(path: PathBuf) -> Self {
         Self {
             path,
