@@ -29,6 +29,7 @@ mod nrrd;
 mod particles;
 mod public_data;
 mod readers;
+mod refused;
 mod ripple;
 mod sampling;
 mod sog;
