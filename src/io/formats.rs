@@ -7,6 +7,8 @@
 use std::path::Path;
 
 use super::file::{HEAD, Input};
+#[cfg(feature = "netcdf")]
+use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
@@ -303,6 +305,19 @@ static FORMATS: &[Format] = &[
         reads: "archives of NPY columns: see [tables](#tables)",
         begins: |p| p.head.starts_with(npz::MAGIC),
         read: |input, _| npz::read(input),
+        ..PLAIN
+    },
+    // Before the particles of HDF5 files, which netCDF-4 files are, too.
+    #[cfg(feature = "netcdf")]
+    Format {
+        name: "netCDF",
+        family: Family::Grids,
+        endings: netcdf::ENDINGS,
+        reads: "Exodus II: blocks of elements of all types, nodal and element variables; variables whose names end in X, Y \
+                and Z are vectors",
+        begins: |p| netcdf::looks_like(p.head, p.ends_in(netcdf::ENDINGS)),
+        read: |input, options| netcdf::read(input, options.time_step, options.read_as),
+        steps: Some(netcdf::steps),
         ..PLAIN
     },
     Format {

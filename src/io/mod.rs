@@ -28,6 +28,8 @@ mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+#[cfg(feature = "netcdf")]
+mod netcdf;
 mod nifti;
 mod npy;
 mod npz;
