@@ -313,8 +313,9 @@ static FORMATS: &[Format] = &[
         name: "netCDF",
         family: Family::Grids,
         endings: netcdf::ENDINGS,
-        reads: "Exodus II: blocks of elements of all types, nodal and element variables; variables whose names end in X, Y \
-                and Z are vectors",
+        reads: "classic, 64-bit, CDF-5 and netCDF-4 files. Exodus II: blocks of elements, nodal and element variables, \
+                those whose names end in X, Y and Z as vectors. Grids by CF, ROMS and NEMO: see \
+                [grids of the earth](#grids-of-the-earth)",
         begins: |p| netcdf::looks_like(p.head, p.ends_in(netcdf::ENDINGS)),
         read: |input, options| netcdf::read(input, options.time_step, options.read_as),
         steps: Some(netcdf::steps),

@@ -12,8 +12,11 @@
 //! HDF5 by the same crate as snapshots of particles are read by, with the same limits. A file of HDF5 is taken for
 //! netCDF-4 by its name, or by the attribute `_NCProperties` that the netCDF library writes into the first bytes.
 
+mod axis;
 mod elements;
 mod exodus;
+mod grid;
+mod place;
 
 use std::cell::Cell;
 use std::path::Path;
@@ -39,6 +42,10 @@ const MOST_INFLATION: usize = 32;
 /// ... and so many bytes more, for files so small that the ratio says nothing.
 const SMALL: usize = 16 << 20;
 
+/// What the netCDF library puts where nothing was written, in single and in double precision.
+const NEVER_WRITTEN: f32 = 9.969_21e36;
+const NEVER_WRITTEN_DOUBLE: f64 = 9.969_209_968_386_869e36;
+
 /// What to do about a file that breaks the rules.
 const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
@@ -62,7 +69,10 @@ pub(super) fn read(
     read_as: Option<ReadAs>,
 ) -> Result<Dataset> {
     let file = NetcdfFile::open(input)?;
-    exodus::read(&file, time_step, read_as)
+    match exodus::is_exodus(&file)? {
+        true => exodus::read(&file, time_step, read_as),
+        false => grid::read(&file, time_step),
+    }
 }
 
 /// The steps of time in the file.
@@ -71,7 +81,10 @@ pub(super) fn read(
 /// As [`read`].
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let file = NetcdfFile::open(input)?;
-    let times = exodus::times(&file)?;
+    let times = match exodus::is_exodus(&file)? {
+        true => exodus::times(&file)?,
+        false => grid::times(&file)?,
+    };
     Ok(time_steps::of_file(input.path, &times))
 }
 
@@ -182,6 +195,30 @@ impl<'a> NetcdfFile<'a> {
             .read_variable_slice(variable.name(), &part)
             .map(|array| Values::F32(array.into_raw_vec_and_offset().0))
             .map_err(|e| broken(self.path, &place(variable), &e))
+    }
+
+    /// As [`NetcdfFile::doubles`], scaled and with NaN for what is missing, as the attributes say.
+    fn unpacked_doubles(&self, variable: &NcVariable, at: &[usize]) -> Result<Vec<f64>> {
+        let part = self.part(variable, at, size_of::<f64>())?;
+        let array = self
+            .file
+            .read_variable_slice_unpacked_masked(variable.name(), &part)
+            .map_err(|e| broken(self.path, &place(variable), &e))?;
+        let mut numbers = array.into_raw_vec_and_offset().0;
+        let fill = match variable.dtype() {
+            NcType::Float => f64::from(NEVER_WRITTEN),
+            _ => NEVER_WRITTEN_DOUBLE,
+        };
+        for number in numbers.iter_mut().filter(|x| **x == fill) {
+            *number = f64::NAN;
+        }
+        Ok(numbers)
+    }
+
+    /// As [`NetcdfFile::unpacked_doubles`], as fields hold them.
+    fn unpacked(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
+        let numbers = self.unpacked_doubles(variable, at)?;
+        Ok(Values::F32(numbers.into_iter().map(narrow).collect()))
     }
 
     /// The texts of a variable of characters, without what fills them up.
