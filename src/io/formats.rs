@@ -11,8 +11,8 @@ use super::file::{HEAD, Input};
 use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd, obj,
-    plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    Dataset, OpenOptions, csv, ensight, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd,
+    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -331,6 +331,19 @@ static FORMATS: &[Format] = &[
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
         read: |input, options| hdf5::read(input, options.particle_type),
+        ..PLAIN
+    },
+    Format {
+        name: "EnSight Gold",
+        family: Family::Grids,
+        endings: &["case"],
+        reads: "the case file with its geometry and variables: text, C and Fortran binary in either byte order; elements of \
+                all types, polygons and polyhedra, blocks (uniform, rectilinear, curvilinear, with iblank); scalars, vectors, \
+                tensors by components and complex numbers of nodes and elements; time and file sets, several steps in \
+                one file. EnSight 6 is refused by name",
+        begins: |p| ensight::looks_like(p.head),
+        read: |input, options| ensight::read(input, options.time_step, options.read_as),
+        steps: Some(ensight::steps),
         ..PLAIN
     },
     Format {

@@ -15,6 +15,7 @@ mod csv;
 mod dataset;
 mod element;
 mod encoded_splats;
+mod ensight;
 mod file;
 mod first_order;
 mod formats;
