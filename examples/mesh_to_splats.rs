@@ -83,7 +83,12 @@ fn main() -> ewa_splat::Result<()> {
         ("splats.glb", io::PlyForm::Volumetric),
     ] {
         let file = folder.join(name);
-        let written = io::write_splats(&file, &cloud, form)?;
+        // The camera stays where it is, and so do the splats: nothing says which way up they are.
+        let options = io::SplatFileOptions {
+            form,
+            ..Default::default()
+        };
+        let written = io::write_splats(&file, &cloud, &options)?;
         let again = io::open(&file, &io::OpenOptions::default())?;
         let volume = sample::volume(again, &SampleOptions::default())?.volume;
         let mut splats = Renderer::with_backend(vec![volume], Backend::Cpu)?;

@@ -9,12 +9,8 @@ use crate::error::{Error, Result};
 use crate::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh, SplatCloud,
 };
-use crate::math::HarmonicsTransform;
+use crate::math::rotation_matrix;
 use crate::scene::{Lattice, LatticeSpacing, Values};
-
-/// How far an element of a rotation matrix may be from 0 or 1 to be that: quarter turns by quaternions of f64 are off
-/// by some 4e-16.
-const SNAP: f64 = 1e-14;
 
 /// Where data go: about the origin resized, then turned, then moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,14 +42,7 @@ impl Placement {
 
     /// The rotation; exact where it takes axes to axes.
     fn matrix(&self) -> DMat3 {
-        let matrix = DMat3::from_quat(self.rotation.normalize());
-        let near = |x: f64| (x - x.round()).abs() <= SNAP;
-        if matrix.to_cols_array().into_iter().all(near) {
-            // Zeros without a sign.
-            DMat3::from_cols_array(&matrix.to_cols_array().map(|x| x.round() + 0.0))
-        } else {
-            matrix
-        }
+        rotation_matrix(self.rotation)
     }
 
     fn validate(&self) -> Result<()> {
@@ -124,8 +113,8 @@ pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
             columns::place(&mut dataset, placement.size, rotation);
         }
         Geometry::Splats(cloud) => {
-            to(&mut cloud.positions);
-            place_splats(cloud, placement.size, rotation);
+            cloud.turn(placement.rotation.normalize());
+            place_splats(cloud, placement);
         }
         Geometry::Mesh(mesh) => {
             mesh.parts.iter_mut().for_each(|p| to(&mut p.positions));
@@ -246,26 +235,12 @@ fn turned_axes(rotation: DMat3, dims: [usize; 3]) -> Turned {
     }
 }
 
-fn place_splats(cloud: &mut SplatCloud, size: f64, rotation: DMat3) {
+fn place_splats(cloud: &mut SplatCloud, placement: &Placement) {
+    for position in &mut cloud.positions {
+        *position = placement.size * *position + placement.translation;
+    }
     for scale in cloud.scales.as_flattened_mut() {
-        *scale = narrowed(f64::from(*scale) * size);
-    }
-    if rotation == DMat3::IDENTITY {
-        return;
-    }
-    let by = DQuat::from_mat3(&rotation);
-    for quaternion in &mut cloud.rotations {
-        let [w, x, y, z] = quaternion.map(f64::from);
-        let q = by * DQuat::from_xyzw(x, y, z, w);
-        *quaternion = [q.w, q.x, q.y, q.z].map(narrowed);
-    }
-    if cloud.harmonics_degree > 0 {
-        let transform = HarmonicsTransform::new(rotation.transpose());
-        let stride = cloud.harmonics_stride();
-        cloud
-            .harmonics
-            .par_chunks_mut(stride)
-            .for_each(|coefficients| transform.apply(coefficients));
+        *scale = narrowed(f64::from(*scale) * placement.size);
     }
 }
 

@@ -13,6 +13,28 @@ pub enum PlyForm {
     Surfels,
 }
 
+/// Which version of SPZ is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SpzVersion {
+    /// One gzip stream: what more viewers read.
+    #[default]
+    Three,
+    /// A zstd stream for each array, which those made before it refuse.
+    Four,
+}
+
+/// What a file of splats is to be, beyond what its name says.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SplatFileOptions {
+    /// Which of PLY's forms; of other formats volumetric.
+    pub form: PlyForm,
+    /// The version of an SPZ file; of other formats `None`.
+    pub spz_version: Option<SpzVersion>,
+    /// What points up among the splats, a unit vector ([`Up::of_scene`](super::Up::of_scene)): they are turned so that this is up in
+    /// the file, as [`SplatAxes`](super::SplatAxes) has it. Without it they keep the coordinates that readers give.
+    pub up: Option<DVec3>,
+}
+
 /// A file's bytes before they are written.
 pub(super) struct Encoded {
     pub(super) bytes: Vec<u8>,

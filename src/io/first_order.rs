@@ -1,8 +1,9 @@
 //! Cells of higher order, cut so finely that cells of first order say the same of one field.
 
-use super::element::{Subdivision, steps};
+use super::element::{Element, Subdivision, steps};
 use super::{Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
+use crate::scene::Values;
 
 /// Whether there are solid cells of higher order.
 pub(crate) fn is_of_higher_order(mesh: &CellMesh) -> bool {
@@ -80,6 +81,57 @@ pub(crate) fn to_first_order(
     Ok((dataset, count))
 }
 
+/// How far a surface may be from what its elements say, as a share of their size.
+const SURFACE_SLACK: f64 = 0.01;
+
+/// Flat cells with those of higher order cut, and all fields with them. They are cut as finely as their nodes lie at least, so
+/// that no value is lost.
+pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (CellMesh, Vec<Field>) {
+    let count = mesh.cell_count();
+    let is_known = |i: usize| {
+        let kind = mesh.kinds[i];
+        kind.is_of_higher_order() && Element::of(kind, mesh.cell(i).len()).is_some()
+    };
+    if !(0..count).any(is_known) {
+        return (mesh, fields);
+    }
+    let steps = steps(&mesh, None, SURFACE_SLACK).max(2);
+    let Some(cut) = Subdivision::new(&mesh, steps) else {
+        return (mesh, fields);
+    };
+    let of_cut = |mut field: Field| {
+        let expected = match field.association {
+            Association::Nodes => mesh.nodes.len(),
+            Association::Cells => count,
+        };
+        let arrays = match &mut field.source {
+            FieldSource::Scalar(values) => std::slice::from_mut(values),
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => return None,
+        };
+        if arrays.iter().any(|values| values.len() != expected) {
+            return None;
+        }
+        for values in arrays {
+            let is_bytes = matches!(values, Values::U8(_));
+            *values = cut.values(field.association, values);
+            // Bytes of three or four components are colours by being bytes.
+            if let (true, Values::F32(numbers)) = (is_bytes, &*values) {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "casts saturate"
+                )]
+                let byte = |x: &f32| x.round() as u8;
+                *values = Values::U8(numbers.iter().map(byte).collect());
+            }
+        }
+        Some(field)
+    };
+    let fields = fields.into_iter().filter_map(of_cut).collect();
+    (cut.mesh, fields)
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -88,7 +140,6 @@ mod tests {
 
     use super::*;
     use crate::io::CellKind;
-    use crate::scene::Values;
 
     /// Two quadratic hexahedra of 20 nodes beside each other, the second with its edges at x = 2 bent outwards by `bulge`.
     fn two_hexahedra(bulge: f64) -> CellMesh {
@@ -192,11 +243,12 @@ mod tests {
             );
         }
         // n steps along each edge: 2n + 1 by n + 1 by n + 1 places, and of those that were there all are among them.
-        let n = (mesh.cell_count() / 2) as f64;
-        let n = n.cbrt().round() as usize;
-        assert_eq!(mesh.cell_count(), 2 * n.pow(3));
+        let of_cell = mesh.cell_count() / 2;
+        let n = [4_usize, 8]
+            .into_iter()
+            .find(|n| n.pow(3) == of_cell)
+            .unwrap();
         assert_eq!(mesh.nodes.len(), (2 * n + 1) * (n + 1) * (n + 1));
-        assert!(n == 4 || n == 8, "{n}");
     }
 
     #[test]

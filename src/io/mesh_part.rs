@@ -51,11 +51,22 @@ pub(crate) fn cross(part: &MeshPart, triangle: [u32; 3]) -> Option<DVec3> {
     Some((b - a).cross(c - a)).filter(|n| n.is_finite() && a.is_finite())
 }
 
+/// What is left of a part, by its numbers before.
+#[derive(Debug)]
+pub(crate) struct Kept {
+    /// Corners; all where it is empty.
+    pub(crate) corners: Vec<u32>,
+    pub(crate) triangles: Vec<u32>,
+}
+
 /// Leaves out triangles that cannot be shown and corners that none uses, and makes the rest
 /// what [`MeshPart`] promises. Indices are in range.
-pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) {
+pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) -> Kept {
     let mut triangles = std::mem::take(&mut part.triangles);
+    let mut kept = Vec::new();
+    let mut numbers = 0_u32..;
     triangles.retain(|&triangle| {
+        let number = numbers.next();
         let [a, b, c] = triangle.map(|i| part.positions[i as usize]);
         let Some(normal) = cross(part, triangle) else {
             left_out.non_finite += 1;
@@ -67,10 +78,11 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) {
             .max((c - b).length_squared());
         let is_kept = normal.length() > FLAT * longest;
         left_out.zero_area += usize::from(!is_kept);
+        kept.extend(number.filter(|_| is_kept));
         is_kept
     });
     part.triangles = triangles;
-    leave_out_unused(part);
+    let corners = leave_out_unused(part);
     for set in &mut part.texture_coordinates {
         for uv in set.iter_mut().filter(|uv| !uv.is_finite()) {
             *uv = Vec2::ZERO;
@@ -84,16 +96,20 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) {
         }
     }
     unit_normals(part);
+    Kept {
+        corners,
+        triangles: kept,
+    }
 }
 
-/// Leaves out corners that no triangle uses. Indices are in range.
-pub(crate) fn leave_out_unused(part: &mut MeshPart) {
+/// Leaves out corners that no triangle uses; those that are left, or none where all are. Indices are in range.
+pub(crate) fn leave_out_unused(part: &mut MeshPart) -> Vec<u32> {
     let mut is_used = vec![false; part.positions.len()];
     for &i in part.triangles.as_flattened() {
         is_used[i as usize] = true;
     }
     if is_used.iter().all(|is| *is) {
-        return;
+        return Vec::new();
     }
     fn keep<T>(items: &mut Vec<T>, is_used: &[bool]) {
         let mut used = is_used.iter();
@@ -117,6 +133,8 @@ pub(crate) fn leave_out_unused(part: &mut MeshPart) {
     for set in &mut part.texture_coordinates {
         keep(set, &is_used);
     }
+    let used = (0..).zip(&is_used).filter(|(_, is)| **is);
+    used.map(|(i, _)| i).collect()
 }
 
 /// Normals of unit length; one that has no direction is taken from its triangles.

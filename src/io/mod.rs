@@ -5,6 +5,7 @@
 //! claims against the bytes that are there before it allocates, and every writer writes to a
 //! temporary file that is renamed when complete.
 
+mod amr;
 mod atomic;
 mod blanking;
 mod cells;
@@ -21,10 +22,14 @@ mod first_order;
 mod formats;
 mod gltf;
 mod gltf_splats;
+mod half;
 mod handedness;
 mod hdf5;
 mod image_file;
 mod image_header;
+mod ksplat;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod log_scales;
 mod mesh;
 mod mesh_part;
@@ -38,11 +43,13 @@ mod nrrd;
 mod obj;
 mod particle_type;
 mod plot3d;
+mod plotfile;
 mod ply;
 mod ply_body;
 mod ply_header;
 mod ply_mesh;
 mod ply_packed;
+mod ply_packed_write;
 mod ply_splats;
 mod ply_table;
 mod polygons;
@@ -54,20 +61,25 @@ mod samples;
 mod scalars;
 mod shape_columns;
 mod smoothing;
+mod sog;
 mod splat;
+mod splat_axes;
 mod splats;
 mod spz;
 mod spz_write;
 mod stl;
 mod table;
 mod texture;
+mod threemf;
 mod time_steps;
 mod unit;
 mod up;
 mod voxels;
 mod vti;
+mod vtk_amr;
 mod vtk_array;
 mod vtk_codec;
+mod vtk_collection;
 mod vtk_extent;
 mod vtk_grid;
 mod vtk_legacy;
@@ -80,9 +92,11 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod vtu_write;
 mod write_splats;
 mod zip;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
@@ -91,7 +105,7 @@ pub use cells::{CellKind, CellMesh};
 pub use column_file::{column_colours, column_picture, write_column};
 pub use count_file::write_count;
 pub use dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
-pub use encoded_splats::PlyForm;
+pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
 pub(crate) use first_order::{is_of_higher_order, to_first_order};
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
@@ -109,6 +123,7 @@ pub(crate) use polyhedron::polyhedron_faces;
 pub use raw::{RawLayout, RawType};
 pub(crate) use shape_columns::{LENGTHS, SCALES, VARIANCE};
 pub use smoothing::{LengthMeaning, Smoothing, SphKernel};
+pub use splat_axes::SplatAxes;
 pub use splats::SplatCloud;
 pub(crate) use splats::constant_of_colour;
 pub use time_steps::{Part, TimeStep};
@@ -118,7 +133,7 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
@@ -161,12 +176,29 @@ pub enum ReadAs {
 /// Reads a data file.
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
-/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests.
+/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
+/// that of a SOG scene, for its `meta.json`.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    read_input(Input::of_file(path), options)
+    let path = of_folder(path);
+    read_input(Input::of_file(&path), options)
+}
+
+/// Of a folder that is a data set the file in it that is opened, of all else the path itself.
+pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
+        let file = path.join(name);
+        let head = Input::of_file(&file).head(HEAD);
+        let is_so = head.is_ok_and(|(head, _)| is_so(&file, &head));
+        is_so.then_some(file)
+    };
+    let file = path.is_dir().then(|| {
+        let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
+        plotfile().or_else(|| stands_in(sog::META, &sog::looks_like))
+    });
+    file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -11,7 +11,7 @@
 //! | | `packed_color` | R, G, B as shares of the chunk's box, the peak opacity; 8 bits each |
 //! | `sh` | `f_rest_0..` | the other harmonics, in PLY's order: bytes, -4 to 4 |
 //!
-//! A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
+//! `ply_packed_write.rs` writes it. A colour is 1/2 + .28209479 c of the constant harmonic's coefficient c, as in .splat files.
 
 use std::f64::consts::SQRT_2;
 use std::path::Path;
@@ -30,10 +30,10 @@ use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
 const FORMAT: &str = "compressed PLY splats";
 
 /// Splats of a chunk; the last one has fewer.
-const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
 
 /// The least and the greatest of three numbers, by the middle of their names.
-const BOXES: [[&str; 6]; 3] = [
+pub(super) const BOXES: [[&str; 6]; 3] = [
     ["min_x", "min_y", "min_z", "max_x", "max_y", "max_z"],
     [
         "min_scale_x",

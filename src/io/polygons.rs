@@ -36,7 +36,19 @@ pub(crate) fn triangles(
     positions: &[DVec3],
     approximate: &mut usize,
 ) -> Vec<[u32; 3]> {
+    triangles_with(indices, ends, positions, approximate, |_| ())
+}
+
+/// As [`triangles`]; `of_polygon` is told how many each polygon has become, in their order.
+pub(crate) fn triangles_with(
+    indices: &[u32],
+    ends: &[usize],
+    positions: &[DVec3],
+    approximate: &mut usize,
+    mut of_polygon: impl FnMut(usize),
+) -> Vec<[u32; 3]> {
     if ends.iter().enumerate().all(|(i, end)| *end == 3 * (i + 1)) {
+        ends.iter().for_each(|_| of_polygon(1));
         return indices.as_chunks::<3>().0.to_vec();
     }
     let mut triangles: Vec<[u32; 3]> = Vec::new();
@@ -53,6 +65,7 @@ pub(crate) fn triangles(
         if face.len() < 3 {
             // Left out and counted with the others that have no area.
             triangles.extend(face.first().map(|&i| [i; 3]));
+            of_polygon(usize::from(!face.is_empty()));
             continue;
         }
         corners.clear();
@@ -62,6 +75,7 @@ pub(crate) fn triangles(
             *approximate += 1;
         }
         triangles.extend(local.iter().map(|t: &[usize; 3]| t.map(|i| face[i])));
+        of_polygon(local.len());
     }
     triangles
 }

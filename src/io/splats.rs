@@ -1,19 +1,16 @@
-//! Splats as radiance fields store them: what PLY, .splat and SPZ files share.
-//!
-//! # Axes
-//!
-//! None of the formats states its axes. Those of the training scenes are x right, y down,
-//! z forward (COLMAP's), and PLY and .splat files usually hold them; both are taken as they are.
-//! SPZ files hold x right, y up, z back by convention and are turned to the axes of the others,
-//! so that one scene in three formats lies in one place.
+//! Splats as radiance fields store them: what their formats share. `splat_axes.rs` has the axes of each.
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
 
 use super::dataset::{Dataset, Field, Geometry};
+use super::scalars::narrow;
 use crate::error::{Error, Result};
-use crate::math::{HARMONIC_0, MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::math::{
+    HARMONIC_0, HarmonicsTransform, MAX_HARMONICS_DEGREE, harmonics_count, rotation_matrix,
+};
 
 /// Anisotropic Gaussians with a peak opacity and a colour each. Their opacity on the image is
 /// peak x exp(-Q/2), the same from every side: not the optical depth of a volume.
@@ -102,6 +99,29 @@ impl SplatCloud {
         self.rotations.append(&mut other.rotations);
         self.opacities.append(&mut other.opacities);
         self.harmonics.append(&mut other.harmonics);
+    }
+
+    /// Turns all splats about the origin: positions, rotations and harmonics.
+    ///
+    /// - `rotation`: of unit length. Turns that take axes to axes are exact in positions, half turns in all numbers.
+    pub(crate) fn turn(&mut self, rotation: DQuat) {
+        let matrix = rotation_matrix(rotation);
+        if matrix == DMat3::IDENTITY {
+            return;
+        }
+        let place = |position: &mut DVec3| *position = matrix * *position;
+        self.positions.par_iter_mut().for_each(place);
+        for quaternion in &mut self.rotations {
+            let [w, x, y, z] = quaternion.map(f64::from);
+            let q = rotation * DQuat::from_xyzw(x, y, z, w);
+            *quaternion = [q.w, q.x, q.y, q.z].map(narrow);
+        }
+        if self.harmonics_degree > 0 {
+            let transform = HarmonicsTransform::new(matrix.transpose());
+            let stride = self.harmonics_stride();
+            let sets = self.harmonics.par_chunks_mut(stride);
+            sets.for_each(|coefficients| transform.apply(coefficients));
+        }
     }
 
     fn raise_degree(&mut self, degree: u8) {

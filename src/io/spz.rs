@@ -23,7 +23,7 @@
 //!
 //! Files hold x right, y up, z back by convention and are turned half a circle about x, to the
 //! axes of PLY files: y and z of positions change their sign, y and z of quaternions, and the
-//! harmonics that are odd under this turn. `spz_write.rs` writes version 3.
+//! harmonics that are odd under this turn. `spz_write.rs` writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
 
 use std::array;
 use std::io::Read;
@@ -35,6 +35,7 @@ use ruzstd::decoding::StreamingDecoder;
 
 use super::dataset::Dataset;
 use super::file::Input;
+use super::half::half;
 use super::splats::SplatCloud;
 pub(super) use super::spz_write::encode;
 use crate::error::{Error, Result};
@@ -44,9 +45,9 @@ pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 const HEADER: usize = 16;
 /// The version whose arrays are packed, not the file, and the length of its header.
 const STREAMED: u32 = 4;
-const STREAMED_HEADER: usize = 32;
+pub(super) const STREAMED_HEADER: u32 = 32;
 /// Bytes of a stream's row in the table.
-const STREAM_ROW: usize = 16;
+pub(super) const STREAM_ROW: usize = 16;
 
 /// Deflate packs 258 bytes into two bits at best: no file unpacks to more than this many times
 /// its size. (Runs of equal bytes can in zstd; no splats have such.)
@@ -72,7 +73,29 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 /// Another version, or fewer bytes than the header says.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
-    let (mut file, len) = input.open()?;
+    let (file, len) = input.open()?;
+    let (cloud, notes) = decode(path, file, len, &TURNED)?;
+    let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
+    data.notes = notes;
+    Ok(data)
+}
+
+/// The splats of a stream in the axes that it has, which glTF files with such streams take for theirs; and notes.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn splats(path: &Path, bytes: &[u8]) -> Result<(SplatCloud, Vec<String>)> {
+    decode(path, bytes, bytes.len() as u64, &[1.0; 16])
+}
+
+/// - `len`: bytes of the file.
+/// - `signs`: what harmonics are multiplied by; those of degree 1, of y, z and x, say what positions and rotations are.
+fn decode(
+    path: &Path,
+    mut file: impl Read,
+    len: u64,
+    signs: &[f32; 16],
+) -> Result<(SplatCloud, Vec<String>)> {
     let io = |e| Error::io(path, "reading", e, "check the disk");
     let mut start = [0; HEADER];
     let mut started = 0;
@@ -89,7 +112,7 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         let mut packed = packed;
         let mut bytes = Vec::new();
         packed.read_to_end(&mut bytes).map_err(io)?;
-        return read_streams(path, &bytes);
+        return read_streams(path, &bytes, signs);
     }
     let mut unpacked: Box<dyn Read + '_> = if is_bare {
         Box::new(packed)
@@ -126,14 +149,14 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
         return Err(header.too_short(path, format!("{} bytes", body.len())));
     }
     let is_more = unpacked.read(&mut [0]).map_err(damaged)? > 0;
-    header.dataset(path, &body, is_more)
+    Ok(header.splats(&body, is_more, signs))
 }
 
 /// Reads version 4.
 ///
 /// # Errors
 /// A table or streams that are not within the file, or that hold other sizes than the header says.
-fn read_streams(path: &Path, bytes: &[u8]) -> Result<Dataset> {
+fn read_streams(path: &Path, bytes: &[u8], signs: &[f32; 16]) -> Result<(SplatCloud, Vec<String>)> {
     let fault = |place: String, expected: String, found: String| {
         let advice = "the file is cut off or damaged: get it again";
         Error::format(path, place, expected, found, advice)
@@ -150,9 +173,9 @@ fn read_streams(path: &Path, bytes: &[u8]) -> Result<Dataset> {
     let arrays = header.layout.arrays();
     let wanted = arrays.iter().filter(|a| **a > 0).count();
     let stream_count = usize::from(start[15]);
-    let table_at = u32::from_le_bytes(array::from_fn(|i| table_at[i])) as usize;
+    let table_at = u32::from_le_bytes(array::from_fn(|i| table_at[i]));
     let table = bytes
-        .get(table_at..)
+        .get(table_at as usize..)
         .and_then(|rest| rest.split_at_checked(stream_count * STREAM_ROW))
         .filter(|_| table_at >= STREAMED_HEADER && stream_count >= wanted);
     let Some((table, mut rest)) = table else {
@@ -204,7 +227,7 @@ fn read_streams(path: &Path, bytes: &[u8]) -> Result<Dataset> {
             ));
         }
     }
-    header.dataset(path, &body, table_at > STREAMED_HEADER)
+    Ok(header.splats(&body, table_at > STREAMED_HEADER, signs))
 }
 
 /// What the first bytes say.
@@ -261,7 +284,7 @@ impl Header {
     }
 
     /// - `is_more`: whether the file holds more than the arrays.
-    fn dataset(&self, path: &Path, body: &[u8], is_more: bool) -> Result<Dataset> {
+    fn splats(&self, body: &[u8], is_more: bool, signs: &[f32; 16]) -> (SplatCloud, Vec<String>) {
         let degree = self.layout.degree;
         let mut notes = Vec::new();
         if is_more || self.flags & 2 != 0 {
@@ -273,10 +296,8 @@ impl Header {
             ));
         }
         let scale = 0.5_f64.powi(i32::from(self.fraction_bits));
-        let cloud = self.layout.splats(body, scale, self.flags & 1 != 0);
-        let mut data = cloud.dataset(path, "SPZ splats", Vec::new())?;
-        data.notes = notes;
-        Ok(data)
+        let cloud = self.layout.splats(body, scale, self.flags & 1 != 0, signs);
+        (cloud, notes)
     }
 }
 
@@ -323,7 +344,13 @@ impl Layout {
     }
 
     /// Decodes the arrays; `body` holds whole ones.
-    fn splats(&self, body: &[u8], scale: f64, is_anti_aliased: bool) -> SplatCloud {
+    fn splats(
+        &self,
+        body: &[u8],
+        scale: f64,
+        is_anti_aliased: bool,
+        signs: &[f32; 16],
+    ) -> SplatCloud {
         let count = body.len() / self.bytes_per_splat();
         let mut rest = body;
         let mut array = |bytes: usize| {
@@ -345,10 +372,11 @@ impl Layout {
             let of_byte = |&b: &u8| (f32::from(b) / 255.0 - 0.5) / 0.15;
             harmonics.extend(constant.iter().map(of_byte));
             let set = &others[i * 3 * self.coefficients..][..3 * kept];
-            for (rgb, sign) in set.chunks_exact(3).zip(&TURNED[1..]) {
+            for (rgb, sign) in set.chunks_exact(3).zip(&signs[1..]) {
                 harmonics.extend(rgb.iter().map(|&b| sign * (f32::from(b) - 128.0) / 128.0));
             }
         }
+        let [of_y, of_z, of_x] = [1, 2, 3].map(|k| f64::from(signs[k]));
         let position = |p: &[u8]| {
             let [x, y, z] = array::from_fn(|i| {
                 if self.position == 6 {
@@ -359,7 +387,7 @@ impl Layout {
                     f64::from(n) * scale
                 }
             });
-            DVec3::new(x, -y, -z)
+            DVec3::new(x * of_x, y * of_y, z * of_z)
         };
         let rotation = |q: &[u8]| {
             let [x, y, z, w] = if self.rotation == 4 {
@@ -368,7 +396,7 @@ impl Layout {
                 let [x, y, z] = array::from_fn(|i| f32::from(q[i]) / 127.5 - 1.0);
                 [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
             };
-            [w, x, -y, -z]
+            [w, x * signs[3], y * signs[1], z * signs[2]]
         };
         let scale_of = |s: &[u8]| array::from_fn(|i| (f32::from(s[i]) / 16.0 - 10.0).exp());
         SplatCloud {
@@ -410,18 +438,6 @@ fn smallest_three(packed: u32) -> [f32; 4] {
     q
 }
 
-/// An IEEE 754 half float.
-fn half(bits: u16) -> f64 {
-    let sign = if bits >> 15 == 0 { 1.0 } else { -1.0 };
-    let (exponent, fraction) = (bits >> 10 & 31, f64::from(bits & 1023));
-    sign * match exponent {
-        0 => fraction * 2_f64.powi(-24),
-        31 if fraction > 0.0 => f64::NAN,
-        31 => f64::INFINITY,
-        e => (1024.0 + fraction) * 2_f64.powi(i32::from(e) - 25),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -436,22 +452,6 @@ mod tests {
             assert!((TURNED[i] * a - b).abs() < 1e-6, "{i}: {a}, {b}");
             assert!(a.abs() > 1e-3, "{i} tells nothing");
         }
-    }
-
-    #[test]
-    fn halves_have_their_values() {
-        for (bits, value) in [
-            (0x0000, 0.0),
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x3555, 0.333_251_953_125),
-            (0x7bff, 65_504.0),
-            (0x0001, 5.960_464_477_539_063e-8),
-            (0x7c00, f64::INFINITY),
-        ] {
-            assert_eq!(half(bits).to_bits(), f64::to_bits(value), "{bits:x}");
-        }
-        assert!(half(0x7e00).is_nan());
     }
 
     #[test]

@@ -1,14 +1,15 @@
-//! SPZ, version 3: the layout is that of `spz.rs`.
+//! SPZ, versions 3 and 4: the layout is that of `spz.rs`.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::encoded_splats::{Encoded, byte, note_cut};
+use super::encoded_splats::{Encoded, SpzVersion, byte, note_cut};
 use super::splats::SplatCloud;
-use super::spz::{MAGIC, TURNED};
+use super::spz::{MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
 use crate::error::{Error, Result};
 
 /// Positions are counted in steps up to this many, with a sign.
@@ -18,7 +19,7 @@ const MOST_STEPS: f64 = ((1 << 23) - 1) as f64;
 const MOST_FRACTION_BITS: u8 = 24;
 
 /// A packed file of splats.
-pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
+pub(super) fn encode(path: &Path, cloud: &SplatCloud, version: SpzVersion) -> Result<Encoded> {
     let count = cloud.positions.len();
     let Ok(count_u32) = u32::try_from(count) else {
         return Err(Error::format(
@@ -46,12 +47,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
     let per_unit = f64::from(fraction_bits).exp2();
 
     let [mut scales, mut colours, mut coefficients, mut faint] = [0; 4];
-    let mut body = Vec::new();
-    body.extend(MAGIC);
-    body.extend(3_u32.to_le_bytes());
-    body.extend(count_u32.to_le_bytes());
-    let flags = u8::from(cloud.is_anti_aliased);
-    body.extend([cloud.harmonics_degree, fraction_bits, flags, 0]);
+    let mut positions = Vec::with_capacity(9 * count);
     for p in &cloud.positions {
         for x in [p.x, -p.y, -p.z] {
             #[expect(
@@ -59,37 +55,58 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
                 reason = "24 bits hold it, by `fits`"
             )]
             let steps = (x * per_unit).round() as i32;
-            body.extend(&steps.to_le_bytes()[..3]);
+            positions.extend(&steps.to_le_bytes()[..3]);
         }
     }
+    let mut opacities = Vec::with_capacity(count);
     for &opacity in &cloud.opacities {
         let code = byte(255.0 * f64::from(opacity), &mut 0);
         faint += usize::from(code == 0 && opacity > 0.0);
-        body.push(code);
+        opacities.push(code);
     }
+    let mut constants = Vec::with_capacity(3 * count);
     for i in 0..count {
         let constant = &cloud.coefficients(i)[..3];
         let code = |c: &f32| byte(255.0 * (0.5 + 0.15 * f64::from(*c)), &mut colours);
-        body.extend(constant.iter().map(code));
+        constants.extend(constant.iter().map(code));
     }
+    let mut sizes = Vec::with_capacity(3 * count);
     for i in 0..count {
         let code = |s: f32| byte(16.0 * (f64::from(s).ln() + 10.0), &mut scales);
-        body.extend(cloud.thick_scales(i).map(code));
+        sizes.extend(cloud.thick_scales(i).map(code));
     }
+    let mut rotations = Vec::with_capacity(4 * count);
     for i in 0..count {
         let [w, x, y, z] = cloud.unit_rotation(i);
-        body.extend(smallest_three([x, -y, -z, w]).to_le_bytes());
+        rotations.extend(smallest_three([x, -y, -z, w]).to_le_bytes());
     }
+    let mut rest = Vec::new();
     for i in 0..count {
         let others = cloud.coefficients(i)[3..].chunks_exact(3);
         for (rgb, sign) in others.zip(&TURNED[1..]) {
             let code = |c: &f32| byte(128.0 + 128.0 * f64::from(sign * c), &mut coefficients);
-            body.extend(rgb.iter().map(code));
+            rest.extend(rgb.iter().map(code));
         }
     }
-    let mut packed = GzEncoder::new(Vec::new(), Compression::default());
-    let bytes = packed.write_all(&body).and_then(|()| packed.finish());
-    let bytes = bytes.map_err(|e| Error::io(path, "packing", e, "free some memory"))?;
+    let mut header = Vec::with_capacity(STREAMED_HEADER as usize);
+    header.extend(MAGIC);
+    let number: u32 = match version {
+        SpzVersion::Three => 3,
+        SpzVersion::Four => 4,
+    };
+    header.extend(number.to_le_bytes());
+    header.extend(count_u32.to_le_bytes());
+    let flags = u8::from(cloud.is_anti_aliased);
+    header.extend([cloud.harmonics_degree, fraction_bits, flags]);
+    let arrays = [positions, opacities, constants, sizes, rotations, rest];
+    let bytes = match version {
+        SpzVersion::Three => {
+            header.push(0);
+            let bytes = in_one_stream(&header, &arrays);
+            bytes.map_err(|e| Error::io(path, "packing", e, "free some memory"))?
+        }
+        SpzVersion::Four => in_streams(header, &arrays),
+    };
 
     let mut notes = Vec::new();
     note_cut(&mut notes, scales, "scales outside 4.5e-5 to 380 are cut");
@@ -113,6 +130,38 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
         position_quantum: 1.0 / per_unit,
         notes,
     })
+}
+
+/// Version 3: header and arrays in one gzip stream.
+fn in_one_stream(header: &[u8], arrays: &[Vec<u8>]) -> io::Result<Vec<u8>> {
+    let mut packed = GzEncoder::new(Vec::new(), Compression::default());
+    packed.write_all(header)?;
+    for array in arrays {
+        packed.write_all(array)?;
+    }
+    packed.finish()
+}
+
+/// Version 4: the header, a table, a zstd stream for each array; there is none for harmonics of degree 0.
+///
+/// - `header`: the first fifteen bytes.
+fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>]) -> Vec<u8> {
+    let arrays: Vec<&Vec<u8>> = arrays.iter().filter(|array| !array.is_empty()).collect();
+    // At most six.
+    header.push(u8::try_from(arrays.len()).unwrap_or(u8::MAX));
+    // No extensions before the table.
+    header.extend(STREAMED_HEADER.to_le_bytes());
+    header.resize(STREAMED_HEADER as usize, 0);
+    let mut streams = Vec::new();
+    header.reserve(STREAM_ROW * arrays.len());
+    for array in arrays {
+        let packed = compress_to_vec(array.as_slice(), CompressionLevel::Fastest);
+        header.extend((packed.len() as u64).to_le_bytes());
+        header.extend((array.len() as u64).to_le_bytes());
+        streams.extend(packed);
+    }
+    header.extend(streams);
+    header
 }
 
 /// A unit quaternion x, y, z, w as 32 bits: the number of its largest component, then the others,

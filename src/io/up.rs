@@ -3,8 +3,9 @@
 //! | data | up |
 //! |---|---|
 //! | glTF, its splats too; OBJ | +y: what the formats or their writers agree on |
-//! | other splats | -y: training scenes have y down, and what is read is turned to their axes |
+//! | other splats | -y: training scenes have y down, and what is read is turned to their axes (`splat_axes.rs`) |
 //! | particles in a flat layer across x or y | the axis across it |
+//! | grids, and meshes with fields, in a plane across an axis | +y of that across z, +z of others: they are seen straight on |
 //! | all else: grids, other particles, PLY and VTK meshes | +z; meshes of scanners vary |
 //!
 //! Splats that lie beside the origin are a piece of a scene whose cameras stood around that, and are good from
@@ -26,6 +27,8 @@ pub struct Up {
     pub reason: &'static str,
     /// The direction of view, unit length, of a picture that is told none, where the data have a front.
     pub front: Option<DVec3>,
+    /// Whether the data are a plane, which is seen from its front without any elevation.
+    pub is_plane: bool,
     /// Whether a mesh says it. Beside other data it says nothing: see [`Up::of_scene`].
     pub is_of_mesh: bool,
 }
@@ -53,6 +56,7 @@ impl Up {
             direction: DVec3::Z,
             reason: "no data",
             front: None,
+            is_plane: false,
             is_of_mesh: true,
         };
         let first_of = |chosen: Option<Self>, next: Self| match chosen {
@@ -80,13 +84,41 @@ impl Dataset {
         };
         let (direction, reason) = self.format_up.unwrap_or(guessed);
         let is_of_splats = matches!(self.geometry, Geometry::Splats(_));
-        let bounds = self.bounds().filter(|_| is_of_splats);
+        let bounds = self.bounds();
+        let is_of_points = matches!(self.geometry, Geometry::Points { .. });
+        // Meshes with fields are plots.
+        let is_shown = !is_of_mesh || !self.fields.is_empty();
+        let has_choice = self.format_up.is_none() && !is_of_splats && !is_of_points && is_shown;
+        if let Some((direction, front)) = bounds.filter(|_| has_choice).and_then(plane) {
+            return Up {
+                direction,
+                reason: "a plane, seen straight on",
+                front: Some(front),
+                is_plane: true,
+                is_of_mesh,
+            };
+        }
+        let beside = bounds.filter(|_| is_of_splats);
         Up {
             direction,
             reason,
-            front: bounds.and_then(|(lower, upper)| front(lower, upper)),
+            front: beside.and_then(|(lower, upper)| front(lower, upper)),
+            is_plane: false,
             is_of_mesh,
         }
+    }
+}
+
+/// What points up in a plane across an axis, and the direction of view that shows it as plots do: x to the right of y or z,
+/// y to the left of z.
+fn plane((lower, upper): (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
+    let extent = upper - lower;
+    let is_thin = (0..3).map(|axis| extent[axis] <= 0.0);
+    match is_thin.collect::<Vec<_>>()[..] {
+        [false, false, true] => Some((DVec3::Y, DVec3::NEG_Z)),
+        [false, true, false] => Some((DVec3::Z, DVec3::Y)),
+        [true, false, false] => Some((DVec3::Z, DVec3::NEG_X)),
+        _ => None,
     }
 }
 

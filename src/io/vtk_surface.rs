@@ -5,7 +5,8 @@
 //! | the first of three or four bytes each | colours, sRGB-encoded, and opacity |
 //! | `Normals`, three numbers each | normals |
 //!
-//! Cells of higher order are taken by their corners, and those that ghost arrays take out are left out.
+//! Cells of higher order are cut where they are bent, and those that ghost arrays take out are left out. Other arrays stay
+//! fields: of points at the corners, of cells at the triangles.
 //! The surface is seen from behind, too, unless it is closed with its front outwards (see [`super::closed`]).
 
 use std::path::Path;
@@ -15,9 +16,9 @@ use glam::Vec3;
 use super::blanking::Blanking;
 use super::closed::are_closed;
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::first_order::surface_of_first_order;
 use super::mesh_part::{LeftOut, check_not_empty, finish, plain};
-use super::polygons::{approximate_note, strip, triangles};
-use super::table::list;
+use super::polygons::{approximate_note, strip, triangles_with};
 use super::{AlphaMode, CellKind, CellMesh, Mesh, MeshPart};
 use crate::error::Result;
 use crate::image::linear_from_srgb;
@@ -42,6 +43,7 @@ pub(super) fn dataset(
     cells: CellMesh,
     fields: Vec<Field>,
 ) -> Result<Dataset> {
+    let (cells, fields) = surface_of_first_order(cells, fields);
     let mut data = Dataset::new(path, format, Geometry::Cells(cells), fields);
     let blanking = Blanking::of(&data)?;
     let Geometry::Cells(cells) =
@@ -62,7 +64,7 @@ pub(super) fn dataset(
         part.normals = normals;
     }
     let (mut hidden, mut thin, mut higher) = (0, 0, 0);
-    let (mut corners, mut ends) = (Vec::new(), Vec::new());
+    let (mut corners, mut ends, mut owners) = (Vec::new(), Vec::new(), Vec::new());
     for (i, &kind) in cells.kinds.iter().enumerate() {
         let cell = cells.cell(i);
         if kind.is_thin() {
@@ -80,15 +82,30 @@ pub(super) fn dataset(
             for triangle in triangles {
                 corners.extend(triangle);
                 ends.push(corners.len());
+                owners.push(index(i));
             }
             continue;
         }
         outline(kind, cell, &mut corners);
         ends.push(corners.len());
+        owners.push(index(i));
     }
     part.positions = cells.nodes;
     let mut approximate = 0;
-    part.triangles = triangles(&corners, &ends, &part.positions, &mut approximate);
+    let (node_count, cell_count) = (part.positions.len(), cells.kinds.len());
+    let mut cell_of_triangle = Vec::new();
+    let mut polygons = owners.iter();
+    let of_polygon = |count| {
+        let owner = polygons.next().copied().unwrap_or_default();
+        cell_of_triangle.extend(std::iter::repeat_n(owner, count));
+    };
+    part.triangles = triangles_with(
+        &corners,
+        &ends,
+        &part.positions,
+        &mut approximate,
+        of_polygon,
+    );
 
     let mut material = plain(!part.colours.is_empty());
     if part.colours.iter().any(|c| c[3] < 1.0) {
@@ -96,7 +113,7 @@ pub(super) fn dataset(
     }
     material.is_double_sided = are_closed(std::slice::from_ref(&part)) != [true];
     let mut left_out = LeftOut::default();
-    finish(&mut part, &mut left_out);
+    let kept = finish(&mut part, &mut left_out);
     let mesh = Mesh {
         parts: vec![part],
         materials: vec![material],
@@ -111,7 +128,10 @@ pub(super) fn dataset(
             hidden,
             "cells are hidden, or copies of another piece's, and left out",
         ),
-        (higher, "cells are of higher order: drawn by their corners"),
+        (
+            higher,
+            "cells are of a higher order that is not known: drawn by their corners",
+        ),
     ] {
         if count > 0 {
             data.notes.push(format!("{count} {what}"));
@@ -119,15 +139,42 @@ pub(super) fn dataset(
     }
     data.notes.extend(approximate_note(approximate));
     data.notes.extend(left_out.notes());
-    let others = fields.iter().enumerate().filter(|(i, _)| !used.contains(i));
-    let mut others = others.map(|(_, field)| field.name.as_str()).peekable();
-    if others.peek().is_some() {
-        data.notes.push(format!(
-            "fields of a surface are not shown: {}",
-            list(others)
-        ));
+    let cells: Vec<u32> = kept
+        .triangles
+        .iter()
+        .map(|&triangle| cell_of_triangle[triangle as usize])
+        .collect();
+    let others = fields.into_iter().enumerate();
+    let others =
+        others.filter(|(i, field)| !used.contains(i) && !Blanking::is_told_by(&field.name));
+    for (_, mut field) in others {
+        let (expected, chosen) = match field.association {
+            Association::Nodes => (node_count, &kept.corners),
+            Association::Cells => (cell_count, &cells),
+        };
+        let all = field.association == Association::Nodes && chosen.is_empty();
+        let arrays = match &mut field.source {
+            FieldSource::Scalar(values) => std::slice::from_mut(values),
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => continue,
+        };
+        if arrays.iter().any(|values| values.len() != expected) {
+            continue;
+        }
+        if !all {
+            arrays
+                .iter_mut()
+                .for_each(|values| *values = values.gather(chosen));
+        }
+        data.fields.push(field);
     }
     Ok(data)
+}
+
+/// A number of a cell. There are no more than entries of cells, which 32 bits count.
+#[expect(clippy::cast_possible_truncation, reason = "offsets of cells are u32")]
+fn index(cell: usize) -> u32 {
+    cell as u32
 }
 
 /// Appends the corners of a flat cell, in order around it.

@@ -1,12 +1,16 @@
 //! Splats to files, whole or not at all.
 
+use std::borrow::Cow;
 use std::path::Path;
 
+use glam::DQuat;
+
 use super::atomic::write_bytes_atomically;
-use super::encoded_splats::PlyForm;
+use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
+use super::splat_axes::SplatAxes;
 use super::splats::SplatCloud;
-use super::{extension, gltf_splats, ply_splats, splat, spz};
+use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz, vtu_write};
 use crate::error::{Error, Result};
 
 /// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
@@ -25,23 +29,73 @@ pub struct WrittenSplats {
     /// The greatest distance between neighbouring positions that the file can tell apart along an
     /// axis, world units.
     pub position_quantum: f64,
+    /// The turn from the splats that were given to those that reading the file gives: see [`SplatFileOptions::up`].
+    pub turn: DQuat,
     /// What was lost, one sentence each, for people.
     pub notes: Vec<String>,
+}
+
+/// A format that splats are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Ply,
+    PackedPly,
+    Splat,
+    Spz,
+    Glb,
+    Vtu,
+}
+
+impl Format {
+    /// By the end of the name.
+    fn of(path: &Path) -> Option<Self> {
+        match extension(path).as_str() {
+            "ply"
+                if path
+                    .file_stem()
+                    .is_some_and(|s| extension(Path::new(s)) == "compressed") =>
+            {
+                Some(Self::PackedPly)
+            }
+            "ply" => Some(Self::Ply),
+            "splat" => Some(Self::Splat),
+            "spz" => Some(Self::Spz),
+            "glb" => Some(Self::Glb),
+            "vtu" => Some(Self::Vtu),
+            _ => None,
+        }
+    }
+
+    /// The axes that its writer takes; SPZ's turns from there to those of the file. VTK's grids have any.
+    fn axes(self) -> Option<SplatAxes> {
+        match self {
+            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz => {
+                Some(SplatAxes::RightDownForward)
+            }
+            Self::Glb => Some(SplatAxes::LeftUpForward),
+            Self::Vtu => None,
+        }
+    }
 }
 
 /// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
 ///
 /// # Errors
-/// Another extension than `ply`, `splat`, `spz` and `glb`, or a missing folder.
+/// Another extension than `ply`, `splat`, `spz`, `glb` and `vtu`, or a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
-    let extension = extension(path);
-    if matches!(extension.as_str(), "ply" | "splat" | "spz" | "glb") {
-        return check_folder(path);
+    format_of(path).map(|_| ())
+}
+
+fn format_of(path: &Path) -> Result<Format> {
+    if let Some(format) = Format::of(path) {
+        check_folder(path)?;
+        return Ok(format);
     }
+    let extension = extension(path);
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz or .glb",
+        "a name that ends in .ply, .splat, .spz, .glb or .vtu",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -51,50 +105,73 @@ pub fn check_splats_path(path: &Path) -> Result<()> {
     ))
 }
 
-/// Writes splats in the format that the extension names.
+/// Writes splats in the format that the name ends in.
 ///
-/// | | `.ply` | `.splat` | `.spz` (version 3) | `.glb` (`KHR_gaussian_splatting`) |
-/// |---|---|---|---|---|
-/// | position | f32 | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin |
-/// | scales | f32 logarithm | f32 | 8 bits: 3 % | f32 |
-/// | rotation | f32 | 8 bits: .004 | 10 bits: .001 | f32 |
-/// | opacity | f32 logit | 8 bits | 8 bits | f32 |
-/// | constant colour | f32 | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 |
-/// | harmonics | f32 | lost | 8 bits: .004, -1 to 1 | f32 |
-/// | anti-aliasing mark | kept | lost | kept | lost |
-/// | order | kept | by size times opacity | kept | kept |
+/// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) |
+/// |---|---|---|---|---|---|
+/// | position | f32 | 10 or 11 bits of the box of 256 splats, the step reported | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin |
+/// | scales | f32 logarithm | 10 or 11 bits of the box of logarithms | f32 | 8 bits: 3 % | f32 |
+/// | rotation | f32 | 10 bits: .001 | 8 bits: .004 | 10 bits: .001 | f32 |
+/// | opacity | f32 logit | 8 bits | 8 bits | 8 bits | f32 |
+/// | constant colour | f32 | 8 bits of the box of 256 splats | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 |
+/// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 |
+/// | anti-aliasing mark | kept | lost | lost | kept | lost |
+/// | order | kept | along a Morton curve | by size times opacity | kept | kept |
+///
+/// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors, scales, rotations and
+/// opacities in f32 and the constant colour in bytes; harmonics and the mark are lost, and nothing is turned.
 ///
 /// Errors are the greatest ones, of rotations in a component of the unit quaternion, of colours in a
 /// coefficient; what lies outside a range is clamped and counted in the notes. In all formats but
 /// the flat form of PLY an axis of length 0 becomes [`FLAT_SHARE`] of the next larger; in PLY an
 /// opacity keeps 3.1e-7 from 0 and 1, because a logit is finite.
 ///
-/// World coordinates are kept: a scene lies in one place whatever its format, as the readers have
-/// it. SPZ files are turned to that format's axes, which reading undoes. PLY files of training
-/// scenes have y down, glTF's y points up: nothing is turned between the two.
+/// [`SplatFileOptions::up`] says what points up, and the splats are turned to the axes that [`SplatAxes`] says the format has. Without
+/// it coordinates are those that reading the file gives again; SPZ's are turned to that format's axes, which reading undoes.
 ///
 /// # Errors
 /// Another extension, no splats, a number that no file should hold (not finite, an opacity outside 0
 /// to 1, a negative scale or three zeros, a quaternion of zeros), splats with volume in the flat
-/// form, positions or counts beyond the format, a folder that is missing.
-pub fn write_splats(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<WrittenSplats> {
-    check_splats_path(path)?;
+/// form, positions or counts beyond the format, an option of another format, a folder that is missing.
+pub fn write_splats(
+    path: &Path,
+    cloud: &SplatCloud,
+    options: &SplatFileOptions,
+) -> Result<WrittenSplats> {
+    let format = format_of(path)?;
     cloud.check(path)?;
-    let extension = extension(path);
-    if form == PlyForm::Surfels && extension != "ply" {
-        return Err(Error::format(
-            path,
+    let of_another = |place: &str, expected: &str, advice: &str| {
+        let found = format!("`.{}`", extension(path));
+        Err(Error::format(path, place, expected, found, advice))
+    };
+    if options.form == PlyForm::Surfels && format != Format::Ply {
+        return of_another(
             "form",
             "a .ply file for surfels without thickness",
-            format!("`.{extension}`"),
             "write a .ply file, or splats with a thin third axis",
-        ));
+        );
     }
-    let mut encoded = match extension.as_str() {
-        "ply" => ply_splats::encode(path, cloud, form)?,
-        "splat" => splat::encode(cloud),
-        "spz" => spz::encode(path, cloud)?,
-        _ => gltf_splats::encode(path, cloud)?,
+    if options.spz_version.is_some() && format != Format::Spz {
+        let expected = "a .spz file for a version of SPZ";
+        return of_another("version", expected, "write a .spz file, or name no version");
+    }
+    let turn = options.up.zip(format.axes());
+    let turn = turn.map_or(DQuat::IDENTITY, |(up, axes)| axes.turn_from(up));
+    let cloud = if turn == DQuat::IDENTITY {
+        Cow::Borrowed(cloud)
+    } else {
+        let mut turned = cloud.clone();
+        turned.turn(turn);
+        Cow::Owned(turned)
+    };
+    let cloud = cloud.as_ref();
+    let mut encoded = match format {
+        Format::Ply => ply_splats::encode(path, cloud, options.form)?,
+        Format::PackedPly => ply_packed_write::encode(path, cloud)?,
+        Format::Splat => splat::encode(cloud),
+        Format::Spz => spz::encode(path, cloud, options.spz_version.unwrap_or_default())?,
+        Format::Glb => gltf_splats::encode(path, cloud)?,
+        Format::Vtu => vtu_write::encode(cloud),
     };
     // A tenth of a splat is seen.
     let size = median_size(cloud);
@@ -109,6 +186,7 @@ pub fn write_splats(path: &Path, cloud: &SplatCloud, form: PlyForm) -> Result<Wr
     Ok(WrittenSplats {
         bytes: encoded.bytes.len(),
         position_quantum: encoded.position_quantum,
+        turn,
         notes: encoded.notes,
     })
 }

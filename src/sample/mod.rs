@@ -11,6 +11,7 @@ mod even;
 mod even_grid;
 mod factor;
 mod fit;
+mod flat_grid;
 mod gradient;
 mod incidence;
 mod iso_surface;
@@ -18,8 +19,10 @@ mod kernel_sums;
 mod kernels;
 mod lattice;
 mod left_out;
+mod levels;
 mod local_models;
 pub mod mesh;
+mod mesh_field;
 mod neighbours;
 mod points;
 mod positions;
@@ -218,9 +221,19 @@ pub struct SampledScene {
 /// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
 /// of all others ([`volume`]).
 ///
+/// Surfaces show a field by a transfer function where one is named, or where they have no colours of their own: each surfel
+/// has a value, the mean over its part of the surface. An automatic function, or a named colour map, leaves the surface
+/// opaque; another gives its opacities, too. Grids of one layer are surfaces.
+///
 /// # Errors
 /// Those of the two.
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
+    dataset.validate()?;
+    // Column densities are sums of values, which a layer of kernels has.
+    let dataset = match options.for_columns {
+        true => dataset,
+        false => flat_grid::as_surface(dataset)?,
+    };
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         let path = dataset.path.clone();
         let Sampled { mut volume, report } = volume(dataset, options)?;
@@ -237,6 +250,14 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         seed: options.seed,
         task: options.task.clone(),
     };
+    if let Some(field) = mesh_field::shown(&dataset, options)? {
+        let path = dataset.path.clone();
+        let unit = dataset.unit(&field).map(str::to_owned);
+        let scene = mesh_field::scene(dataset, &field, &mesh_options, options);
+        let mut scene = scene.map_err(|error| named(error, &path))?;
+        scene.report.unit = unit;
+        return Ok(scene);
+    }
     let SampledMesh { volumes, report } =
         mesh::surfels(mesh, &mesh_options).map_err(|error| named(error, &dataset.path))?;
     Ok(SampledScene {

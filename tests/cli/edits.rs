@@ -4,7 +4,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use ewa_splat::io::{PlyForm, SplatCloud, read_image, write_splats};
+use ewa_splat::io::{SplatCloud, SplatFileOptions, read_image, write_splats};
 use glam::{DQuat, DVec3};
 
 use crate::commands::{files, run, text};
@@ -220,7 +220,12 @@ fn write_splats_file(folder: &Path) {
             .collect(),
         is_anti_aliased: false,
     };
-    write_splats(&folder.join("splats.ply"), &cloud, PlyForm::Volumetric).unwrap();
+    write_splats(
+        &folder.join("splats.ply"),
+        &cloud,
+        &SplatFileOptions::default(),
+    )
+    .unwrap();
 }
 
 fn write_mesh(folder: &Path) {

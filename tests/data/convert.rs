@@ -14,8 +14,8 @@ use crate::common::scene::{difference, render};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use ewa_splat::io::{
-    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, WrittenSplats, open,
-    write_splats,
+    Dataset, FLAT_SHARE, Geometry, OpenOptions, PlyForm, SplatCloud, SplatFileOptions,
+    WrittenSplats, open, write_splats,
 };
 use ewa_splat::math::{harmonics, harmonics_sum};
 use ewa_splat::sample::{
@@ -48,7 +48,7 @@ impl Folder {
 
     fn write(&self, extension: &str, cloud: &SplatCloud) -> WrittenSplats {
         let path = self.path(&format!("a.{extension}"));
-        let written = write_splats(&path, cloud, PlyForm::Volumetric).unwrap();
+        let written = write_splats(&path, cloud, &SplatFileOptions::default()).unwrap();
         assert_eq!(
             written.bytes as u64,
             std::fs::metadata(&path).unwrap().len()
@@ -64,9 +64,18 @@ impl Folder {
 
     fn refuse(&self, extension: &str, cloud: &SplatCloud, form: PlyForm) -> String {
         let path = self.path(&format!("refused.{extension}"));
-        let error = write_splats(&path, cloud, form).unwrap_err().to_string();
+        let error = write_splats(&path, cloud, &of_form(form))
+            .unwrap_err()
+            .to_string();
         assert!(!path.exists(), "left behind");
         error
+    }
+}
+
+fn of_form(form: PlyForm) -> SplatFileOptions {
+    SplatFileOptions {
+        form,
+        ..SplatFileOptions::default()
     }
 }
 
@@ -381,7 +390,7 @@ fn what_no_file_should_hold_is_refused() {
     }
     for name in ["a.obj", "a", "none/a.ply"] {
         let path = folder.path(name);
-        let error = write_splats(&path, &sound, PlyForm::Volumetric).unwrap_err();
+        let error = write_splats(&path, &sound, &SplatFileOptions::default()).unwrap_err();
         let error = error.to_string();
         assert!(
             error.contains(".glb") || error.contains("folder"),
@@ -419,7 +428,7 @@ fn the_flat_form_of_ply_has_two_scales() {
     for is_anti_aliased in [false, true] {
         cloud.is_anti_aliased = is_anti_aliased;
         let path = folder.path("flat.ply");
-        write_splats(&path, &cloud, PlyForm::Surfels).unwrap();
+        write_splats(&path, &cloud, &of_form(PlyForm::Surfels)).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains("SplatRenderMode: 2dgs") && !text.contains("scale_2"));
@@ -1630,12 +1639,112 @@ mod command_line {
         let output = run(&folder, &arguments);
         assert!(output.status.success(), "{}", words(&output.stderr));
         let cloud = cloud_of(folder.read("v.ply"));
+        // z, which is up in volumes, becomes -y.
+        let of_volume = cloud.positions.iter().flat_map(|p| [p.x, -p.y, p.z]);
+        assert!(of_volume.into_iter().all(|x| x == 0.0 || x == 3.0));
+    }
+
+    #[test]
+    fn what_is_up_is_turned_to_where_the_format_has_it() {
+        let folder = Folder::new();
+        folder.write("ply", &some_cloud(9, 2, 3));
+        let before = cloud_of(folder.read("a.ply"));
+        let convert = |arguments: &[&str]| {
+            let output = run(&folder, &[&["convert"], arguments].concat());
+            assert!(output.status.success(), "{}", words(&output.stderr));
+            words(&output.stderr)
+        };
+        let said = convert(&["a.ply", "--out", "a.glb"]);
         assert!(
-            cloud
-                .positions
-                .iter()
-                .flat_map(|p| p.to_array())
-                .all(|x| x == 0.0 || x == 3.0)
+            said.contains("lie along -x, -y, +z") && said.contains("--keep-axes"),
+            "{said}"
+        );
+        let half_turn = |p: &DVec3| DVec3::new(-p.x, -p.y, p.z);
+        let turned: Vec<DVec3> = before.positions.iter().map(half_turn).collect();
+        assert_eq!(cloud_of(folder.read("a.glb")).positions, turned);
+        let said = convert(&["a.glb", "--out", "b.ply"]);
+        assert!(said.contains("glTF has y up"), "{said}");
+        let after = cloud_of(folder.read("b.ply"));
+        assert_eq!(after.positions, before.positions);
+        assert_eq!(after.harmonics, before.harmonics);
+        // Nothing is said where nothing is turned.
+        for arguments in [
+            &["a.ply", "--out", "b.ply"][..],
+            &["a.ply", "--out", "b.spz"],
+            &["a.glb", "--out", "b.glb"],
+            &["a.ply", "--out", "b.glb", "--keep-axes"],
+            &["a.glb", "--out", "b.ply", "--keep-axes"],
+        ] {
+            assert_eq!(convert(arguments), "", "{arguments:?}");
+        }
+        assert_eq!(cloud_of(folder.read("b.glb")).positions, before.positions);
+        assert_eq!(cloud_of(folder.read("b.ply")).positions, turned);
+        // Inputs of different axes stay in place among each other, which is said.
+        let said = convert(&["a.ply", "a.glb", "--out", "b.ply"]);
+        assert!(said.contains("a.glb: +y is up"), "{said}");
+        let both = cloud_of(folder.read("b.ply"));
+        assert_eq!(both.positions, [before.positions.clone(), turned].concat());
+        let vase = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/vase.glb");
+        let said = convert(&[vase, "--count", "200", "--out", "vase.ply"]);
+        assert!(said.contains("vase.ply: turned, +y is up"), "{said}");
+        let output = run(&folder, &["info", "b.spz"]);
+        let text = words(&output.stdout);
+        assert!(text.contains("x right, y up, z back; turned"), "{text}");
+    }
+}
+
+/// Vertices with shapes: positions to the last bit, and as particles the same kernels.
+#[test]
+fn vtk_grids_of_splats_are_particles_of_the_same_shapes() {
+    let folder = Folder::new();
+    let cloud = some_cloud(40, 1, 77);
+    let written = folder.write("vtu", &cloud);
+    assert!(
+        written
+            .notes
+            .iter()
+            .any(|note| note.contains("depend on the view"))
+    );
+    let data = folder.read("a.vtu");
+    let Geometry::Points { positions } = &data.geometry else {
+        panic!("particles expected");
+    };
+    assert_eq!(positions, &cloud.positions);
+    let field = |name: &str| data.scalar(name).unwrap().1;
+    // Rows of the tensor, whose square is the variance.
+    let tensor: Vec<_> = (0..9).map(|k| field(&format!("shape:{k}"))).collect();
+    let opacities = field("opacity");
+    for i in 0..cloud.positions.len() {
+        let rows: [f64; 9] = std::array::from_fn(|k| f64::from(tensor[k].get(i)));
+        let shape = DMat3::from_cols_array(&rows);
+        let expected = variance(&cloud, i);
+        assert!(
+            norm(shape * shape - expected) < 1e-5 * norm(expected),
+            "{i}"
+        );
+        assert_eq!(opacities.get(i), cloud.opacities[i]);
+    }
+    let options = SampleOptions {
+        field: Some("opacity".into()),
+        ..SampleOptions::default()
+    };
+    let volume = sample(data, &options).unwrap().volume;
+    let Particles::Anisotropic { factors, .. } = &volume.particles else {
+        panic!("ellipsoids expected");
+    };
+    assert_eq!(factors.len(), cloud.positions.len());
+    for (i, factor) in factors.iter().enumerate() {
+        let [a, b, c, d, e, f] = factor.map(f64::from);
+        let factor = DMat3::from_cols(
+            DVec3::new(a, b, d),
+            DVec3::new(0.0, c, e),
+            DVec3::new(0.0, 0.0, f),
+        );
+        let expected = variance(&cloud, i);
+        let found = factor * factor.transpose();
+        assert!(
+            norm(found - expected) < 1e-4 * norm(expected),
+            "{i}: {found} {expected}"
         );
     }
 }

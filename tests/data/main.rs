@@ -12,6 +12,7 @@ mod examples;
 #[path = "../support/mod.rs"]
 mod support;
 
+mod amr;
 mod bad_input;
 mod cells;
 mod collections;
@@ -28,9 +29,16 @@ mod nrrd;
 mod particles;
 mod public_data;
 mod readers;
+mod refused;
 mod ripple;
 mod sampling;
+mod sog;
+mod splat_axes;
 mod splats;
 mod stl;
+mod surface_fields;
+mod textures;
+mod threemf;
 mod vtk_legacy;
 mod vtk_xml;
+mod vtkhdf;

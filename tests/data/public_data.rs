@@ -8,8 +8,8 @@ use std::sync::Arc;
 use ewa_splat::image::{ColumnImage, Image};
 use ewa_splat::io::{
     Association, CellKind, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry,
-    Material, Mesh, MeshPart, PlyForm, SplatCloud, Texture, TextureImage, TextureUse, Wrap,
-    column_colours, column_picture, write_splats,
+    Material, Mesh, MeshPart, SplatCloud, SplatFileOptions, Texture, TextureImage, TextureUse,
+    Wrap, column_colours, column_picture, write_splats,
 };
 use ewa_splat::measure::{compare, difference, flip, ssim};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
@@ -311,7 +311,7 @@ fn splats_have_one_entry_each() {
         refused(sound_splats(cloud.clone()));
         for name in ["a.ply", "a.splat", "a.spz", "a.glb"] {
             let path = folder.path().join(name);
-            refused(write_splats(&path, &cloud, PlyForm::default()));
+            refused(write_splats(&path, &cloud, &SplatFileOptions::default()));
             assert!(!path.exists());
         }
     }

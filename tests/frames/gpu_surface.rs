@@ -15,7 +15,7 @@ use ewa_splat::Filter;
 use ewa_splat::constants::{COVERAGE_FULL, NEAR_MARGIN, TERMINATION_INTERVAL, TILE_SIZE};
 use ewa_splat::image::{DepthImage, Image};
 use ewa_splat::math::unpack_normal;
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength};
+use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction};
 use ewa_splat::stages::cpu::{self, Bins, NormalTile, RasteriseSettings, SimdLevel, Tile};
 use ewa_splat::stages::gpu::{
     Gpu, Projected, RasterSpec, SurfacePixels, SurfaceSpec, project, rasterise, rasterise_surface,
@@ -1036,6 +1036,27 @@ fn surfaces_look_alike() {
         .render(&cameras([150, 110])[2].1, &Settings::default())
         .unwrap();
     assert!(renderer.counts().footprints_near > 0);
+}
+
+/// Surfels with a value each, coloured by a transfer function.
+#[test]
+fn surfaces_with_fields_look_alike() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut surface = spheres_on_a_plane();
+    let mut random = Random::new(46);
+    let count = surface.particles.len();
+    let values: Vec<f32> = (0..count).map(|_| random.range(-0.2, 1.2) as f32).collect();
+    surface.values = Some(values.into());
+    surface.colour = Colour::Classified;
+    let colours = |t: f32| [t, 1.0 - t, 0.5];
+    let function = TransferFunction::from_curves(colours, |t| t, [0.0, 1.0], 1.0);
+    surface.transfer_function = Some(function.unwrap());
+    for (name, camera) in cameras([150, 110]) {
+        let scene = [surface.clone()];
+        assert_scene_alike(name, &scene, &camera, &Settings::default());
+    }
 }
 
 /// Ellipsoids about the scene, some of them cut by it, some behind it, some round a near eye.

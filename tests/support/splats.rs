@@ -345,6 +345,121 @@ pub(crate) fn glb_splats(splats: &[Splat]) -> Vec<u8> {
     glb(&json, &binary)
 }
 
+/// A .glb file whose splats are packed in an SPZ stream, under a node that moves them by (1, 2, 3).
+pub(crate) fn glb_packed(stream: &[u8]) -> Vec<u8> {
+    let packed = serde_json::json!({ "bufferView": 0 });
+    let extension = serde_json::json!({
+        "kernel": "ellipse",
+        "extensions": { "KHR_gaussian_splatting_compression_spz_2": packed },
+    });
+    let json = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "translation": [1.0, 2.0, 3.0] }],
+        "meshes": [{ "primitives": [{ "mode": 0, "attributes": { "POSITION": 0 },
+            "extensions": { "KHR_gaussian_splatting": extension } }] }],
+        "accessors": [{ "componentType": 5126, "count": 1, "type": "VEC3" }],
+        "bufferViews": [{ "buffer": 0, "byteLength": stream.len() }],
+        "buffers": [{ "byteLength": stream.len() }],
+    });
+    glb(&json, stream)
+}
+
+/// A .ksplat file of a section each, with buckets of two splats: one full, the others not, empty ones among them; room for one more
+/// section and for one more splat in each.
+pub(crate) fn ksplat(mode: u16, sections: &[&[Splat]]) -> Vec<u8> {
+    /// Side of a bucket, and steps in half of it.
+    const SIDE: f64 = 16.0;
+    const STEPS: f64 = 32_767.0;
+    let count: usize = sections.iter().map(|s| s.len()).sum();
+    let mut out = vec![0_u8; 4096 + 1024 * (sections.len() + 1)];
+    let put = |out: &mut Vec<u8>, at: usize, bytes: &[u8]| {
+        out[at..at + bytes.len()].copy_from_slice(bytes);
+    };
+    let word = |n: usize| (n as u32).to_le_bytes();
+    out[1] = 1;
+    put(&mut out, 4, &word(sections.len() + 1));
+    put(&mut out, 8, &word(sections.len()));
+    put(&mut out, 12, &word(count));
+    put(&mut out, 16, &word(count));
+    put(&mut out, 20, &mode.to_le_bytes());
+    put(&mut out, 36, &(-0.25_f32).to_le_bytes());
+    put(&mut out, 40, &0.25_f32.to_le_bytes());
+    let float = |x: f64| match mode {
+        0 => (x as f32).to_le_bytes().to_vec(),
+        _ => half(x).to_le_bytes().to_vec(),
+    };
+    for (i, splats) in sections.iter().enumerate() {
+        let degree = splats[0].harmonics.len().isqrt() - 1;
+        // A full bucket of two, then one of none, then ones of one.
+        let mut sizes = vec![0];
+        sizes.resize(splats.len() - 1, 1);
+        let mut middles = vec![splats[0].position];
+        middles.extend([[0.0; 3]]);
+        middles.extend(splats[2..].iter().map(|s| s.position.map(|x| x + 0.5)));
+        let mut data: Vec<u8> = sizes.iter().flat_map(|s| word(*s)).collect();
+        for x in middles.as_flattened() {
+            data.extend((*x as f32).to_le_bytes());
+        }
+        for (k, s) in splats.iter().enumerate() {
+            let middle = middles[if k < 2 { 0 } else { k }];
+            for (x, middle) in s.position.iter().zip(middle) {
+                let steps = (x - middle) / (0.5 * SIDE) * STEPS + STEPS;
+                match mode {
+                    0 => data.extend((*x as f32).to_le_bytes()),
+                    _ => data.extend((steps.round() as u16).to_le_bytes()),
+                }
+            }
+            data.extend(s.scales.iter().chain(&s.rotation).flat_map(|x| float(*x)));
+            let code = |c: f64| (255.0 * (0.5 + 0.282_094_791_773_878_14 * c)).round() as u8;
+            data.extend(s.harmonics[0].map(code));
+            data.push((255.0 * s.opacity).round() as u8);
+            for l in 1..=degree {
+                for channel in 0..3 {
+                    for rgb in &s.harmonics[l * l..(l + 1) * (l + 1)] {
+                        match mode {
+                            2 => data.push((255.0 * (rgb[channel] + 0.25) / 0.5).round() as u8),
+                            _ => data.extend(float(rgb[channel])),
+                        }
+                    }
+                }
+            }
+        }
+        let record = (data.len() - 4 * sizes.len() - 12 * middles.len()) / splats.len();
+        data.resize(data.len() + record, 0);
+        let at = 4096 + 1024 * i;
+        for (place, n) in [
+            (0, splats.len()),
+            (4, splats.len() + 1),
+            (8, 2),
+            (12, middles.len()),
+            (28, data.len()),
+            (32, 1),
+            (36, sizes.len()),
+        ] {
+            put(&mut out, at + place, &word(n));
+        }
+        put(&mut out, at + 16, &(SIDE as f32).to_le_bytes());
+        put(&mut out, at + 20, &12_u16.to_le_bytes());
+        put(&mut out, at + 24, &word(32_767));
+        put(&mut out, at + 40, &(degree as u16).to_le_bytes());
+        out.extend(data);
+    }
+    out
+}
+
+/// The nearest half float of a number whose size is from 6.2e-5 to 65504, or of 0.
+fn half(x: f64) -> u16 {
+    if x == 0.0 {
+        return 0;
+    }
+    let exponent = x.abs().log2().floor();
+    let steps = (x.abs() / exponent.exp2() * 1024.0).round() as u16;
+    // Rounding up to the next power of two carries into the exponent.
+    let size = (((exponent + 15.0) as u16) << 10) + (steps - 1024);
+    u16::from(x < 0.0) << 15 | size
+}
+
 /// Splats as compressed PLY has them, 258 in two chunks. Of the bits of each word: positions 2046, 1, 2047; scales 0, 1023, 1023;
 /// rotations leave out component i mod 4, the others are 0, 512, 256; colours 0, 255, 102, opacity 51.
 ///

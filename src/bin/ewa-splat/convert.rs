@@ -2,13 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use ewa_splat::Result;
-use ewa_splat::io::{Dataset, Geometry, PlyForm, SplatCloud, check_splats_path, write_splats};
+use ewa_splat::io::{
+    Dataset, Geometry, PlyForm, SplatCloud, SplatFileOptions, SpzVersion, Up, WrittenSplats,
+    check_splats_path, write_splats,
+};
 use ewa_splat::sample::mesh::MeshReport;
 use ewa_splat::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, scene, sound_splats, splat_cloud,
 };
+use glam::{DQuat, DVec3};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -22,17 +26,32 @@ pub(crate) struct Arguments {
     /// Files to convert into one
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// File of splats to write: ply, splat, spz or glb
+    /// File of splats to write: ply, compressed.ply, splat, spz or glb
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// PLY without a third scale, as 2-D Gaussian splatting stores surfels; all splats must be flat
     #[arg(long)]
     surfels: bool,
+    /// Version of an SPZ file; without this 3, which more viewers read
+    #[arg(long, value_name = "3|4")]
+    spz_version: Option<Version>,
+    /// Keep coordinates as they are read; without this, what is up in pictures of the inputs is turned to where the format has it: -y
+    /// of ply and splat, +y of spz and glb
+    #[arg(long)]
+    keep_axes: bool,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     data: DataOptions,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Version {
+    #[value(name = "3")]
+    Three,
+    #[value(name = "4")]
+    Four,
 }
 
 /// Splats of all inputs so far.
@@ -43,6 +62,8 @@ struct Converted {
     /// What was made of each mesh.
     meshes: Vec<Value>,
     notes: Vec<String>,
+    /// What points up in each input.
+    ups: Vec<(PathBuf, Up)>,
 }
 
 /// # Errors
@@ -61,6 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         for note in &dataset.notes {
             converted.notes.push(format!("{}: {note}", path.display()));
         }
+        converted.ups.push((path.clone(), dataset.up()));
         converted.add(dataset, &arguments.data, &bar)?;
         bar.inc(1);
     }
@@ -70,14 +92,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         report,
         meshes,
         notes,
+        ups,
     } = &mut converted;
     let form = if arguments.surfels {
         PlyForm::Surfels
     } else {
         PlyForm::Volumetric
     };
-    let written = write_splats(&arguments.out, cloud, form)?;
+    let up = Up::of_scene(ups.iter().map(|(_, up)| *up));
+    let options = SplatFileOptions {
+        form,
+        spz_version: arguments.spz_version.map(Into::into),
+        up: (!arguments.keep_axes).then_some(up.direction),
+    };
+    let written = write_splats(&arguments.out, cloud, &options)?;
     bar.finish_and_clear();
+    if !arguments.keep_axes {
+        say_turns(&arguments.out, &up, ups, &written);
+    }
     notes.extend(written.notes.iter().cloned());
     let findings = |left_out: bool| {
         let of = report
@@ -97,6 +129,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "anti_aliased": cloud.is_anti_aliased,
         "bytes": written.bytes,
         "position_quantum": written.position_quantum,
+        "turn": written.turn.to_array(),
         "notes": notes,
     });
     if arguments.json {
@@ -105,6 +138,51 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print(&summary);
     }
     Ok(())
+}
+
+/// Says how coordinates were turned, and which inputs have another way up than the one that all were turned by.
+fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats) {
+    for (path, other) in ups.iter().filter(|(_, of)| of.direction != up.direction) {
+        crate::progress::note!(
+            "{}: {} is up ({}), {} in what is written: all inputs are turned as one; --rotate turns one alone",
+            path.display(),
+            axis(other.direction),
+            other.reason,
+            axis(up.direction)
+        );
+    }
+    if written.turn == DQuat::IDENTITY {
+        return;
+    }
+    let corner = |v: DVec3| axis((written.turn * v).round());
+    crate::progress::note!(
+        "{}: turned, {} is up ({}): x, y, z of the inputs lie along {}, {}, {}; --keep-axes leaves them",
+        out.display(),
+        axis(up.direction),
+        up.reason,
+        corner(DVec3::X),
+        corner(DVec3::Y),
+        corner(DVec3::Z)
+    );
+}
+
+/// An axis in words: `+y`.
+fn axis(direction: DVec3) -> String {
+    let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
+    let known = of.clone().find(|(_, c)| c.abs() == direction.length());
+    known.map_or_else(
+        || format!("{:.3} {:.3} {:.3}", direction.x, direction.y, direction.z),
+        |(name, c)| format!("{}{name}", if c < 0.0 { "-" } else { "+" }),
+    )
+}
+
+impl From<Version> for SpzVersion {
+    fn from(version: Version) -> Self {
+        match version {
+            Version::Three => Self::Three,
+            Version::Four => Self::Four,
+        }
+    }
 }
 
 fn finding(finding: &Finding) -> Value {

@@ -7,7 +7,7 @@ use clap::Args;
 use ewa_splat::error::{Advice, Hint};
 use ewa_splat::io::{
     AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
-    TextureUse, TimeStep, format_of,
+    SplatAxes, TextureUse, TimeStep, format_of,
 };
 use ewa_splat::sample::{PERCENTILES, ShapeStatistics, doubts};
 use ewa_splat::scene::{LatticeSpacing, Requirements};
@@ -264,6 +264,8 @@ fn describe(dataset: &Dataset) -> Value {
         Geometry::Points { positions } => json!({ "kind": "points", "count": positions.len() }),
     };
     let up = dataset.up();
+    let axes = SplatAxes::of_format(dataset.format)
+        .map(|(file, read)| json!({ "file": file.to_string(), "read": read.to_string() }));
     let bounds = dataset.bounds();
     let fields: Vec<Value> = dataset
         .fields
@@ -275,7 +277,9 @@ fn describe(dataset: &Dataset) -> Value {
         "file": dataset.path.display().to_string(),
         "format": dataset.format,
         "geometry": geometry,
+        "axes": axes,
         "up": { "direction": up.direction.to_array(), "reason": up.reason },
+        "is_plane": up.is_plane,
         "front": up.front.map(|front| front.to_array()),
         "bounds": bounds.map(|(lower, upper)| [lower.to_array(), upper.to_array()]),
         "fields": fields,

@@ -181,6 +181,14 @@ pub(crate) fn print_table(description: &Value) {
     if geometry["spacing"].is_array() {
         row("spacing", vector(&geometry["spacing"]));
     }
+    if description["axes"].is_object() {
+        let [file, read] = ["file", "read"].map(|of| text(&description["axes"][of]));
+        let turned = match file == read {
+            true => String::new(),
+            false => format!("; turned as it is read: {read}"),
+        };
+        row("axes", format!("{file}{turned}"));
+    }
     row(
         "up",
         format!(
@@ -191,10 +199,11 @@ pub(crate) fn print_table(description: &Value) {
     );
     if description["front"].is_array() {
         let front = vector(&description["front"]);
-        row(
-            "seen along",
-            format!("{front} (a piece of a scene, from its origin)"),
-        );
+        let why = match &description["is_plane"] {
+            Value::Bool(true) => "straight on",
+            _ => "a piece of a scene, from its origin",
+        };
+        row("seen along", format!("{front} ({why})"));
     }
     row("lower bound", vector(&description["bounds"][0]));
     row("upper bound", vector(&description["bounds"][1]));

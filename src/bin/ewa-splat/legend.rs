@@ -6,6 +6,7 @@ use ewa_splat::scene::Colour;
 use ewa_splat::{Error, Result};
 
 use crate::scene::Scene;
+use crate::usage::is_surface;
 
 /// What a field without a name is called.
 const UNNAMED: &str = "value";
@@ -26,7 +27,11 @@ pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
     for (volume, title) in titles {
         if let (Colour::Classified, Some(transfer)) = (&volume.colour, &volume.transfer_function) {
             let title = title.as_deref().unwrap_or(UNNAMED);
-            let bar = ColourBar::of_transfer_function(title, transfer);
+            // An opaque surface has the function's colours alone.
+            let bar = match is_surface(volume) {
+                true => ColourBar::of_column(title, transfer),
+                false => ColourBar::of_transfer_function(title, transfer),
+            };
             if !bars.contains(&bar) {
                 bars.push(bar);
             }

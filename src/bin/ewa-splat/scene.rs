@@ -15,7 +15,7 @@ use indicatif::ProgressBar;
 use crate::input::{DataOptions, refused_surface, transfer_of};
 use crate::progress::note;
 use crate::source::Input;
-use crate::usage::{Kind, Uses};
+use crate::usage::{Kind, Uses, is_surface};
 
 /// What the inputs hold.
 pub(crate) struct Scene {
@@ -282,10 +282,14 @@ pub(crate) struct Series {
 
 /// What inputs are, for options.
 fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
-    let mut volumes = reads.iter().flat_map(|read| &read.volumes);
+    let volumes = || reads.iter().flat_map(|read| &read.volumes);
+    let is_classified = |volume: &&PointVolume| volume.transfer_function.is_some();
     Uses {
         kinds: reads.iter().map(|read| read.kind).collect(),
-        is_classified: volumes.any(|volume| volume.transfer_function.is_some()),
+        is_classified: volumes().any(|volume| is_classified(&volume)),
+        has_opacity: volumes()
+            .filter(is_classified)
+            .any(|volume| !is_surface(volume)),
         has_file_function: reads
             .iter()
             .any(|read| !read.is_automatic && read.report.field.is_some()),

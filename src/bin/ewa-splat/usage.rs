@@ -39,6 +39,8 @@ pub(crate) struct Uses {
     pub(crate) kinds: Vec<Kind>,
     /// Whether a transfer function shows any of them, and whether one is a file's.
     pub(crate) is_classified: bool,
+    /// Whether it gives the opacity of any.
+    pub(crate) has_opacity: bool,
     pub(crate) has_file_function: bool,
     /// Whether their column densities are asked for.
     pub(crate) for_columns: bool,
@@ -76,7 +78,7 @@ impl DataOptions {
         let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
         let (raw, meshes) = (any(|k| k == Kind::Raw), any(|k| k == Kind::Mesh));
         let plot3d = any(|k| k == Kind::Plot3d);
-        let has_fields = any(|k| k != Kind::Mesh);
+        let has_fields = any(|k| k != Kind::Mesh) || uses.is_classified;
         let columns = uses.for_columns;
         let is_surface = self.flatten.is_some();
         let is_classified = uses.is_classified || is_surface;
@@ -119,8 +121,8 @@ impl DataOptions {
             (
                 "--opacity-scale",
                 is_scaled,
-                uses.is_classified && !is_surface,
-                CLASSIFIED,
+                uses.has_opacity && !is_surface,
+                "data whose opacity a transfer function gives",
             ),
             (
                 "--unit-distance",

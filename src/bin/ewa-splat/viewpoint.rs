@@ -180,11 +180,12 @@ impl CameraOptions {
         let front = default_up
             .front
             .map(|front| Viewpoint::azimuth_of(front, up));
+        let elevation = if default_up.is_plane { 0.0 } else { 25.0 };
         let (size, whole) = (canvas.inner(), canvas.size());
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let viewpoint = Viewpoint {
             azimuth_deg: self.azimuth.or(front).unwrap_or(30.0) + turn_deg,
-            elevation_deg: self.elevation.unwrap_or(25.0),
+            elevation_deg: self.elevation.unwrap_or(elevation),
             zoom: self.zoom.unwrap_or(1.0),
             up,
         };

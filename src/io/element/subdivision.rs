@@ -23,13 +23,13 @@ const LOOKED_AT: usize = 2000;
 /// The part of the places that are looked at that may differ by more.
 const TAIL: f64 = 0.001;
 
-/// Solid cells of higher order that are known, by what tells elements apart.
+/// Elements of higher order, by what tells them apart.
 type Elements = HashMap<(CellKind, usize), Option<Element>>;
 
 fn elements(mesh: &CellMesh) -> Elements {
     let mut known = Elements::new();
     for (i, &kind) in mesh.kinds.iter().enumerate() {
-        if kind.is_of_higher_order() && kind.is_solid() {
+        if kind.is_of_higher_order() && (kind.is_solid() || kind.is_flat()) {
             let count = mesh.cell(i).len();
             let element = || Element::of(kind, count);
             known.entry((kind, count)).or_insert_with(element);
@@ -113,7 +113,7 @@ fn between(element: &Element, steps: i32) -> Vec<Between> {
             CellKind::WEDGE => &[(0, 1), (1, 2), (0, 3)],
             _ => &[(0, 1), (1, 2), (2, 3)],
         };
-        for &(a, b) in pairs {
+        for &(a, b) in pairs.iter().filter(|(_, b)| *b < corners.len()) {
             let (a, b) = (corners[a], corners[b]);
             let middle = element.weights([0, 1, 2].map(|axis| 0.5 * (a[axis] + b[axis])));
             let ends = element.weights(a).into_iter().zip(element.weights(b));
@@ -138,7 +138,7 @@ pub(crate) struct Subdivision {
 }
 
 impl Subdivision {
-    /// Cuts the solid cells of higher order that are known, each edge into so many steps. `None` where that would be more
+    /// Cuts the cells of higher order that are known, each edge into so many steps. `None` where that would be more
     /// nodes than numbers are for, or memory.
     pub(crate) fn new(mesh: &CellMesh, steps: i32) -> Option<Self> {
         let elements = elements(mesh);

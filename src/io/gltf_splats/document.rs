@@ -9,7 +9,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Deserialize;
 
-use super::EXTENSION;
+use super::{EXTENSION, PACKED};
 use crate::error::{Error, Result};
 use crate::io::file::Input;
 use crate::io::gltf::percent_decoded;
@@ -72,7 +72,14 @@ pub(super) struct Extensions {
 pub(super) struct SplatExtension {
     pub(super) kernel: Option<String>,
     pub(super) color_space: Option<String>,
-    extensions: BTreeMap<String, serde::de::IgnoredAny>,
+    extensions: BTreeMap<String, PackedExtension>,
+}
+
+/// What packs the numbers of a primitive.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct PackedExtension {
+    buffer_view: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -258,6 +265,37 @@ impl<'a> Document<'a> {
         Ok((0..place(count))
             .map(|i| std::array::from_fn(|c| component(start + i * stride + c * size)))
             .collect())
+    }
+
+    /// The SPZ stream that a primitive's numbers are packed in, or `None` where they are not.
+    pub(super) fn packed(&mut self, extension: &SplatExtension) -> Result<Option<Vec<u8>>> {
+        let Some(packed) = extension.extensions.get(PACKED) else {
+            return Ok(None);
+        };
+        let path = self.path;
+        let fault = |expected: &str, found: String| {
+            let advice = "the file is damaged: get it again";
+            Error::format(path, PACKED, expected, found, advice)
+        };
+        let view = (packed.buffer_view).and_then(|index| self.root.buffer_views.get(index));
+        let Some(view) = view else {
+            let found = packed
+                .buffer_view
+                .map_or("none".into(), |i| format!("number {i}"));
+            return Err(fault("a buffer view that is there", found));
+        };
+        let (start, len, buffer) = (view.byte_offset, view.byte_length, view.buffer);
+        let bytes = self.buffer(buffer)?;
+        let bounds = [Some(start), start.checked_add(len)].map(|n| usize::try_from(n?).ok());
+        let part = match bounds {
+            [Some(start), Some(end)] => bytes.get(start..end),
+            _ => None,
+        };
+        let part = part.ok_or_else(|| {
+            let expected = format!("{len} bytes from byte {start} on");
+            fault(&expected, format!("{} in the buffer", bytes.len()))
+        })?;
+        Ok(Some(part.to_vec()))
     }
 
     /// The bytes of a buffer: the binary chunk, a data URI or a file beside this one.

@@ -15,6 +15,9 @@
 //! these are taken where the others are not there. Numbers may be bytes and shorts, as the extension and `KHR_mesh_quantization`
 //! have them.
 //!
+//! By `KHR_gaussian_splatting_compression_spz_2` all of them are packed in one buffer view, an SPZ stream (version 2 by the extension;
+//! all versions are read) in the axes of the glTF file; accessors without views may name the attributes.
+//!
 //! Nodes move splats: rotations and uniform scales exactly, harmonics with them. Where a node
 //! stretches, shapes stay exact and harmonics of degree 1 and up become the nearest ones. Primitives of
 //! other kinds are not read.
@@ -25,6 +28,8 @@ mod document;
 mod nodes;
 mod write;
 
+use std::collections::BTreeSet;
+
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use self::document::{Document, Primitive};
@@ -32,6 +37,7 @@ use super::dataset::Dataset;
 use super::file::Input;
 use super::log_scales::{self, ScaleMeaning};
 use super::splats::{SplatCloud, constant_of_colour};
+use super::spz;
 use crate::error::{Error, Result};
 use crate::image::srgb_from_linear;
 use crate::math::{
@@ -45,6 +51,8 @@ pub(super) use self::write::encode;
 pub(super) const FORMAT: &str = "glTF splats";
 
 const EXTENSION: &str = "KHR_gaussian_splatting";
+/// The extension of that one whose buffer view holds an SPZ stream.
+const PACKED: &str = "KHR_gaussian_splatting_compression_spz_2";
 
 /// So many splats may come of repeated meshes in the smallest file; of larger ones, one for every
 /// eight bytes.
@@ -69,18 +77,34 @@ pub(super) fn read(input: Input<'_>, meaning: Option<ScaleMeaning>) -> Result<Da
     let mut others = 0_usize;
     let mut logarithms = 0;
     // A file may show one mesh many times, but not make gigabytes of a kilobyte.
-    let most = (document.len / 8).max(MOST_OF_ANY_FILE);
+    let mut most = (document.len / 8).max(MOST_OF_ANY_FILE);
+    let mut unpacked = BTreeSet::new();
     let meshes = std::mem::take(&mut document.root.meshes);
     for (mesh, world_from_mesh) in placed {
-        for primitive in &meshes[mesh].primitives {
+        for (i, primitive) in meshes[mesh].primitives.iter().enumerate() {
             let Some(extension) = &primitive.extensions.splats else {
                 others += 1;
                 continue;
             };
             let linear = extension.color_space.as_deref() == Some("lin_rec709_display");
-            let mut part = read_primitive(&mut document, primitive)?;
-            // Before nodes multiply them.
-            logarithms += log_scales::settle_splats(&mut part.scales, meaning);
+            let mut part = match document.packed(extension)? {
+                Some(stream) => {
+                    let (part, said) = spz::splats(path, &stream)?;
+                    // Packed splats may take less; their stream has been checked against its size.
+                    if unpacked.insert((mesh, i)) {
+                        most += part.positions.len() as u64;
+                    }
+                    said.into_iter()
+                        .for_each(|note| note_once(&mut notes, note));
+                    part
+                }
+                None => {
+                    let mut part = read_primitive(&mut document, primitive)?;
+                    // Before nodes multiply them. SPZ's are what they are.
+                    logarithms += log_scales::settle_splats(&mut part.scales, meaning);
+                    part
+                }
+            };
             if linear {
                 encode_colours(&mut part, &mut notes);
             }

@@ -1,0 +1,31 @@
+//! How long files take to be read: the least of some times over.
+//!
+//! ```sh
+//! cargo run --release --example time_reading -- FILE...
+//! ```
+
+use std::path::Path;
+use std::time::Instant;
+
+use ewa_splat::Result;
+use ewa_splat::io::{OpenOptions, open};
+
+/// How often each file is read.
+const TIMES: usize = 5;
+
+fn main() -> Result<()> {
+    println!("{:>10} {:>9}  file", "MB", "s");
+    for name in std::env::args().skip(1) {
+        let path = Path::new(&name);
+        let mut least = f64::INFINITY;
+        for _ in 0..TIMES {
+            let start = Instant::now();
+            let data = open(path, &OpenOptions::default())?;
+            least = least.min(start.elapsed().as_secs_f64());
+            drop(data);
+        }
+        let bytes = std::fs::metadata(path).map_or(0, |meta| meta.len());
+        println!("{:>10.1} {least:>9.3}  {name}", bytes as f64 / 1e6);
+    }
+    Ok(())
+}

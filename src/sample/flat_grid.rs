@@ -1,0 +1,95 @@
+//! Grids of one layer as surfaces: there is no volume between their nodes.
+
+use crate::error::Result;
+use crate::io::{
+    Association, Blanking, CurvilinearBlock, Dataset, FieldSource, Geometry, Material, Mesh,
+    MeshPart,
+};
+
+/// A data set whose grids all have one node along just one index, as a mesh with the same fields; any other as it is.
+///
+/// # Errors
+/// Fields that say what is hidden and cannot be read.
+pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
+    let blocks = match &dataset.geometry {
+        Geometry::Lattice(lattice) if sides(lattice.dims).is_some() => {
+            let [x, y, _] = lattice.dims;
+            let count = lattice.dims.iter().product();
+            let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
+            vec![CurvilinearBlock {
+                dims: lattice.dims,
+                nodes: (0..count).map(at).collect(),
+            }]
+        }
+        Geometry::Curvilinear { blocks } if blocks.iter().all(|b| sides(b.dims).is_some()) => {
+            blocks.clone()
+        }
+        _ => return Ok(dataset),
+    };
+    let blanking = Blanking::of(&dataset)?;
+    let mut parts = Vec::new();
+    let mut cells = Vec::new();
+    let (mut first_node, mut first_cell) = (0, 0);
+    for CurvilinearBlock { dims, nodes } in blocks {
+        let (wide, high) = sides(dims).unwrap_or_default();
+        let mut triangles = Vec::new();
+        for (j, i) in (1..high).flat_map(|j| (1..wide).map(move |i| (j, i))) {
+            let corners = [(i - 1, j - 1), (i, j - 1), (i, j), (i - 1, j)];
+            let corners = corners.map(|(i, j)| i + wide * j);
+            let is_blank = corners.iter().any(|n| blanking.node(first_node + n));
+            if !is_blank && !blanking.cell(first_cell) {
+                #[expect(clippy::cast_possible_truncation, reason = "`sides` checks it")]
+                let [a, b, c, d] = corners.map(|n| n as u32);
+                triangles.extend([[a, b, c], [a, c, d]]);
+                #[expect(clippy::cast_possible_truncation, reason = "fewer than nodes")]
+                cells.extend([first_cell as u32; 2]);
+            }
+            first_cell += 1;
+        }
+        first_node += nodes.len();
+        parts.push(MeshPart {
+            positions: nodes,
+            triangles,
+            ..MeshPart::default()
+        });
+    }
+    for field in &mut dataset.fields {
+        let arrays = match &mut field.source {
+            FieldSource::Scalar(values) => std::slice::from_mut(values),
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => continue,
+        };
+        if field.association == Association::Cells {
+            let whole = arrays
+                .iter_mut()
+                .filter(|values| values.len() == first_cell);
+            whole.for_each(|values| *values = values.gather(&cells));
+        }
+    }
+    let fields = std::mem::take(&mut dataset.fields);
+    let shown = fields
+        .into_iter()
+        .filter(|f| !Blanking::is_told_by(&f.name));
+    dataset.fields = shown.collect();
+    dataset.geometry = Geometry::Mesh(Mesh {
+        parts,
+        materials: vec![Material {
+            is_double_sided: true,
+            ..Material::default()
+        }],
+        textures: Vec::new(),
+    });
+    Ok(dataset)
+}
+
+/// Nodes along the two indices of a layer, the faster one first; `None` where it is none, or too large for a mesh.
+fn sides(dims: [usize; 3]) -> Option<(usize, usize)> {
+    let wide: Vec<usize> = dims.iter().copied().filter(|n| *n > 1).collect();
+    let [wide, high] = wide[..] else {
+        return None;
+    };
+    let is_small = wide
+        .checked_mul(high)
+        .is_some_and(|n| u32::try_from(n).is_ok());
+    is_small.then_some((wide, high))
+}
