@@ -11,14 +11,9 @@ use super::file::{HEAD, Input};
 use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-<<<<<<< HEAD
-    Dataset, OpenOptions, csv, ensight, gltf, gltf_splats, hdf5, meta_image, nifti, npy, npz, nrrd,
-    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
-=======
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, threemf,
-    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
->>>>>>> main
+    Dataset, OpenOptions, csv, ensight, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy,
+    npz, nrrd, obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
+    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
