@@ -7,11 +7,13 @@
 use std::path::Path;
 
 use super::file::{HEAD, Input};
+#[cfg(feature = "netcdf")]
+use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, threemf,
-    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
+    Dataset, OpenOptions, csv, ensight, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy,
+    npz, nrrd, obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
+    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -366,6 +368,20 @@ static FORMATS: &[Format] = &[
         read: |input, _| npz::read(input),
         ..PLAIN
     },
+    // Before the particles of HDF5 files, which netCDF-4 files are, too.
+    #[cfg(feature = "netcdf")]
+    Format {
+        name: "netCDF",
+        family: Family::Grids,
+        endings: netcdf::ENDINGS,
+        reads: "classic, 64-bit, CDF-5 and netCDF-4 files. Exodus II: blocks of elements, nodal and element variables, \
+                those whose names end in X, Y and Z as vectors. Grids by CF, ROMS and NEMO: see \
+                [grids of the earth](#grids-of-the-earth)",
+        begins: |p| netcdf::looks_like(p.head, p.ends_in(netcdf::ENDINGS)),
+        read: |input, options| netcdf::read(input, options.time_step, options.read_as),
+        steps: Some(netcdf::steps),
+        ..PLAIN
+    },
     Format {
         name: "VTKHDF",
         family: Family::Grids,
@@ -400,6 +416,19 @@ static FORMATS: &[Format] = &[
                 IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
         begins: |p| plotfile::looks_like(p.head),
         read: |input, _| plotfile::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "EnSight Gold",
+        family: Family::Grids,
+        endings: &["case"],
+        reads: "the case file with its geometry and variables: text, C and Fortran binary in either byte order; elements of \
+                all types, polygons and polyhedra, blocks (uniform, rectilinear, curvilinear, with iblank); scalars, vectors, \
+                tensors by components and complex numbers of nodes and elements; time and file sets, several steps in \
+                one file. EnSight 6 is refused by name",
+        begins: |p| ensight::looks_like(p.head),
+        read: |input, options| ensight::read(input, options.time_step, options.read_as),
+        steps: Some(ensight::steps),
         ..PLAIN
     },
     Format {

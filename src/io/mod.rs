@@ -16,6 +16,7 @@ mod csv;
 mod dataset;
 mod element;
 mod encoded_splats;
+mod ensight;
 mod file;
 mod first_order;
 mod formats;
@@ -33,6 +34,8 @@ mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+#[cfg(feature = "netcdf")]
+mod netcdf;
 mod nifti;
 mod npy;
 mod npz;

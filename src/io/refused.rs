@@ -31,6 +31,8 @@ const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
         "a CGNS file in the old ADF container",
         "turn it into HDF5 with adf2hdf, then into VTK XML",
     ),
+    #[cfg(not(feature = "netcdf"))]
+    (0, b"CDF", "a netCDF or Exodus file", NO_NETCDF),
     (
         0,
         b" BDV",
@@ -60,6 +62,8 @@ const ENDINGS: &[(&str, &str, &str)] = &[
 ];
 
 const IMAGE: &str = "an image holds no volume: give a data file";
+#[cfg(not(feature = "netcdf"))]
+const NO_NETCDF: &str = "build with the feature `netcdf`, or save it as VTK XML (.vtu)";
 const MESH: &str = "save it as glTF (.glb)";
 
 /// Why a file that begins with `head` is not read, where it is known what it is.

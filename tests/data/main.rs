@@ -32,6 +32,8 @@ mod readers;
 mod refused;
 mod ripple;
 mod sampling;
+#[cfg(feature = "netcdf")]
+mod simulations;
 mod sog;
 mod splat_axes;
 mod splats;

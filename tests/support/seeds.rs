@@ -207,6 +207,43 @@ pub(crate) struct Set {
 
 /// Sound sets of files of the formats that name other files; each a folder of its own.
 pub(crate) fn sets() -> Vec<Set> {
+    let mut sets = collections();
+    sets.extend(simulations());
+    sets
+}
+
+/// Cases of EnSight in each form, and netCDF files.
+fn simulations() -> Vec<Set> {
+    let fixture = |name: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+        let file = name.rsplit_once('/').map_or(name, |(_, file)| file);
+        (file.to_owned(), std::fs::read(path.join(name)).unwrap())
+    };
+    let case = |form: &str| Set {
+        files: ["case", "geo", "flow", "p000", "p005"]
+            .map(|ending| fixture(&format!("ensight/{form}.{ending}")))
+            .into(),
+    };
+    let mut sets: Vec<Set> = ["text", "binary", "fortran"].map(case).into();
+    if cfg!(feature = "netcdf") {
+        let names = [
+            "blocks.ex2",
+            "higher.exo",
+            "regular.nc",
+            "roms1.nc",
+            "roms2.nc",
+            "nemo.nc",
+            "pressure.nc",
+        ];
+        sets.extend(names.map(|name| Set {
+            files: vec![fixture(&format!("netcdf/{name}"))],
+        }));
+    }
+    sets
+}
+
+/// Files that name others.
+fn collections() -> Vec<Set> {
     let set = |files: &[(&str, &[u8])]| Set {
         files: files
             .iter()
