@@ -10,7 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    obj, of_folder, openfoam, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml,
+    vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -104,6 +105,17 @@ impl Probe<'_> {
         })
     }
 
+    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
+        let looked_at = || {
+            let bytes = self.input.read_all().unwrap_or_default();
+            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+        };
+        // Archives of arrays may be large, and are what their name says.
+        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
+        is_archive && (self.ends_in(&[ending]) || looked_at())
+    }
+
     /// Whether there is nothing but text in the first bytes.
     fn is_text(&self) -> bool {
         let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
@@ -134,7 +146,7 @@ pub fn formats() -> &'static [Format] {
 /// # Errors
 /// The file cannot be read, or is of none of [`formats`].
 pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
-    recognise(Input::of_file(path), options)
+    recognise(Input::of_file(&of_folder(path)), options)
 }
 
 pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
@@ -305,12 +317,26 @@ static FORMATS: &[Format] = &[
         read: |input, _| gltf::read(input),
         ..PLAIN
     },
+    // Before the other archives.
+    Format {
+        name: "OpenFOAM",
+        family: Family::Simulations,
+        endings: &["foam", "openfoam", "foam.zip"],
+        reads: "cases, given as their folder, its `system/controlDict`, a `.foam` file in it or a ZIP archive of it: cells of \
+                any shape with fields of cells and nodes, text and binary with labels and numbers of 32 and 64 bits, \
+                packed with gzip or not, moving meshes, decomposed cases; the first of several regions; no patches, \
+                values at faces or particles",
+        begins: |p| openfoam::looks_like(p.head) || p.is_archive("foam.zip", openfoam::is_archive),
+        read: |input, options| openfoam::read(input, options.time_step),
+        steps: Some(openfoam::steps),
+        ..PLAIN
+    },
     Format {
         name: "NPZ",
         family: Family::Particles,
         endings: &["npz"],
         reads: "archives of NPY columns: see [tables](#tables)",
-        begins: |p| p.head.starts_with(npz::MAGIC),
+        begins: |p| p.head.starts_with(zip::MAGIC),
         read: |input, _| npz::read(input),
         ..PLAIN
     },

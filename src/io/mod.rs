@@ -35,6 +35,7 @@ mod npy;
 mod npz;
 mod nrrd;
 mod obj;
+mod openfoam;
 mod particle_type;
 mod plot3d;
 mod ply;
@@ -84,6 +85,7 @@ mod vtu;
 mod write_splats;
 mod zip;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
@@ -168,7 +170,16 @@ pub enum ReadAs {
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    read_input(Input::of_file(path), options)
+    let path = of_folder(path);
+    read_input(Input::of_file(&path), options)
+}
+
+/// Of a folder that is a data set the file in it that is opened, of all else the path itself.
+pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    if let Some(case) = openfoam::case_in(path) {
+        return Cow::Owned(case);
+    }
+    Cow::Borrowed(path)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::file::Input;
 use super::formats::Format;
+use super::of_folder;
 use crate::error::{Error, Result};
 
 /// A step of time.
@@ -42,7 +43,7 @@ impl Format {
     /// A file that cannot be read, or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
         match self.steps {
-            Some(steps) => steps(Input::of_file(path)),
+            Some(steps) => steps(Input::of_file(&of_folder(path))),
             None => Ok(vec![TimeStep {
                 time: None,
                 parts: vec![Part::file(path.to_path_buf())],
