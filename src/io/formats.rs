@@ -10,8 +10,8 @@ use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, of_folder, openfoam, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml,
-    vtk_xml_kinds, zip,
+    obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
+    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -35,8 +35,11 @@ pub struct Format {
     resembles: fn(&Probe<'_>) -> bool,
     pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
     /// The steps of time that a file stands for, and the files or places in it where each is.
-    pub(super) steps: Option<fn(Input<'_>) -> Result<Vec<TimeStep>>>,
+    pub(super) steps: Option<Steps>,
 }
+
+/// Reads the steps of time of a file.
+type Steps = fn(Input<'_>) -> Result<Vec<TimeStep>>;
 
 /// What the files of a format hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -236,14 +239,29 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTK's collections",
+        family: Family::Collections,
+        endings: &vtk_collection::ENDINGS,
+        reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
+                their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
+                in folders below",
+        begins: |p| vtk_collection::looks_like(p.head),
+        read: vtk_collection::read,
+        steps: Some(vtk_collection::steps),
+        ..PLAIN
+    },
+    Format {
         name: "VTK XML",
         family: Family::Grids,
         endings: &[
-            "vti", "vtr", "vts", "vtu", "vtp", "pvti", "pvtr", "pvts", "pvtu", "pvtp",
+            "vti", "vtr", "vts", "vtu", "vtp", "vthb", "vth", "pvti", "pvtr", "pvts", "pvtu",
+            "pvtp",
         ],
         reads: "image data with Direction, rectilinear and structured grids, unstructured grids with polyhedra, \
                 polygonal data, flat cells as [surfaces](#surfaces); ascii, base64, appended base64 and raw, zlib, LZ4 \
-                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together",
+                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together; \
+                levels of refinement (`vtkOverlappingAMR`, `vtkHierarchicalBoxDataSet`), of which the finest counts in \
+                each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
         ..PLAIN
@@ -287,6 +305,28 @@ static FORMATS: &[Format] = &[
         read: |input, _| splat::read(input),
         ..PLAIN
     },
+    // Before glTF, with which it shares an `asset`, and before the other archives.
+    Format {
+        name: "SOG",
+        family: Family::Splats,
+        endings: &["sog"],
+        reads: "PlayCanvas' splats in lossless WebP images, versions 1 and 2: as the `meta.json` that names them, as the \
+                folder that holds it, or bundled in a ZIP archive",
+        begins: |p| sog::looks_like(p.input.path, p.head) || p.is_archive("sog", sog::is_archive),
+        read: |input, _| sog::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "3MF",
+        family: Family::Meshes,
+        endings: &["3mf"],
+        reads: "what is to be built, of objects and their components in their places, those of other models in the archive \
+                too; colours of base materials and colour groups, textures; no composite materials, slices or beams. \
+                Coordinates stay in the file's unit",
+        begins: |p| p.is_archive("3mf", threemf::is_archive),
+        read: |input, _| threemf::read(input),
+        ..PLAIN
+    },
     // Before the meshes of glTF files, which may hold both.
     Format {
         name: "KSPLAT",
@@ -311,8 +351,8 @@ static FORMATS: &[Format] = &[
         family: Family::Meshes,
         endings: &["glb", "gltf"],
         reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
-                and emissive textures (PNG, JPEG) with `KHR_texture_transform`, alpha modes, morph targets and skins at \
-                rest",
+                and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
+                modes, morph targets and skins at rest",
         begins: |p| gltf::looks_like(p.head),
         read: |input, _| gltf::read(input),
         ..PLAIN
@@ -341,22 +381,47 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTKHDF",
+        family: Family::Grids,
+        endings: &["vtkhdf", "hdf"],
+        reads: "image data with Direction, unstructured grids with polyhedra, polygonal data, in parts; overlapping AMR, of \
+                which the finest level counts in each place; multi-block data sets and partitioned collections, whose \
+                blocks are put together; steps of time",
+        begins: |p| p.head.starts_with(hdf5::MAGIC) && hdf5::names_vtk(p.head),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::vtk_steps),
+        ..PLAIN
+    },
+    Format {
         name: "HDF5 particles",
         family: Family::Particles,
         endings: &["h5", "hdf5"],
         reads: "Phantom dumps; snapshots of Gadget, Gizmo, Arepo and SWIFT, whose lossy compression included \
                 (`FMantissa9` ... `DMantissa21`, `HalfFloat`, `BFloat16`, `DScale`, integers of odd widths); fields in \
-                other floating-point layouts are left out with a note. Which of their particles: \
+                other floating-point layouts are left out with a note. Any file of a snapshot in several files stands for \
+                all of them. Which of their particles: \
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
-        read: |input, options| hdf5::read(input, options.particle_type),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::snapshot_steps),
+        ..PLAIN
+    },
+    Format {
+        name: "AMReX plotfiles",
+        family: Family::Simulations,
+        endings: &[],
+        reads: "of BoxLib and AMReX, given as a folder or its `Header`: all levels, of which the finest counts in each place; \
+                IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
+        begins: |p| plotfile::looks_like(p.head),
+        read: |input, _| plotfile::read(input),
         ..PLAIN
     },
     Format {
         name: "OBJ",
         family: Family::Meshes,
         endings: &["obj"],
-        reads: "polygons of any shape, MTL, `--texture FILE` where it names none",
+        reads: "polygons of any shape, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+                not there are left out with a note",
         resembles: |p| obj::looks_like(p.head),
         read: |input, options| obj::read(input, options.texture.as_deref()),
         ..PLAIN

@@ -5,6 +5,7 @@
 //! claims against the bytes that are there before it allocates, and every writer writes to a
 //! temporary file that is renamed when complete.
 
+mod amr;
 mod atomic;
 mod blanking;
 mod cells;
@@ -26,6 +27,8 @@ mod hdf5;
 mod image_file;
 mod image_header;
 mod ksplat;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod log_scales;
 mod mesh;
 mod mesh_part;
@@ -38,6 +41,7 @@ mod obj;
 mod openfoam;
 mod particle_type;
 mod plot3d;
+mod plotfile;
 mod ply;
 mod ply_body;
 mod ply_header;
@@ -55,6 +59,7 @@ mod samples;
 mod scalars;
 mod shape_columns;
 mod smoothing;
+mod sog;
 mod splat;
 mod splat_axes;
 mod splats;
@@ -63,13 +68,16 @@ mod spz_write;
 mod stl;
 mod table;
 mod texture;
+mod threemf;
 mod time_steps;
 mod unit;
 mod up;
 mod voxels;
 mod vti;
+mod vtk_amr;
 mod vtk_array;
 mod vtk_codec;
+mod vtk_collection;
 mod vtk_extent;
 mod vtk_grid;
 mod vtk_legacy;
@@ -122,7 +130,7 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
@@ -165,7 +173,8 @@ pub enum ReadAs {
 /// Reads a data file.
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
-/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests.
+/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
+/// that of a SOG scene, for its `meta.json`.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -179,7 +188,17 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
     if let Some(case) = openfoam::case_in(path) {
         return Cow::Owned(case);
     }
-    Cow::Borrowed(path)
+    let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
+        let file = path.join(name);
+        let head = Input::of_file(&file).head(HEAD);
+        let is_so = head.is_ok_and(|(head, _)| is_so(&file, &head));
+        is_so.then_some(file)
+    };
+    let file = path.is_dir().then(|| {
+        let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
+        plotfile().or_else(|| stands_in(sog::META, &sog::looks_like))
+    });
+    file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is

@@ -12,6 +12,7 @@ mod examples;
 #[path = "../support/mod.rs"]
 mod support;
 
+mod amr;
 mod bad_input;
 mod cells;
 mod collections;
@@ -30,9 +31,13 @@ mod public_data;
 mod readers;
 mod ripple;
 mod sampling;
+mod sog;
 mod splat_axes;
 mod splats;
 mod stl;
 mod surface_fields;
+mod textures;
+mod threemf;
 mod vtk_legacy;
 mod vtk_xml;
+mod vtkhdf;

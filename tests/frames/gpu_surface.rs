@@ -1050,7 +1050,7 @@ fn surfaces_with_fields_look_alike() {
     let values: Vec<f32> = (0..count).map(|_| random.range(-0.2, 1.2) as f32).collect();
     surface.values = Some(values.into());
     surface.colour = Colour::Classified;
-    let colours = |t: f64| [t as f32, 1.0 - t as f32, 0.5];
+    let colours = |t: f32| [t, 1.0 - t, 0.5];
     let function = TransferFunction::from_curves(colours, |t| t, [0.0, 1.0], 1.0);
     surface.transfer_function = Some(function.unwrap());
     for (name, camera) in cameras([150, 110]) {

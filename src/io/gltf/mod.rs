@@ -7,7 +7,7 @@
 //!
 //! | extension | what is made of it |
 //! |---|---|
-//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing` | as it says |
+//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing`, `EXT_texture_webp`, `KHR_texture_basisu` | as it says |
 //! | `KHR_materials_pbrSpecularGlossiness` | its diffuse colour, where the material has no other |
 //! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
 //! | others | nothing and a note; refused by name where the file requires them |
@@ -49,10 +49,12 @@ const MOST_CORNERS: usize = 1 << 27;
 /// Extensions that are read.
 const READ: &[&str] = &[
     "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
     "KHR_materials_emissive_strength",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 

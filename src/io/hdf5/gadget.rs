@@ -43,26 +43,60 @@ const TYPES: [(&str, &[ParticleType]); 7] = [
 /// The name of the field of SWIFT's lengths as standard deviations.
 const SIGMA: &str = "sigma";
 
+/// The types that a file has groups of, by their numbers.
+pub(super) fn present(file: &SnapshotFile<'_>) -> Result<Vec<(usize, Group, ParticleCount)>> {
+    let mut present = Vec::new();
+    for (kind, (name, types)) in TYPES.iter().enumerate() {
+        if let Some(group) = file.group(name)?
+            && file.has(&group, "Coordinates")?
+        {
+            let count = ParticleCount {
+                name: (*name).to_owned(),
+                types: types.to_vec(),
+                count: file.row_count(&group, "Coordinates")?,
+                is_read: false,
+            };
+            present.push((kind, group, count));
+        }
+    }
+    Ok(present)
+}
+
+/// Notes that a file is one of several whose names are not known.
+pub(super) fn note_other_files(file: &SnapshotFile<'_>) -> Result<()> {
+    let header = file.group("Header")?;
+    let files = header.and_then(|header| file.attribute(&header, "NumFilesPerSnapshot"));
+    if let Some(files) = files.and_then(|n| n.first().copied()).filter(|n| *n > 1.0) {
+        file.note(format!(
+            "The snapshot consists of {files} files; only this one is read."
+        ));
+    }
+    Ok(())
+}
+
+/// The number of the first type that a snapshot in several files has, as the header of each says.
+pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
+    let Some(header) = file.group("Header")? else {
+        return Ok(None);
+    };
+    let totals = ["NumPart_Total", "NumPart_Total_HighWord"];
+    let totals = totals
+        .into_iter()
+        .filter_map(|name| file.attribute(&header, name));
+    let found = totals.filter_map(|total| total.iter().position(|n| *n > 0.0));
+    Ok(found.min())
+}
+
 /// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
 /// the first type it has: `None` where it has no particles.
 pub(super) fn read(
     file: &SnapshotFile<'_>,
     wanted: Option<ParticleType>,
 ) -> Result<Option<Dataset>> {
-    let mut present: Vec<(usize, Group)> = Vec::new();
-    let mut counts: Vec<ParticleCount> = Vec::new();
-    for (kind, (name, types)) in TYPES.iter().enumerate() {
-        if let Some(group) = file.group(name)?
-            && file.has(&group, "Coordinates")?
-        {
-            counts.push(ParticleCount {
-                name: (*name).to_owned(),
-                types: types.to_vec(),
-                count: file.row_count(&group, "Coordinates")?,
-                is_read: false,
-            });
-            present.push((kind, group));
-        }
+    let (mut present, mut counts) = (Vec::new(), Vec::new());
+    for (kind, group, count) in self::present(file)? {
+        present.push((kind, group));
+        counts.push(count);
     }
     if present.is_empty() {
         return Ok(None);
@@ -118,11 +152,6 @@ pub(super) fn read(
     }
 
     let first = |name: &str| attribute(name).and_then(|v| v.first().copied());
-    if let Some(files) = first("NumFilesPerSnapshot").filter(|n| *n > 1.0) {
-        file.note(format!(
-            "The snapshot consists of {files} files; only this one is read."
-        ));
-    }
     let units = file.group("Units")?;
     let swift_unit = || file.attribute(units.as_ref()?, "Unit length in cgs (U_L)");
     let unit = first("UnitLength_in_cm").or_else(|| swift_unit()?.first().copied());
