@@ -26,6 +26,7 @@ mod meshes;
 mod meta_image;
 mod nifti;
 mod nrrd;
+mod openfoam;
 mod particles;
 mod public_data;
 mod readers;

@@ -7,6 +7,7 @@ pub(crate) mod damage;
 pub(crate) mod images;
 pub(crate) mod meshes;
 pub(crate) mod nifti;
+pub(crate) mod openfoam;
 pub(crate) mod raytrace;
 pub(crate) mod seeds;
 pub(crate) mod sog;

@@ -8,6 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use super::amr;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::openfoam;
 use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
@@ -264,6 +265,12 @@ pub(crate) fn sets() -> Vec<Set> {
     sets.push(Set {
         files: pieces.map(piece).into(),
     });
+    for form in openfoam::Form::all() {
+        sets.push(Set { files: form.case() });
+        sets.push(Set {
+            files: form.decomposed(),
+        });
+    }
     sets
 }
 
