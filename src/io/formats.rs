@@ -9,9 +9,9 @@ use std::path::Path;
 use super::file::{HEAD, Input};
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
-    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
+    Dataset, OpenOptions, csv, gadget, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy,
+    npz, nrrd, obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz,
+    stl, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -404,6 +404,18 @@ static FORMATS: &[Format] = &[
         begins: |p| p.head.starts_with(hdf5::MAGIC),
         read: |input, options| hdf5::read(input, options),
         steps: Some(hdf5::snapshot_steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Gadget's binary snapshots",
+        family: Family::Particles,
+        endings: &[],
+        reads: "of Gadget-1 and Gadget-2 in formats 1 and 2 and either byte order, with numbers of 32 and 64 bits; any file of \
+                a snapshot in several files (`NAME.0`, `NAME.1`, ...) stands for all of them. Which of their particles: \
+                [below](#types-of-particles)",
+        begins: |p| gadget::looks_like(p.head),
+        read: |input, options| gadget::read(input, options.particle_type),
+        steps: Some(gadget::steps),
         ..PLAIN
     },
     Format {

@@ -19,6 +19,7 @@ mod encoded_splats;
 mod file;
 mod first_order;
 mod formats;
+mod gadget;
 mod gltf;
 mod gltf_splats;
 mod half;
@@ -202,13 +203,13 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
-/// HDF5.
+/// HDF5, or a binary snapshot of Gadget.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
-    Ok(head == hdf5::MAGIC)
+    let (head, _) = Input::of_file(path).head(HEAD)?;
+    Ok(head.starts_with(hdf5::MAGIC) || gadget::looks_like(&head))
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -274,7 +275,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return Err(Error::format(
             input.path,
             Parameter::ParticleType,
-            "an HDF5 snapshot of particles of several types",
+            "a snapshot of particles of several types",
             data.format,
             Hint::LeaveOut(Parameter::ParticleType),
         ));
