@@ -366,12 +366,8 @@ impl Gathered {
             };
             let components = match name {
                 "POS" | "VEL" | "ACCE" => 3,
-                _ if header.types_of("", data.len()).is_some()
-                    && total.checked_mul(12) == Some(data.len())
-                    && !is_known(name) =>
-                {
-                    3
-                }
+                // Of others the length told whose they are.
+                _ if !is_known(name) && total.checked_mul(12) == Some(data.len()) => 3,
                 _ => 1,
             };
             let number_count = total.checked_mul(components);

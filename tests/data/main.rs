@@ -20,6 +20,7 @@ mod convert;
 mod faces;
 mod fixtures;
 mod from_bytes;
+mod gadget;
 mod hdf5;
 mod mesh_sampling;
 mod meshes;

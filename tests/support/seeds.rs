@@ -6,6 +6,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::amr;
+use super::gadget;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
 use super::openfoam;
@@ -265,6 +266,15 @@ pub(crate) fn sets() -> Vec<Set> {
     sets.push(Set {
         files: pieces.map(piece).into(),
     });
+    for form in gadget::Form::all() {
+        sets.push(Set {
+            files: vec![("a.snap".into(), form.snapshot(1, &gadget::SOME))],
+        });
+        let file = |i: usize| (format!("snap.{i}"), form.snapshot(2, &gadget::HALVES[i]));
+        sets.push(Set {
+            files: vec![file(1), file(0)],
+        });
+    }
     for form in openfoam::Form::all() {
         sets.push(Set { files: form.case() });
         sets.push(Set {
