@@ -11,7 +11,7 @@ use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gadget, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy,
     npz, nrrd, obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz,
-    stl, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
+    stl, tecplot, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -445,6 +445,20 @@ static FORMATS: &[Format] = &[
         reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
         resembles: |p| stl::looks_like(p.head, p.len),
         read: |input, _| stl::read(input),
+        ..PLAIN
+    },
+    // Before tables, whose names its own may be.
+    Format {
+        name: "Tecplot",
+        family: Family::Simulations,
+        endings: &["tec"],
+        reads: "text (`.dat`, `.plt`, too, where the content says so): ordered zones and those of lines, triangles, \
+                quadrilaterals, tetrahedra and bricks, by points and by blocks, variables at nodes and cells, repeated \
+                numbers, shared variables, steps of time; zones of one layer as [surfaces](#surfaces); no polygons, \
+                polyhedra or binary files",
+        begins: |p| p.is_text() && tecplot::looks_like(p.head),
+        read: |input, options| tecplot::read(input, options.time_step, options.read_as),
+        steps: Some(tecplot::steps),
         ..PLAIN
     },
     Format {

@@ -68,6 +68,7 @@ mod spz;
 mod spz_write;
 mod stl;
 mod table;
+mod tecplot;
 mod texture;
 mod threemf;
 mod time_steps;
