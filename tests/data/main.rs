@@ -38,6 +38,7 @@ mod splat_axes;
 mod splats;
 mod stl;
 mod surface_fields;
+mod tecplot;
 mod textures;
 mod threemf;
 mod vtk_legacy;

@@ -13,6 +13,7 @@ pub(crate) mod raytrace;
 pub(crate) mod seeds;
 pub(crate) mod sog;
 pub(crate) mod splats;
+pub(crate) mod tecplot;
 pub(crate) mod threemf;
 pub(crate) mod vtk_legacy;
 

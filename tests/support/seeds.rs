@@ -15,6 +15,7 @@ use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
     splat_records, spz, spz_streams, stored,
 };
+use super::tecplot;
 use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
@@ -266,6 +267,9 @@ pub(crate) fn sets() -> Vec<Set> {
     sets.push(Set {
         files: pieces.map(piece).into(),
     });
+    for text in tecplot::ALL {
+        sets.push(set(&[("a.dat", text.as_bytes())]));
+    }
     for form in gadget::Form::all() {
         sets.push(Set {
             files: vec![("a.snap".into(), form.snapshot(1, &gadget::SOME))],

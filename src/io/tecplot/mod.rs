@@ -207,7 +207,9 @@ fn fields(file: &File, axes: &[Option<usize>; 3], notes: &mut Vec<String>) -> Ve
         let mut all: Vec<f32> = Vec::new();
         let is_whole = file.zones.iter().all(|zone| {
             let values = zone.values[variable].as_ref();
-            let values = values.filter(|_| zone.at_cells[variable] == at_cells);
+            // A line of nodes is read as points, which have no cells.
+            let has_place = zone.at_cells[variable] == at_cells && !(at_cells && zone.is_line());
+            let values = values.filter(|_| has_place);
             all.extend(
                 values
                     .into_iter()
@@ -239,6 +241,10 @@ fn fields(file: &File, axes: &[Option<usize>; 3], notes: &mut Vec<String>) -> Ve
 }
 
 impl Zone {
+    fn is_line(&self) -> bool {
+        matches!(self.shape, Shape::Ordered(dims) if dims.iter().filter(|&&n| n > 1).count() < 2)
+    }
+
     fn is_at_nodes(&self, variable: usize) -> bool {
         self.values[variable].is_some() && !self.at_cells[variable]
     }
@@ -276,10 +282,7 @@ impl Zone {
         let steps = [1, dims[0], dims[0] * dims[1]].map(|n| n as u32);
         let axes: Vec<usize> = (0..3).filter(|&axis| dims[axis] > 1).collect();
         let cells = dims.map(|n| n.saturating_sub(1).max(1) as u32);
-        if dims.contains(&0) {
-            return;
-        }
-        if axes.len() < 2 {
+        if self.is_line() {
             let count = dims.iter().product::<usize>() as u32;
             (0..count).for_each(|node| add(CellKind::VERTEX, &[node]));
             return;

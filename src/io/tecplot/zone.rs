@@ -215,6 +215,9 @@ impl Header {
     fn shape(&self, scanner: &Scanner<'_>) -> Result<Shape> {
         if matches!(self.kind.as_str(), "" | "ORDERED") {
             let dims = self.sizes.map(|n| n.unwrap_or(1));
+            if dims.contains(&0) {
+                return Err(scanner.fault("ZONE", "one node or more along each axis", "0"));
+            }
             return Ok(Shape::Ordered(dims));
         }
         let (kind, corners) = match self.kind.as_str() {
