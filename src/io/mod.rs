@@ -92,6 +92,7 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod vtu_write;
 mod write_splats;
 mod zip;
 

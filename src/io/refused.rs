@@ -10,6 +10,9 @@ use crate::error::{Advice, Error, Hint};
 /// What files begin with, at which byte; what they are; and what to do.
 const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"\x89PNG", "a PNG image", IMAGE),
+    (0, b"\xff\xd8\xff", "a JPEG image", IMAGE),
+    (8, b"WEBP", "a WebP image", IMAGE),
+    (0, b"\xabKTX", "a KTX image", IMAGE),
     (0, b"PF\n", "a PFM image", IMAGE),
     (0, b"\x76\x2f\x31\x01", "an EXR image", IMAGE),
     (0, b"Kaydara FBX", "an FBX file", MESH),

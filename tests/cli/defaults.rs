@@ -118,7 +118,18 @@ fn default_pictures_of_all_real_files_show_them() {
         let (middle, most) = (seen[seen.len() / 2], seen[seen.len() - 1]);
         assert!(most > 0.3, "{name}: no more than {most}");
         let is_surface = [
-            "gltf", "glb", "obj", "ply", "splat", "spz", "vtp", "stl", "pvd", "json", "3mf",
+            "gltf",
+            "glb",
+            "obj",
+            "ply",
+            "splat",
+            "spz",
+            "vtp",
+            "stl",
+            "pvd",
+            "json",
+            "3mf",
+            "beach.nrrd",
         ]
         .iter()
         .any(|ending| name.ends_with(ending));

@@ -31,6 +31,7 @@ mod openfoam;
 mod particles;
 mod public_data;
 mod readers;
+mod refused;
 mod ripple;
 mod sampling;
 mod sog;
