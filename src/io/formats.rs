@@ -11,9 +11,9 @@ use super::file::{HEAD, Input};
 use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, ensight, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy,
-    npz, nrrd, obj, of_folder, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
-    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
+    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti,
+    npy, npz, nrrd, obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat,
+    spz, stl, tecplot, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -359,6 +359,20 @@ static FORMATS: &[Format] = &[
         read: |input, _| gltf::read(input),
         ..PLAIN
     },
+    // Before the other archives.
+    Format {
+        name: "OpenFOAM",
+        family: Family::Simulations,
+        endings: &["foam", "openfoam", "foam.zip"],
+        reads: "cases, given as their folder, its `system/controlDict`, a `.foam` file in it or a ZIP archive of it: cells of \
+                any shape with fields of cells and nodes, text and binary with labels and numbers of 32 and 64 bits, \
+                packed with gzip or not, moving meshes, decomposed cases; the first of several regions; no patches, \
+                values at faces or particles",
+        begins: |p| openfoam::looks_like(p.head) || p.is_archive("foam.zip", openfoam::is_archive),
+        read: |input, options| openfoam::read(input, options.time_step),
+        steps: Some(openfoam::steps),
+        ..PLAIN
+    },
     Format {
         name: "NPZ",
         family: Family::Particles,
@@ -409,6 +423,18 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "Gadget's binary snapshots",
+        family: Family::Particles,
+        endings: &[],
+        reads: "of Gadget-1 and Gadget-2 in formats 1 and 2 and either byte order, with numbers of 32 and 64 bits; any file of \
+                a snapshot in several files (`NAME.0`, `NAME.1`, ...) stands for all of them. Which of their particles: \
+                [below](#types-of-particles)",
+        begins: |p| gadget::looks_like(p.head),
+        read: |input, options| gadget::read(input, options.particle_type),
+        steps: Some(gadget::steps),
+        ..PLAIN
+    },
+    Format {
         name: "AMReX plotfiles",
         family: Family::Simulations,
         endings: &[],
@@ -448,6 +474,20 @@ static FORMATS: &[Format] = &[
         reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
         resembles: |p| stl::looks_like(p.head, p.len),
         read: |input, _| stl::read(input),
+        ..PLAIN
+    },
+    // Before tables, whose names its own may be.
+    Format {
+        name: "Tecplot",
+        family: Family::Simulations,
+        endings: &["tec"],
+        reads: "text (`.dat`, `.plt`, too, where the content says so): ordered zones and those of lines, triangles, \
+                quadrilaterals, tetrahedra and bricks, by points and by blocks, variables at nodes and cells, repeated \
+                numbers, shared variables, steps of time; zones of one layer as [surfaces](#surfaces); no polygons, \
+                polyhedra or binary files",
+        begins: |p| p.is_text() && tecplot::looks_like(p.head),
+        read: |input, options| tecplot::read(input, options.time_step, options.read_as),
+        steps: Some(tecplot::steps),
         ..PLAIN
     },
     Format {

@@ -20,6 +20,7 @@ mod ensight;
 mod file;
 mod first_order;
 mod formats;
+mod gadget;
 mod gltf;
 mod gltf_splats;
 mod half;
@@ -41,6 +42,7 @@ mod npy;
 mod npz;
 mod nrrd;
 mod obj;
+mod openfoam;
 mod particle_type;
 mod plot3d;
 mod plotfile;
@@ -69,6 +71,7 @@ mod spz;
 mod spz_write;
 mod stl;
 mod table;
+mod tecplot;
 mod texture;
 mod threemf;
 mod time_steps;
@@ -188,6 +191,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 
 /// Of a folder that is a data set the file in it that is opened, of all else the path itself.
 pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    if let Some(case) = openfoam::case_in(path) {
+        return Cow::Owned(case);
+    }
     let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
         let file = path.join(name);
         let head = Input::of_file(&file).head(HEAD);
@@ -202,13 +208,13 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
-/// HDF5.
+/// HDF5, or a binary snapshot of Gadget.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
-    Ok(head == hdf5::MAGIC)
+    let (head, _) = Input::of_file(path).head(HEAD)?;
+    Ok(head.starts_with(hdf5::MAGIC) || gadget::looks_like(&head))
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -274,7 +280,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return Err(Error::format(
             input.path,
             Parameter::ParticleType,
-            "an HDF5 snapshot of particles of several types",
+            "a snapshot of particles of several types",
             data.format,
             Hint::LeaveOut(Parameter::ParticleType),
         ));

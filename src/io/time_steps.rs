@@ -44,7 +44,16 @@ impl Format {
     /// A file that cannot be read, or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
         match self.steps {
-            Some(steps) => steps(Input::of_file(&of_folder(path))),
+            Some(steps) => {
+                let file = of_folder(path);
+                let mut steps = steps(Input::of_file(&file))?;
+                let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
+                // What was given stands for that file.
+                for part in parts.filter(|part| part.path == file) {
+                    part.path = path.to_path_buf();
+                }
+                Ok(steps)
+            }
             None => Ok(of_file(path, &[])),
         }
     }

@@ -6,13 +6,16 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::amr;
+use super::gadget;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::openfoam;
 use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
     splat_records, spz, spz_streams, stored,
 };
+use super::tecplot;
 use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
@@ -301,6 +304,24 @@ fn collections() -> Vec<Set> {
     sets.push(Set {
         files: pieces.map(piece).into(),
     });
+    for text in tecplot::ALL {
+        sets.push(set(&[("a.dat", text.as_bytes())]));
+    }
+    for form in gadget::Form::all() {
+        sets.push(Set {
+            files: vec![("a.snap".into(), form.snapshot(1, &gadget::SOME))],
+        });
+        let file = |i: usize| (format!("snap.{i}"), form.snapshot(2, &gadget::HALVES[i]));
+        sets.push(Set {
+            files: vec![file(1), file(0)],
+        });
+    }
+    for form in openfoam::Form::all() {
+        sets.push(Set { files: form.case() });
+        sets.push(Set {
+            files: form.decomposed(),
+        });
+    }
     sets
 }
 

@@ -5,7 +5,7 @@
 //! one that takes limits on what a read may allocate; a few hundred bytes of HDF5 can declare
 //! gigabytes.
 
-mod gadget;
+pub(super) mod gadget;
 mod layout;
 mod phantom;
 mod pieces;
