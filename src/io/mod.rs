@@ -180,7 +180,7 @@ pub enum ReadAs {
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
 /// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
-/// that of a SOG scene, for its `meta.json`.
+/// that of a SOG scene, for its `meta.json`, an AMReX plotfile, or an OpenFOAM case.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.

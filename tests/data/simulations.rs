@@ -76,9 +76,16 @@ fn exodus_is_what_its_vtu_is() {
     let (Geometry::Cells(x), Geometry::Cells(y)) = (&a.geometry, &b.geometry) else {
         panic!("no cells")
     };
-    assert_eq!(x, y);
+    assert_eq!(x.kinds, y.kinds);
+    assert_eq!(x.connectivity.len(), y.connectivity.len());
+    // VTK numbers nodes in the order in which cells name them.
+    let pairs = || x.connectivity.iter().zip(&y.connectivity);
+    let is_same = |(i, j): (&u32, &u32)| x.nodes[*i as usize] == y.nodes[*j as usize];
+    assert!(pairs().all(is_same));
     for name in b.field_names() {
-        assert_eq!(numbers(&a, name), numbers(&b, name), "{name}");
+        let [of_x, of_y] = [&a, &b].map(|data| numbers(data, name));
+        let is_same = |(i, j): (&u32, &u32)| of_x[*i as usize] == of_y[*j as usize];
+        assert!(pairs().all(is_same), "{name}");
     }
 }
 
