@@ -8,7 +8,7 @@ use gltf_json::mesh::{Mode, Primitive, Semantic};
 use gltf_json::validation::Checked;
 use gltf_json::{self as json, Index};
 
-use super::accessor::{ANY_NUMBERS, Accessor, INDICES};
+use super::accessor::{ANY_NUMBERS, Accessor, INDICES, Stated};
 use super::container::Buffers;
 use crate::error::Result;
 use crate::io::MeshPart;
@@ -31,6 +31,9 @@ pub(super) struct PrimitiveReader<'b, 'f> {
     pub(super) buffers: &'b Buffers<'f>,
     pub(super) primitive: &'b Primitive,
     pub(super) place: String,
+    /// What is packed by `KHR_draco_mesh_compression`.
+    #[cfg(feature = "draco")]
+    pub(super) draco: Option<super::draco::Primitive<'b>>,
 }
 
 impl<'b> PrimitiveReader<'b, '_> {
@@ -48,7 +51,29 @@ impl<'b> PrimitiveReader<'b, '_> {
         components: &[ComponentType],
     ) -> Result<Accessor<'b>> {
         let place = format!("{}, {name}", self.place);
-        Accessor::open(self.buffers, accessor, &place, types, components)
+        let stated = Stated::find(self.buffers, accessor, &place, types, components)?;
+        #[cfg(feature = "draco")]
+        if let Some(draco) = &self.draco {
+            return draco.open(self.buffers, name, stated);
+        }
+        stated.open(self.buffers)
+    }
+
+    /// How vertices are put together.
+    ///
+    /// # Errors
+    /// No mode of the format.
+    fn mode(&self) -> Result<Mode> {
+        let Checked::Valid(mode) = self.primitive.mode else {
+            let place = format!("{}, mode", self.place);
+            return Err(self.buffers.refuse(place, "0 to 6", "another number"));
+        };
+        #[cfg(feature = "draco")]
+        if self.draco.is_some() {
+            // Strips are unpacked as triangles.
+            return Ok(Mode::Triangles);
+        }
+        Ok(mode)
     }
 
     /// An attribute with as many elements as there are positions.
@@ -87,14 +112,7 @@ impl<'b> PrimitiveReader<'b, '_> {
     /// # Errors
     /// No positions, or accessors that are not there.
     pub(super) fn corner_count(&self) -> Result<Option<usize>> {
-        let mode = match self.primitive.mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => {
-                let place = format!("{}, mode", self.place);
-                return Err(self.buffers.refuse(place, "0 to 6", "another number"));
-            }
-        };
-        let is_strip = match mode {
+        let is_strip = match self.mode()? {
             Mode::Triangles => false,
             Mode::TriangleStrip | Mode::TriangleFan => true,
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => return Ok(None),
@@ -137,9 +155,10 @@ impl<'b> PrimitiveReader<'b, '_> {
             let expected = format!("indices of {vertex_count} vertices");
             return Err(self.buffers.refuse(place, expected, index.to_string()));
         }
-        let is_strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));
-        Ok(match self.primitive.mode {
-            Checked::Valid(Mode::TriangleStrip | Mode::TriangleFan) => indices
+        let mode = self.mode()?;
+        let is_strip = mode == Mode::TriangleStrip;
+        Ok(match mode {
+            Mode::TriangleStrip | Mode::TriangleFan => indices
                 .windows(3)
                 .enumerate()
                 .map(|(i, w)| match (is_strip, i % 2) {
