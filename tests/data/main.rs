@@ -25,6 +25,7 @@ mod meshes;
 mod meta_image;
 mod nifti;
 mod nrrd;
+mod packed_meshes;
 mod particles;
 mod public_data;
 mod readers;
