@@ -132,7 +132,7 @@ fn packed_counts_beyond_the_file_are_refused() {
         let at = bytes.windows(from.len()).position(|w| w == from.as_bytes());
         let mut changed = bytes.clone();
         changed[at.unwrap()..][..to.len()].copy_from_slice(to.as_bytes());
-        let error = read(&changed, Path::new("a.glb"), &OpenOptions::default()).unwrap_err();
+        let error = read("a.glb", &changed, &OpenOptions::default()).unwrap_err();
         error.to_string()
     };
     let text = String::from_utf8_lossy(&bytes).into_owned();

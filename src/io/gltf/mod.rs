@@ -45,9 +45,9 @@ use crate::error::{Error, Result};
 use container::Buffers;
 use materials::Materials;
 use nodes::Nodes;
-use primitives::{NO_TRIANGLES, PrimitiveReader};
+use primitives::PrimitiveReader;
 
-/// The most corners that all triangles of a scene may have together. Nodes and instances share
+/// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
 /// meshes, so a small file can state a scene of any size.
 const MOST_CORNERS: usize = 1 << 27;
 
@@ -87,7 +87,7 @@ const DRACO: &str = "KHR_draco_mesh_compression";
 ///
 /// # Errors
 /// JSON or buffers that break the format's rules or are not there, required extensions that are
-/// not read, and scenes without triangles.
+/// not read, and scenes without triangles, lines or points.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -190,7 +190,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let mut materials = Materials::new(buffers);
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
-    let (mut corners_left, mut without_triangles) = (MOST_CORNERS, 0_usize);
+    let mut corners_left = MOST_CORNERS;
     for &n in &nodes.shown {
         let node = &root.nodes[n];
         let Some(index) = node.mesh else { continue };
@@ -216,14 +216,12 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 draco: draco::Primitive::of(buffers, primitive, &place)?,
                 place,
             };
-            let Some(corners) = reader.corner_count()? else {
-                without_triangles += 1;
-                continue;
-            };
+            let corners = reader.corner_count()?;
             let corners = corners.saturating_mul(instances.len());
             corners_left = corners_left.checked_sub(corners).ok_or_else(|| {
                 let advice = "export fewer instances, or a part of the scene";
-                let expected = format!("{MOST_CORNERS} corners of triangles at most");
+                let expected =
+                    format!("{MOST_CORNERS} corners of triangles, lines and points at most");
                 let found = "more, all instances together";
                 Error::format(buffers.path, reader.place.clone(), expected, found, advice)
             })?;
@@ -235,16 +233,11 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 let world = nodes.world_from_node[n] * *instance;
                 let mut part = shape.placed(world, joints.as_deref(), material.material);
                 finish(&mut part, &mut left_out);
-                if !part.triangles.is_empty() {
+                if !part.is_empty() {
                     parts.push(part);
                 }
             }
         }
-    }
-    if without_triangles > 0 {
-        notes.push(format!(
-            "{without_triangles} primitives of {NO_TRIANGLES} are not shown"
-        ));
     }
     notes.extend(materials.notes);
     notes.extend(left_out.notes());
