@@ -688,7 +688,7 @@ fn broken_obj_files_name_the_line() {
         assert!(error.contains(words), "{text}: {error}");
     }
     let error = folder.refuse("a.obj", b"v 0 0 0\nv 1 0 0\n");
-    assert!(error.contains("2 vertices and no face"), "{error}");
+    assert!(error.contains("2 vertices and none of them"), "{error}");
     // Faces may come before what they name.
     let data = obj(&folder, "f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\n");
     assert_eq!(mesh(&data).triangle_count(), 1);
@@ -1033,17 +1033,15 @@ fn indices_of_all_types_and_modes_are_read() {
     let positions = file.floats("VEC3", &SQUARE[..9]);
     file.mesh(json!({ "attributes": { "POSITION": positions } }));
     assert_eq!(mesh(&shown(&file)).triangle_count(), 1);
-    for mode in 0..4 {
-        let points = json!({ "attributes": { "POSITION": positions }, "mode": mode });
+    for (mode, lines, points) in [(0, 0, 3), (1, 1, 0), (2, 3, 0), (3, 2, 0)] {
+        let primitive = json!({ "attributes": { "POSITION": positions }, "mode": mode });
         let mut file = file.clone();
-        file.mesh(points);
+        file.mesh(primitive);
         let data = shown(&file);
-        assert!(
-            has_note(&data, "1 primitives of points"),
-            "{:?}",
-            data.notes
-        );
+        assert!(data.notes.is_empty(), "{:?}", data.notes);
         assert_eq!(mesh(&data).triangle_count(), 1);
+        let counts = [mesh(&data).line_count(), mesh(&data).point_count()];
+        assert_eq!(counts, [lines, points], "mode {mode}");
     }
 }
 
