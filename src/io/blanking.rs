@@ -4,9 +4,13 @@ use super::{Association, Dataset};
 use crate::error::Result;
 use crate::scene::Values;
 
+/// VTK's name for the array that marks cells and nodes.
+pub(super) const GHOST_TYPE: &str = "vtkGhostType";
 /// Bits of VTK's `vtkGhostType` that take a cell out: a copy of another piece's, replaced by a
 /// finer one, hidden.
-const GHOST_CELL: u8 = 1 | 8 | 32;
+const GHOST_CELL: u8 = 1 | REFINED_CELL | 32;
+/// The one of these that says that finer cells stand in its place.
+pub(super) const REFINED_CELL: u8 = 8;
 /// The bit that hides a node. Copies of another piece's nodes stay: they carry their own cells.
 const HIDDEN_NODE: u8 = 2;
 
@@ -15,12 +19,15 @@ const HIDDEN_NODE: u8 = 2;
 pub(crate) struct Blanking {
     nodes: Option<Vec<bool>>,
     cells: Option<Vec<bool>>,
+    /// Whether finer cells stand for some.
+    has_refined: bool,
 }
 
 impl Blanking {
     pub(crate) const NONE: Self = Self {
         nodes: None,
         cells: None,
+        has_refined: false,
     };
 
     /// Whether a field of this name says what is blanked.
@@ -38,7 +45,7 @@ impl Blanking {
             let is_blank: &dyn Fn(f32) -> bool = if is("iblank") {
                 // 0 blanked, 1 field, 2 wall, negative: interpolated from another block.
                 &|v| v.abs() < 0.5
-            } else if is("vtkGhostType") {
+            } else if is(GHOST_TYPE) {
                 &|v| ghost_bits(v) & bits != 0
             } else if is("vtkGhostLevels") && !of_nodes {
                 &|v| v > 0.5
@@ -55,8 +62,17 @@ impl Blanking {
             for (i, blank) in mask.iter_mut().enumerate().take(values.len()) {
                 *blank |= is_blank(values.get(i));
             }
+            if is(GHOST_TYPE) && !of_nodes {
+                let mut all = (0..values.len()).map(|i| ghost_bits(values.get(i)));
+                blanking.has_refined |= all.any(|bits| bits & REFINED_CELL != 0);
+            }
         }
         Ok(blanking)
+    }
+
+    /// Whether finer cells stand in the place of some.
+    pub(crate) fn has_refined_cells(&self) -> bool {
+        self.has_refined
     }
 
     /// One entry per node or cell, if any array speaks of them.

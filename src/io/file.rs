@@ -20,7 +20,7 @@ pub(crate) fn regular_len(path: &Path) -> Result<u64> {
     let meta = fs::metadata(path)
         .map_err(|e| Error::io(path, "opening", e, "check the name and the permissions"))?;
     let found = if meta.is_dir() {
-        "a directory"
+        "a directory, and none of a SOG scene (with its `meta.json`)"
     } else if !meta.is_file() {
         "a pipe, socket or device"
     } else if meta.len() == 0 {
@@ -96,6 +96,11 @@ impl<'a> Input<'a> {
     ) -> Self {
         let memory = Some(Memory { bytes, beside });
         Self { path, memory }
+    }
+
+    /// Whether it is a file on the disk, where folders can be listed.
+    pub(crate) fn is_on_disk(&self) -> bool {
+        self.memory.is_none()
     }
 
     /// Reads from the start, and the length in bytes.

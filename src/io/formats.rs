@@ -7,10 +7,13 @@
 use std::path::Path;
 
 use super::file::{HEAD, Input};
+#[cfg(feature = "netcdf")]
+use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti, npy, npz, nrrd,
-    obj, plot3d, ply, pvd, raw, refused, splat, spz, stl, vtk_legacy, vtk_xml, vtk_xml_kinds,
+    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti,
+    npy, npz, nrrd, obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat,
+    spz, stl, tecplot, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -107,6 +110,17 @@ impl Probe<'_> {
         })
     }
 
+    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
+        let looked_at = || {
+            let bytes = self.input.read_all().unwrap_or_default();
+            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+        };
+        // Archives of arrays may be large, and are what their name says.
+        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
+        is_archive && (self.ends_in(&[ending]) || looked_at())
+    }
+
     /// Whether there is nothing but text in the first bytes.
     fn is_text(&self) -> bool {
         let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
@@ -137,7 +151,7 @@ pub fn formats() -> &'static [Format] {
 /// # Errors
 /// The file cannot be read, or is of none of [`formats`].
 pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> {
-    recognise(Input::of_file(path), options)
+    recognise(Input::of_file(&of_folder(path)), options)
 }
 
 pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
@@ -227,14 +241,29 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "VTK's collections",
+        family: Family::Collections,
+        endings: &vtk_collection::ENDINGS,
+        reads: "multi-block and multi-piece data sets, partitioned data sets and collections of them, nested ones too: all \
+                their files are drawn together (`info` and `io::open` take the first). Files lie beside the collection or \
+                in folders below",
+        begins: |p| vtk_collection::looks_like(p.head),
+        read: vtk_collection::read,
+        steps: Some(vtk_collection::steps),
+        ..PLAIN
+    },
+    Format {
         name: "VTK XML",
         family: Family::Grids,
         endings: &[
-            "vti", "vtr", "vts", "vtu", "vtp", "pvti", "pvtr", "pvts", "pvtu", "pvtp",
+            "vti", "vtr", "vts", "vtu", "vtp", "vthb", "vth", "pvti", "pvtr", "pvts", "pvtu",
+            "pvtp",
         ],
         reads: "image data with Direction, rectilinear and structured grids, unstructured grids with polyhedra, \
                 polygonal data, flat cells as [surfaces](#surfaces); ascii, base64, appended base64 and raw, zlib, LZ4 \
-                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together",
+                and LZMA, 32- and 64-bit headers, both byte orders, point and cell data, several pieces put together; \
+                levels of refinement (`vtkOverlappingAMR`, `vtkHierarchicalBoxDataSet`), of which the finest counts in \
+                each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
         ..PLAIN
@@ -278,6 +307,28 @@ static FORMATS: &[Format] = &[
         read: |input, _| splat::read(input),
         ..PLAIN
     },
+    // Before glTF, with which it shares an `asset`, and before the other archives.
+    Format {
+        name: "SOG",
+        family: Family::Splats,
+        endings: &["sog"],
+        reads: "PlayCanvas' splats in lossless WebP images, versions 1 and 2: as the `meta.json` that names them, as the \
+                folder that holds it, or bundled in a ZIP archive",
+        begins: |p| sog::looks_like(p.input.path, p.head) || p.is_archive("sog", sog::is_archive),
+        read: |input, _| sog::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "3MF",
+        family: Family::Meshes,
+        endings: &["3mf"],
+        reads: "what is to be built, of objects and their components in their places, those of other models in the archive \
+                too; colours of base materials and colour groups, textures; no composite materials, slices or beams. \
+                Coordinates stay in the file's unit",
+        begins: |p| p.is_archive("3mf", threemf::is_archive),
+        read: |input, _| threemf::read(input),
+        ..PLAIN
+    },
     // Before the meshes of glTF files, which may hold both.
     Format {
         name: "KSPLAT",
@@ -302,11 +353,25 @@ static FORMATS: &[Format] = &[
         family: Family::Meshes,
         endings: &["glb", "gltf"],
         reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
-                and emissive textures (PNG, JPEG) with `KHR_texture_transform`, alpha modes, morph targets and skins at \
-                rest; packed by `KHR_draco_mesh_compression`, `EXT_meshopt_compression` or `KHR_meshopt_compression`, \
-                quantised or not; lines and points",
+                and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
+                modes, morph targets and skins at rest; packed by `KHR_draco_mesh_compression`, `EXT_meshopt_compression` \
+                or `KHR_meshopt_compression`, quantised or not; lines and points",
         begins: |p| gltf::looks_like(p.head),
         read: |input, _| gltf::read(input),
+        ..PLAIN
+    },
+    // Before the other archives.
+    Format {
+        name: "OpenFOAM",
+        family: Family::Simulations,
+        endings: &["foam", "openfoam", "foam.zip"],
+        reads: "cases, given as their folder, its `system/controlDict`, a `.foam` file in it or a ZIP archive of it: cells of \
+                any shape with fields of cells and nodes, text and binary with labels and numbers of 32 and 64 bits, \
+                packed with gzip or not, moving meshes, decomposed cases; the first of several regions; no patches, \
+                values at faces or particles",
+        begins: |p| openfoam::looks_like(p.head) || p.is_archive("foam.zip", openfoam::is_archive),
+        read: |input, options| openfoam::read(input, options.time_step),
+        steps: Some(openfoam::steps),
         ..PLAIN
     },
     Format {
@@ -314,8 +379,34 @@ static FORMATS: &[Format] = &[
         family: Family::Particles,
         endings: &["npz"],
         reads: "archives of NPY columns: see [tables](#tables)",
-        begins: |p| p.head.starts_with(npz::MAGIC),
+        begins: |p| p.head.starts_with(zip::MAGIC),
         read: |input, _| npz::read(input),
+        ..PLAIN
+    },
+    // Before the particles of HDF5 files, which netCDF-4 files are, too.
+    #[cfg(feature = "netcdf")]
+    Format {
+        name: "netCDF",
+        family: Family::Grids,
+        endings: netcdf::ENDINGS,
+        reads: "classic, 64-bit, CDF-5 and netCDF-4 files. Exodus II: blocks of elements, nodal and element variables, \
+                those whose names end in X, Y and Z as vectors. Grids by CF, ROMS and NEMO: see \
+                [grids of the earth](#grids-of-the-earth)",
+        begins: |p| netcdf::looks_like(p.head, p.ends_in(netcdf::ENDINGS)),
+        read: |input, options| netcdf::read(input, options.time_step, options.read_as),
+        steps: Some(netcdf::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "VTKHDF",
+        family: Family::Grids,
+        endings: &["vtkhdf", "hdf"],
+        reads: "image data with Direction, unstructured grids with polyhedra, polygonal data, in parts; overlapping AMR, of \
+                which the finest level counts in each place; multi-block data sets and partitioned collections, whose \
+                blocks are put together; steps of time",
+        begins: |p| p.head.starts_with(hdf5::MAGIC) && hdf5::names_vtk(p.head),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::vtk_steps),
         ..PLAIN
     },
     Format {
@@ -324,17 +415,55 @@ static FORMATS: &[Format] = &[
         endings: &["h5", "hdf5"],
         reads: "Phantom dumps; snapshots of Gadget, Gizmo, Arepo and SWIFT, whose lossy compression included \
                 (`FMantissa9` ... `DMantissa21`, `HalfFloat`, `BFloat16`, `DScale`, integers of odd widths); fields in \
-                other floating-point layouts are left out with a note. Which of their particles: \
+                other floating-point layouts are left out with a note. Any file of a snapshot in several files stands for \
+                all of them. Which of their particles: \
                 [below](#types-of-particles)",
         begins: |p| p.head.starts_with(hdf5::MAGIC),
-        read: |input, options| hdf5::read(input, options.particle_type),
+        read: |input, options| hdf5::read(input, options),
+        steps: Some(hdf5::snapshot_steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Gadget's binary snapshots",
+        family: Family::Particles,
+        endings: &[],
+        reads: "of Gadget-1 and Gadget-2 in formats 1 and 2 and either byte order, with numbers of 32 and 64 bits; any file of \
+                a snapshot in several files (`NAME.0`, `NAME.1`, ...) stands for all of them. Which of their particles: \
+                [below](#types-of-particles)",
+        begins: |p| gadget::looks_like(p.head),
+        read: |input, options| gadget::read(input, options.particle_type),
+        steps: Some(gadget::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "AMReX plotfiles",
+        family: Family::Simulations,
+        endings: &[],
+        reads: "of BoxLib and AMReX, given as a folder or its `Header`: all levels, of which the finest counts in each place; \
+                IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
+        begins: |p| plotfile::looks_like(p.head),
+        read: |input, _| plotfile::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "EnSight Gold",
+        family: Family::Grids,
+        endings: &["case"],
+        reads: "the case file with its geometry and variables: text, C and Fortran binary in either byte order; elements of \
+                all types, polygons and polyhedra, blocks (uniform, rectilinear, curvilinear, with iblank); scalars, vectors, \
+                tensors by components and complex numbers of nodes and elements; time and file sets, several steps in \
+                one file. EnSight 6 is refused by name",
+        begins: |p| ensight::looks_like(p.head),
+        read: |input, options| ensight::read(input, options.time_step, options.read_as),
+        steps: Some(ensight::steps),
         ..PLAIN
     },
     Format {
         name: "OBJ",
         family: Family::Meshes,
         endings: &["obj"],
-        reads: "polygons of any shape, lines and points, MTL, `--texture FILE` where it names none",
+        reads: "polygons of any shape, lines and points, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+                not there are left out with a note",
         resembles: |p| obj::looks_like(p.head),
         read: |input, options| obj::read(input, options.texture.as_deref()),
         ..PLAIN
@@ -346,6 +475,20 @@ static FORMATS: &[Format] = &[
         reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
         resembles: |p| stl::looks_like(p.head, p.len),
         read: |input, _| stl::read(input),
+        ..PLAIN
+    },
+    // Before tables, whose names its own may be.
+    Format {
+        name: "Tecplot",
+        family: Family::Simulations,
+        endings: &["tec"],
+        reads: "text (`.dat`, `.plt`, too, where the content says so): ordered zones and those of lines, triangles, \
+                quadrilaterals, tetrahedra and bricks, by points and by blocks, variables at nodes and cells, repeated \
+                numbers, shared variables, steps of time; zones of one layer as [surfaces](#surfaces); no polygons, \
+                polyhedra or binary files",
+        begins: |p| p.is_text() && tecplot::looks_like(p.head),
+        read: |input, options| tecplot::read(input, options.time_step, options.read_as),
+        steps: Some(tecplot::steps),
         ..PLAIN
     },
     Format {

@@ -5,6 +5,7 @@
 //! claims against the bytes that are there before it allocates, and every writer writes to a
 //! temporary file that is renamed when complete.
 
+mod amr;
 mod atomic;
 mod blanking;
 mod cells;
@@ -15,9 +16,11 @@ mod csv;
 mod dataset;
 mod element;
 mod encoded_splats;
+mod ensight;
 mod file;
 mod first_order;
 mod formats;
+mod gadget;
 mod gltf;
 mod gltf_splats;
 mod half;
@@ -26,17 +29,23 @@ mod hdf5;
 mod image_file;
 mod image_header;
 mod ksplat;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+#[cfg(feature = "netcdf")]
+mod netcdf;
 mod nifti;
 mod npy;
 mod npz;
 mod nrrd;
 mod obj;
+mod openfoam;
 mod particle_type;
 mod plot3d;
+mod plotfile;
 mod ply;
 mod ply_body;
 mod ply_header;
@@ -54,6 +63,7 @@ mod samples;
 mod scalars;
 mod shape_columns;
 mod smoothing;
+mod sog;
 mod splat;
 mod splat_axes;
 mod splats;
@@ -61,14 +71,18 @@ mod spz;
 mod spz_write;
 mod stl;
 mod table;
+mod tecplot;
 mod texture;
+mod threemf;
 mod time_steps;
 mod unit;
 mod up;
 mod voxels;
 mod vti;
+mod vtk_amr;
 mod vtk_array;
 mod vtk_codec;
+mod vtk_collection;
 mod vtk_extent;
 mod vtk_grid;
 mod vtk_legacy;
@@ -81,9 +95,11 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod vtu_write;
 mod write_splats;
 mod zip;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 pub use atomic::write_bytes_atomically;
@@ -120,7 +136,7 @@ pub use up::Up;
 pub(crate) use vtk_grid::check as check_cells;
 pub use write_splats::{FLAT_SHARE, WrittenSplats, check_splats_path, write_splats};
 
-use file::Input;
+use file::{HEAD, Input};
 use formats::recognise;
 
 use crate::error::{Error, Hint, Parameter, Result};
@@ -163,22 +179,42 @@ pub enum ReadAs {
 /// Reads a data file.
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
-/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests.
+/// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
+/// that of a SOG scene, for its `meta.json`.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    read_input(Input::of_file(path), options)
+    let path = of_folder(path);
+    read_input(Input::of_file(&path), options)
+}
+
+/// Of a folder that is a data set the file in it that is opened, of all else the path itself.
+pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    if let Some(case) = openfoam::case_in(path) {
+        return Cow::Owned(case);
+    }
+    let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
+        let file = path.join(name);
+        let head = Input::of_file(&file).head(HEAD);
+        let is_so = head.is_ok_and(|(head, _)| is_so(&file, &head));
+        is_so.then_some(file)
+    };
+    let file = path.is_dir().then(|| {
+        let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
+        plotfile().or_else(|| stands_in(sog::META, &sog::looks_like))
+    });
+    file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
-/// HDF5.
+/// HDF5, or a binary snapshot of Gadget.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
-    Ok(head == hdf5::MAGIC)
+    let (head, _) = Input::of_file(path).head(HEAD)?;
+    Ok(head.starts_with(hdf5::MAGIC) || gadget::looks_like(&head))
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -244,7 +280,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return Err(Error::format(
             input.path,
             Parameter::ParticleType,
-            "an HDF5 snapshot of particles of several types",
+            "a snapshot of particles of several types",
             data.format,
             Hint::LeaveOut(Parameter::ParticleType),
         ));

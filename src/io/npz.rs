@@ -17,9 +17,6 @@ use super::table::{dataset, position_columns};
 use super::zip;
 use crate::error::{Error, Result};
 
-/// The first bytes of every ZIP archive that holds something.
-pub(crate) const MAGIC: &[u8] = b"PK\x03\x04";
-
 const FORMAT: &str = "NPZ particle table";
 
 const POSITIONS: [&str; 5] = ["positions", "pos", "xyz", "coordinates", "points"];

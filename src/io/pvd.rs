@@ -9,16 +9,17 @@
 //! ```
 //!
 //! A `file` is relative to the collection's folder. What has the same `timestep` (0 where none is stated) is one step, its
-//! files in the order of their `part`. A collection names data, never another collection.
+//! files in the order of their `part`. A collection names data, or VTK's collections of blocks
+//! ([`super::vtk_collection`]), whose files stand in their place; never another one of its own kind.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::dataset::Dataset;
-use super::file::{HEAD, Input};
-use super::time_steps::{Part, TimeStep};
+use super::file::Input;
+use super::time_steps::{self, Part, TimeStep};
 use super::vtk_xml::{self, Frame, child, clip};
-use super::{OpenOptions, read_input};
+use super::{OpenOptions, vtk_collection};
 use crate::error::{Error, Result};
 
 /// The `type` of these files.
@@ -37,26 +38,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// # Errors
 /// Those of [`steps`], and those of the part.
 pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    let steps = steps(input)?;
-    let (first, count) = (&steps[0], steps.len());
-    let mut notes = Vec::new();
-    if let (true, Some(time)) = (count > 1, first.time) {
-        notes.push(format!("The first of {count} time steps, of time {time}."));
-    }
-    if first.parts.len() > 1 {
-        let parts = first.parts.len();
-        notes.push(format!("The first of {parts} parts of the time step."));
-    }
-    let file = &first.parts[0].path;
-    let mut data = input.with_beside(file, |part| {
-        // What a collection names could name the collection.
-        if looks_like(&part.head(HEAD)?.0) {
-            return Err(refuse_nested(input.path, "DataSet, `file`", file));
-        }
-        read_input(part, options)
-    })?;
-    data.notes.extend(notes);
-    Ok(data)
+    time_steps::read_first(input, &steps(input)?, options)
 }
 
 /// The steps, in the order of time; at least one. The files that it names are not looked for.
@@ -116,7 +98,7 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         let file = folder.join(file);
         let is_nested = |ending: &OsStr| ending.eq_ignore_ascii_case("pvd");
         if file.extension().is_some_and(is_nested) {
-            return Err(refuse_nested(path, &place("file"), &file));
+            return Err(time_steps::refuse_nested(path, &place("file"), &file));
         }
         // Zero has one sign.
         parts.push((time + 0.0, part, file));
@@ -124,11 +106,16 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     parts.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut steps: Vec<TimeStep> = Vec::new();
     for (time, _, file) in parts {
+        // One that cannot be read stays: reading it says why.
+        let is_of_blocks = vtk_collection::is_named(&file);
+        let blocks = is_of_blocks.then(|| input.with_beside(&file, vtk_collection::files));
+        let files = blocks.and_then(Result::ok).unwrap_or_else(|| vec![file]);
+        let parts = files.into_iter().map(Part::file);
         match steps.last_mut() {
-            Some(step) if step.time == Some(time) => step.parts.push(Part::file(file)),
+            Some(step) if step.time == Some(time) => step.parts.extend(parts),
             _ => steps.push(TimeStep {
                 time: Some(time),
-                parts: vec![Part::file(file)],
+                parts: parts.collect(),
             }),
         }
     }
@@ -147,17 +134,4 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         return Err(Error::format(path, TYPE, expected, "none", damaged));
     }
     Ok(steps)
-}
-
-fn refuse_nested(path: &Path, place: &str, file: &Path) -> Error {
-    Error::format(
-        path,
-        place,
-        "a file of data",
-        format!(
-            "another collection, `{}`",
-            clip(&file.display().to_string())
-        ),
-        "give that one instead",
-    )
 }

@@ -1,4 +1,4 @@
-//! PNG and JPEG files decoded to samples: what images and textures share.
+//! PNG, JPEG, WebP and KTX 2 files decoded to samples: what images and textures share.
 //!
 //! Decoding has two steps, so that the claimed size can be checked before memory is taken for it:
 //! [`Encoded::open`] reads the header, [`Encoded::decode`] the pixels. Colour profiles are not
@@ -6,12 +6,15 @@
 
 use std::io::Cursor;
 
+use image_webp::WebPDecoder;
 use png::Transformations;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+#[cfg(feature = "ktx2")]
+use super::ktx2::Ktx2;
 use super::raw::DEFLATE_RATIO;
 
 /// The first bytes of every PNG file.
@@ -19,11 +22,21 @@ pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The first bytes of every JPEG file.
 pub(super) const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
 
+/// The first bytes of every KTX 2 file.
+pub(super) const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
+
 /// A PNG holds eight pixels in a byte at most, deflated.
 const PNG_PIXELS_PER_BYTE: u64 = 8 * DEFLATE_RATIO;
 
 /// A JPEG spends a bit on each block of 64 pixels at least.
 const JPEG_PIXELS_PER_BYTE: u64 = 8 * 64;
+
+/// A WebP with losses spends more than three bits on the modes of prediction of each 256 pixels: their
+/// probabilities are fixed.
+const WEBP_PIXELS_PER_BYTE: u64 = 1024;
+
+/// Without losses a picture of one colour takes no bits at all for its pixels: so many are taken from any file.
+const WEBP_PIXELS_OF_NOTHING: u64 = 1 << 22;
 
 /// A file whose header has been read and whose size its bytes could hold.
 pub(super) struct Encoded<'a> {
@@ -35,6 +48,9 @@ pub(super) struct Encoded<'a> {
 enum Form<'a> {
     Png(Box<png::Reader<Cursor<&'a [u8]>>>),
     Jpeg(Box<JpegDecoder<ZCursor<&'a [u8]>>>),
+    WebP(Box<WebPDecoder<Cursor<&'a [u8]>>>),
+    #[cfg(feature = "ktx2")]
+    Ktx2(Ktx2),
 }
 
 /// Why there are no pixels, as the end of a sentence about the image.
@@ -42,6 +58,9 @@ enum Form<'a> {
 pub(super) enum Refusal {
     /// Its first bytes are of another format.
     Unknown,
+    /// A format, and the feature of the crate that reads it.
+    #[cfg(not(feature = "ktx2"))]
+    NotBuilt(&'static str, &'static str),
     /// What the decoder says.
     Damaged(String),
     /// More pixels than its bytes can hold, or none: width, height and bytes.
@@ -51,13 +70,23 @@ pub(super) enum Refusal {
 impl std::fmt::Display for Refusal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Unknown => write!(f, "is neither PNG nor JPEG"),
+            Self::Unknown => write!(f, "is neither PNG, JPEG, WebP nor KTX 2"),
+            #[cfg(not(feature = "ktx2"))]
+            Self::NotBuilt(name, feature) => write!(
+                f,
+                "is {name}, which is read where the feature `{feature}` is built in: save it as PNG or JPEG"
+            ),
             Self::Damaged(reason) => write!(f, "is damaged ({reason})"),
             Self::Claim(width, height, bytes) => {
                 write!(f, "claims {width} x {height} pixels in {bytes} bytes")
             }
         }
     }
+}
+
+/// Whether a file begins as WebP files do.
+pub(super) fn is_webp(head: &[u8]) -> bool {
+    head.starts_with(b"RIFF") && head.get(8..12) == Some(b"WEBP")
 }
 
 /// What a decoder says, its first line.
@@ -73,6 +102,10 @@ impl<'a> Encoded<'a> {
             Self::png(bytes)
         } else if bytes.starts_with(JPEG_MAGIC) {
             Self::jpeg(bytes)
+        } else if is_webp(bytes) {
+            Self::webp(bytes)
+        } else if bytes.starts_with(KTX2_MAGIC) {
+            Self::ktx2(bytes)
         } else {
             Err(Refusal::Unknown)
         }
@@ -121,6 +154,46 @@ impl<'a> Encoded<'a> {
         })
     }
 
+    /// Reads the header of a WebP file.
+    pub(super) fn webp(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
+        if decoder.is_animated() {
+            return Err(damaged("an animation, not an image"));
+        }
+        let (width, height) = decoder.dimensions();
+        let size = [width as usize, height as usize];
+        let is_of_nothing = !decoder.is_lossy()
+            && u64::from(width) * u64::from(height) <= WEBP_PIXELS_OF_NOTHING
+            && width > 0
+            && height > 0;
+        if !is_of_nothing {
+            let pixels_per_byte = match decoder.is_lossy() {
+                true => WEBP_PIXELS_PER_BYTE,
+                false => PNG_PIXELS_PER_BYTE,
+            };
+            check_claim(size, bytes, pixels_per_byte)?;
+        }
+        Ok(Self {
+            form: Form::WebP(Box::new(decoder)),
+            size,
+        })
+    }
+
+    /// Reads the header of a KTX 2 file.
+    #[cfg(feature = "ktx2")]
+    fn ktx2(bytes: &[u8]) -> Result<Self, Refusal> {
+        let image = Ktx2::of(bytes).map_err(damaged)?;
+        Ok(Self {
+            size: image.size,
+            form: Form::Ktx2(image),
+        })
+    }
+
+    #[cfg(not(feature = "ktx2"))]
+    fn ktx2(_: &[u8]) -> Result<Self, Refusal> {
+        Err(Refusal::NotBuilt("KTX 2", "ktx2"))
+    }
+
     /// Width and height, pixels.
     pub(super) fn size(&self) -> [usize; 2] {
         self.size
@@ -150,6 +223,19 @@ impl<'a> Encoded<'a> {
                 let colours = decoder.output_colorspace();
                 (
                     colours.map_or(0, |c| c.num_components()),
+                    Numbers::Eight(bytes),
+                )
+            }
+            #[cfg(feature = "ktx2")]
+            Form::Ktx2(image) => (4, Numbers::Eight(image.decode().map_err(damaged)?)),
+            Form::WebP(mut decoder) => {
+                let length = decoder
+                    .output_buffer_size()
+                    .ok_or_else(|| damaged("too large"))?;
+                let mut bytes = vec![0; length];
+                decoder.read_image(&mut bytes).map_err(damaged)?;
+                (
+                    if decoder.has_alpha() { 4 } else { 3 },
                     Numbers::Eight(bytes),
                 )
             }

@@ -1,4 +1,4 @@
-//! Images of textures: PNG and JPEG, decoded to eight bits, within limits.
+//! Images of textures: PNG, JPEG, WebP and KTX 2, decoded to eight bits, within limits.
 
 use std::path::{Path, PathBuf};
 
@@ -39,7 +39,7 @@ impl Default for ImageBudget {
 }
 
 impl ImageBudget {
-    /// Decodes a PNG or JPEG image, known by its first bytes.
+    /// Decodes a PNG, JPEG, WebP or KTX 2 image, known by its first bytes.
     ///
     /// # Errors
     /// Why it cannot be decoded, as the end of a sentence: readers of meshes go on without the
@@ -89,7 +89,7 @@ impl ImageBudget {
             Error::format(
                 path,
                 "texture",
-                "a PNG or JPEG image",
+                "a PNG, JPEG, WebP or KTX 2 image",
                 format!("a file that {reason}"),
                 Hint::NameOtherTexture,
             )

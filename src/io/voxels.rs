@@ -165,11 +165,21 @@ pub(super) fn read(
     Ok((components, notes))
 }
 
-/// The path of a file that a header names, beside the header.
+/// The path of a file of numbers that a header names, beside the header.
+///
+/// # Errors
+/// Those of [`beside_as`].
+pub(super) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
+    beside_as(path, "header, the files of numbers", name)
+}
+
+/// The path of a file that another names, beside that one.
+///
+/// - `place`: where it is named, for errors.
 ///
 /// # Errors
 /// A path that leads elsewhere: absolute, with a scheme, or by the folder above.
-pub(super) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
+pub(super) fn beside_as(path: &Path, place: &str, name: &str) -> Result<PathBuf> {
     // Written on Windows, perhaps.
     let name = name.trim().replace('\\', "/");
     let is_inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
@@ -178,10 +188,10 @@ pub(super) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
     if name.is_empty() || name.contains('\0') || name.contains(':') || !is_relative {
         return Err(Error::format(
             path,
-            "header, the files of numbers",
-            "a relative path, beside the header or in a folder below",
+            place,
+            "a relative path, beside this file or in a folder below",
             format!("`{}`", clip(&name)),
-            "put the file beside the header and name it there",
+            "put the file there, and name it so",
         ));
     }
     Ok(path.parent().unwrap_or(Path::new("")).join(name))

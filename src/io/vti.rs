@@ -35,20 +35,13 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let head = |path: &Path, image: Node<'_, '_>| {
         let whole = Extent::whole(path, image)?;
-        Ok((whole, placement(path, image)?))
+        let lattice = Placement::of(path, image)?.lattice(path, &whole)?;
+        Ok((whole, lattice))
     };
-    let ((whole, (origin, step)), parts) =
+    let ((whole, lattice), parts) =
         vtk_pieces::read(input, "ImageData", head, |(whole, _), piece| {
             Part::read(whole, piece)
         })?;
-    let first = DVec3::from_array(whole.first.map(|n| n as f64));
-    let lattice = Lattice {
-        dims: whole.dims(Association::Nodes),
-        spacing: LatticeSpacing::Uniform {
-            origin: origin + step * first,
-            step,
-        },
-    };
     let (fields, notes) = join(path, &whole, parts)?;
     let geometry = Geometry::Lattice(lattice);
     Ok(Dataset {
@@ -57,25 +50,52 @@ pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// Position of node (0, 0, 0) and the steps along the indices.
-fn placement(path: &Path, image: Node<'_, '_>) -> Result<(DVec3, DMat3)> {
-    let origin = DVec3::from_array(numbers(path, image, "Origin", Some([0.0; 3]))?);
-    let spacing = DVec3::from_array(numbers(path, image, "Spacing", Some([1.0; 3]))?);
-    let identity = DMat3::IDENTITY.to_cols_array();
-    let by_rows = numbers(path, image, "Direction", Some(identity))?;
-    let direction = DMat3::from_cols_array(&by_rows).transpose();
-    let step = direction * DMat3::from_diagonal(spacing);
-    let volume = step.determinant();
-    if !origin.is_finite() || !volume.is_finite() || volume == 0.0 {
-        return Err(Error::format(
-            path,
-            "ImageData, `Origin`, `Spacing` and `Direction`",
-            "finite numbers whose cells have a volume",
-            format!("origin {origin}, spacing {spacing}, direction by rows {by_rows:?}"),
-            "correct the attribute",
-        ));
+/// How an image says where its nodes lie.
+pub(super) struct Placement {
+    pub(super) origin: DVec3,
+    pub(super) spacing: DVec3,
+    /// The directions of the indices, as the rows of a matrix have them.
+    pub(super) by_rows: [f64; 9],
+}
+
+impl Placement {
+    fn of(path: &Path, image: Node<'_, '_>) -> Result<Self> {
+        let identity = DMat3::IDENTITY.to_cols_array();
+        Ok(Self {
+            origin: DVec3::from_array(numbers(path, image, "Origin", Some([0.0; 3]))?),
+            spacing: DVec3::from_array(numbers(path, image, "Spacing", Some([1.0; 3]))?),
+            by_rows: numbers(path, image, "Direction", Some(identity))?,
+        })
     }
-    Ok((origin, step))
+
+    /// The lattice of an extent, which starts at its first node.
+    pub(super) fn lattice(&self, path: &Path, whole: &Extent) -> Result<Lattice> {
+        let Self {
+            origin,
+            spacing,
+            by_rows,
+        } = *self;
+        let direction = DMat3::from_cols_array(&by_rows).transpose();
+        let step = direction * DMat3::from_diagonal(spacing);
+        let volume = step.determinant();
+        if !origin.is_finite() || !volume.is_finite() || volume == 0.0 {
+            return Err(Error::format(
+                path,
+                "ImageData, `Origin`, `Spacing` and `Direction`",
+                "finite numbers whose cells have a volume",
+                format!("origin {origin}, spacing {spacing}, direction by rows {by_rows:?}"),
+                "correct the attribute",
+            ));
+        }
+        let first = DVec3::from_array(whole.first.map(|n| n as f64));
+        Ok(Lattice {
+            dims: whole.dims(Association::Nodes),
+            spacing: LatticeSpacing::Uniform {
+                origin: origin + step * first,
+                step,
+            },
+        })
+    }
 }
 
 #[cfg(test)]

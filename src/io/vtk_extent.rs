@@ -15,6 +15,7 @@ use std::path::Path;
 
 use roxmltree::Node;
 
+use super::blanking::GHOST_TYPE;
 use super::dataset::{Association, Field};
 use super::vtk_array::Array;
 use super::vtk_pieces::{Piece, element_of, keep_common, to_fields};
@@ -35,6 +36,28 @@ impl Extent {
             first: [i0, j0, k0].map(i64::from),
             last: [i1, j1, k1].map(i64::from),
         }
+    }
+
+    /// An extent from reals, with at least one node and no more than fit into memory.
+    pub(super) fn from_reals(reals: [f64; 6]) -> Option<Self> {
+        let [i0, i1, j0, j1, k0, k1] = reals;
+        let whole = |n: f64| {
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "it was checked to be whole and small"
+            )]
+            (n.abs() <= f64::from(i32::MAX) && n.fract() == 0.0).then_some(n as i64)
+        };
+        let [first, last] = [[i0, j0, k0], [i1, j1, k1]].map(|ends| {
+            let [i, j, k] = ends.map(whole);
+            Some([i?, j?, k?])
+        });
+        let extent = Self {
+            first: first?,
+            last: last?,
+        };
+        let is_sound = !extent.is_empty() && extent.count(Association::Nodes).is_some();
+        is_sound.then_some(extent)
     }
 
     /// The whole extent of a data set, which has at least one node.
@@ -245,8 +268,6 @@ fn join_array(
     parts: Vec<Array>,
     association: Association,
 ) -> Array {
-    /// VTK's name for the array that marks the cells and nodes of other pieces.
-    const GHOSTS: &str = "vtkGhostType";
     let mut name = String::new();
     let mut components = Vec::new();
     for part in parts {
@@ -271,7 +292,7 @@ fn join_array(
         }
         whole_components.push(match parts.first() {
             None => break,
-            Some(Values::U8(_)) if name == GHOSTS => copy!(U8, u8::MAX, |a, b| a & b),
+            Some(Values::U8(_)) if name == GHOST_TYPE => copy!(U8, u8::MAX, |a, b| a & b),
             Some(Values::U8(_)) => copy!(U8, 0, |_, b| b),
             Some(Values::I16(_)) => copy!(I16, 0, |_, b| b),
             Some(Values::U16(_)) => copy!(U16, 0, |_, b| b),

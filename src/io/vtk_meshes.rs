@@ -35,11 +35,19 @@ impl Part {
             mesh.nodes = piece.decoder.points(points, node_count)?;
         }
         vtk_grid::check(piece.path, &mesh)?;
-        Ok(Some(Self {
+        let node_arrays = piece.fields(Association::Nodes, node_count)?;
+        let cell_arrays = piece.fields(Association::Cells, cell_count)?;
+        Ok(Some(Self::new(mesh, node_arrays, cell_arrays)))
+    }
+
+    /// - `mesh`: with its nodes, checked.
+    /// - `node_arrays`, `cell_arrays`: a number for each of its nodes and cells.
+    pub(super) fn new(mesh: CellMesh, node_arrays: Vec<Array>, cell_arrays: Vec<Array>) -> Self {
+        Self {
             mesh,
-            node_arrays: piece.fields(Association::Nodes, node_count)?,
-            cell_arrays: piece.fields(Association::Cells, cell_count)?,
-        }))
+            node_arrays,
+            cell_arrays,
+        }
     }
 }
 
@@ -67,6 +75,97 @@ impl Runs {
     pub(super) fn cell(&self, i: usize) -> &[u32] {
         &self.connectivity[self.offsets[i] as usize..self.offsets[i + 1] as usize]
     }
+}
+
+/// Cells of fixed kinds, without the nodes' positions.
+pub(super) fn without_nodes(kinds: Vec<CellKind>, runs: Runs) -> CellMesh {
+    CellMesh {
+        nodes: Vec::new(),
+        kinds,
+        offsets: runs.offsets,
+        connectivity: runs.connectivity,
+    }
+}
+
+/// Cells without the nodes' positions: of polyhedra the entries of `faces`, of the others those of `runs`.
+///
+/// # Errors
+/// More entries than `u32` counts.
+pub(super) fn with_polyhedra(
+    path: &Path,
+    kinds: Vec<CellKind>,
+    runs: &Runs,
+    faces: &Runs,
+) -> Result<CellMesh> {
+    let mut all = Runs {
+        offsets: vec![0],
+        connectivity: Vec::new(),
+    };
+    for (i, &kind) in kinds.iter().enumerate() {
+        let cells = if kind == CellKind::POLYHEDRON {
+            faces
+        } else {
+            runs
+        };
+        all.connectivity.extend_from_slice(cells.cell(i));
+        all.offsets.push(counted(path, all.connectivity.len())?);
+    }
+    Ok(without_nodes(kinds, all))
+}
+
+/// Polyhedra in the form of [`CellMesh`] from faces with numbers of their own, which cells may share.
+///
+/// - `place`: what names the faces of cells, for errors.
+/// - `faces`: the nodes of each face.
+/// - `cells`: the faces of each cell, none of those that are no polyhedra.
+///
+/// # Errors
+/// Faces that are not there, or that more than two cells have.
+pub(super) fn face_streams(path: &Path, place: &str, faces: &Runs, cells: &Runs) -> Result<Runs> {
+    // A face lies between two cells. If one could be used at will, a small file could fill the
+    // memory.
+    let mut uses = vec![0_u8; faces.offsets.len() - 1];
+    let mut streams = Runs {
+        offsets: vec![0],
+        connectivity: Vec::new(),
+    };
+    for i in 0..cells.offsets.len() - 1 {
+        let cell = cells.cell(i);
+        if !cell.is_empty() {
+            streams.connectivity.push(counted(path, cell.len())?);
+        }
+        for &face in cell {
+            let used = uses.get_mut(face as usize).filter(|n| **n < 2);
+            let Some(used) = used else {
+                return Err(Error::format(
+                    path,
+                    place,
+                    format!(
+                        "faces below {}, each at most twice",
+                        faces.offsets.len() - 1
+                    ),
+                    format!("face {face} in cell {i}"),
+                    "the file is damaged: save it again",
+                ));
+            };
+            *used += 1;
+            let nodes = faces.cell(face as usize);
+            streams.connectivity.push(counted(path, nodes.len())?);
+            streams.connectivity.extend_from_slice(nodes);
+        }
+        streams
+            .offsets
+            .push(counted(path, streams.connectivity.len())?);
+    }
+    Ok(streams)
+}
+
+fn counted(path: &Path, count: usize) -> Result<u32> {
+    u32::try_from(count).map_err(|_| {
+        let expected = format!("at most {} entries of cells", u32::MAX);
+        let advice = "save the grid in several pieces, and read them one by one";
+        Error::format(path, "cells", expected, "more", advice)
+    })
 }
 
 /// Decodes an array of indices.
@@ -139,7 +238,7 @@ pub(super) fn join(
     for part in meshes {
         append_mesh(path, &mut mesh, part)?;
     }
-    let mut data = vtk_grid::dataset(path, format, mesh, fields, read_as)?;
+    let mut data = vtk_grid::of_checked(path, format, mesh, fields, read_as)?;
     data.notes.splice(0..0, notes);
     Ok(data)
 }
@@ -154,7 +253,7 @@ impl Part {
 }
 
 /// Appends arrays to those of the same names and kinds.
-fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array> {
+pub(super) fn append_arrays(mut all: Vec<Array>, part: Vec<Array>) -> Vec<Array> {
     for (all, part) in all.iter_mut().zip(part) {
         for (all, part) in all.components.iter_mut().zip(part.components) {
             match (all, part) {

@@ -2,22 +2,11 @@
 
 use super::dataset::Dataset;
 use super::file::{HEAD, Input};
-use super::{ReadAs, vti, vtk_xml, vtp, vtr, vts, vtu};
+use super::{ReadAs, vti, vtk_amr, vtk_xml, vtp, vtr, vts, vtu};
 use crate::error::{Error, Result};
 
 /// Types that are not read: how they begin, and what to do.
 const NOT_READ: &[(&str, &str)] = &[
-    ("vtkMultiBlock", "give one of the files that it names"),
-    ("vtkPartitioned", "give one of the files that it names"),
-    ("vtkMultiPiece", "give one of the files that it names"),
-    (
-        "vtkHierarchical",
-        "give one of the files that it names, or resample it to ImageData (.vti)",
-    ),
-    (
-        "vtkOverlapping",
-        "give one of the files that it names, or resample it to ImageData (.vti)",
-    ),
     (
         "vtkNonOverlapping",
         "give one of the files that it names, or resample it to ImageData (.vti)",
@@ -40,13 +29,14 @@ pub(super) fn read(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset>
         "StructuredGrid" | "PStructuredGrid" => vts::read(input),
         "UnstructuredGrid" | "PUnstructuredGrid" => vtu::read(input, read_as),
         "PolyData" | "PPolyData" => vtp::read(input, read_as),
+        kind if vtk_amr::TYPES.contains(&kind) => vtk_amr::read(input),
         kind => {
             let known = NOT_READ.iter().find(|(start, _)| kind.starts_with(start));
             let advice = known.map_or("save it as one of these", |(_, advice)| advice);
             Err(Error::format(
                 input.path,
                 "VTKFile, `type`",
-                "ImageData, RectilinearGrid, StructuredGrid, UnstructuredGrid or PolyData",
+                "ImageData, RectilinearGrid, StructuredGrid, UnstructuredGrid, PolyData or vtkOverlappingAMR",
                 format!("`{}`, which is not read yet", vtk_xml::clip(kind)),
                 advice,
             ))

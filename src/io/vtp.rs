@@ -15,6 +15,8 @@
 //! Cells count through all four elements, in the order verts, lines, polys, strips, which is not
 //! the order they are written in. Several pieces are put one after another.
 
+use std::path::Path;
+
 use super::dataset::Dataset;
 use super::file::Input;
 use super::vtk_meshes::{Part, Runs, join};
@@ -26,7 +28,7 @@ use crate::error::{Error, Result};
 type Element = (&'static str, &'static str, fn(usize) -> CellKind);
 
 /// In the order in which cells count.
-const ELEMENTS: [Element; 4] = [
+pub(super) const ELEMENTS: [Element; 4] = [
     ("Verts", "NumberOfVerts", |nodes| match nodes {
         1 => CellKind::VERTEX,
         _ => CellKind::POLY_VERTEX,
@@ -78,17 +80,31 @@ fn read_cells(piece: Piece<'_>, counts: [usize; 4]) -> Result<CellMesh> {
             continue;
         }
         let runs = Runs::read(piece, element, count)?;
-        for i in 0..count {
-            let cell = runs.cell(i);
-            mesh.kinds.push(kind(cell.len()));
-            mesh.connectivity.extend_from_slice(cell);
-            let end = u32::try_from(mesh.connectivity.len()).map_err(|_| {
-                let expected = format!("at most {} entries of cells", u32::MAX);
-                let advice = "save the data in several pieces, and read them one by one";
-                Error::format(piece.path, element, expected, "more", advice)
-            })?;
-            mesh.offsets.push(end);
-        }
+        append(piece.path, &mut mesh, &runs, kind)?;
     }
     Ok(mesh)
+}
+
+/// Appends cells of the kinds that their numbers of nodes say.
+///
+/// # Errors
+/// More entries than `u32` counts.
+pub(super) fn append(
+    path: &Path,
+    mesh: &mut CellMesh,
+    runs: &Runs,
+    kind: fn(usize) -> CellKind,
+) -> Result<()> {
+    for i in 0..runs.offsets.len() - 1 {
+        let cell = runs.cell(i);
+        mesh.kinds.push(kind(cell.len()));
+        mesh.connectivity.extend_from_slice(cell);
+        let end = u32::try_from(mesh.connectivity.len()).map_err(|_| {
+            let expected = format!("at most {} entries of cells", u32::MAX);
+            let advice = "save the data in several pieces, and read them one by one";
+            Error::format(path, "cells", expected, "more", advice)
+        })?;
+        mesh.offsets.push(end);
+    }
+    Ok(())
 }

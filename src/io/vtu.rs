@@ -28,7 +28,9 @@
 
 use super::dataset::Dataset;
 use super::file::Input;
-use super::vtk_meshes::{Part, Runs, join, read_indices, read_offsets};
+use super::vtk_meshes::{
+    Part, Runs, face_streams, join, read_indices, read_offsets, with_polyhedra, without_nodes,
+};
 use super::vtk_pieces::{self, Piece};
 use super::{CellKind, CellMesh, ReadAs};
 use crate::error::{Error, Result};
@@ -70,34 +72,14 @@ fn read_cells(piece: Piece<'_>, count: usize) -> Result<CellMesh> {
         })?;
     let runs = Runs::read(piece, CELLS, count)?;
     if !kinds.contains(&CellKind::POLYHEDRON) {
-        return Ok(CellMesh {
-            nodes: Vec::new(),
-            kinds,
-            offsets: runs.offsets,
-            connectivity: runs.connectivity,
-        });
+        return Ok(without_nodes(kinds, runs));
     }
     let faces = if piece.array_named(CELLS, "polyhedron_offsets").is_some() {
         read_shared_faces(piece, count)?
     } else {
         read_face_streams(piece, count)?
     };
-    let mut mesh = CellMesh {
-        offsets: vec![0],
-        ..CellMesh::default()
-    };
-    for (i, &kind) in kinds.iter().enumerate() {
-        let cells = if kind == CellKind::POLYHEDRON {
-            &faces
-        } else {
-            &runs
-        };
-        mesh.connectivity.extend_from_slice(cells.cell(i));
-        let end = u32::try_from(mesh.connectivity.len());
-        mesh.offsets.push(end.map_err(|_| too_many(piece))?);
-    }
-    mesh.kinds = kinds;
-    Ok(mesh)
+    with_polyhedra(piece.path, kinds, &runs, &faces)
 }
 
 /// `faces` and `faceoffsets`: already in the form of [`CellMesh`].
@@ -147,54 +129,10 @@ fn read_shared_faces(piece: Piece<'_>, count: usize) -> Result<Runs> {
         connectivity: read_indices(piece, CELLS, "polyhedron_to_faces", face_count)?,
     };
 
-    // A face lies between two cells. If one could be used at will, a small file could fill the
-    // memory.
-    let mut uses = vec![0_u8; faces.offsets.len() - 1];
-    let mut streams = Runs {
-        offsets: vec![0],
-        connectivity: Vec::new(),
-    };
-    for i in 0..count {
-        let cell = cells.cell(i);
-        if !cell.is_empty() {
-            // The count fits: it is a part of `polyhedron_to_faces`, whose end is a `u32`.
-            let face_count = u32::try_from(cell.len()).map_err(|_| too_many(piece))?;
-            streams.connectivity.push(face_count);
-        }
-        for &face in cell {
-            let used = uses.get_mut(face as usize).filter(|n| **n < 2);
-            let Some(used) = used else {
-                let expected = format!(
-                    "faces below {}, each at most twice",
-                    faces.offsets.len() - 1
-                );
-                let found = format!("face {face} in cell {i}");
-                return Err(damaged(
-                    piece,
-                    "Cells, `polyhedron_to_faces`",
-                    &expected,
-                    found,
-                ));
-            };
-            *used += 1;
-            let nodes = faces.cell(face as usize);
-            let node_count = u32::try_from(nodes.len()).map_err(|_| too_many(piece))?;
-            streams.connectivity.push(node_count);
-            streams.connectivity.extend_from_slice(nodes);
-        }
-        let end = u32::try_from(streams.connectivity.len());
-        streams.offsets.push(end.map_err(|_| too_many(piece))?);
-    }
-    Ok(streams)
+    face_streams(piece.path, "Cells, `polyhedron_to_faces`", &faces, &cells)
 }
 
 fn damaged(piece: Piece<'_>, place: &str, expected: &str, found: String) -> Error {
     let advice = "the file is damaged: save it again";
     Error::format(piece.path, place, expected, found, advice)
-}
-
-fn too_many(piece: Piece<'_>) -> Error {
-    let expected = format!("at most {} entries of cells", u32::MAX);
-    let advice = "save the grid in several pieces, and read them one by one";
-    Error::format(piece.path, CELLS, expected, "more", advice)
 }

@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use super::gradient::Samples;
 use super::kernels::{Kernel, Kernels};
 use super::left_out::LeftOut;
+use super::levels;
 use super::local_models;
 use super::local_models::grid::{GridKernel, RUN, Run};
 use super::sharp::sharpen_grids;
@@ -93,7 +94,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         let factor = lower_factor(part.jacobian * options.kernel_width);
         Kernel::new(part.centroid, factor, part.volume)
     };
-    let kernels = Kernels::collect_runs(
+    let mut kernels = Kernels::collect_runs(
         sample_count,
         &mut report,
         noun,
@@ -115,6 +116,9 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     )?;
     if kernels.kept.is_empty() {
         return Err(nothing_left(&dataset, &report));
+    }
+    if taken.association == Association::Cells && blanking.has_refined_cells() {
+        levels::even_out(&mut kernels, options.task.as_ref())?;
     }
     let known = if options.normals || options.local_models {
         known_values(&samples, taken.association, &taken.values)

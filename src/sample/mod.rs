@@ -19,6 +19,7 @@ mod kernel_sums;
 mod kernels;
 mod lattice;
 mod left_out;
+mod levels;
 mod local_models;
 pub mod mesh;
 mod mesh_field;

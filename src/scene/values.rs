@@ -106,6 +106,16 @@ impl Values {
         }
     }
 
+    /// A run of the values.
+    pub(crate) fn part(&self, run: std::ops::Range<usize>) -> Self {
+        match self {
+            Self::U8(v) => Self::U8(v[run].to_vec()),
+            Self::I16(v) => Self::I16(v[run].to_vec()),
+            Self::U16(v) => Self::U16(v[run].to_vec()),
+            Self::F32(v) => Self::F32(v[run].to_vec()),
+        }
+    }
+
     /// The least and the greatest finite value, or `None` where there is none.
     pub fn finite_range(&self) -> Option<[f32; 2]> {
         match self {

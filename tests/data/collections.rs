@@ -165,3 +165,78 @@ fn a_collection_of_paraviews_is_read() {
             .contains(&"The first of 11 time steps, of time 0.".to_owned())
     );
 }
+
+fn blocks(kind: &str, entries: &str) -> Vec<u8> {
+    format!("<VTKFile type=\"{kind}\"><{kind}>{entries}</{kind}></VTKFile>").into_bytes()
+}
+
+/// The files of a collection in a folder with others, relative to the folder.
+fn files_of(name: &str, files: &[(&str, Vec<u8>)]) -> Result<Vec<Vec<PathBuf>>, String> {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    let steps = steps_of(&folder.path().join(name)).map_err(|e| e.to_string())?;
+    let from = |part: &Part| part.path.strip_prefix(folder.path()).unwrap().to_owned();
+    let of_step = |step: &TimeStep| step.parts.iter().map(from).collect();
+    Ok(steps.iter().map(of_step).collect())
+}
+
+#[test]
+fn blocks_are_the_parts_of_one_step() {
+    let multi = blocks(
+        "vtkMultiBlockDataSet",
+        "<Block index=\"0\"><Block index=\"0\"><DataSet index=\"0\" file=\"a/a.vti\"/></Block></Block>\
+         <Piece index=\"1\"><DataSet index=\"0\" file=\"a/b.vtp\"/><DataSet index=\"1\"/></Piece>\
+         <DataSet index=\"2\" file=\"a/c.vtpc\"/>",
+    );
+    let collection = blocks(
+        "vtkPartitionedDataSetCollection",
+        "<Partitions index=\"0\"><DataSet index=\"0\" file=\"d.vtu\"/></Partitions>\
+         <Partitions index=\"1\"><DataSet index=\"0\" file=\"e.vtm\"/></Partitions>",
+    );
+    // Levels of refinement under the name of blocks are data.
+    let levels = blocks("vtkHierarchicalBoxDataSet", "");
+    let times = [entry("1", "0", "a.vtm"), entry("2", "0", "f.vtu")].concat();
+    let files = [
+        ("a.vtm", multi),
+        ("a/c.vtpc", collection),
+        ("a/e.vtm", levels),
+        ("t.pvd", file_of(&times).into_bytes()),
+    ];
+    let all = ["a/a.vti", "a/b.vtp", "a/d.vtu", "a/e.vtm"].map(PathBuf::from);
+    assert_eq!(files_of("a.vtm", &files).unwrap(), [all.to_vec()]);
+    let steps = [all.to_vec(), vec!["f.vtu".into()]];
+    assert_eq!(files_of("t.pvd", &files).unwrap(), steps);
+}
+
+#[test]
+fn circles_and_paths_out_of_the_folder_are_refused() {
+    let naming = |file: &str| {
+        let entries = format!("<DataSet index=\"0\" file=\"{file}\"/>");
+        blocks("vtkMultiBlockDataSet", &entries)
+    };
+    for (first, second, found) in [
+        ("a.vtm", "", "again"),
+        ("b.vtm", "a.vtm", "again"),
+        ("b.vtm", "./b.vtm", "again"),
+        ("../a.vtu", "", "`../a.vtu`"),
+        ("/a.vtu", "", "`/a.vtu`"),
+        ("b.vtm", "in/../../a.vtu", "a.vtu`"),
+        ("c.vtm", "", "c.vtm"),
+        ("", "", "at least one"),
+    ] {
+        let files = [("a.vtm", naming(first)), ("b.vtm", naming(second))];
+        let error = files_of("a.vtm", &files).unwrap_err();
+        assert!(error.contains(found), "{error}");
+    }
+    // One that goes by another name.
+    let outer = naming("b.xml");
+    let inner = naming("a.vtm");
+    let beside = |_: &Path| Some(inner.clone());
+    let error = read_with("a.vtm", &outer, &OpenOptions::default(), &beside);
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("another collection, `b.xml`"), "{error}");
+}

@@ -15,6 +15,7 @@
 //! | `phantom_sinks.h5` | types 1, 7, -1, 3, 9, dust from 7 and its boundary from 9; 3 sinks 1 further on, of radii .5, 0, .25 |
 //! | `swift_units.h5` | masses in units of their own, densities and temperatures in cgs, pressures in comoving cgs |
 //! | `swift_lossy.h5` | each of SWIFT's lossy filters, chunks of 4 rows, n-bit; half floats without it, integers of 40 bits, scale-offset |
+//! | `split/snap_010.0.hdf5` to `.2.hdf5` | 2, 0 and 3 of the particles, dark matter from 10 on; `snap_010.hdf5`: virtual datasets of them |
 //! | `swift_unnormalised.h5`, `swift_unnormalised_masses.h5` | temperatures, masses without an implied leading bit of the mantissa |
 
 #![allow(
@@ -27,7 +28,7 @@ use std::path::{Path, PathBuf};
 
 use ewa_splat::io::{
     Dataset, FieldSource, Geometry, LengthMeaning, OpenOptions, ParticleType, Smoothing, SphKernel,
-    has_particle_types, open,
+    format_of, has_particle_types, open,
 };
 use ewa_splat::sample::{SampleOptions, volume};
 use glam::DVec3;
@@ -294,7 +295,7 @@ fn sinks_are_opaque_spheres_of_their_accretion_radii() {
 #[test]
 fn a_type_of_particles_is_refused_of_what_has_none() {
     let error = read_type("particles.csv", ParticleType::Gas).unwrap_err();
-    assert!(error.contains("expected an HDF5 snapshot"), "{error}");
+    assert!(error.contains("expected a snapshot"), "{error}");
     assert!(error.contains("leave the type of particles out"), "{error}");
     assert!(!has_particle_types(&fixture("particles.csv")).unwrap());
     assert!(has_particle_types(&fixture("phantom.h5")).unwrap());
@@ -490,4 +491,89 @@ fn numbers_of_an_unknown_layout_are_never_shown() {
         "{error}"
     );
     assert!(error.contains("write it as 32-bit floats"), "{error}");
+}
+
+#[test]
+fn any_file_of_a_snapshot_in_several_stands_for_all() {
+    for name in ["snap_010.0", "snap_010.1", "snap_010.2", "snap_010"] {
+        let path = fixture(&format!("split/{name}.hdf5"));
+        let data = open(&path, &OpenOptions::default()).unwrap();
+        assert_eq!(positions(&data), places(), "{name}");
+        assert_eq!(numbers(&data, "Masses"), times(2.0));
+        assert_eq!(numbers(&data, "SmoothingLength"), times(0.25));
+        assert_eq!(data.path, path);
+        let counts: Vec<_> = data
+            .particle_types
+            .iter()
+            .map(|t| (t.count, t.is_read))
+            .collect();
+        assert_eq!(counts, [(5, true), (5, false)]);
+        assert_eq!(data.notes[0], "Files of the snapshot put together: 3.");
+        assert!(
+            has_note(&data, "not all pieces have them alike: `Odd`"),
+            "{:?}",
+            data.notes
+        );
+        assert!(!has_note(&data, "only this one"));
+        let options = OpenOptions {
+            particle_type: Some(ParticleType::DarkMatter),
+            ..OpenOptions::default()
+        };
+        let dark = open(&path, &options).unwrap();
+        let x: Vec<f64> = positions(&dark).iter().map(|p| p.x).collect();
+        assert_eq!(x, [10., 11., 12., 13., 14.]);
+        let options = OpenOptions {
+            particle_type: Some(ParticleType::Stars),
+            ..OpenOptions::default()
+        };
+        let error = open(&path, &options).unwrap_err().to_string();
+        assert!(
+            error.contains("PartType1") && error.contains("stars"),
+            "{error}"
+        );
+        // All of them are one input.
+        let format = format_of(&path, &OpenOptions::default()).unwrap();
+        let steps = format.time_steps(&path).unwrap();
+        assert_eq!(steps.len(), 1);
+        assert_eq!(steps[0].parts[0].path, fixture("split/snap_010.0.hdf5"));
+    }
+}
+
+#[test]
+fn missing_files_of_a_snapshot_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let last = folder.path().join("snap_010.2.hdf5");
+    std::fs::copy(fixture("split/snap_010.2.hdf5"), &last).unwrap();
+    let error = open(&last, &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("snap_010.0.hdf5") && error.contains("snap_010.1.hdf5"),
+        "{error}"
+    );
+    assert!(error.contains("3 files"), "{error}");
+    // Under a name that does not say which it is, it is alone.
+    let alone = folder.path().join("last.hdf5");
+    std::fs::rename(&last, &alone).unwrap();
+    let data = open(&alone, &OpenOptions::default()).unwrap();
+    assert_eq!(positions(&data), &places()[2..]);
+    assert!(has_note(
+        &data,
+        "consists of 3 files; only this one is read"
+    ));
+    // What is virtual needs what it names; pieces may be in a folder of its name.
+    let whole = folder.path().join("snap_010.hdf5");
+    std::fs::copy(fixture("split/snap_010.hdf5"), &whole).unwrap();
+    let error = open(&whole, &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("`snap_010.0.hdf5`"), "{error}");
+    let below = folder.path().join("snap_010");
+    std::fs::create_dir(&below).unwrap();
+    for i in 0..3 {
+        let name = format!("snap_010.{i}.hdf5");
+        std::fs::copy(fixture(&format!("split/{name}")), below.join(&name)).unwrap();
+    }
+    let data = open(&whole, &OpenOptions::default()).unwrap();
+    assert_eq!(positions(&data), places());
 }

@@ -1050,12 +1050,7 @@ fn damaged_elements_are_refused() {
 fn other_types_and_compressors_are_refused_by_name() {
     let folder = Folder::new();
     for (kind, advice) in [
-        ("vtkMultiBlockDataSet", "one of the files that it names"),
-        (
-            "vtkPartitionedDataSetCollection",
-            "one of the files that it names",
-        ),
-        ("vtkOverlappingAMR", "resample"),
+        ("vtkNonOverlappingAMR", "one of the files that it names"),
         ("HyperTreeGrid", "resample"),
         ("Table", "CSV"),
         ("Unheard", "one of these"),

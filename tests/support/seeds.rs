@@ -6,12 +6,18 @@ use std::sync::OnceLock;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
+use super::amr;
+use super::gadget;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::openfoam;
+use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
     splat_records, spz, spz_streams, stored,
 };
+use super::tecplot;
+use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
 
@@ -72,10 +78,17 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             "swift",
             "swift_lossy",
             "phantom",
+            "solids_in_time",
+            "surface",
+            "parts",
+            "image_in_time",
+            "levels_in_time",
         ] {
-            let name = format!("{name}.h5");
-            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
-            let bytes = std::fs::read(path.join(&name)).unwrap();
+            let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let name = ["h5", "vtkhdf"].map(|ending| format!("{name}.{ending}"));
+            let name = name.into_iter().find(|name| folder.join(name).is_file());
+            let name = name.unwrap();
+            let bytes = std::fs::read(folder.join(&name)).unwrap();
             for _ in 0..8 {
                 seeds.push((name.clone(), bytes.clone()));
             }
@@ -147,6 +160,35 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 }
             }
         }
+        for degree in 0..3 {
+            for version in [1, 2] {
+                for packed in [false, true] {
+                    let file = sog::archive(version, &some_splats(5, degree), packed);
+                    seeds.push(("a.sog".into(), file));
+                }
+            }
+        }
+        for _ in 0..4 {
+            seeds.push(("a.3mf".into(), threemf::rich()));
+        }
+        let mut picture = rich_gltf();
+        let pixels: Vec<[u8; 4]> = (0..64_u8).map(|i| [4 * i, 255 - i, i, 255]).collect();
+        picture.json["images"][0] = serde_json::json!({
+            "uri": format!("data:image/webp;base64,{}", STANDARD.encode(sog::webp(8, &pixels))),
+        });
+        for _ in 0..8 {
+            seeds.push(("c.gltf".into(), picture.text()));
+        }
+        for name in ["gradient_etc1s.ktx2", "gradient_uastc.ktx2"] {
+            let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+            let bytes = std::fs::read(fixtures.join(name)).unwrap();
+            picture.json["images"][0] = serde_json::json!({
+                "uri": format!("data:image/ktx2;base64,{}", STANDARD.encode(bytes)),
+            });
+            for _ in 0..4 {
+                seeds.push(("c.gltf".into(), picture.text()));
+            }
+        }
         let mut image = rich_gltf();
         image.json["images"][0] = serde_json::json!({
             "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),
@@ -174,6 +216,43 @@ pub(crate) struct Set {
 
 /// Sound sets of files of the formats that name other files; each a folder of its own.
 pub(crate) fn sets() -> Vec<Set> {
+    let mut sets = collections();
+    sets.extend(simulations());
+    sets
+}
+
+/// Cases of EnSight in each form, and netCDF files.
+fn simulations() -> Vec<Set> {
+    let fixture = |name: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+        let file = name.rsplit_once('/').map_or(name, |(_, file)| file);
+        (file.to_owned(), std::fs::read(path.join(name)).unwrap())
+    };
+    let case = |form: &str| Set {
+        files: ["case", "geo", "flow", "p000", "p005"]
+            .map(|ending| fixture(&format!("ensight/{form}.{ending}")))
+            .into(),
+    };
+    let mut sets: Vec<Set> = ["text", "binary", "fortran"].map(case).into();
+    if cfg!(feature = "netcdf") {
+        let names = [
+            "blocks.ex2",
+            "higher.exo",
+            "regular.nc",
+            "roms1.nc",
+            "roms2.nc",
+            "nemo.nc",
+            "pressure.nc",
+        ];
+        sets.extend(names.map(|name| Set {
+            files: vec![fixture(&format!("netcdf/{name}"))],
+        }));
+    }
+    sets
+}
+
+/// Files that name others.
+fn collections() -> Vec<Set> {
     let set = |files: &[(&str, &[u8])]| Set {
         files: files
             .iter()
@@ -183,11 +262,73 @@ pub(crate) fn sets() -> Vec<Set> {
     let collection = b"<VTKFile type=\"Collection\"><Collection>\
         <DataSet timestep=\"0.5\" part=\"0\" file=\"in/a.csv\"/>\
         <DataSet timestep=\"1\" file=\"b.csv\"/></Collection></VTKFile>";
-    vec![set(&[
-        ("a.pvd", collection),
+    let blocks =
+        b"<VTKFile type=\"vtkMultiBlockDataSet\"><vtkMultiBlockDataSet><Block index=\"0\">\
+        <DataSet index=\"0\" file=\"in/a.csv\"/></Block><DataSet index=\"1\" file=\"b.vtm\"/>\
+        </vtkMultiBlockDataSet></VTKFile>";
+    let partitions = b"<VTKFile type=\"vtkPartitionedDataSet\"><vtkPartitionedDataSet>\
+        <DataSet index=\"0\" file=\"b.csv\"/></vtkPartitionedDataSet></VTKFile>";
+    let tables: [(&str, &[u8]); 2] = [
         ("in/a.csv", b"x,y,z,m\n0,0,0,1\n1,0,0,1\n"),
         ("b.csv", b"x,y,z,m\n0,0,0,1\n1,1,0,1\n"),
-    ])]
+    ];
+    let value = |[x, y, z]: [f64; 3], level: usize| x + y * z + level as f64;
+    let levels = [false, true].map(|flag| {
+        let one = [amr::Level {
+            spacing: 8.0,
+            boxes: vec![[[0; 3]; 2]],
+        }];
+        let two = [
+            amr::Level {
+                spacing: 4.0,
+                boxes: vec![[[0; 3], [1; 3]]],
+            },
+            amr::Level {
+                spacing: 2.0,
+                boxes: vec![[[0; 3], [1; 3]], [[2, 0, 0], [3, 1, 1]]],
+            },
+        ];
+        let levels: &[amr::Level] = if flag { &one } else { &two };
+        [
+            amr::plotfile(levels, flag, i64::from(flag), &value),
+            amr::vthb(levels, flag, &value),
+        ]
+    });
+    let mut sets = vec![
+        set(&[("a.pvd", collection), tables[0], tables[1]]),
+        set(&[
+            ("a.vtm", blocks),
+            tables[0],
+            ("b.vtm", partitions),
+            tables[1],
+        ]),
+    ];
+    sets.extend(levels.into_iter().flatten().map(|files| Set { files }));
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/split");
+    let piece = |name: &str| (name.to_owned(), std::fs::read(folder.join(name)).unwrap());
+    let pieces = ["snap_010.1.hdf5", "snap_010.0.hdf5", "snap_010.2.hdf5"];
+    sets.push(Set {
+        files: pieces.map(piece).into(),
+    });
+    for text in tecplot::ALL {
+        sets.push(set(&[("a.dat", text.as_bytes())]));
+    }
+    for form in gadget::Form::all() {
+        sets.push(Set {
+            files: vec![("a.snap".into(), form.snapshot(1, &gadget::SOME))],
+        });
+        let file = |i: usize| (format!("snap.{i}"), form.snapshot(2, &gadget::HALVES[i]));
+        sets.push(Set {
+            files: vec![file(1), file(0)],
+        });
+    }
+    for form in openfoam::Form::all() {
+        sets.push(Set { files: form.case() });
+        sets.push(Set {
+            files: form.decomposed(),
+        });
+    }
+    sets
 }
 
 /// Images with headers, with their numbers behind them, and STL.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use ewa_splat::io::{OpenOptions, format_of};
 use ewa_splat::{Error, Result};
 
 /// The files that inputs name.
@@ -12,7 +13,7 @@ pub(crate) struct Files {
 }
 
 impl Files {
-    /// A folder stands for all files in it and in the folders below it, a name with `*`, `?` or `[...]` that
+    /// A folder that is no data set stands for all files in it and in the folders below it, a name with `*`, `?` or `[...]` that
     /// is no file's for what it matches, where the shell has not put that in its place. In the order of their
     /// names.
     ///
@@ -22,13 +23,13 @@ impl Files {
         let mut paths = Vec::new();
         let mut is_list = inputs.len() != 1;
         for input in inputs {
-            if input.is_dir() {
+            if is_list_of_files(input) {
                 is_list = true;
                 walk(input, &mut paths)?;
             } else if is_pattern(input) && !input.exists() {
                 is_list = true;
                 for path in matching(input)? {
-                    if path.is_dir() {
+                    if is_list_of_files(&path) {
                         walk(&path, &mut paths)?;
                     } else {
                         paths.push(path);
@@ -60,6 +61,11 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
+/// Whether a path is a folder that is not a data set of its own.
+fn is_list_of_files(path: &Path) -> bool {
+    path.is_dir() && format_of(path, &OpenOptions::default()).is_err()
+}
+
 /// All files below a folder. Links to folders are not followed: they may lead around in circles.
 fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
     let fault = |e| Error::io(folder, "listing the folder", e, "check its permissions");
@@ -70,9 +76,9 @@ fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> Result<()> {
     }
     entries.sort_by(|a, b| a.0.cmp(&b.0));
     for (path, kind) in entries {
-        if kind.is_dir() {
+        if kind.is_dir() && is_list_of_files(&path) {
             walk(&path, paths)?;
-        } else if path.is_file() {
+        } else if kind.is_dir() || path.is_file() {
             paths.push(path);
         }
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use ewa_splat::Result;
-use ewa_splat::io::{OpenOptions, Part, ParticleType, format_of};
+use ewa_splat::io::{OpenOptions, Part, ParticleType, TimeStep, format_of};
 
 use crate::edits::Edit;
 use crate::progress::note;
@@ -49,7 +49,7 @@ impl Input {
         }
     }
 
-    /// A file as it is.
+    /// A file as it is; of a folder with a SOG scene, the file that names the others.
     pub(crate) fn file(path: PathBuf) -> Self {
         Self {
             path,
@@ -87,8 +87,10 @@ pub(crate) fn steps(
     is_series: bool,
     options: &OpenOptions,
 ) -> Result<Vec<Input>> {
-    let mut files = Vec::new();
+    let mut files: Vec<Input> = Vec::new();
     let mut step = 0;
+    // Files that others stand for, or that stand for others.
+    let mut stood_in: Vec<PathBuf> = Vec::new();
     for input in inputs {
         let Ok(format) = format_of(&input.path, options) else {
             files.push(Input { step, ..input });
@@ -97,6 +99,26 @@ pub(crate) fn steps(
         };
         let steps = format.time_steps(&input.path)?;
         let count = steps.len();
+        // All pieces of one snapshot are named, perhaps.
+        if let [TimeStep { time: None, parts }] = steps.as_slice()
+            && let [part] = parts.as_slice()
+        {
+            let is_other = part.path != input.path;
+            let is_same = |other: &Input| {
+                let named = Input {
+                    path: part.path.clone(),
+                    step: other.step,
+                    ..input.clone()
+                };
+                *other == named
+            };
+            if (is_other || stood_in.contains(&part.path)) && files.iter().any(is_same) {
+                continue;
+            }
+            if is_other {
+                stood_in.push(part.path.clone());
+            }
+        }
         if let (true, false, Some(time)) = (count > 1, is_series, steps[0].time) {
             let path = input.path.display();
             note!("{path}: the first of {count} time steps, of time {time}; --series draws all");

@@ -16,12 +16,10 @@ use crate::io::vtk_xml::clip;
 use crate::io::{AlphaMode, Material, Texture, TextureImage, TextureUse, Wrap};
 
 /// Extensions that say how a texture is stored; without another source it is not read.
-const TEXTURE_FORMATS: &[&str] = &[
-    "KHR_texture_basisu",
-    "EXT_texture_webp",
-    "EXT_texture_avif",
-    "MSFT_texture_dds",
-];
+const TEXTURE_FORMATS: &[&str] = &["KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"];
+
+/// The extensions that name an image in WebP or KTX 2, which is taken where there is no other.
+const SOURCES: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
 
 /// A material for the primitives that have certain sets of texture coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -191,7 +189,7 @@ impl<'b, 'f> Materials<'b, 'f> {
             let found = format!("texture {}", info.index.value());
             self.buffers.refuse("material", expected, found)
         })?;
-        let Some(image) = root.get(texture.source) else {
+        let Some(index) = image_of(texture).filter(|index| root.get(*index).is_some()) else {
             let extension = texture.extensions.as_ref().and_then(|e| {
                 let known = |name: &&&str| e.others.contains_key(**name);
                 TEXTURE_FORMATS.iter().find(known)
@@ -204,9 +202,9 @@ impl<'b, 'f> Materials<'b, 'f> {
                 .insert(format!("texture {texture} is not used: {reason}"));
             return Ok(None);
         };
-        let source = texture.source.value();
+        let source = index.value();
         if !self.images.contains_key(&source) {
-            let decoded = match self.decode(image, source) {
+            let decoded = match self.decode(&root.images[source], source) {
                 Ok(decoded) => Some(Arc::new(decoded)),
                 Err(reason) => {
                     self.notes
@@ -273,6 +271,18 @@ impl<'b, 'f> Materials<'b, 'f> {
         let decoded = self.budget.decode(bytes);
         decoded.map_err(|reason| format!("{name} {reason}"))
     }
+}
+
+/// The image of a texture: its own, or else the one that an extension names.
+fn image_of(texture: &json::Texture) -> Option<Index<json::Image>> {
+    // What is missing is the greatest index.
+    if texture.source.value() != u32::MAX as usize {
+        return Some(texture.source);
+    }
+    let others = &texture.extensions.as_ref()?.others;
+    let stated = SOURCES.iter().find_map(|name| others.get(*name));
+    let source = stated?.get("source")?.as_u64()?;
+    u32::try_from(source).ok().map(Index::new)
 }
 
 /// The texture of the base colour; of `KHR_materials_pbrSpecularGlossiness` where the material

@@ -7,7 +7,7 @@
 //!
 //! | extension | what is made of it |
 //! |---|---|
-//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing` | as it says |
+//! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing`, `EXT_texture_webp`, `KHR_texture_basisu` | as it says |
 //! | `EXT_meshopt_compression`, `KHR_meshopt_compression` | views are unpacked: see [`meshopt`] |
 //! | `KHR_draco_mesh_compression` | primitives are unpacked, with the feature `draco` |
 //! | `KHR_materials_pbrSpecularGlossiness` | its diffuse colour, where the material has no other |
@@ -57,11 +57,13 @@ const READ: &[&str] = &[
     "EXT_meshopt_compression",
     #[cfg(feature = "draco")]
     DRACO,
+    "EXT_texture_webp",
     "KHR_materials_emissive_strength",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 

@@ -12,6 +12,8 @@
 //! deviations of the kernel, whichever kernel it is (Dehnen & Aly 2012): the radius at which a
 //! cubic spline ends is 1.825742 of them.
 
+use std::path::Path;
+
 use hdf5_reader::group::Group;
 
 use super::super::dataset::Dataset;
@@ -24,7 +26,7 @@ use crate::error::Result;
 use crate::scene::Values;
 
 /// The groups, and what is in them; SWIFT has neutrinos in the last.
-const TYPES: [(&str, &[ParticleType]); 7] = [
+pub(in crate::io) const TYPES: [(&str, &[ParticleType]); 7] = [
     ("PartType0", &[ParticleType::Gas]),
     ("PartType1", &[ParticleType::DarkMatter]),
     ("PartType2", &[ParticleType::Disk]),
@@ -43,31 +45,69 @@ const TYPES: [(&str, &[ParticleType]); 7] = [
 /// The name of the field of SWIFT's lengths as standard deviations.
 const SIGMA: &str = "sigma";
 
-/// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
-/// the first type it has: `None` where it has no particles.
-pub(super) fn read(
-    file: &SnapshotFile<'_>,
-    wanted: Option<ParticleType>,
-) -> Result<Option<Dataset>> {
-    let mut present: Vec<(usize, Group)> = Vec::new();
-    let mut counts: Vec<ParticleCount> = Vec::new();
+/// What lengths are taken as, or where sizes come from, in notes.
+pub(in crate::io) const LENGTH_NOTE: &str = "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
+                                             Gadget defines them.";
+pub(in crate::io) const NO_LENGTH_NOTE: &str =
+    "No smoothing lengths: sizes come from mass over density, or from the distances.";
+
+/// The types that a file has groups of, by their numbers.
+pub(super) fn present(file: &SnapshotFile<'_>) -> Result<Vec<(usize, Group, ParticleCount)>> {
+    let mut present = Vec::new();
     for (kind, (name, types)) in TYPES.iter().enumerate() {
         if let Some(group) = file.group(name)?
             && file.has(&group, "Coordinates")?
         {
-            counts.push(ParticleCount {
+            let count = ParticleCount {
                 name: (*name).to_owned(),
                 types: types.to_vec(),
                 count: file.row_count(&group, "Coordinates")?,
                 is_read: false,
-            });
-            present.push((kind, group));
+            };
+            present.push((kind, group, count));
         }
     }
-    if present.is_empty() {
-        return Ok(None);
+    Ok(present)
+}
+
+/// Notes that a file is one of several whose names are not known.
+pub(super) fn note_other_files(file: &SnapshotFile<'_>) -> Result<()> {
+    let header = file.group("Header")?;
+    let files = header.and_then(|header| file.attribute(&header, "NumFilesPerSnapshot"));
+    if let Some(files) = files.and_then(|n| n.first().copied()).filter(|n| *n > 1.0) {
+        file.note(format!(
+            "The snapshot consists of {files} files; only this one is read."
+        ));
     }
-    let number = |i: usize| u32::try_from(present[i].0).ok();
+    Ok(())
+}
+
+/// The number of the first type that a snapshot in several files has, as the header of each says.
+pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
+    let Some(header) = file.group("Header")? else {
+        return Ok(None);
+    };
+    let totals = ["NumPart_Total", "NumPart_Total_HighWord"];
+    let totals = totals
+        .into_iter()
+        .filter_map(|name| file.attribute(&header, name));
+    let found = totals.filter_map(|total| total.iter().position(|n| *n > 0.0));
+    Ok(found.min())
+}
+
+/// Which of the types that are there is read, which is marked, and a note of the others where none is asked for.
+///
+/// - `counts`: the types, at least one; `numbers`: their own.
+///
+/// # Errors
+/// No particles of the type that is asked for.
+pub(in crate::io) fn choose(
+    path: &Path,
+    counts: &mut [ParticleCount],
+    numbers: &[usize],
+    wanted: Option<ParticleType>,
+) -> Result<(usize, Option<String>)> {
+    let number = |i: usize| u32::try_from(numbers[i]).ok();
     let found = match wanted {
         // A group that is empty stands for a type that has no particles here.
         None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
@@ -78,20 +118,37 @@ pub(super) fn read(
     };
     let Some(at) = found else {
         let wanted = wanted.unwrap_or(ParticleType::Gas);
-        return Err(absent(file.path, wanted, &counts));
+        return Err(absent(path, wanted, counts));
     };
     counts[at].is_read = true;
-    let (kind, group) = &present[at];
-    let kind = *kind;
     let others = counts.iter().filter(|c| !c.is_read && c.count > 0);
     let others: Vec<&str> = others.map(|c| c.name.as_str()).collect();
-    if wanted.is_none() && !others.is_empty() {
-        file.note(format!(
-            "Only {} is shown; {} left out.",
-            counts[at].name,
-            others.join(", ")
-        ));
+    let note = (wanted.is_none() && !others.is_empty()).then(|| {
+        let (name, others) = (&counts[at].name, others.join(", "));
+        format!("Only {name} is shown; {others} left out.")
+    });
+    Ok((at, note))
+}
+
+/// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
+/// the first type it has: `None` where it has no particles.
+pub(super) fn read(
+    file: &SnapshotFile<'_>,
+    wanted: Option<ParticleType>,
+) -> Result<Option<Dataset>> {
+    let (mut present, mut counts) = (Vec::new(), Vec::new());
+    for (kind, group, count) in self::present(file)? {
+        present.push((kind, group));
+        counts.push(count);
     }
+    if present.is_empty() {
+        return Ok(None);
+    }
+    let numbers: Vec<usize> = present.iter().map(|(kind, _)| *kind).collect();
+    let (at, note) = choose(file.path, &mut counts, &numbers, wanted)?;
+    note.into_iter().for_each(|note| file.note(note));
+    let (kind, group) = &present[at];
+    let kind = *kind;
 
     let positions = file.positions(group, "Coordinates")?;
     let count = positions.len();
@@ -118,11 +175,6 @@ pub(super) fn read(
     }
 
     let first = |name: &str| attribute(name).and_then(|v| v.first().copied());
-    if let Some(files) = first("NumFilesPerSnapshot").filter(|n| *n > 1.0) {
-        file.note(format!(
-            "The snapshot consists of {files} files; only this one is read."
-        ));
-    }
     let units = file.group("Units")?;
     let swift_unit = || file.attribute(units.as_ref()?, "Unit length in cgs (U_L)");
     let unit = first("UnitLength_in_cm").or_else(|| swift_unit()?.first().copied());
@@ -147,16 +199,10 @@ pub(super) fn read(
         );
         (Some(SIGMA.to_owned()), LengthMeaning::Sigma, kernel)
     } else {
-        if gadget_length.is_some() {
-            file.note(
-                "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
-                 Gadget defines them.",
-            );
-        } else {
-            file.note(
-                "No smoothing lengths: sizes come from mass over density, or from the distances.",
-            );
-        }
+        file.note(match gadget_length {
+            Some(_) => LENGTH_NOTE,
+            None => NO_LENGTH_NOTE,
+        });
         (
             gadget_length,
             LengthMeaning::Support,

@@ -5,24 +5,29 @@
 //! one that takes limits on what a read may allocate; a few hundred bytes of HDF5 can declare
 //! gigabytes.
 
-mod gadget;
+pub(super) mod gadget;
 mod layout;
 mod phantom;
+mod pieces;
+mod vtkhdf;
 
 use std::cell::{Cell, RefCell};
+use std::ops::Range;
 use std::path::Path;
 
 use glam::DVec3;
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::group::Group;
-use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute};
+use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute, SliceInfo, SliceInfoElem};
 
 use self::layout::{Layout, NotRead};
+use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
-use super::file::Input;
+use super::file::{Input, regular_len};
 use super::particle_type::{ParticleCount, ParticleType};
-use super::scalars::{Encoding, Stride, doubles, points, values};
+use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
+use super::time_steps::{self, Part, TimeStep};
 use super::unit;
 use crate::error::{Error, Parameter, Result};
 use crate::scene::Values;
@@ -58,28 +63,88 @@ const AS_FLOATS: &str = "write it as 32-bit floats (h5py, swiftsimio)";
 /// Numbers per particle that an array may have.
 const MOST_COMPONENTS: usize = 16;
 
-/// Reads a snapshot.
+/// Whether the first bytes name the group of VTKHDF files. Where they do not, as the group may stand farther behind, it is
+/// found when the file is read.
+pub(super) fn names_vtk(head: &[u8]) -> bool {
+    let name = vtkhdf::ROOT.as_bytes();
+    head.windows(name.len()).any(|bytes| bytes == name)
+}
+
+/// The steps of time of a VTKHDF file.
+///
+/// # Errors
+/// A damaged file.
+pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let file = SnapshotFile::open_in_parts(input.path)?;
+    let times = match file.group(vtkhdf::ROOT)? {
+        Some(root) => vtkhdf::times(&file, &root)?,
+        None => None,
+    };
+    Ok(match times {
+        Some(times) => time_steps::of_file(input.path, &times),
+        None => vec![TimeStep {
+            time: None,
+            parts: vec![Part::file(input.path.to_path_buf())],
+        }],
+    })
+}
+
+/// The one step of a snapshot: of one in several files the first file, which any of them stands for.
+///
+/// # Errors
+/// A damaged file.
+pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let file = SnapshotFile::open_in_parts(input.path)?;
+    let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
+    let first = pieces.map(|pieces| pieces.path(0));
+    let first = first.filter(|first| input.has_beside(first));
+    let path = first.unwrap_or_else(|| input.path.to_path_buf());
+    Ok(vec![TimeStep {
+        time: None,
+        parts: vec![Part::file(path)],
+    }])
+}
+
+/// Reads a snapshot, or a VTKHDF file.
 ///
 /// # Errors
 /// A damaged file, or one that holds no particles under the names these codes use, or none of the type that is asked for.
-///
-/// - `wanted`: the type of particles; without it what the code's own reader takes.
-pub(crate) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Result<Dataset> {
+pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dataset> {
     let path = input.path;
+    let wanted = options.particle_type;
     let file = SnapshotFile::open(input)?;
+    if let Some(root) = file.group(vtkhdf::ROOT)? {
+        return vtkhdf::read(&file, root, options.read_as, options.time_step);
+    }
     if let Some(particles) = file.group("particles")?
         && file.has(&particles, "xyz")?
     {
         return phantom::read(&file, &particles, wanted);
     }
+    if let Some(pieces) = Pieces::of(&file, |piece| input.has_beside(piece))? {
+        drop(file);
+        return pieces::read(input, &pieces, wanted);
+    }
+    gadget::note_other_files(&file)?;
     if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
+    }
+    if file.group("CGNSLibraryVersion")?.is_some() {
+        let advice = "save it as VTK XML (.vtu, .vts), or as VTKHDF";
+        let found = "a CGNS file, which is not read";
+        return Err(Error::format(
+            path,
+            "format",
+            super::formats::names(),
+            found,
+            advice,
+        ));
     }
     Err(Error::format(
         path,
         "groups",
-        "`PartType0/Coordinates` (Gadget, SWIFT) or `particles/xyz` (Phantom)",
-        "neither",
+        "`VTKHDF`, `PartType0/Coordinates` (Gadget, SWIFT) or `particles/xyz` (Phantom)",
+        "none of them",
         "export the particles as CSV or NPY",
     ))
 }
@@ -116,20 +181,34 @@ impl<'a> SnapshotFile<'a> {
     fn open(input: Input<'a>) -> Result<Self> {
         let path = input.path;
         let bytes = input.read_all()?.into_owned();
-        let budget = bytes
-            .len()
-            .saturating_mul(MOST_INFLATION)
-            .saturating_add(SMALL);
+        Self::new(path, bytes.len(), |options| {
+            Hdf5File::from_vec_with_options(bytes, options)
+        })
+    }
+
+    /// The same of which no more is read than is asked for: a file on the disk.
+    fn open_in_parts(path: &'a Path) -> Result<Self> {
+        let len = usize::try_from(regular_len(path)?).unwrap_or(usize::MAX);
+        Self::new(path, len, |options| {
+            Hdf5File::open_with_options(path, options)
+        })
+    }
+
+    fn new(
+        path: &'a Path,
+        len: usize,
+        open: impl FnOnce(OpenOptions) -> hdf5_reader::error::Result<Hdf5File>,
+    ) -> Result<Self> {
+        let budget = len.saturating_mul(MOST_INFLATION).saturating_add(SMALL);
         let options = OpenOptions {
             // Every array is read once.
             chunk_cache_bytes: 0,
             max_chunk_bytes: budget,
             max_read_bytes: budget,
-            max_object_header_bytes: bytes.len().saturating_add(SMALL / 16),
+            max_object_header_bytes: len.saturating_add(SMALL / 16),
             ..OpenOptions::default()
         };
-        let file = Hdf5File::from_vec_with_options(bytes, options)
-            .map_err(|e| broken(path, "file", &e))?;
+        let file = open(options).map_err(|e| broken(path, "file", &e))?;
         Ok(Self {
             path,
             file,
@@ -144,13 +223,19 @@ impl<'a> SnapshotFile<'a> {
 
     /// A group of the root, where there is one of that name.
     fn group(&self, name: &str) -> Result<Option<Group>> {
-        let failed = |e| broken(self.path, "root group", &e);
-        let root = self.file.root_group().map_err(failed)?;
-        let (groups, _) = root.member_names().map_err(failed)?;
+        let root = self.file.root_group();
+        let root = root.map_err(|e| broken(self.path, "root group", &e))?;
+        self.child(&root, name)
+    }
+
+    /// A group of another, where there is one of that name.
+    fn child(&self, parent: &Group, name: &str) -> Result<Option<Group>> {
+        let groups = parent.member_names().map(|(groups, _)| groups);
+        let groups = groups.map_err(|e| broken(self.path, parent.name(), &e))?;
         if !groups.iter().any(|group| group == name) {
             return Ok(None);
         }
-        let group = root.group(name);
+        let group = parent.group(name);
         group.map(Some).map_err(|e| broken(self.path, name, &e))
     }
 
@@ -179,8 +264,22 @@ impl<'a> SnapshotFile<'a> {
         }
     }
 
-    /// What a dataset is that is known to be there.
+    /// What a dataset is that is known to be there: numbers in rows.
     fn present_array(&self, group: &Group, name: &str) -> Result<Found> {
+        self.selected_array(group, name, 1, None)
+    }
+
+    /// What a dataset is that is known to be there.
+    ///
+    /// - `ranks`: how many of its dimensions count samples, those of `rows` among them; one behind them counts components.
+    /// - `rows`: which of the first dimension are read; without them all.
+    fn selected_array(
+        &self,
+        group: &Group,
+        name: &str,
+        ranks: usize,
+        rows: Option<Range<usize>>,
+    ) -> Result<Found> {
         let place = || format!("dataset `{}/{}`", group.name(), shortened(name));
         let failed = |e| broken(self.path, &place(), &e);
         let dataset = group.dataset(name).map_err(failed)?;
@@ -191,12 +290,29 @@ impl<'a> SnapshotFile<'a> {
         };
         let encoding = layout.encoding();
         let size = |n: &u64| usize::try_from(*n).ok();
-        let (count, components) = match dataset.shape() {
-            [] => (Some(1), Some(1)),
-            [count] => (size(count), Some(1)),
-            [count, components] => (size(count), size(components)),
+        let (samples, components) = match dataset.shape() {
+            [] => (&[][..], Some(1)),
+            samples if samples.len() == ranks => (samples, Some(1)),
+            [samples @ .., components] if samples.len() == ranks => (samples, size(components)),
             _ => return Ok(Found::Other),
         };
+        let mut count = samples
+            .iter()
+            .try_fold(1_usize, |product, n| product.checked_mul(size(n)?));
+        let all_rows = samples.first().and_then(size).unwrap_or(1);
+        let rows = rows.filter(|rows| *rows != (0..all_rows));
+        if let Some(rows) = &rows {
+            if rows.start > rows.end || rows.end > all_rows {
+                return Err(Error::format(
+                    self.path,
+                    place(),
+                    format!("rows {} to {}", rows.start, rows.end),
+                    format!("{all_rows} rows"),
+                    "the file is damaged: copy or write it again",
+                ));
+            }
+            count = count.map(|n| n / all_rows.max(1) * rows.len());
+        }
         let (Some(count), Some(components @ 1..=MOST_COMPONENTS)) = (count, components) else {
             return Ok(Found::Other);
         };
@@ -216,14 +332,39 @@ impl<'a> SnapshotFile<'a> {
             .and_then(|n| n.checked_mul(size))
             .and_then(|byte_count| self.budget.get().checked_sub(byte_count));
         self.budget.set(left.ok_or_else(too_large)?);
-        let bytes = dataset.read_raw_bytes().map_err(failed)?;
+        let (bytes, encoding) = match (rows, layout) {
+            (None, layout) => (
+                layout.widened(dataset.read_raw_bytes().map_err(failed)?),
+                encoding,
+            ),
+            (Some(rows), _) if rows.is_empty() => (Vec::new(), encoding),
+            (Some(rows), Layout::Native(stored)) => {
+                let bytes = read_rows(&dataset, stored.scalar, &rows).map_err(failed)?;
+                // The decoder turns them to the order of this machine, and they are written as little-endian ones.
+                let big_endian = false;
+                (
+                    bytes,
+                    Encoding {
+                        big_endian,
+                        ..stored
+                    },
+                )
+            }
+            // Rows of other layouts are taken out of all of them.
+            (Some(rows), layout) => {
+                let of_row = count / rows.len() * components * encoding.scalar.size();
+                let all = layout.widened(dataset.read_raw_bytes().map_err(failed)?);
+                let wanted = all.get(rows.start * of_row..rows.end * of_row);
+                (wanted.unwrap_or_default().to_vec(), encoding)
+            }
+        };
         let factors = dataset.raw_attributes().unwrap_or_default();
         Ok(Found::Numbers(Array {
             name: name.to_owned(),
             count,
             components,
             encoding,
-            bytes: layout.widened(bytes),
+            bytes,
             unit: stated_unit(&dataset.attributes(), &factors),
         }))
     }
@@ -347,6 +488,40 @@ impl Array {
     }
 }
 
+/// The numbers of some rows of a dataset, little-endian.
+fn read_rows(
+    dataset: &hdf5_reader::Dataset,
+    scalar: ScalarType,
+    rows: &Range<usize>,
+) -> hdf5_reader::error::Result<Vec<u8>> {
+    let mut selection = SliceInfo::all(dataset.ndim());
+    if let Some(first) = selection.selections.first_mut() {
+        *first = SliceInfoElem::Slice {
+            start: rows.start as u64,
+            end: rows.end as u64,
+            step: 1,
+        };
+    }
+    macro_rules! of {
+        ($t:ty) => {{
+            let numbers = dataset.read_slice::<$t>(&selection)?;
+            numbers.iter().flat_map(|n| n.to_le_bytes()).collect()
+        }};
+    }
+    Ok(match scalar {
+        ScalarType::I8 => of!(i8),
+        ScalarType::U8 => of!(u8),
+        ScalarType::I16 => of!(i16),
+        ScalarType::U16 => of!(u16),
+        ScalarType::I32 => of!(i32),
+        ScalarType::U32 => of!(u32),
+        ScalarType::I64 => of!(i64),
+        ScalarType::U64 => of!(u64),
+        ScalarType::F32 => of!(f32),
+        ScalarType::F64 => of!(f64),
+    })
+}
+
 /// That a file has no particles of a type, and which it has.
 fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error {
     let present = present.iter().filter(|p| p.count > 0);
@@ -403,15 +578,45 @@ fn attribute_numbers(attribute: &RawAttribute) -> Option<Vec<f64>> {
     doubles(&bytes, encoding, stride)
 }
 
+/// A count or a place that a file states as a number.
+fn whole(number: f64) -> Option<usize> {
+    let is_whole = number >= 0.0 && number <= 2.0_f64.powi(53) && number.fract() == 0.0;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "it was checked to be whole and in range"
+    )]
+    is_whole.then_some(number as usize)
+}
+
+/// Filters that the decoder does not undo, by their registered numbers.
+const FILTERS: &[(&str, &str)] = &[
+    ("307", "bzip2"),
+    ("32000", "LZF"),
+    ("32001", "Blosc"),
+    ("32008", "bitshuffle"),
+    ("32013", "ZFP"),
+    ("32015", "Zstandard"),
+    ("32017", "SZ"),
+    ("32026", "Blosc2"),
+];
+
 /// What the decoder found wrong, as an error of this library.
 fn broken(path: &Path, place: &str, error: &hdf5_reader::error::Error) -> Error {
-    Error::format(
-        path,
-        shortened(place),
-        "sound HDF5",
-        error.to_string().chars().take(300).collect::<String>(),
-        "copy the file again, or rewrite it (h5repack) without unusual filters",
-    )
+    let text = error.to_string();
+    let number = text.rsplit_once("filter id ").map(|(_, number)| number);
+    let filter = FILTERS.iter().find(|(known, _)| number == Some(known));
+    let found = match filter {
+        Some((number, name)) => {
+            format!("compressed by {name} (filter {number}), which is not read")
+        }
+        None => text.chars().take(300).collect(),
+    };
+    let advice = match number {
+        Some(_) => "rewrite it with another filter: h5repack -f GZIP=4",
+        None => "copy the file again",
+    };
+    Error::format(path, shortened(place), "sound HDF5", found, advice)
 }
 
 fn shortened(name: &str) -> String {

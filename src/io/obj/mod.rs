@@ -5,7 +5,7 @@
 //! | `v x y z` | a vertex, in f64; a fourth number (a weight of curves) is not used |
 //! | `v x y z r g b` | its colour too, sRGB-encoded, 0 to 1, or 0 to 255 where one exceeds 1 |
 //! | `vt u v`, `vn x y z` | texture coordinates, v upwards; normals |
-//! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest |
+//! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest; texture coordinates and normals that are not there are left out, with a note |
 //! | `usemtl`, `mtllib` | materials; see [`mtl`] |
 //! | `o`, `g`, `s` | nothing: faces of one material are one part |
 //! | `p`, `l` (and `f` with one or two corners) | points and lines |

@@ -93,10 +93,14 @@ const KINDS: [(&str, &str); 3] = [
     ("vn", "normals"),
 ];
 
+/// The index, from 1, of texture coordinates and normals that cannot be there.
+const NOWHERE: usize = usize::MAX;
+
 /// Reads all lines.
 ///
 /// # Errors
-/// A vertex without three numbers, or a face that names what is not there: with its line.
+/// A vertex without three numbers, or a face that names a vertex that is not there: with its line. Faces whose texture
+/// coordinates or normals are not there have none, which a note says.
 pub(super) fn scan(path: &Path, bytes: &[u8]) -> Result<Scan> {
     let text = String::from_utf8_lossy(bytes);
     let mut reader = Reader::new(path);
@@ -135,8 +139,8 @@ struct Reader<'p> {
     material: Option<usize>,
     material_index: HashMap<String, usize>,
     groups: HashMap<Group, usize>,
-    /// The greatest index of each kind that came before what it names, and its line.
-    ahead: [(usize, usize); 3],
+    /// The greatest index of a vertex that came before what it names, and its line.
+    ahead: (usize, usize),
     /// Elements that are left out.
     curves: usize,
     mixed: usize,
@@ -152,7 +156,7 @@ impl<'p> Reader<'p> {
             material: None,
             material_index: HashMap::new(),
             groups: HashMap::new(),
-            ahead: [(0, 0); 3],
+            ahead: (0, 0),
             curves: 0,
             mixed: 0,
             corners: Vec::new(),
@@ -283,7 +287,7 @@ impl<'p> Reader<'p> {
                     has_normals: has(2),
                 };
                 self.mixed += usize::from(some(1) && !has(1));
-                let index = self.group(group);
+                let index = self.faces_of(group);
                 let faces = &mut self.scan.faces[index];
                 let used = [true, group.has_coordinates, group.has_normals];
                 faces.corners.extend(corners.iter().map(|corner| {
@@ -300,15 +304,6 @@ impl<'p> Reader<'p> {
         Ok(())
     }
 
-    /// The number of a group.
-    fn group(&mut self, group: Group) -> usize {
-        *self.groups.entry(group).or_insert_with(|| {
-            self.scan.groups.push(group);
-            self.scan.faces.push(Faces::default());
-            self.scan.faces.len() - 1
-        })
-    }
-
     /// Points, or lines from each to the next.
     fn marks<'w>(
         &mut self,
@@ -323,7 +318,7 @@ impl<'p> Reader<'p> {
 
     /// Of lines and points nothing but their vertices counts.
     fn add_marks(&mut self, corners: &[[usize; 3]], are_lines: bool) {
-        let index = self.group(Group {
+        let index = self.faces_of(Group {
             material: self.material,
             has_coordinates: false,
             has_normals: false,
@@ -359,6 +354,10 @@ impl<'p> Reader<'p> {
                 Ok(index) => Some(index).filter(|i| *i > 0),
                 Err(_) => None,
             };
+            if kind > 0 {
+                *index = absolute.unwrap_or(NOWHERE);
+                continue;
+            }
             *index = absolute.ok_or_else(|| {
                 Error::format(
                     self.path,
@@ -368,8 +367,8 @@ impl<'p> Reader<'p> {
                     "the file is damaged: save it again",
                 )
             })?;
-            if *index > count.min(u32::MAX as usize) && *index > self.ahead[kind].0 {
-                self.ahead[kind] = (*index, number);
+            if *index > count.min(u32::MAX as usize) && *index > self.ahead.0 {
+                self.ahead = (*index, number);
             }
         }
         if names.next().is_some() {
@@ -378,21 +377,73 @@ impl<'p> Reader<'p> {
         Ok(indices)
     }
 
+    /// Moves faces whose texture coordinates or normals are not there to a group without them.
+    fn leave_out(&mut self, kind: usize, count: usize) {
+        let mut left_out = 0;
+        for index in 0..self.scan.groups.len() {
+            let group = self.scan.groups[index];
+            let has = [true, group.has_coordinates, group.has_normals][kind];
+            let is_known = |corner: &[u32; 3]| (corner[kind] as usize) < count;
+            if !has || self.scan.faces[index].corners.iter().all(is_known) {
+                continue;
+            }
+            let all = std::mem::take(&mut self.scan.faces[index]);
+            let others = Group {
+                has_coordinates: group.has_coordinates && kind != 1,
+                has_normals: group.has_normals && kind != 2,
+                ..group
+            };
+            let others = self.faces_of(others);
+            let mut start = 0;
+            for end in all.ends {
+                let corners = &all.corners[start..end];
+                start = end;
+                let is_whole = corners.iter().all(is_known);
+                left_out += usize::from(!is_whole);
+                let faces = &mut self.scan.faces[if is_whole { index } else { others }];
+                let named = |corner: &[u32; 3]| {
+                    let mut corner = *corner;
+                    corner[kind] *= u32::from(is_whole);
+                    corner
+                };
+                faces.corners.extend(corners.iter().map(named));
+                faces.ends.push(faces.corners.len());
+            }
+        }
+        if left_out > 0 {
+            let plural = KINDS[kind].1;
+            self.scan.notes.push(format!(
+                "{left_out} faces name {plural} that are not in the file: they have none"
+            ));
+        }
+    }
+
+    /// The index of a group's faces.
+    fn faces_of(&mut self, group: Group) -> usize {
+        *self.groups.entry(group).or_insert_with(|| {
+            self.scan.groups.push(group);
+            self.scan.faces.push(Faces::default());
+            self.scan.faces.len() - 1
+        })
+    }
+
     fn finish(mut self) -> Result<Scan> {
         let counts = self.counts();
-        for (kind, (keyword, plural)) in KINDS.into_iter().enumerate() {
-            let (index, number) = self.ahead[kind];
-            // What there is more of than 32 bits count cannot be named.
-            let most = counts[kind].min(u32::MAX as usize);
-            if index > most {
-                return Err(Error::format(
-                    self.path,
-                    format!("line {number}"),
-                    format!("an index of one of the file's {most} {plural} (`{keyword}`)"),
-                    index.to_string(),
-                    "the file is damaged or cut off: save it again",
-                ));
-            }
+        let [keyword, plural] = [KINDS[0].0, KINDS[0].1];
+        let (index, number) = self.ahead;
+        // What there is more of than 32 bits count cannot be named.
+        let most = counts[0].min(u32::MAX as usize);
+        if index > most {
+            return Err(Error::format(
+                self.path,
+                format!("line {number}"),
+                format!("an index of one of the file's {most} {plural} (`{keyword}`)"),
+                index.to_string(),
+                "the file is damaged or cut off: save it again",
+            ));
+        }
+        for kind in [1, 2] {
+            self.leave_out(kind, counts[kind]);
         }
         if self.curves > 0 {
             let note = format!(

@@ -1,0 +1,253 @@
+//! Snapshots of Gadget's family in several files: `snap_010.0.hdf5`, `snap_010.1.hdf5`, ..., as many as the attribute
+//! `NumFilesPerSnapshot` of `Header` says.
+//!
+//! Any of them stands for all, which are read as one data set. SWIFT's files of virtual datasets (the attribute `Virtual`)
+//! stand for the pieces beside them: of `snap.hdf5` these are `snap.0.hdf5`, ... or `snap/snap.0.hdf5`, ....
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::super::Association;
+use super::super::dataset::{Dataset, Field, FieldSource, Geometry};
+use super::super::file::Input;
+use super::super::particle_type::{ParticleCount, ParticleType};
+use super::super::table::list;
+use super::super::vtk_array::Array;
+use super::super::vtk_meshes::append_arrays;
+use super::super::vtk_pieces::{keep_common, to_fields};
+use super::{SnapshotFile, absent, gadget, whole};
+use crate::error::{Error, Result};
+
+/// Pieces at most; far more than anything writes.
+const MOST_PIECES: usize = 1 << 16;
+
+/// The pieces of a snapshot.
+pub(super) struct Pieces {
+    stem: String,
+    ending: String,
+    folder: PathBuf,
+    pub(super) count: usize,
+}
+
+impl Pieces {
+    /// The pieces that a file stands for; `None` where it is a snapshot of its own, or where its name does not say which
+    /// piece it is.
+    ///
+    /// - `has`: whether there is a file of a path.
+    pub(super) fn of(file: &SnapshotFile<'_>, has: impl Fn(&Path) -> bool) -> Result<Option<Self>> {
+        let Some(header) = file.group("Header")? else {
+            return Ok(None);
+        };
+        let number = |name: &str| {
+            let numbers = file.attribute(&header, name)?;
+            numbers.first().copied().and_then(whole)
+        };
+        let folder = file.path.parent().unwrap_or(Path::new(""));
+        let name = file.path.file_name().unwrap_or_default().to_string_lossy();
+        let Some((name, ending)) = name.rsplit_once('.') else {
+            return Ok(None);
+        };
+        let pieces = |stem: &str, folder: PathBuf, count| Self {
+            stem: stem.to_owned(),
+            ending: ending.to_owned(),
+            folder,
+            count,
+        };
+        if number("Virtual") == Some(1) {
+            for folder in [folder.to_path_buf(), folder.join(name)] {
+                let mut found = pieces(name, folder, 0);
+                while found.count < MOST_PIECES && has(&found.path(found.count)) {
+                    found.count += 1;
+                }
+                if found.count > 0 {
+                    return Ok(Some(found));
+                }
+            }
+            let expected = format!("`{name}.0.{ending}`, or the same in a folder `{name}`");
+            let advice = "give the files that it puts together";
+            let found = "neither, beside a file of virtual datasets";
+            return Err(Error::format(
+                file.path,
+                "Header, `Virtual`",
+                expected,
+                found,
+                advice,
+            ));
+        }
+        let count = number("NumFilesPerSnapshot").filter(|n| (2..=MOST_PIECES).contains(n));
+        let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        let stem = name
+            .rsplit_once('.')
+            .filter(|(_, number)| is_number(number));
+        Ok(match (count, stem) {
+            (Some(count), Some((stem, _))) => Some(pieces(stem, folder.to_path_buf(), count)),
+            _ => None,
+        })
+    }
+
+    pub(super) fn path(&self, i: usize) -> PathBuf {
+        self.folder
+            .join(format!("{}.{i}.{}", self.stem, self.ending))
+    }
+
+    /// Refuses a snapshot of which a piece is missing.
+    fn check(&self, path: &Path, has: impl Fn(&Path) -> bool) -> Result<()> {
+        let missing: Vec<usize> = (0..self.count).filter(|&i| !has(&self.path(i))).collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        const MOST_NAMES: usize = 8;
+        let names = missing.iter().take(MOST_NAMES).map(|&i| {
+            let path = self.path(i);
+            path.file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        });
+        let names: Vec<String> = names.collect();
+        let more = match missing.len().saturating_sub(MOST_NAMES) {
+            0 => String::new(),
+            n => format!(" and {n} more"),
+        };
+        Err(Error::format(
+            path,
+            "Header, `NumFilesPerSnapshot`",
+            format!("the {} files of the snapshot in one folder", self.count),
+            format!("no {}{more}", list(names.iter().map(String::as_str))),
+            "put them there",
+        ))
+    }
+}
+
+/// All pieces as one data set.
+///
+/// # Errors
+/// Pieces that are not there, damaged ones, none with particles of the type.
+pub(super) fn read(
+    input: Input<'_>,
+    pieces: &Pieces,
+    wanted: Option<ParticleType>,
+) -> Result<Dataset> {
+    let path = input.path;
+    pieces.check(path, |piece| input.has_beside(piece))?;
+    let mut all = All {
+        path,
+        wanted,
+        counts: Vec::new(),
+        data: None,
+        arrays: Vec::new(),
+        units: HashMap::new(),
+    };
+    for i in 0..pieces.count {
+        input.with_beside(&pieces.path(i), |piece| {
+            all.add(&SnapshotFile::open(piece)?)
+        })?;
+    }
+    let mut data = all.finish()?;
+    data.notes.insert(
+        0,
+        format!("Files of the snapshot put together: {}.", pieces.count),
+    );
+    Ok(data)
+}
+
+/// What the pieces hold, one after another.
+struct All<'a> {
+    path: &'a Path,
+    wanted: Option<ParticleType>,
+    counts: Vec<ParticleCount>,
+    /// The first with particles of the type, and the places of those of all.
+    data: Option<Dataset>,
+    /// Of each piece.
+    arrays: Vec<Vec<Array>>,
+    /// Of fields that state them.
+    units: HashMap<String, String>,
+}
+
+impl All<'_> {
+    fn add(&mut self, file: &SnapshotFile<'_>) -> Result<()> {
+        let present = gadget::present(file)?;
+        // What is read of all is what the first piece with particles, or the header, says.
+        let wanted = match self.wanted {
+            Some(wanted) => wanted,
+            None => {
+                let first = present.iter().find(|(_, _, count)| count.count > 0);
+                let total = gadget::first_of_all(file)?;
+                let Some(kind) = total.or(first.map(|(kind, ..)| *kind)) else {
+                    return Ok(());
+                };
+                let wanted = ParticleType::Number(u32::try_from(kind).unwrap_or(u32::MAX));
+                *self.wanted.insert(wanted)
+            }
+        };
+        let mut has = false;
+        for (kind, _, count) in present {
+            let is = count.count > 0 && count.is(u32::try_from(kind).ok(), wanted);
+            has |= is;
+            match self.counts.iter_mut().find(|c| c.name == count.name) {
+                Some(sum) => {
+                    sum.count += count.count;
+                    sum.is_read |= is;
+                }
+                None => self.counts.push(ParticleCount {
+                    is_read: is,
+                    ..count
+                }),
+            }
+        }
+        if !has {
+            return Ok(());
+        }
+        let Some(mut data) = gadget::read(file, Some(wanted))? else {
+            return Ok(());
+        };
+        let fields = std::mem::take(&mut data.fields).into_iter();
+        self.arrays.push(
+            fields
+                .filter_map(|field| array(field, &mut self.units))
+                .collect(),
+        );
+        match &mut self.data {
+            None => self.data = Some(data),
+            Some(all) => {
+                if let (Geometry::Points { positions: all }, Geometry::Points { mut positions }) =
+                    (&mut all.geometry, data.geometry)
+                {
+                    all.append(&mut positions);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Dataset> {
+        let Some(mut data) = self.data else {
+            let wanted = self.wanted.unwrap_or(ParticleType::Gas);
+            return Err(absent(self.path, wanted, &self.counts));
+        };
+        keep_common(&mut self.arrays, "particles", &mut data.notes);
+        let arrays = self.arrays.into_iter().reduce(append_arrays);
+        data.fields = to_fields(arrays.unwrap_or_default(), Association::Nodes);
+        for field in &mut data.fields {
+            field.unit = self.units.remove(&field.name);
+        }
+        data.path = self.path.to_path_buf();
+        data.particle_types = self.counts;
+        Ok(data)
+    }
+}
+
+fn array(field: Field, units: &mut HashMap<String, String>) -> Option<Array> {
+    if let Some(unit) = field.unit {
+        units.insert(field.name.clone(), unit);
+    }
+    let components = match field.source {
+        FieldSource::Scalar(values) => vec![values],
+        FieldSource::Vector(components) => components,
+        FieldSource::Derived(_) => return None,
+    };
+    Some(Array {
+        name: field.name,
+        components,
+    })
+}

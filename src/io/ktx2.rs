@@ -1,0 +1,201 @@
+//! KTX 2 images in Basis Universal's two codes, ETC1S and UASTC, as `KHR_texture_basisu` has them; little-endian.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0..12 | `«KTX 20»\r\n\x1a\n` |
+//! | 12..48 | format (0), size of a type (1), width, height, depth (0), layers, faces, levels, how levels are packed: 0 not, 1 ETC1S, 2 zstd |
+//! | 48..80 | where the description, keys and the data of all levels are, and how long |
+//! | 80.. | for each level from the largest on: where it is, its length, its length unpacked |
+//! | description | 44 bytes, or 60 with a second sample; byte 12 is the code: 163 ETC1S, 166 UASTC |
+//! | data of all levels, of ETC1S | 20 bytes with the lengths of three tables, 20 for each image, the tables |
+//!
+//! Only the largest level is decoded. It is put into a file of its own, whose every offset and length is made here, before the
+//! decoder sees it: that one believes sizes.
+//!
+//! Source: the KTX File Format Specification 2.0 and the crate `basisu`.
+
+use std::io::Read;
+
+use basisu::{DecodeFlags, TargetFormat, Transcoder};
+use ruzstd::decoding::StreamingDecoder;
+
+use super::samples::KTX2_MAGIC;
+
+const HEADER: usize = 80;
+const LEVEL: usize = 24;
+const ETC1S: u8 = 163;
+const UASTC: u8 = 166;
+/// The data of all levels of ETC1S begin with these bytes; so many say where an image is.
+const TABLES: usize = 20;
+const IMAGE: usize = 20;
+
+/// Runs of equal blocks take no bits in ETC1S: so many blocks of 16 pixels are taken from any file, and so many more for each byte.
+const BLOCKS_OF_NOTHING: u64 = 1 << 16;
+const BLOCKS_PER_BYTE: u64 = 64;
+
+/// An image whose header holds together.
+pub(super) struct Ktx2 {
+    /// Width and height, pixels.
+    pub(super) size: [usize; 2],
+    /// A file of the largest level alone.
+    file: Vec<u8>,
+}
+
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+/// A stretch that two numbers of 64 bits state.
+fn stretch(bytes: &[u8], at: usize) -> Option<&[u8]> {
+    let long = |at: usize| {
+        let number = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
+        usize::try_from(number).ok()
+    };
+    let (start, length) = (long(at)?, long(at + 8)?);
+    bytes.get(start..start.checked_add(length)?)
+}
+
+impl Ktx2 {
+    /// # Errors
+    /// What is wrong with the file, as a phrase.
+    pub(super) fn of(bytes: &[u8]) -> Result<Self, &'static str> {
+        let cut = "it is cut off";
+        let number = |at: usize| word(bytes, at).ok_or(cut);
+        let [width, height] = [number(20)?, number(24)?];
+        let plain = [number(12)?, number(16)?, number(28)?] == [0, 1, 0];
+        if !plain || width == 0 || height == 0 {
+            return Err("no picture of two dimensions in Basis Universal's codes");
+        }
+        let images = number(32)?
+            .max(1)
+            .checked_mul(number(36)?.max(1))
+            .and_then(|n| n.checked_mul(number(40).ok()?.max(1)))
+            .and_then(|n| usize::try_from(n).ok());
+        let scheme = number(44)?;
+        let start = number(48)? as usize;
+        let description = bytes.get(start..start.saturating_add(number(52)? as usize));
+        let description = description.filter(|d| matches!(d.len(), 44 | 60));
+        let description = description.ok_or("no description of its pixels")?;
+        let level = stretch(bytes, HEADER).ok_or(cut)?;
+
+        let blocks = u64::from(width.div_ceil(4)) * u64::from(height.div_ceil(4));
+        let (data, level) = match (description[12], scheme) {
+            (ETC1S, 1) => {
+                let most = BLOCKS_PER_BYTE.saturating_mul(bytes.len() as u64);
+                if blocks > BLOCKS_OF_NOTHING.saturating_add(most) {
+                    return Err("more pixels than its bytes can hold");
+                }
+                let data = stretch(bytes, 64).ok_or(cut)?;
+                let images = images.ok_or("too many images")?;
+                (
+                    etc1s(data, level, images, description.len() == 60)?,
+                    level.to_vec(),
+                )
+            }
+            (UASTC, 0 | 2) => {
+                let expected = blocks.checked_mul(16).ok_or("too many pixels")?;
+                // No picture packs to less than a thousandth.
+                if expected > 1024 * (level.len() as u64) {
+                    return Err("more pixels than its bytes can hold");
+                }
+                (Vec::new(), uastc(level, scheme, expected)?)
+            }
+            _ => return Err("in another code than ETC1S and UASTC"),
+        };
+        let file = file_of([width, height], description, &data, &level);
+        Ok(Self {
+            size: [width as usize, height as usize],
+            file: file.ok_or("it is too large")?,
+        })
+    }
+
+    /// The pixels.
+    ///
+    /// # Errors
+    /// Blocks that the decoder refuses.
+    pub(super) fn decode(&self) -> Result<Vec<u8>, &'static str> {
+        let damaged = |_| "the decoder refuses its blocks";
+        let decoder = Transcoder::new(&self.file).map_err(damaged)?;
+        let pixels = decoder.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE);
+        pixels.map_err(damaged)
+    }
+}
+
+/// The data of all levels with the place of the first image alone, which has to lie in its level.
+fn etc1s(
+    data: &[u8],
+    level: &[u8],
+    images: usize,
+    has_alpha: bool,
+) -> Result<Vec<u8>, &'static str> {
+    let wrong = "its tables are not where it says";
+    let number = |at: usize| word(data, at).map(|n| n as usize);
+    let (tables, image) = (data.get(..TABLES), data.get(TABLES..TABLES + IMAGE));
+    let (tables, image) = tables.zip(image).ok_or(wrong)?;
+    let rest = images
+        .checked_mul(IMAGE)
+        .and_then(|length| data.get(TABLES.checked_add(length)?..));
+    let rest = rest.ok_or(wrong)?;
+    let lengths = [4, 8, 12].map(|at| number(at).unwrap_or(usize::MAX));
+    let all = lengths.into_iter().try_fold(0_usize, usize::checked_add);
+    let rest = all.and_then(|all| rest.get(..all)).ok_or(wrong)?;
+    // Frames of films go on from the one before.
+    if number(TABLES).is_some_and(|flags| flags & 2 != 0) {
+        return Err("it is a film");
+    }
+    for part in [4, 12].into_iter().take(if has_alpha { 2 } else { 1 }) {
+        let start = number(TABLES + part);
+        let length = number(TABLES + part + 4);
+        let end = start.zip(length).and_then(|(a, b)| a.checked_add(b));
+        if end.is_none_or(|end| end > level.len()) {
+            return Err(wrong);
+        }
+    }
+    Ok([tables, image, rest].concat())
+}
+
+/// So many bytes of blocks, unpacked.
+fn uastc(level: &[u8], scheme: u32, expected: u64) -> Result<Vec<u8>, &'static str> {
+    let mut blocks = Vec::new();
+    if scheme == 0 {
+        blocks.extend(level);
+    } else {
+        let damaged = "its zstd stream is damaged";
+        let stream = StreamingDecoder::new(level).map_err(|_| damaged)?;
+        let mut stream = stream.take(expected);
+        stream.read_to_end(&mut blocks).map_err(|_| damaged)?;
+    }
+    match blocks.len() as u64 == expected {
+        true => Ok(blocks),
+        false => Err("it holds another number of blocks than of pixels"),
+    }
+}
+
+/// A file of one image.
+fn file_of(size: [u32; 2], description: &[u8], data: &[u8], level: &[u8]) -> Option<Vec<u8>> {
+    let described = HEADER + LEVEL;
+    let data_at = described + description.len();
+    let level_at = data_at + data.len();
+    let words = [
+        0,
+        1,
+        size[0],
+        size[1],
+        0,
+        0,
+        1,
+        1,
+        u32::from(!data.is_empty()),
+    ];
+    let short = |n: usize| u32::try_from(n).ok();
+    let index = [short(described)?, short(description.len())?, 0, 0];
+    let data_at = if data.is_empty() { 0 } else { data_at };
+    // Of ETC1S no unpacked length is stated.
+    let unpacked = if data.is_empty() { level.len() } else { 0 };
+    let long = [data_at, data.len(), level_at, level.len(), unpacked];
+    let mut file = KTX2_MAGIC.to_vec();
+    file.extend(words.iter().chain(&index).flat_map(|n| n.to_le_bytes()));
+    file.extend(long.iter().flat_map(|n| (*n as u64).to_le_bytes()));
+    file.extend([description, data, level].concat());
+    Some(file)
+}

@@ -1,0 +1,64 @@
+//! SOG (PlayCanvas), versions 1 and 2: splats in the pixels of lossless WebP images, which a `meta.json` names; beside it, or all
+//! in one archive (`.sog`, ZIP).
+//!
+//! Splat i is pixel i of each image but the palette, rows from the top; R, G and B are x, y and z unless something else is said.
+//!
+//! | in `meta.json` | images | what |
+//! |---|---|---|
+//! | `means` | low bytes, high bytes | positions in 16 bits between `mins` and `maxs`, which hold sign(x) ln(1 + abs x) |
+//! | `scales` | one | logarithms of standard deviations |
+//! | `quats` | one | the quaternion w, x, y, z without its largest component, which is 0 to 3 for alpha 252 to 255; the others from -√½ to √½ |
+//! | `sh0` | one | coefficients of the constant harmonic; alpha: the peak opacity, in version 1 its logit |
+//! | `shN`, if there are more | palette, numbers | coefficients of degree `bands` as an entry of the palette: 64 entries a row, a pixel for each coefficient; numbers in R and G, the low byte first |
+//!
+//! Bytes of version 2 are places in a `codebook` of 256 numbers, its peak opacities shares of 255; those of version 1, which has
+//! no `version`, lie between `mins` and `maxs`. `count` (version 1: `means.shape`) says how many splats there are, `antialias`
+//! that they are made for an anti-aliasing filter. Axes are those of PLY files.
+//!
+//! Source: the description of the format in PlayCanvas' manual, and its program splat-transform for version 1.
+
+mod decode;
+mod files;
+mod meta;
+
+use std::path::Path;
+
+use super::dataset::Dataset;
+use super::file::Input;
+use super::zip;
+use crate::error::Result;
+use files::Files;
+
+/// The file that names the images.
+pub(super) const META: &str = "meta.json";
+
+/// What `meta.json` holds, some of which is near its beginning.
+const KEYS: [&str; 4] = ["\"means\"", "\"scales\"", "\"quats\"", "\"sh0\""];
+
+/// Whether a file that begins with `head` is a `meta.json`.
+pub(super) fn looks_like(path: &Path, head: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(head);
+    let found = KEYS.iter().filter(|key| text.contains(**key)).count();
+    let is_named = path.file_name().is_some_and(|name| name == META);
+    text.trim_start_matches('\u{feff}')
+        .trim_start()
+        .starts_with('{')
+        && found >= if is_named { 1 } else { 2 }
+}
+
+/// Whether an archive holds a scene.
+pub(super) fn is_archive(entries: &[zip::Entry<'_>]) -> bool {
+    entries.iter().any(|entry| files::is_meta(&entry.name))
+}
+
+/// Reads splats.
+///
+/// # Errors
+/// Images that are not there, that are damaged or smaller than the splats take, and a `meta.json` of another version or without
+/// what it has to say.
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let bytes = input.read_all()?;
+    let files = Files::of(input, &bytes)?;
+    let meta = meta::Meta::of(input.path, &files.meta()?)?;
+    decode::splats(input.path, &meta, &files)
+}

@@ -1,0 +1,175 @@
+//! VTK's collections of blocks (`.vtm`, `.vtmb`, `.vtpc`, `.vtpd`): files that are drawn together.
+//!
+//! ```text
+//! <VTKFile type="vtkMultiBlockDataSet">
+//!   <vtkMultiBlockDataSet>
+//!     <Block index="0"> <DataSet index="0" file="a/a_0.vti"/> ... </Block>
+//!     <Piece index="1"> <DataSet index="0" file="a/a_1.vtp"/> ... </Piece>
+//!     <DataSet index="2" file="a/a_2.vtu"/>
+//!   </vtkMultiBlockDataSet>
+//! </VTKFile>
+//! ```
+//!
+//! `vtkMultiPieceDataSet`, `vtkPartitionedDataSet` and `vtkPartitionedDataSetCollection` (with `Partitions` for `Piece`) are
+//! alike. A `file` lies beside the collection or in a folder below. A `DataSet` without one is an empty place. Collections
+//! that a collection names are put in their place.
+
+use std::path::{Path, PathBuf};
+
+use roxmltree::Node;
+
+use super::dataset::Dataset;
+use super::file::{HEAD, Input};
+use super::time_steps::{self, Part, TimeStep};
+use super::vtk_xml::{self, Frame};
+use super::{OpenOptions, extension, voxels};
+use crate::error::{Error, Result};
+
+/// Endings of these files.
+pub(super) const ENDINGS: [&str; 4] = ["vtm", "vtmb", "vtpc", "vtpd"];
+
+const TYPES: [&str; 4] = [
+    "vtkMultiBlockDataSet",
+    "vtkMultiPieceDataSet",
+    "vtkPartitionedDataSet",
+    "vtkPartitionedDataSetCollection",
+];
+
+/// Elements that hold others.
+const GROUPS: [&str; 3] = ["Block", "Piece", "Partitions"];
+
+/// Bytes of a collection at most. A larger one is no list of files.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// Groups in groups, and collections in collections, at most.
+const DEEPEST: usize = 32;
+
+/// Files of all collections together at most.
+const MOST_FILES: usize = 1 << 20;
+
+const DAMAGED: &str = "the collection is damaged: save it again";
+
+/// Whether a file that begins with `head` is such a collection.
+pub(super) fn looks_like(head: &[u8]) -> bool {
+    let kind = vtk_xml::looks_like(head).then(|| vtk_xml::file_type(head));
+    kind.flatten().is_some_and(|kind| TYPES.contains(&kind))
+}
+
+/// Reads the first of the files, with a note of how many there are.
+///
+/// # Errors
+/// Those of [`steps`], and those of the file.
+pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+    time_steps::read_first(input, &steps(input)?, options)
+}
+
+/// All files as the parts of one step without a time. Those that hold data are not looked for.
+///
+/// # Errors
+/// A file that is no collection, one that names itself or lies elsewhere, none at all.
+pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let parts = files(input)?.into_iter().map(Part::file).collect();
+    Ok(vec![TimeStep { time: None, parts }])
+}
+
+/// The files of data of a collection, those of the collections that it names among them.
+///
+/// # Errors
+/// Those of [`steps`].
+pub(super) fn files(input: Input<'_>) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    collect(input, &mut Vec::new(), &mut files)?;
+    if files.is_empty() {
+        let expected = "at least one `DataSet` with a `file`";
+        return Err(Error::format(
+            input.path, "DataSet", expected, "none", DAMAGED,
+        ));
+    }
+    Ok(files)
+}
+
+/// Whether a name is that of a collection.
+pub(super) fn is_named(path: &Path) -> bool {
+    ENDINGS.contains(&extension(path).as_str())
+}
+
+/// - `within`: the collections that led here, each by one path for all that name it.
+fn collect(input: Input<'_>, within: &mut Vec<PathBuf>, files: &mut Vec<PathBuf>) -> Result<()> {
+    let path = input.path;
+    let (head, len) = input.head(HEAD)?;
+    if len > MOST_BYTES || !looks_like(&head) {
+        let expected = format!("one of {}, of {MOST_BYTES} bytes at most", TYPES.join(", "));
+        let kind = vtk_xml::file_type(&head).unwrap_or("");
+        let found = format!("`{}`, {len} bytes", vtk_xml::clip(kind));
+        return Err(Error::format(
+            path,
+            "VTKFile, `type`",
+            expected,
+            found,
+            DAMAGED,
+        ));
+    }
+    let own = input.resolved_beside(path);
+    let own = own.unwrap_or_else(|| path.to_path_buf());
+    if within.len() >= DEEPEST || within.contains(&own) {
+        let found = format!("`{}` again", vtk_xml::clip(&path.display().to_string()));
+        let expected = "collections that do not name themselves";
+        return Err(Error::format(
+            path,
+            "DataSet, `file`",
+            expected,
+            found,
+            DAMAGED,
+        ));
+    }
+    within.push(own);
+    let bytes = input.read_all()?;
+    let frame = Frame::new(path, &bytes)?;
+    let document = frame.document()?;
+    let root = document.root_element();
+    let whole = root
+        .children()
+        .find(|n| TYPES.iter().any(|t| n.has_tag_name(*t)));
+    let mut named = Vec::new();
+    if let Some(whole) = whole {
+        walk(path, whole, 0, &mut named)?;
+    }
+    for file in named {
+        // Levels of refinement have gone by the same name.
+        let begins = |nested: Input<'_>| Ok(looks_like(&nested.head(HEAD)?.0));
+        if is_named(&file) && input.with_beside(&file, begins)? {
+            input.with_beside(&file, |nested| collect(nested, within, files))?;
+        } else if files.len() >= MOST_FILES {
+            let expected = format!("{MOST_FILES} files at most");
+            return Err(Error::format(
+                path,
+                "DataSet, `file`",
+                expected,
+                "more",
+                DAMAGED,
+            ));
+        } else {
+            files.push(file);
+        }
+    }
+    within.pop();
+    Ok(())
+}
+
+/// The files that an element and those in it name, in their order, each once.
+fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
+    if depth > DEEPEST {
+        let expected = format!("blocks in blocks {DEEPEST} deep at most");
+        return Err(Error::format(path, "Block", expected, "more", DAMAGED));
+    }
+    for child in node.children() {
+        if GROUPS.iter().any(|group| child.has_tag_name(*group)) {
+            walk(path, child, depth + 1, files)?;
+        } else if child.has_tag_name("DataSet")
+            && let Some(file) = child.attribute("file").filter(|file| !file.is_empty())
+        {
+            files.push(voxels::beside_as(path, "DataSet, `file`", file)?);
+        }
+    }
+    Ok(())
+}

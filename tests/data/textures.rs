@@ -1,0 +1,193 @@
+//! Textures in WebP, with and without losses, and in KTX 2, named by an extension or not.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use ewa_splat::io::{Geometry, OpenOptions, TextureImage, read};
+use serde_json::json;
+
+use crate::common::real_data;
+use crate::support::meshes::rich_gltf;
+use crate::support::sog::webp;
+
+/// The image of a glTF file's only texture.
+fn image(image: &[u8], texture: serde_json::Value, required: &[&str]) -> TextureImage {
+    let mut file = rich_gltf();
+    let uri = format!("data:image/webp;base64,{}", STANDARD.encode(image));
+    file.json["images"][0] = json!({ "uri": uri });
+    file.json["textures"][0] = texture;
+    file.json["extensionsRequired"] = json!(required);
+    let data = read("a.gltf", &file.text(), &OpenOptions::default()).unwrap();
+    let Geometry::Mesh(mesh) = &data.geometry else {
+        panic!()
+    };
+    assert_eq!(mesh.textures.len(), 1, "{:?}", data.notes);
+    (*mesh.textures[0].image).clone()
+}
+
+fn by_extension() -> serde_json::Value {
+    json!({ "extensions": { "EXT_texture_webp": { "source": 0 } } })
+}
+
+#[test]
+fn webp_without_losses_is_exact() {
+    let pixels: Vec<[u8; 4]> = (0..35_u8).map(|i| [7 * i, 255 - i, i, 100 + i]).collect();
+    let file = webp(7, &pixels);
+    for (texture, required) in [
+        (by_extension(), &["EXT_texture_webp"][..]),
+        (json!({ "source": 0 }), &[]),
+    ] {
+        let found = image(&file, texture, required);
+        assert_eq!((found.width, found.height), (7, 5));
+        assert_eq!(found.pixels, pixels);
+    }
+}
+
+/// Pillow 13 (libwebp) has the same pixels within one step of 255.
+#[test]
+fn webp_with_losses_is_what_libwebp_reads() {
+    let Some(path) = real_data("formats/meshes/webp/test-lossy.webp") else {
+        return;
+    };
+    let found = image(
+        &std::fs::read(path).unwrap(),
+        by_extension(),
+        &["EXT_texture_webp"],
+    );
+    assert_eq!((found.width, found.height), (256, 256));
+    for ([x, y], expected) in [
+        ([0, 0], [215, 229, 188]),
+        ([128, 128], [36, 43, 29]),
+        ([255, 255], [95, 95, 97]),
+        ([10, 20], [200, 213, 175]),
+    ] {
+        let [r, g, b, a] = found.pixels[y * 256 + x];
+        let is_near = [r, g, b]
+            .into_iter()
+            .zip(expected)
+            .all(|(a, b)| a.abs_diff(b) <= 1);
+        assert!(is_near && a == 255, "{:?} at {x}, {y}", [r, g, b]);
+    }
+    let sum = |c: usize| found.pixels.iter().map(|p| u64::from(p[c])).sum::<u64>();
+    for (c, expected) in [104.904_830_93, 101.250_305_18, 72.101_425_17]
+        .into_iter()
+        .enumerate()
+    {
+        let mean = sum(c) as f64 / 65_536.0;
+        assert!((mean - expected).abs() < 0.05, "{c}: {mean}");
+    }
+}
+
+#[test]
+fn claims_of_webp_are_checked() {
+    let mut file = webp(2, &[[1, 2, 3, 255]; 4]);
+    // Width and height less 1 in 14 bits each.
+    file[21..25].copy_from_slice(&[0xfe, 0xbf, 0xff, 0x0f]);
+    let mut gltf = rich_gltf();
+    let uri = format!("data:image/webp;base64,{}", STANDARD.encode(&file));
+    gltf.json["images"][0] = json!({ "uri": uri });
+    let data = read("a.gltf", &gltf.text(), &OpenOptions::default()).unwrap();
+    let claims = |note: &String| note.contains("claims 16383 x 16383 pixels");
+    assert!(data.notes.iter().any(claims), "{:?}", data.notes);
+}
+
+#[cfg(feature = "ktx2")]
+fn basisu() -> serde_json::Value {
+    json!({ "extensions": { "KHR_texture_basisu": { "source": 0 } } })
+}
+
+/// What Binomial's own decoder (alktx2 0.1.7) reads: pixels of a gradient with opacities, and the sums of all. The files hold five
+/// levels, those of UASTC in zstd; `alktx2.encode_raw_rgba_to_ktx2` made them, 20 x 12, of quality 60.
+#[cfg(feature = "ktx2")]
+#[test]
+fn ktx2_is_what_its_makers_decoder_reads() {
+    let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    for (name, pixels, sums) in [
+        (
+            "gradient_etc1s.ktx2",
+            [
+                [0, 4, 0, 255],
+                [223, 206, 206, 102],
+                [132, 124, 124, 178],
+                [231, 50, 149, 124],
+            ],
+            [27_461, 26_326, 25_210, 43_092],
+        ),
+        (
+            "gradient_uastc.ktx2",
+            [
+                [0, 0, 5, 255],
+                [228, 217, 201, 103],
+                [120, 122, 110, 172],
+                [203, 59, 128, 122],
+            ],
+            [27_324, 26_280, 25_276, 42_804],
+        ),
+    ] {
+        let bytes = std::fs::read(fixtures.join(name)).unwrap();
+        let found = image(&bytes, basisu(), &["KHR_texture_basisu"]);
+        assert_eq!((found.width, found.height), (20, 12));
+        let places = [[0, 0], [11, 19], [6, 10], [3, 17]];
+        assert_eq!(
+            places.map(|[y, x]| found.pixels[20 * y + x]),
+            pixels,
+            "{name}"
+        );
+        let sum = |c: usize| found.pixels.iter().map(|p| u32::from(p[c])).sum::<u32>();
+        assert_eq!([0, 1, 2, 3].map(sum), sums, "{name}");
+    }
+    let means = [
+        [190.326_25, 162.505, 26.9825],
+        [192.664_375, 161.725, 26.83],
+    ];
+    for (name, means) in ["2d_etc1s", "2d_uastc"].into_iter().zip(means) {
+        let Some(path) = real_data(&format!("formats/meshes/ktx2/{name}.ktx2")) else {
+            return;
+        };
+        let found = image(&std::fs::read(path).unwrap(), basisu(), &[]);
+        assert_eq!((found.width, found.height), (40, 40));
+        for (c, mean) in means.into_iter().enumerate() {
+            let sum = found.pixels.iter().map(|p| u32::from(p[c])).sum::<u32>();
+            assert!((f64::from(sum) / 1600.0 - mean).abs() < 1e-6, "{name}");
+        }
+    }
+}
+
+#[cfg(feature = "ktx2")]
+#[test]
+fn claims_of_ktx2_are_checked() {
+    let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    for (name, at, word, reason) in [
+        (
+            "gradient_etc1s.ktx2",
+            20,
+            60_000_u32,
+            "more pixels than its bytes can hold",
+        ),
+        (
+            "gradient_uastc.ktx2",
+            24,
+            400_000,
+            "more pixels than its bytes can hold",
+        ),
+        ("gradient_uastc.ktx2", 24, 16, "another number of blocks"),
+        ("gradient_uastc.ktx2", 24, 0, "no picture of two dimensions"),
+        ("gradient_uastc.ktx2", 44, 3, "another code"),
+        ("gradient_etc1s.ktx2", 80, 700, "cut off"),
+        ("gradient_etc1s.ktx2", 40, 9999, "its tables"),
+        ("gradient_etc1s.ktx2", 48, 9999, "no description"),
+    ] {
+        let mut file = std::fs::read(fixtures.join(name)).unwrap();
+        file[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        if word == 60_000 {
+            file[24..28].copy_from_slice(&word.to_le_bytes());
+        }
+        let mut gltf = rich_gltf();
+        let uri = format!("data:image/ktx2;base64,{}", STANDARD.encode(&file));
+        gltf.json["images"][0] = json!({ "uri": uri });
+        let data = read("a.gltf", &gltf.text(), &OpenOptions::default()).unwrap();
+        let is_told = data.notes.iter().any(|note| note.contains(reason));
+        assert!(is_told, "{name} {at}: {:?}", data.notes);
+    }
+}
