@@ -354,7 +354,8 @@ static FORMATS: &[Format] = &[
         endings: &["glb", "gltf"],
         reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
                 and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
-                modes, morph targets and skins at rest",
+                modes, morph targets and skins at rest; packed by `KHR_draco_mesh_compression`, `EXT_meshopt_compression` \
+                or `KHR_meshopt_compression`, quantised or not; lines and points",
         begins: |p| gltf::looks_like(p.head),
         read: |input, _| gltf::read(input),
         ..PLAIN
@@ -461,7 +462,7 @@ static FORMATS: &[Format] = &[
         name: "OBJ",
         family: Family::Meshes,
         endings: &["obj"],
-        reads: "polygons of any shape, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+        reads: "polygons of any shape, lines and points, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
                 not there are left out with a note",
         resembles: |p| obj::looks_like(p.head),
         read: |input, options| obj::read(input, options.texture.as_deref()),

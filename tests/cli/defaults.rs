@@ -15,11 +15,7 @@ const PASSED_OVER: &[&str] = &[
 ];
 
 /// Files that are refused for what is in them; each with a part of the reason.
-const REFUSED: &[(&str, &str)] = &[
-    ("beach.ascii.nhdr", "no file"),
-    ("BoxMetaDraco.gltf", "KHR_draco_mesh_compression"),
-    ("BoxMeshopt.glb", "EXT_meshopt_compression"),
-];
+const REFUSED: &[(&str, &str)] = &[("beach.ascii.nhdr", "no file")];
 
 /// Files with a few points that are far from one another, each far below the picture.
 const SCATTERED: &[&str] = &["test-splat.3-points", "concave_polygon"];

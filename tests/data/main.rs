@@ -28,6 +28,7 @@ mod meta_image;
 mod nifti;
 mod nrrd;
 mod openfoam;
+mod packed_meshes;
 mod particles;
 mod public_data;
 mod readers;

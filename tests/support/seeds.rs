@@ -1,5 +1,6 @@
 //! Small sound files of every format, for damage.
 
+use std::path::Path;
 use std::sync::OnceLock;
 
 use base64::Engine;
@@ -192,6 +193,11 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         image.json["images"][0] = serde_json::json!({
             "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),
         });
+        for name in ["draco", "draco_sequential", "meshopt", "meshopt_khr"] {
+            let file = format!("fixtures/packed/{name}.glb");
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+            seeds.extend(vec![("p.glb".into(), std::fs::read(path).unwrap()); 6]);
+        }
         for _ in 0..12 {
             seeds.push(("a.glb".into(), rich_gltf().glb()));
             seeds.push(("a.gltf".into(), rich_gltf().text()));
