@@ -1,4 +1,4 @@
-//! EnSight, Exodus and netCDF files give what VTK and netCDF4 read of them.
+//! EnSight, Exodus and netCDF files give what VTK and numpy read of them.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::Path;

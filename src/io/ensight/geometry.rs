@@ -216,7 +216,7 @@ fn elements(stream: &mut Stream<'_>, node_numbers: bool, element_numbers: bool) 
                 let Some((kind, size)) = type_of(bare) else {
                     return Err(unknown(stream, "a type of elements of EnSight Gold", &line));
                 };
-                let total = count.checked_mul(size).unwrap_or(usize::MAX);
+                let total = count.saturating_mul(size);
                 let connectivity = node_numbers_of(stream, total, nodes.len())?;
                 Cells {
                     kind,

@@ -241,7 +241,7 @@ fn node_numbers(
             clippy::cast_sign_loss,
             reason = "a whole number of at least 1; one beyond `u32` saturates, and is no node of a checked mesh"
         )]
-        is_node.then(|| (number - 1.0) as u32).ok_or_else(|| {
+        is_node.then_some((number - 1.0) as u32).ok_or_else(|| {
             let expected = format!("nodes from 1 to {node_count}");
             file.fault(connect, expected, number.to_string())
         })

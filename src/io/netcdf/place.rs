@@ -13,7 +13,7 @@ use super::super::vtr::reverse;
 use super::NetcdfFile;
 use super::axis::{Horizontal, METRES_PER_DEGREE, Vertical, pressure_height};
 use crate::error::{Error, Result};
-use crate::scene::{Lattice, LatticeSpacing, Values};
+use crate::scene::{Lattice, LatticeSpacing};
 
 /// What share of a grid's width its levels are spread over where they are no lengths.
 const LEVEL_SHARE: f64 = 0.1;
@@ -88,17 +88,6 @@ impl Plane {
     fn width(&self) -> f64 {
         let of = |numbers: &[f64]| range(numbers).map_or(0.0, |[a, b]| b - a);
         of(&self.x).max(of(&self.y))
-    }
-
-    /// About as long as a step from a node to the next.
-    fn step(&self) -> f64 {
-        let of = |numbers: &[f64], count: usize| {
-            let extent = range(numbers).map_or(0.0, |[a, b]| b - a);
-            extent / (count.max(2) - 1) as f64
-        };
-        let steps = [of(&self.x, self.dims[0]), of(&self.y, self.dims[1])];
-        let least = steps[0].min(steps[1]);
-        if least > 0.0 { least } else { 1.0 }
     }
 }
 
@@ -237,6 +226,11 @@ pub(super) fn geometry(
         FieldSource::Scalar(values) => values.len(),
         FieldSource::Vector(_) | FieldSource::Derived(_) => 0,
     });
+    // A layer is a surface.
+    let heights = match heights {
+        Heights::None => Heights::Levels(vec![0.0]),
+        other => other,
+    };
     let layers = match &heights {
         Heights::None => 1,
         Heights::Levels(levels) => levels.len(),
@@ -261,19 +255,6 @@ pub(super) fn geometry(
         let spacing = LatticeSpacing::Rectilinear { coordinates };
         return Ok(Geometry::Lattice(Lattice { dims, spacing }));
     }
-    let heights = match heights {
-        Heights::None => {
-            notes.push("A single layer: drawn as thick as its steps are long.".to_owned());
-            fields.iter_mut().for_each(double);
-            let half = plane.step() / 2.0;
-            Heights::Levels(vec![-half, half])
-        }
-        other => other,
-    };
-    let layers = match &heights {
-        Heights::Levels(levels) => levels.len(),
-        Heights::None | Heights::Nodes(_) => layers,
-    };
     let nodes = across.checked_mul(layers);
     file.spend(|| "positions".to_owned(), nodes, size_of::<DVec3>())?;
     let node = |i: usize| {
@@ -318,13 +299,6 @@ fn rising(axes: [&[f64]; 3], fields: &mut [Field]) -> Option<[Vec<f64>; 3]> {
         }
     }
     Some(coordinates)
-}
-
-/// The values of a layer once more, for its other side.
-fn double(field: &mut Field) {
-    if let FieldSource::Scalar(Values::F32(values)) = &mut field.source {
-        values.extend_from_within(..);
-    }
 }
 
 /// Longitudes that do not jump by a turn from a node to the next: along each row, and from row to row.
