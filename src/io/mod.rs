@@ -10,10 +10,13 @@ mod atomic;
 mod blanking;
 mod cells;
 mod closed;
+mod cloud;
 mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+#[cfg(feature = "e57")]
+mod e57;
 mod element;
 mod encoded_splats;
 mod file;
@@ -29,6 +32,7 @@ mod image_header;
 mod ksplat;
 #[cfg(feature = "ktx2")]
 mod ktx2;
+mod las;
 mod log_scales;
 mod mesh;
 mod mesh_part;
@@ -39,6 +43,7 @@ mod npz;
 mod nrrd;
 mod obj;
 mod particle_type;
+mod pcd;
 mod plot3d;
 mod plotfile;
 mod ply;
@@ -90,6 +95,7 @@ mod vtr;
 mod vts;
 mod vtu;
 mod write_splats;
+mod xyz;
 mod zip;
 
 use std::borrow::Cow;
