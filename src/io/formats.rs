@@ -13,7 +13,7 @@ use super::time_steps::TimeStep;
 use super::{
     Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, las, meta_image, nifti, npy, npz,
     nrrd, obj, of_folder, pcd, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
-    threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
+    threemf, tiff, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -202,7 +202,7 @@ static FORMATS: &[Format] = &[
         name: "NRRD",
         family: Family::Volumes,
         endings: &["nrrd", "nhdr"],
-        reads: "all types of numbers in either byte order; raw, text, hex, gzip; numbers in other files, a list or a \
+        reads: "all types of numbers in either byte order; raw, text, hex, gzip, bzip2; numbers in other files, a list or a \
                 pattern of them. See [Images with headers](#images-with-headers)",
         begins: |p| p.head.starts_with(nrrd::MAGIC),
         read: |input, _| nrrd::read(input),
@@ -216,6 +216,16 @@ static FORMATS: &[Format] = &[
                 list or a pattern of them",
         begins: |p| meta_image::looks_like(p.head),
         read: |input, _| meta_image::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "TIFF stacks",
+        family: Family::Volumes,
+        endings: &["tif", "tiff"],
+        reads: "pages of one size as layers: integers and floats of 8 to 64 bits, grey or colours, raw, LZW, deflate, \
+                BigTIFF; ImageJ's spacing, channels (a field each) and times (the first). Rows go along y",
+        begins: |p| tiff::looks_like(p.head),
+        read: |input, _| tiff::read(input),
         ..PLAIN
     },
     Format {

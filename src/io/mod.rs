@@ -73,6 +73,7 @@ mod stl;
 mod table;
 mod texture;
 mod threemf;
+mod tiff;
 mod time_steps;
 mod unit;
 mod up;
