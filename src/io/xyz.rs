@@ -30,7 +30,7 @@ const COLUMNS: std::ops::RangeInclusive<usize> = 3..=10;
 /// How far the length of a normal may be from 1, as it is rounded to some digits.
 const UNIT: f64 = 0.02;
 
-/// Whether the first lines are rows of as many numbers each, and none of them says how large a PLOT3D grid is.
+/// Whether the first lines are rows, two at least, of as many numbers each, and they are no PLOT3D grid.
 pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     let is_whole = probe.head.len() as u64 == probe.len;
     let end = match is_whole {
@@ -47,7 +47,8 @@ pub(super) fn looks_like(probe: &Probe<'_>) -> bool {
     let Some(Some(first)) = rows.next() else {
         return false;
     };
-    let is_table = COLUMNS.contains(&first.len())
+    let is_table = rows.peek().is_some()
+        && COLUMNS.contains(&first.len())
         && rows.all(|row| row.is_some_and(|row| row.len() == first.len()));
     let is_size = |x: &f64| *x >= 1.0 && x.fract() == 0.0;
     let may_be_grid = first.len() % 3 == 0 && first.iter().all(is_size);
