@@ -12,13 +12,13 @@ use std::path::Path;
 
 use glam::DVec3;
 use tiff::ColorType;
-use tiff::decoder::{Decoder, DecodingResult, Limits, ifd::Value};
+use tiff::decoder::{Decoder, Limits, ifd::Value};
 use tiff::tags::Tag;
 
 use super::cloud::DAMAGED;
 use super::dataset::{Dataset, Field, Geometry};
 use super::file::Input;
-use super::scalars::narrow;
+use super::scalars::{Encoding, ScalarType, Stride, values};
 use super::voxels;
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -47,8 +47,9 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let bytes = input.read_all()?;
     let fault = |e: tiff::TiffError| damaged(path, &e);
     let mut limits = Limits::default();
-    // What a page claims is compared with its bytes before it is decoded.
-    limits.decoding_buffer_size = usize::MAX;
+    // The crate bounds lists of tags by this, which take eight bytes in memory for each of the file; pixels go into a
+    // buffer of ours.
+    limits.decoding_buffer_size = bytes.len().saturating_mul(8);
     limits.ifd_value_size = bytes.len();
     limits.intermediate_buffer_size = bytes.len().max(INTERMEDIATE);
     let pages = Decoder::new(Cursor::new(&*bytes)).map_err(fault)?;
@@ -212,8 +213,8 @@ fn step(pages: &mut Pages<'_>, tag: Tag, image_j: &ImageJ) -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Page {
     size: [usize; 2],
-    colours: ColorType,
     samples: usize,
+    scalar: ScalarType,
 }
 
 impl Page {
@@ -244,10 +245,30 @@ impl Page {
             let advice = "save it with interleaved pixels";
             return Err(Error::format(path, "pixels", expected, found, advice));
         }
+        let format = pages.find_tag_unsigned_vec::<u16>(Tag::SampleFormat);
+        let format = format.ok().flatten().and_then(|all| all.first().copied());
+        let scalar = match (format.unwrap_or(1), colours.bit_depth()) {
+            (1, 8) => ScalarType::U8,
+            (1, 16) => ScalarType::U16,
+            (1, 32) => ScalarType::U32,
+            (1, 64) => ScalarType::U64,
+            (2, 8) => ScalarType::I8,
+            (2, 16) => ScalarType::I16,
+            (2, 32) => ScalarType::I32,
+            (2, 64) => ScalarType::I64,
+            (3, 32) => ScalarType::F32,
+            (3, 64) => ScalarType::F64,
+            (format, bits) => {
+                let expected = "integers of 8 to 64 bits, floats of 32 or 64";
+                let found = format!("{bits} bits of sample format {format}");
+                let advice = "save it as 16-bit integers or 32-bit floats";
+                return Err(Error::format(path, "pixels", expected, found, advice));
+            }
+        };
         Ok(Self {
             size: [width as usize, height as usize],
-            colours,
             samples,
+            scalar,
         })
     }
 
@@ -267,49 +288,41 @@ impl Page {
             Ok(None | Some(1)) => 1,
             _ => RATIO,
         };
-        let depth = u64::from(self.colours.bit_depth()).div_ceil(8);
+        let depth = self.scalar.size() as u64;
         let [width, height] = self.size.map(|n| n as u64);
         let wanted = [height, self.samples as u64, depth]
             .into_iter()
             .try_fold(width, u64::checked_mul)
             .filter(|n| *n > 0 && *n <= packed.saturating_mul(ratio));
         let rest = left.checked_sub(packed);
-        let (Some(_), Some(rest)) = (wanted, rest) else {
+        let wanted = wanted.and_then(|n| usize::try_from(n).ok());
+        let (Some(wanted), Some(rest)) = (wanted, rest) else {
             let expected = format!("bytes for {width} x {height} pixels");
             let found = format!("{packed} of {left} bytes");
             return Err(Error::format(path, "pages", expected, found, DAMAGED));
         };
         *left = rest;
-        let decoded = pages.read_image().map_err(fault)?;
-        let area = self.size[0] * self.size[1];
-        let components = (0..self.samples).map(|i| component(&decoded, i, self.samples));
-        let components: Vec<Values> = components.collect();
-        if components.iter().any(|c| c.len() != area) {
-            let expected = format!("{area} pixels");
-            return Err(Error::format(path, "pages", expected, "others", DAMAGED));
+        let layout = pages.image_buffer_layout().map_err(fault)?;
+        if layout.complete_len != wanted {
+            let expected = format!("{wanted} bytes of pixels");
+            let found = layout.complete_len.to_string();
+            return Err(Error::format(path, "pages", expected, found, DAMAGED));
         }
-        Ok(components)
-    }
-}
-
-/// Every so-manyth number.
-fn component(decoded: &DecodingResult, first: usize, step: usize) -> Values {
-    fn each<T: Copy, U>(all: &[T], first: usize, step: usize, to: impl Fn(T) -> U) -> Vec<U> {
-        let numbers = all.iter().skip(first).step_by(step);
-        numbers.copied().map(to).collect()
-    }
-    use DecodingResult as D;
-    match decoded {
-        D::U8(all) => Values::U8(each(all, first, step, |x| x)),
-        D::I8(all) => Values::I16(each(all, first, step, i16::from)),
-        D::U16(all) => Values::U16(each(all, first, step, |x| x)),
-        D::I16(all) => Values::I16(each(all, first, step, |x| x)),
-        D::U32(all) => Values::F32(each(all, first, step, |x| x as f32)),
-        D::I32(all) => Values::F32(each(all, first, step, |x| x as f32)),
-        D::U64(all) => Values::F32(each(all, first, step, |x| x as f32)),
-        D::I64(all) => Values::F32(each(all, first, step, |x| x as f32)),
-        D::F16(all) => Values::F32(each(all, first, step, |x| x.to_f32())),
-        D::F32(all) => Values::F32(each(all, first, step, |x| x)),
-        D::F64(all) => Values::F32(each(all, first, step, narrow)),
+        let mut pixels = vec![0; wanted];
+        pages.read_image_bytes(&mut pixels).map_err(fault)?;
+        let encoding = Encoding {
+            scalar: self.scalar,
+            big_endian: cfg!(target_endian = "big"),
+        };
+        let component = |i: usize| {
+            let stride = Stride {
+                first: i * self.scalar.size(),
+                step: self.samples * self.scalar.size(),
+                count: self.size[0] * self.size[1],
+            };
+            values(&pixels, encoding, stride)
+        };
+        let components: Option<Vec<Values>> = (0..self.samples).map(component).collect();
+        components.ok_or_else(|| Error::format(path, "pages", "pixels", "none", DAMAGED))
     }
 }

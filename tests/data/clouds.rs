@@ -206,3 +206,14 @@ fn text_grids_of_plot3d_stay_grids() {
     let data = folder.open("c.xyz", b"2 2 2\n1 2 3\n4 5 6\n");
     assert_eq!(positions(&data).len(), 3);
 }
+
+#[test]
+fn points_with_colours_and_no_more_are_opaque() {
+    let text: String = (0..400)
+        .map(|i| format!("{}.5 {} 0 {} 200 90\n", i % 20, i / 20, i % 256))
+        .collect();
+    let data = Folder::new().open("a.xyz", text.as_bytes());
+    let sampled = SampleOptions::default().sample(data).unwrap();
+    assert!(matches!(sampled.volume.colour, Colour::PerParticle(_)));
+    assert!(matches!(sampled.volume.strength, Strength::Mass(_)));
+}
