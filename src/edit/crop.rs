@@ -394,19 +394,29 @@ fn of_splats(cloud: SplatCloud, area: Area) -> (SplatCloud, Kept) {
 
 /// The triangles that are kept stand for nodes: a mesh has no fields.
 fn of_mesh(mesh: &mut Mesh, area: Area) -> Kept {
-    let node_count = mesh.triangle_count();
+    let count = |mesh: &Mesh| mesh.triangle_count() + mesh.line_count() + mesh.point_count();
+    let node_count = count(mesh);
     for part in &mut mesh.parts {
         let before = part.triangles.len();
+        let marks = part.lines.len() + part.points.len();
         let positions = &part.positions;
         part.triangles.retain(|triangle| {
             let corner = |i: &u32| positions.get(*i as usize).copied().unwrap_or(DVec3::NAN);
             area.holds(triangle.iter().map(corner).sum::<DVec3>() / 3.0)
         });
+        let corner = |i: u32| positions.get(i as usize).copied().unwrap_or(DVec3::NAN);
+        part.lines
+            .retain(|line| area.holds(line.iter().map(|i| corner(*i)).sum::<DVec3>() / 2.0));
+        part.points.retain(|i| area.holds(corner(*i)));
         let after = part.triangles.len();
-        if after == 0 || after == before {
+        let is_same = after == before && marks == part.lines.len() + part.points.len();
+        if is_same || part.is_empty() {
             continue;
         }
         leave_out_unused(part);
+        if after == before {
+            continue;
+        }
         // Opened, it may show its inside.
         if let Some(material) = mesh.materials.get(part.material)
             && !material.is_double_sided
@@ -417,9 +427,9 @@ fn of_mesh(mesh: &mut Mesh, area: Area) -> Kept {
             mesh.materials.push(open);
         }
     }
-    mesh.parts.retain(|part| !part.triangles.is_empty());
+    mesh.parts.retain(|part| !part.is_empty());
     Kept {
-        nodes: Runs::of(mesh.triangle_count(), |_| true),
+        nodes: Runs::of(count(mesh), |_| true),
         node_count,
         cells: Runs::default(),
         cell_count: 0,

@@ -29,7 +29,7 @@ impl CellMesh {
 }
 
 /// The kind of a cell, by VTK's number for it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct CellKind(pub u8);
 
 impl CellKind {

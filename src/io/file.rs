@@ -98,6 +98,11 @@ impl<'a> Input<'a> {
         Self { path, memory }
     }
 
+    /// Whether it is a file on the disk, where folders can be listed.
+    pub(crate) fn is_on_disk(&self) -> bool {
+        self.memory.is_none()
+    }
+
     /// Reads from the start, and the length in bytes.
     pub(crate) fn open(&self) -> Result<(Box<dyn Read + 'a>, u64)> {
         match self.memory {

@@ -9,11 +9,14 @@ use std::path::Path;
 #[cfg(feature = "e57")]
 use super::e57;
 use super::file::{HEAD, Input};
+#[cfg(feature = "netcdf")]
+use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, gltf, gltf_splats, hdf5, ksplat, las, meta_image, nifti, npy, npz,
-    nrrd, obj, of_folder, pcd, plot3d, plotfile, ply, pvd, raw, refused, sog, splat, spz, stl,
-    threemf, tiff, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
+    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, las, meta_image,
+    nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd, raw, refused,
+    sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection, vtk_legacy, vtk_xml,
+    vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -368,9 +371,24 @@ static FORMATS: &[Format] = &[
         endings: &["glb", "gltf"],
         reads: "version 2 with transforms, sparse and interleaved accessors, strips and fans, vertex colours, base colour \
                 and emissive textures (PNG, JPEG, WebP, KTX 2 in ETC1S and UASTC) with `KHR_texture_transform`, alpha \
-                modes, morph targets and skins at rest",
+                modes, morph targets and skins at rest; packed by `KHR_draco_mesh_compression`, `EXT_meshopt_compression` \
+                or `KHR_meshopt_compression`, quantised or not; lines and points",
         begins: |p| gltf::looks_like(p.head),
         read: |input, _| gltf::read(input),
+        ..PLAIN
+    },
+    // Before the other archives.
+    Format {
+        name: "OpenFOAM",
+        family: Family::Simulations,
+        endings: &["foam", "openfoam", "foam.zip"],
+        reads: "cases, given as their folder, its `system/controlDict`, a `.foam` file in it or a ZIP archive of it: cells of \
+                any shape with fields of cells and nodes, text and binary with labels and numbers of 32 and 64 bits, \
+                packed with gzip or not, moving meshes, decomposed cases; the first of several regions; no patches, \
+                values at faces or particles",
+        begins: |p| openfoam::looks_like(p.head) || p.is_archive("foam.zip", openfoam::is_archive),
+        read: |input, options| openfoam::read(input, options.time_step),
+        steps: Some(openfoam::steps),
         ..PLAIN
     },
     Format {
@@ -380,6 +398,20 @@ static FORMATS: &[Format] = &[
         reads: "archives of NPY columns: see [tables](#tables)",
         begins: |p| p.head.starts_with(zip::MAGIC),
         read: |input, _| npz::read(input),
+        ..PLAIN
+    },
+    // Before the particles of HDF5 files, which netCDF-4 files are, too.
+    #[cfg(feature = "netcdf")]
+    Format {
+        name: "netCDF",
+        family: Family::Grids,
+        endings: netcdf::ENDINGS,
+        reads: "classic, 64-bit, CDF-5 and netCDF-4 files. Exodus II: blocks of elements, nodal and element variables, \
+                those whose names end in X, Y and Z as vectors. Grids by CF, ROMS and NEMO: see \
+                [grids of the earth](#grids-of-the-earth)",
+        begins: |p| netcdf::looks_like(p.head, p.ends_in(netcdf::ENDINGS)),
+        read: |input, options| netcdf::read(input, options.time_step, options.read_as),
+        steps: Some(netcdf::steps),
         ..PLAIN
     },
     Format {
@@ -406,6 +438,18 @@ static FORMATS: &[Format] = &[
         begins: |p| p.head.starts_with(hdf5::MAGIC),
         read: |input, options| hdf5::read(input, options),
         steps: Some(hdf5::snapshot_steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Gadget's binary snapshots",
+        family: Family::Particles,
+        endings: &[],
+        reads: "of Gadget-1 and Gadget-2 in formats 1 and 2 and either byte order, with numbers of 32 and 64 bits; any file of \
+                a snapshot in several files (`NAME.0`, `NAME.1`, ...) stands for all of them. Which of their particles: \
+                [below](#types-of-particles)",
+        begins: |p| gadget::looks_like(p.head),
+        read: |input, options| gadget::read(input, options.particle_type),
+        steps: Some(gadget::steps),
         ..PLAIN
     },
     Format {
@@ -460,10 +504,23 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "EnSight Gold",
+        family: Family::Grids,
+        endings: &["case"],
+        reads: "the case file with its geometry and variables: text, C and Fortran binary in either byte order; elements of \
+                all types, polygons and polyhedra, blocks (uniform, rectilinear, curvilinear, with iblank); scalars, vectors, \
+                tensors by components and complex numbers of nodes and elements; time and file sets, several steps in \
+                one file. EnSight 6 is refused by name",
+        begins: |p| ensight::looks_like(p.head),
+        read: |input, options| ensight::read(input, options.time_step, options.read_as),
+        steps: Some(ensight::steps),
+        ..PLAIN
+    },
+    Format {
         name: "OBJ",
         family: Family::Meshes,
         endings: &["obj"],
-        reads: "polygons of any shape, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
+        reads: "polygons of any shape, lines and points, MTL, `--texture FILE` where it names none; normals and texture coordinates that are \
                 not there are left out with a note",
         resembles: |p| obj::looks_like(p.head),
         read: |input, options| obj::read(input, options.texture.as_deref()),
@@ -476,6 +533,20 @@ static FORMATS: &[Format] = &[
         reads: "text and binary, with the colours of VisCAM, SolidView and Materialise",
         resembles: |p| stl::looks_like(p.head, p.len),
         read: |input, _| stl::read(input),
+        ..PLAIN
+    },
+    // Before tables, whose names its own may be.
+    Format {
+        name: "Tecplot",
+        family: Family::Simulations,
+        endings: &["tec"],
+        reads: "text (`.dat`, `.plt`, too, where the content says so): ordered zones and those of lines, triangles, \
+                quadrilaterals, tetrahedra and bricks, by points and by blocks, variables at nodes and cells, repeated \
+                numbers, shared variables, steps of time; zones of one layer as [surfaces](#surfaces); no polygons, \
+                polyhedra or binary files",
+        begins: |p| p.is_text() && tecplot::looks_like(p.head),
+        read: |input, options| tecplot::read(input, options.time_step, options.read_as),
+        steps: Some(tecplot::steps),
         ..PLAIN
     },
     Format {

@@ -18,13 +18,17 @@ pub struct Mesh {
     pub textures: Vec<Texture>,
 }
 
-/// Triangles of one material.
+/// Triangles of one material, and lines and points beside them.
 #[derive(Debug, Clone, Default)]
 pub struct MeshPart {
     /// Corners, world units; finite.
     pub positions: Vec<DVec3>,
     /// Indices into `positions`; in range.
     pub triangles: Vec<[u32; 3]>,
+    /// Lines as indices into `positions`; those of a polyline follow one another.
+    pub lines: Vec<[u32; 2]>,
+    /// Points as indices into `positions`.
+    pub points: Vec<u32>,
     /// Unit normals per corner; empty where the file has none.
     pub normals: Vec<Vec3>,
     /// Whether triangles without normals are flat, as glTF says; those of other formats are smooth where they meet at
@@ -137,6 +141,13 @@ impl Default for Material {
     }
 }
 
+impl MeshPart {
+    /// Whether it has no triangle, no line and no point.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.triangles.is_empty() && self.lines.is_empty() && self.points.is_empty()
+    }
+}
+
 impl Mesh {
     /// Triangles in memory, white, opaque, seen from both sides.
     ///
@@ -243,5 +254,15 @@ impl Mesh {
     /// How many triangles there are.
     pub fn triangle_count(&self) -> usize {
         self.parts.iter().map(|part| part.triangles.len()).sum()
+    }
+
+    /// How many lines there are.
+    pub fn line_count(&self) -> usize {
+        self.parts.iter().map(|part| part.lines.len()).sum()
+    }
+
+    /// How many points there are.
+    pub fn point_count(&self) -> usize {
+        self.parts.iter().map(|part| part.points.len()).sum()
     }
 }

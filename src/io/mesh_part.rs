@@ -18,6 +18,8 @@ pub(crate) struct LeftOut {
     pub(crate) non_finite: usize,
     /// Triangles without an area.
     pub(crate) zero_area: usize,
+    /// Lines and points that are not finite.
+    pub(crate) marks: usize,
     /// Texture coordinates that are not finite, taken as 0.
     pub(crate) coordinates: usize,
     /// Colours that are not finite, taken as white.
@@ -33,6 +35,10 @@ impl LeftOut {
                 "triangles have NaN or infinite corners and are left out",
             ),
             (self.zero_area, "triangles have no area and are left out"),
+            (
+                self.marks,
+                "lines and points are not finite and are left out",
+            ),
             (
                 self.coordinates,
                 "texture coordinates are not finite and taken as 0",
@@ -82,6 +88,11 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) -> Kept {
         is_kept
     });
     part.triangles = triangles;
+    let is_finite = |i: u32| part.positions[i as usize].is_finite();
+    let before = part.lines.len() + part.points.len();
+    part.lines.retain(|line| line.iter().all(|&i| is_finite(i)));
+    part.points.retain(|&i| is_finite(i));
+    left_out.marks += before - part.lines.len() - part.points.len();
     let corners = leave_out_unused(part);
     for set in &mut part.texture_coordinates {
         for uv in set.iter_mut().filter(|uv| !uv.is_finite()) {
@@ -102,10 +113,11 @@ pub(crate) fn finish(part: &mut MeshPart, left_out: &mut LeftOut) -> Kept {
     }
 }
 
-/// Leaves out corners that no triangle uses; those that are left, or none where all are. Indices are in range.
+/// Leaves out corners that nothing uses; those that are left, or none where all are. Indices are in range.
 pub(crate) fn leave_out_unused(part: &mut MeshPart) -> Vec<u32> {
     let mut is_used = vec![false; part.positions.len()];
-    for &i in part.triangles.as_flattened() {
+    let in_lines = part.lines.as_flattened().iter().chain(&part.points);
+    for &i in part.triangles.as_flattened().iter().chain(in_lines) {
         is_used[i as usize] = true;
     }
     if is_used.iter().all(|is| *is) {
@@ -124,7 +136,9 @@ pub(crate) fn leave_out_unused(part: &mut MeshPart) -> Vec<u32> {
             index
         })
         .collect();
-    for i in part.triangles.as_flattened_mut() {
+    let in_lines = part.lines.as_flattened_mut().iter_mut();
+    let in_triangles = part.triangles.as_flattened_mut().iter_mut();
+    for i in in_triangles.chain(in_lines).chain(&mut part.points) {
         *i = indices[*i as usize];
     }
     keep(&mut part.positions, &is_used);
@@ -174,7 +188,7 @@ pub(crate) fn plain(has_colours: bool) -> Material {
 
 /// Refuses a mesh of which nothing is left.
 pub(crate) fn check_not_empty(path: &Path, mesh: &Mesh) -> Result<()> {
-    if mesh.triangle_count() > 0 {
+    if mesh.triangle_count() > 0 || mesh.line_count() + mesh.point_count() > 0 {
         return Ok(());
     }
     Err(Error::format(

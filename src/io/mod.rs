@@ -19,9 +19,11 @@ mod dataset;
 mod e57;
 mod element;
 mod encoded_splats;
+mod ensight;
 mod file;
 mod first_order;
 mod formats;
+mod gadget;
 mod gltf;
 mod gltf_splats;
 mod half;
@@ -37,11 +39,14 @@ mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+#[cfg(feature = "netcdf")]
+mod netcdf;
 mod nifti;
 mod npy;
 mod npz;
 mod nrrd;
 mod obj;
+mod openfoam;
 mod particle_type;
 mod pcd;
 mod plot3d;
@@ -71,6 +76,7 @@ mod spz;
 mod spz_write;
 mod stl;
 mod table;
+mod tecplot;
 mod texture;
 mod threemf;
 mod tiff;
@@ -95,6 +101,7 @@ mod vtp;
 mod vtr;
 mod vts;
 mod vtu;
+mod vtu_write;
 mod write_splats;
 mod xyz;
 mod zip;
@@ -180,7 +187,7 @@ pub enum ReadAs {
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
 /// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
-/// that of a SOG scene, for its `meta.json`.
+/// that of a SOG scene, for its `meta.json`, an AMReX plotfile, or an OpenFOAM case.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -191,6 +198,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 
 /// Of a folder that is a data set the file in it that is opened, of all else the path itself.
 pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
+    if let Some(case) = openfoam::case_in(path) {
+        return Cow::Owned(case);
+    }
     let stands_in = |name: &str, is_so: &dyn Fn(&Path, &[u8]) -> bool| {
         let file = path.join(name);
         let head = Input::of_file(&file).head(HEAD);
@@ -205,13 +215,13 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
 }
 
 /// Whether a file may hold particles of several types, of which [`OpenOptions::particle_type`] names one: whether it is
-/// HDF5.
+/// HDF5, or a binary snapshot of Gadget.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
-    let (head, _) = Input::of_file(path).head(hdf5::MAGIC.len())?;
-    Ok(head == hdf5::MAGIC)
+    let (head, _) = Input::of_file(path).head(HEAD)?;
+    Ok(head.starts_with(hdf5::MAGIC) || gadget::looks_like(&head))
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.
@@ -277,7 +287,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         return Err(Error::format(
             input.path,
             Parameter::ParticleType,
-            "an HDF5 snapshot of particles of several types",
+            "a snapshot of particles of several types",
             data.format,
             Hint::LeaveOut(Parameter::ParticleType),
         ));

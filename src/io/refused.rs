@@ -12,6 +12,9 @@ const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
     #[cfg(not(feature = "e57"))]
     E57,
     (0, b"\x89PNG", "a PNG image", IMAGE),
+    (0, b"\xff\xd8\xff", "a JPEG image", IMAGE),
+    (8, b"WEBP", "a WebP image", IMAGE),
+    (0, b"\xabKTX", "a KTX image", IMAGE),
     (0, b"PF\n", "a PFM image", IMAGE),
     (0, b"\x76\x2f\x31\x01", "an EXR image", IMAGE),
     (0, b"Kaydara FBX", "an FBX file", MESH),
@@ -30,6 +33,8 @@ const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
         "a CGNS file in the old ADF container",
         "turn it into HDF5 with adf2hdf, then into VTK XML",
     ),
+    #[cfg(not(feature = "netcdf"))]
+    (0, b"CDF", "a netCDF or Exodus file", NO_NETCDF),
     (
         0,
         b" BDV",
@@ -68,6 +73,8 @@ const ENDINGS: &[(&str, &str, &str)] = &[
 ];
 
 const IMAGE: &str = "an image holds no volume: give a data file";
+#[cfg(not(feature = "netcdf"))]
+const NO_NETCDF: &str = "build with the feature `netcdf`, or save it as VTK XML (.vtu)";
 const MESH: &str = "save it as glTF (.glb)";
 
 /// Why a file that begins with `head` is not read, where it is known what it is.

@@ -238,11 +238,11 @@ pub(crate) enum NotIntegers {
     Refused(usize, i128),
 }
 
-/// All of `bytes` as integers, each exactly, as far as `convert` allows it.
-pub(crate) fn integers<T>(
+/// All of `bytes` as integers, each exactly, as far as `convert` allows it; the first that it does not is the error.
+pub(crate) fn integers<T: Copy + Default + Send>(
     bytes: &[u8],
     encoding: Encoding,
-    convert: impl Fn(i128) -> Option<T>,
+    convert: impl Fn(i128) -> Option<T> + Sync,
 ) -> Result<Vec<T>, NotIntegers> {
     macro_rules! each {
         ($t:ty) => {{
@@ -255,11 +255,20 @@ pub(crate) fn integers<T>(
                 let number = i128::from(<$t>::from_le_bytes(number));
                 convert(number).ok_or(NotIntegers::Refused(at, number))
             };
-            let chunks = bytes.chunks_exact(size_of::<$t>());
-            let mut all = Vec::with_capacity(chunks.len());
-            for chunk in chunks.enumerate() {
-                all.push(number(chunk)?);
-            }
+            let size = size_of::<$t>();
+            let mut all = vec![T::default(); bytes.len() / size];
+            let batches = all
+                .par_chunks_mut(BATCH)
+                .zip(bytes.par_chunks(BATCH * size));
+            let fill = |(i, (batch, bytes)): (usize, (&mut [T], &[u8]))| {
+                let chunks = bytes.chunks_exact(size).enumerate();
+                for (out, (at, chunk)) in batch.iter_mut().zip(chunks) {
+                    *out = number((i * BATCH + at, chunk))?;
+                }
+                Ok(())
+            };
+            let done: Vec<Result<(), NotIntegers>> = batches.enumerate().map(fill).collect();
+            done.into_iter().collect::<Result<(), NotIntegers>>()?;
             Ok(all)
         }};
     }

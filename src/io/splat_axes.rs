@@ -34,13 +34,14 @@ pub enum SplatAxes {
 }
 
 /// Formats of splats by their names ([`Dataset::format`](super::Dataset::format)): the axes of the file, and of what is read.
-const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 6] = {
+const OF_FORMATS: [(&str, SplatAxes, SplatAxes); 7] = {
     use SplatAxes::{LeftUpForward, RightDownForward, RightUpBack};
     [
         ("PLY splats", RightDownForward, RightDownForward),
         ("compressed PLY splats", RightDownForward, RightDownForward),
         ("splat records", RightDownForward, RightDownForward),
         ("KSPLAT splats", RightDownForward, RightDownForward),
+        ("SOG splats", RightDownForward, RightDownForward),
         ("SPZ splats", RightUpBack, RightDownForward),
         (super::gltf_splats::FORMAT, LeftUpForward, LeftUpForward),
     ]

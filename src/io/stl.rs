@@ -128,6 +128,7 @@ impl Corners {
             texture_coordinates: Vec::new(),
             colours,
             material: 0,
+            ..MeshPart::default()
         }
     }
 }

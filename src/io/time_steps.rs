@@ -44,17 +44,29 @@ impl Format {
     /// A file that cannot be read, or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
         match self.steps {
-            Some(steps) => steps(Input::of_file(&of_folder(path))),
-            None => Ok(vec![TimeStep {
-                time: None,
-                parts: vec![Part::file(path.to_path_buf())],
-            }]),
+            Some(steps) => {
+                let file = of_folder(path);
+                let mut steps = steps(Input::of_file(&file))?;
+                let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
+                // What was given stands for that file.
+                for part in parts.filter(|part| part.path == file) {
+                    part.path = path.to_path_buf();
+                }
+                Ok(steps)
+            }
+            None => Ok(of_file(path, &[])),
         }
     }
 }
 
-/// The steps of a file that holds them itself, one for each of `times`.
+/// The steps of a file that holds them itself, one for each of `times`; the file as one step where it states none.
 pub(super) fn of_file(path: &Path, times: &[f64]) -> Vec<TimeStep> {
+    if times.is_empty() {
+        return vec![TimeStep {
+            time: None,
+            parts: vec![Part::file(path.to_path_buf())],
+        }];
+    }
     let step = |(i, &time): (usize, &f64)| TimeStep {
         time: Some(time),
         parts: vec![Part {

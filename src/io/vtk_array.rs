@@ -183,12 +183,12 @@ impl<'a> Decoder<'a> {
 
     /// Decodes an array of integers, `count` of them or, without it, as many as there are.
     /// `convert` says which are allowed, `expected` says it in words.
-    pub(crate) fn integers<T>(
+    pub(crate) fn integers<T: Copy + Default + Send>(
         &self,
         node: Node<'_, '_>,
         count: Option<usize>,
         expected: &str,
-        convert: impl Fn(i128) -> Option<T>,
+        convert: impl Fn(i128) -> Option<T> + Sync,
     ) -> Result<Vec<T>> {
         self.named(node, "integers", || {
             let scalar = numeric(node)?;

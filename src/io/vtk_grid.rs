@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::{CellKind, CellMesh, ReadAs, vtk_surface};
 use crate::error::{Error, Result};
@@ -19,10 +21,21 @@ pub(super) fn dataset(
     path: &Path,
     format: &'static str,
     mesh: CellMesh,
-    mut fields: Vec<Field>,
+    fields: Vec<Field>,
     read_as: Option<ReadAs>,
 ) -> Result<Dataset> {
     check(path, &mesh)?;
+    of_checked(path, format, mesh, fields, read_as)
+}
+
+/// As [`dataset`], of cells that [`check`] has passed.
+pub(super) fn of_checked(
+    path: &Path,
+    format: &'static str,
+    mesh: CellMesh,
+    mut fields: Vec<Field>,
+    read_as: Option<ReadAs>,
+) -> Result<Dataset> {
     let is_point = |kind: &CellKind| {
         matches!(
             *kind,
@@ -106,12 +119,18 @@ pub(crate) fn check(path: &Path, mesh: &CellMesh) -> Result<()> {
             ),
         );
     }
-    for (i, &kind) in mesh.kinds.iter().enumerate() {
-        if let Err(found) = check_cell(kind, mesh.cell(i), mesh.nodes.len()) {
-            let place = format!("cell {i}, {}", kind.name());
-            let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
-            return error(place, &expected, found);
-        }
+    let least = least_nodes();
+    let fault = |i: usize| {
+        let kind = mesh.kinds[i];
+        let least = least[usize::from(kind.0)];
+        let found = check_cell(kind, least, mesh.cell(i), mesh.nodes.len()).err()?;
+        Some((i, found))
+    };
+    let first = (0..mesh.kinds.len()).into_par_iter().find_map_first(fault);
+    if let Some((i, found)) = first {
+        let place = format!("cell {i}, {}", mesh.kinds[i].name());
+        let expected = format!("nodes among {}, as many as its kind has", mesh.nodes.len());
+        return error(place, &expected, found);
     }
     Ok(())
 }
@@ -130,8 +149,22 @@ fn cell_of_node(mesh: &CellMesh) -> Option<Vec<u32>> {
     one_each.then_some(cells)
 }
 
+/// The least number of nodes of a cell of each kind.
+fn least_nodes() -> [usize; 256] {
+    std::array::from_fn(|kind| {
+        let kind = CellKind(u8::try_from(kind).unwrap_or(u8::MAX));
+        let of_solid = kind.faces().map(|faces| {
+            let corners = faces.iter().flat_map(|face| face.iter());
+            corners.max().map_or(0, |&corner| usize::from(corner) + 1)
+        });
+        of_solid.or(kind.flat_corner_count()).unwrap_or(0)
+    })
+}
+
 /// Whether a cell's entries are what its kind asks for; else what was found.
-fn check_cell(kind: CellKind, cell: &[u32], node_count: usize) -> Result<(), String> {
+///
+/// - `least`: how many nodes its kind has at least.
+fn check_cell(kind: CellKind, least: usize, cell: &[u32], node_count: usize) -> Result<(), String> {
     let exists = |n: &u32| (*n as usize) < node_count;
     let missing = |nodes: &[u32]| match nodes.iter().find(|n| !exists(n)) {
         Some(n) => Err(format!("node {n}")),
@@ -155,12 +188,7 @@ fn check_cell(kind: CellKind, cell: &[u32], node_count: usize) -> Result<(), Str
             Err(format!("{} numbers after its faces", rest.len()))
         };
     }
-    let corner_count = kind.faces().map(|faces| {
-        let corners = faces.iter().flat_map(|f| f.iter());
-        corners.max().map_or(0, |&c| usize::from(c) + 1)
-    });
-    let corner_count = corner_count.or(kind.flat_corner_count()).unwrap_or(0);
-    if cell.len() < corner_count {
+    if cell.len() < least {
         return Err(format!("{} nodes", cell.len()));
     }
     missing(cell)

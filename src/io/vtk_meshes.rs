@@ -238,7 +238,7 @@ pub(super) fn join(
     for part in meshes {
         append_mesh(path, &mut mesh, part)?;
     }
-    let mut data = vtk_grid::dataset(path, format, mesh, fields, read_as)?;
+    let mut data = vtk_grid::of_checked(path, format, mesh, fields, read_as)?;
     data.notes.splice(0..0, notes);
     Ok(data)
 }

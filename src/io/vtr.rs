@@ -139,7 +139,8 @@ fn reverse_field(field: &mut Field, whole: &Extent, axis: usize) {
     }
 }
 
-fn reverse(values: &mut Values, dims: [usize; 3], axis: usize) {
+/// Turns samples round along one axis.
+pub(super) fn reverse(values: &mut Values, dims: [usize; 3], axis: usize) {
     /// Swaps whole runs of samples: all those that share an index along the axis and those after.
     fn swap<T>(all: &mut [T], dims: [usize; 3], axis: usize) {
         let run = dims[..axis].iter().product::<usize>();

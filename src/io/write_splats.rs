@@ -10,7 +10,7 @@ use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
 use super::splat_axes::SplatAxes;
 use super::splats::SplatCloud;
-use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz};
+use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz, vtu_write};
 use crate::error::{Error, Result};
 
 /// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
@@ -43,6 +43,7 @@ enum Format {
     Splat,
     Spz,
     Glb,
+    Vtu,
 }
 
 impl Format {
@@ -60,15 +61,19 @@ impl Format {
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
             "glb" => Some(Self::Glb),
+            "vtu" => Some(Self::Vtu),
             _ => None,
         }
     }
 
-    /// The axes that its writer takes; SPZ's turns from there to those of the file.
-    fn axes(self) -> SplatAxes {
+    /// The axes that its writer takes; SPZ's turns from there to those of the file. VTK's grids have any.
+    fn axes(self) -> Option<SplatAxes> {
         match self {
-            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz => SplatAxes::RightDownForward,
-            Self::Glb => SplatAxes::LeftUpForward,
+            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz => {
+                Some(SplatAxes::RightDownForward)
+            }
+            Self::Glb => Some(SplatAxes::LeftUpForward),
+            Self::Vtu => None,
         }
     }
 }
@@ -76,7 +81,7 @@ impl Format {
 /// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
 ///
 /// # Errors
-/// Another extension than `ply`, `splat`, `spz` and `glb`, or a missing folder.
+/// Another extension than `ply`, `splat`, `spz`, `glb` and `vtu`, or a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -90,7 +95,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz or .glb",
+        "a name that ends in .ply, .splat, .spz, .glb or .vtu",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -112,6 +117,9 @@ fn format_of(path: &Path) -> Result<Format> {
 /// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 |
 /// | anti-aliasing mark | kept | lost | lost | kept | lost |
 /// | order | kept | along a Morton curve | by size times opacity | kept | kept |
+///
+/// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors, scales, rotations and
+/// opacities in f32 and the constant colour in bytes; harmonics and the mark are lost, and nothing is turned.
 ///
 /// Errors are the greatest ones, of rotations in a component of the unit quaternion, of colours in a
 /// coefficient; what lies outside a range is clamped and counted in the notes. In all formats but
@@ -147,7 +155,8 @@ pub fn write_splats(
         let expected = "a .spz file for a version of SPZ";
         return of_another("version", expected, "write a .spz file, or name no version");
     }
-    let turn = (options.up).map_or(DQuat::IDENTITY, |up| format.axes().turn_from(up));
+    let turn = options.up.zip(format.axes());
+    let turn = turn.map_or(DQuat::IDENTITY, |(up, axes)| axes.turn_from(up));
     let cloud = if turn == DQuat::IDENTITY {
         Cow::Borrowed(cloud)
     } else {
@@ -162,6 +171,7 @@ pub fn write_splats(
         Format::Splat => splat::encode(cloud),
         Format::Spz => spz::encode(path, cloud, options.spz_version.unwrap_or_default())?,
         Format::Glb => gltf_splats::encode(path, cloud)?,
+        Format::Vtu => vtu_write::encode(cloud),
     };
     // A tenth of a splat is seen.
     let size = median_size(cloud);

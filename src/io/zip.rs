@@ -1,5 +1,5 @@
-//! ZIP archives, as far as NPZ, SOG and 3MF files need them: members stored or deflated, with sizes of 32 or 64
-//! bits.
+//! ZIP archives, as far as NPZ, SOG and 3MF files and archives of OpenFOAM's folders need them: members stored or deflated,
+//! with sizes of 32 or 64 bits.
 //!
 //! What is read, all numbers little-endian (PKWARE's APPNOTE, sections 4.3.7 to 4.3.16):
 //!

@@ -28,12 +28,15 @@ pub(super) fn shown(dataset: &Dataset, options: &SampleOptions) -> Result<Option
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         return Ok(None);
     };
+    if dataset.fields.is_empty() {
+        return Ok(None);
+    }
     if let Some(field) = &options.field {
         return Ok(Some(field.clone()));
     }
     let has_colours = mesh.parts.iter().any(|part| !part.colours.is_empty());
     let has_textures = mesh.materials.iter().any(|m| m.base_texture.is_some());
-    if has_colours || has_textures || dataset.fields.is_empty() {
+    if has_colours || has_textures {
         return Ok(None);
     }
     default_field(dataset).map(Some)

@@ -264,7 +264,7 @@ pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> 
         volumes,
         report: SampleReport {
             sample_count: report.triangle_count,
-            particle_count: report.surfel_count,
+            particle_count: report.surfel_count + report.mark_count,
             findings: report.findings.clone(),
             mesh: Some(report),
             ..SampleReport::default()

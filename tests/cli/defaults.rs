@@ -11,16 +11,11 @@ use ewa_splat::scene::Strength;
 
 /// Endings of files that belong to others, or are of formats that are not read (yet).
 const PASSED_OVER: &[&str] = &[
-    "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "ex2",
-    "nc", "json", "case",
+    "md", "txt", "mtl", "bin", "png", "jpg", "webp", "ktx2", "gz", "zip", "geo", "sos", "json",
 ];
 
 /// Files that are refused for what is in them; each with a part of the reason.
-const REFUSED: &[(&str, &str)] = &[
-    ("beach.ascii.nhdr", "no file"),
-    ("BoxMetaDraco.gltf", "KHR_draco_mesh_compression"),
-    ("BoxMeshopt.glb", "EXT_meshopt_compression"),
-];
+const REFUSED: &[(&str, &str)] = &[("beach.ascii.nhdr", "no file")];
 
 /// Files with a few points that are far from one another, each far below the picture.
 const SCATTERED: &[&str] = &["test-splat.3-points", "concave_polygon"];
@@ -49,10 +44,10 @@ fn is_tried(path: &Path) -> bool {
     let is_again = name.contains("T000") && !name.contains("T0000")
         || name.contains("chombo3d_") && name.len() > 14;
     // Variables of EnSight have no endings of their own; the head's samples belong to its header.
-    let is_part =
-        path.components().any(|c| c.as_os_str() == "ensight") || name == "HeadMRVolume.raw";
+    let is_of_ensight = path.components().any(|c| c.as_os_str() == "ensight");
+    let is_part = is_of_ensight && ending != "case" || name == "HeadMRVolume.raw";
     // Each stands for the images beside it.
-    let is_named = name == "bluntfinxyz.bin" || name == "meta.json";
+    let is_named = ["bluntfinxyz.bin", "meta.json", "OpenFOAM.zip"].contains(&name);
     is_named || !(PASSED_OVER.contains(&ending) || is_again || is_part)
 }
 
@@ -118,7 +113,18 @@ fn default_pictures_of_all_real_files_show_them() {
         let (middle, most) = (seen[seen.len() / 2], seen[seen.len() - 1]);
         assert!(most > 0.3, "{name}: no more than {most}");
         let is_surface = [
-            "gltf", "glb", "obj", "ply", "splat", "spz", "vtp", "stl", "pvd", "json", "3mf",
+            "gltf",
+            "glb",
+            "obj",
+            "ply",
+            "splat",
+            "spz",
+            "vtp",
+            "stl",
+            "pvd",
+            "json",
+            "3mf",
+            "beach.nrrd",
         ]
         .iter()
         .any(|ending| name.ends_with(ending));

@@ -253,7 +253,7 @@ const WRONG: &[(&str, i32, &str)] = &[
     (
         "render WAKE --out a.png --type gas",
         1,
-        "expected an HDF5 snapshot of particles, found none",
+        "expected a snapshot of particles, found none",
     ),
     (
         "render WAKE --out a.png --time-stamp t={time}",

@@ -5,6 +5,8 @@
 use std::path::Path;
 
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, open};
+use ewa_splat::sample::{SampleOptions, volume};
+use ewa_splat::scene::{Colour, Strength};
 use glam::DVec3;
 
 use crate::support::Folder;
@@ -213,7 +215,7 @@ fn points_with_colours_and_no_more_are_opaque() {
         .map(|i| format!("{}.5 {} 0 {} 200 90\n", i % 20, i / 20, i % 256))
         .collect();
     let data = Folder::new().open("a.xyz", text.as_bytes());
-    let sampled = SampleOptions::default().sample(data).unwrap();
+    let sampled = volume(data, &SampleOptions::default()).unwrap();
     assert!(matches!(sampled.volume.colour, Colour::PerParticle(_)));
     assert!(matches!(sampled.volume.strength, Strength::Mass(_)));
 }

@@ -1692,3 +1692,59 @@ mod command_line {
         assert!(text.contains("x right, y up, z back; turned"), "{text}");
     }
 }
+
+/// Vertices with shapes: positions to the last bit, and as particles the same kernels.
+#[test]
+fn vtk_grids_of_splats_are_particles_of_the_same_shapes() {
+    let folder = Folder::new();
+    let cloud = some_cloud(40, 1, 77);
+    let written = folder.write("vtu", &cloud);
+    assert!(
+        written
+            .notes
+            .iter()
+            .any(|note| note.contains("depend on the view"))
+    );
+    let data = folder.read("a.vtu");
+    let Geometry::Points { positions } = &data.geometry else {
+        panic!("particles expected");
+    };
+    assert_eq!(positions, &cloud.positions);
+    let field = |name: &str| data.scalar(name).unwrap().1;
+    // Rows of the tensor, whose square is the variance.
+    let tensor: Vec<_> = (0..9).map(|k| field(&format!("shape:{k}"))).collect();
+    let opacities = field("opacity");
+    for i in 0..cloud.positions.len() {
+        let rows: [f64; 9] = std::array::from_fn(|k| f64::from(tensor[k].get(i)));
+        let shape = DMat3::from_cols_array(&rows);
+        let expected = variance(&cloud, i);
+        assert!(
+            norm(shape * shape - expected) < 1e-5 * norm(expected),
+            "{i}"
+        );
+        assert_eq!(opacities.get(i), cloud.opacities[i]);
+    }
+    let options = SampleOptions {
+        field: Some("opacity".into()),
+        ..SampleOptions::default()
+    };
+    let volume = sample(data, &options).unwrap().volume;
+    let Particles::Anisotropic { factors, .. } = &volume.particles else {
+        panic!("ellipsoids expected");
+    };
+    assert_eq!(factors.len(), cloud.positions.len());
+    for (i, factor) in factors.iter().enumerate() {
+        let [a, b, c, d, e, f] = factor.map(f64::from);
+        let factor = DMat3::from_cols(
+            DVec3::new(a, b, d),
+            DVec3::new(0.0, c, e),
+            DVec3::new(0.0, 0.0, f),
+        );
+        let expected = variance(&cloud, i);
+        let found = factor * factor.transpose();
+        assert!(
+            norm(found - expected) < 1e-4 * norm(expected),
+            "{i}: {found} {expected}"
+        );
+    }
+}

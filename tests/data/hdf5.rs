@@ -295,7 +295,7 @@ fn sinks_are_opaque_spheres_of_their_accretion_radii() {
 #[test]
 fn a_type_of_particles_is_refused_of_what_has_none() {
     let error = read_type("particles.csv", ParticleType::Gas).unwrap_err();
-    assert!(error.contains("expected an HDF5 snapshot"), "{error}");
+    assert!(error.contains("expected a snapshot"), "{error}");
     assert!(error.contains("leave the type of particles out"), "{error}");
     assert!(!has_particle_types(&fixture("particles.csv")).unwrap());
     assert!(has_particle_types(&fixture("phantom.h5")).unwrap());

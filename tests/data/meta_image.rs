@@ -67,10 +67,10 @@ fn numbers_lie_behind_the_header_or_in_other_files() {
     }
     for (fields, place, body, said) in [
         ("", "LOCAL", 11, "12 bytes"),
-        ("", "../all.raw", 0, "beside the header"),
-        ("", "/all.raw", 0, "beside the header"),
-        ("", "C:\\all.raw", 0, "beside the header"),
-        ("", "", 0, "beside the header"),
+        ("", "../all.raw", 0, "beside this file"),
+        ("", "/all.raw", 0, "beside this file"),
+        ("", "C:\\all.raw", 0, "beside this file"),
+        ("", "", 0, "beside this file"),
         ("", "none.raw", 0, "no file"),
         ("", "s%d.raw 3 5 1", 0, "no file"),
         ("", "s%d.raw 3 4 0", 0, "3 to 4 by 0"),

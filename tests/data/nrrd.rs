@@ -128,10 +128,10 @@ fn numbers_may_lie_in_other_files() {
     assert!(data.notes[0].contains("long.raw"), "{:?}", data.notes);
 
     for (fields, said) in [
-        ("../all.raw", "beside the header"),
-        ("/all.raw", "beside the header"),
-        ("in/../all.raw", "beside the header"),
-        ("http://all.raw", "beside the header"),
+        ("../all.raw", "beside this file"),
+        ("/all.raw", "beside this file"),
+        ("in/../all.raw", "beside this file"),
+        ("http://all.raw", "beside this file"),
         ("none.raw", "no file"),
         ("LIST\nin/0.raw\nin/0.raw", "again"),
         ("LIST\nin/0.raw\n./in/0.raw", "again"),

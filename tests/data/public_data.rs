@@ -329,6 +329,8 @@ fn triangle() -> Mesh {
             is_flat: false,
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
             triangles: vec![[0, 1, 2]],
+            lines: Vec::new(),
+            points: Vec::new(),
             normals: vec![Vec3::Z; 3],
             texture_coordinates: vec![vec![Vec2::ZERO, Vec2::X, Vec2::Y]],
             colours: vec![[1.0; 4]; 3],

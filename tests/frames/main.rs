@@ -59,6 +59,7 @@ mod gpu_surface;
 #[cfg(feature = "gpu")]
 mod gpu_texture;
 mod maximum;
+mod mesh_lines;
 mod mesh_pictures;
 mod pairs;
 mod pick;

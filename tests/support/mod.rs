@@ -4,13 +4,16 @@
 
 pub(crate) mod amr;
 pub(crate) mod damage;
+pub(crate) mod gadget;
 pub(crate) mod images;
 pub(crate) mod meshes;
 pub(crate) mod nifti;
+pub(crate) mod openfoam;
 pub(crate) mod raytrace;
 pub(crate) mod seeds;
 pub(crate) mod sog;
 pub(crate) mod splats;
+pub(crate) mod tecplot;
 pub(crate) mod threemf;
 pub(crate) mod vtk_legacy;
 

@@ -1,18 +1,22 @@
 //! Small sound files of every format, for damage.
 
+use std::path::Path;
 use std::sync::OnceLock;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::amr;
+use super::gadget;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
+use super::openfoam;
 use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
     splat_records, spz, spz_streams, stored,
 };
+use super::tecplot;
 use super::threemf;
 use super::vtk_legacy::LegacyVtk;
 use super::{Plot3dBlock, Plot3dEncoding, VtkEncoding, VtkPiece, XmlPiece, gzip, zlib};
@@ -190,6 +194,11 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
         image.json["images"][0] = serde_json::json!({
             "uri": format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg(16, [9, 99, 199]))),
         });
+        for name in ["draco", "draco_sequential", "meshopt", "meshopt_khr"] {
+            let file = format!("fixtures/packed/{name}.glb");
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+            seeds.extend(vec![("p.glb".into(), std::fs::read(path).unwrap()); 6]);
+        }
         for _ in 0..12 {
             seeds.push(("a.glb".into(), rich_gltf().glb()));
             seeds.push(("a.gltf".into(), rich_gltf().text()));
@@ -208,6 +217,43 @@ pub(crate) struct Set {
 
 /// Sound sets of files of the formats that name other files; each a folder of its own.
 pub(crate) fn sets() -> Vec<Set> {
+    let mut sets = collections();
+    sets.extend(simulations());
+    sets
+}
+
+/// Cases of EnSight in each form, and netCDF files.
+fn simulations() -> Vec<Set> {
+    let fixture = |name: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+        let file = name.rsplit_once('/').map_or(name, |(_, file)| file);
+        (file.to_owned(), std::fs::read(path.join(name)).unwrap())
+    };
+    let case = |form: &str| Set {
+        files: ["case", "geo", "flow", "p000", "p005"]
+            .map(|ending| fixture(&format!("ensight/{form}.{ending}")))
+            .into(),
+    };
+    let mut sets: Vec<Set> = ["text", "binary", "fortran"].map(case).into();
+    if cfg!(feature = "netcdf") {
+        let names = [
+            "blocks.ex2",
+            "higher.exo",
+            "regular.nc",
+            "roms1.nc",
+            "roms2.nc",
+            "nemo.nc",
+            "pressure.nc",
+        ];
+        sets.extend(names.map(|name| Set {
+            files: vec![fixture(&format!("netcdf/{name}"))],
+        }));
+    }
+    sets
+}
+
+/// Files that name others.
+fn collections() -> Vec<Set> {
     let set = |files: &[(&str, &[u8])]| Set {
         files: files
             .iter()
@@ -265,6 +311,24 @@ pub(crate) fn sets() -> Vec<Set> {
     sets.push(Set {
         files: pieces.map(piece).into(),
     });
+    for text in tecplot::ALL {
+        sets.push(set(&[("a.dat", text.as_bytes())]));
+    }
+    for form in gadget::Form::all() {
+        sets.push(Set {
+            files: vec![("a.snap".into(), form.snapshot(1, &gadget::SOME))],
+        });
+        let file = |i: usize| (format!("snap.{i}"), form.snapshot(2, &gadget::HALVES[i]));
+        sets.push(Set {
+            files: vec![file(1), file(0)],
+        });
+    }
+    for form in openfoam::Form::all() {
+        sets.push(Set { files: form.case() });
+        sets.push(Set {
+            files: form.decomposed(),
+        });
+    }
     sets
 }
 

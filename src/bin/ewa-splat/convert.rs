@@ -195,6 +195,7 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
         "file": path.display().to_string(),
         "triangles": report.triangle_count,
         "surfels": report.surfel_count,
+        "of_lines_and_points": report.mark_count,
         "area": report.area,
         "spacing": report.spacing,
         "ripple": report.ripple,
@@ -266,7 +267,7 @@ fn print(summary: &Value) {
             "mesh",
             format!(
                 "{}: {} triangles of area {} to {} surfels, spacing {}; weights sum to 1 within {} \
-                 (rms; {} at most)",
+                 (rms; {} at most); {} splats of lines and points",
                 text(&mesh["file"]),
                 mesh["triangles"],
                 mesh["area"],
@@ -274,6 +275,7 @@ fn print(summary: &Value) {
                 mesh["spacing"],
                 mesh["ripple"],
                 mesh["greatest_ripple"],
+                mesh["of_lines_and_points"],
             ),
         );
         for f in mesh["left_out"].as_array().into_iter().flatten() {

@@ -359,7 +359,8 @@ fn describe_mesh(mesh: &Mesh) -> Value {
         })
         .collect();
     json!({
-        "kind": "mesh", "triangles": mesh.triangle_count(), "parts": mesh.parts.len(),
+        "kind": "mesh", "triangles": mesh.triangle_count(), "lines": mesh.line_count(),
+        "points": mesh.point_count(), "parts": mesh.parts.len(),
         "textures": mesh.textures.len(), "materials": materials,
     })
 }

@@ -153,7 +153,16 @@ pub(crate) fn print_table(description: &Value) {
         Value::Array(_) => row("samples", times(&geometry["dims"])),
         _ => {}
     }
-    for name in ["nodes", "cells", "count", "triangles", "parts", "textures"] {
+    for name in [
+        "nodes",
+        "cells",
+        "count",
+        "triangles",
+        "lines",
+        "points",
+        "parts",
+        "textures",
+    ] {
         if let Some(count) = geometry[name].as_u64() {
             row(name, count.to_string());
         }

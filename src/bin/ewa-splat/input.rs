@@ -327,7 +327,7 @@ impl DataOptions {
             |input: &Input| ewa_splat::io::has_particle_types(&input.path).unwrap_or(false);
         let have_types: Vec<bool> = inputs.iter().map(has_types).collect();
         if !have_types.contains(&true) {
-            let expected = "an HDF5 snapshot of particles";
+            let expected = "a snapshot of particles";
             return fault("inputs", expected, "none".into(), "leave it out");
         }
         let of_type = |(input, has_types): (Input, bool)| match has_types {

@@ -4,6 +4,8 @@
 //! sparse accessor whose indices are not in order reads wrong. So its types are used, and the
 //! bytes are read here.
 
+use std::borrow::Cow;
+
 use gltf_json::accessor::{ComponentType, Type};
 use gltf_json::validation::Checked;
 use gltf_json::{self as json, Index};
@@ -32,41 +34,81 @@ pub(super) struct Accessor<'b> {
     component: ComponentType,
     is_normalized: bool,
     /// Bytes from the first element on and their stride; without them all elements are 0.
-    base: Option<(&'b [u8], usize)>,
+    base: Option<(Cow<'b, [u8]>, usize)>,
     /// Indices of the elements that are replaced, in order, and what replaces them.
     sparse: Option<(Vec<usize>, &'b [u8])>,
 }
 
-impl<'b> Accessor<'b> {
+/// What an accessor says of itself.
+pub(super) struct Stated<'b> {
+    accessor: &'b json::Accessor,
+    /// Where it is named, for messages.
+    pub(super) place: String,
+    /// Components of an element.
+    pub(super) width: usize,
+    pub(super) component: ComponentType,
+}
+
+impl<'b> Stated<'b> {
     /// The accessor at `place`, which may be of any of these types.
     ///
     /// # Errors
-    /// Another type, or bytes that are not there.
-    pub(super) fn open(
+    /// No such accessor, or another type.
+    pub(super) fn find(
         buffers: &'b Buffers<'_>,
         index: Index<json::Accessor>,
         place: &str,
         types: &[Type],
         components: &[ComponentType],
     ) -> Result<Self> {
-        let stated = buffers.root.get(index).ok_or_else(|| {
+        let accessor = buffers.root.get(index).ok_or_else(|| {
             let expected = format!("one of {} accessors", buffers.root.accessors.len());
             buffers.refuse(place, expected, format!("accessor {}", index.value()))
         })?;
         let place = format!("{place}, accessor {}", index.value());
-        let (type_, component) = match (stated.type_, stated.component_type) {
+        match (accessor.type_, accessor.component_type) {
             (Checked::Valid(t), Checked::Valid(c))
                 if types.contains(&t) && components.contains(&c.0) =>
             {
-                (t, c.0)
+                Ok(Self {
+                    accessor,
+                    place,
+                    width: t.multiplicity(),
+                    component: c.0,
+                })
             }
             (t, c) => {
                 let expected = format!("{types:?} of {components:?}");
                 let found = format!("{t:?} of {c:?}");
-                return Err(buffers.refuse(place, expected, found));
+                Err(buffers.refuse(place, expected, found))
             }
-        };
-        let width = type_.multiplicity();
+        }
+    }
+
+    /// It with elements from elsewhere, one after another: `component` says how their numbers are stored.
+    pub(super) fn with_elements(self, bytes: Vec<u8>, component: ComponentType) -> Accessor<'b> {
+        let size = self.width * component.size();
+        Accessor {
+            count: bytes.len() / size,
+            width: self.width,
+            component,
+            is_normalized: self.accessor.normalized,
+            base: Some((Cow::Owned(bytes), size)),
+            sparse: None,
+        }
+    }
+
+    /// Its elements in the buffers.
+    ///
+    /// # Errors
+    /// Bytes that are not there.
+    pub(super) fn open(self, buffers: &'b Buffers<'_>) -> Result<Accessor<'b>> {
+        let Self {
+            accessor: stated,
+            place,
+            width,
+            component,
+        } = self;
         let size = width * component.size();
         let too_many = |count: u64, room: usize| {
             let expected = format!("{count} elements");
@@ -92,7 +134,8 @@ impl<'b> Accessor<'b> {
         let base = match stated.buffer_view {
             Some(view) => {
                 let offset = stated.byte_offset.map_or(0, |o| o.0);
-                Some(elements(view, offset, stated.count.0, size, "")?)
+                let (bytes, stride) = elements(view, offset, stated.count.0, size, "")?;
+                Some((Cow::Borrowed(bytes), stride))
             }
             None => None,
         };
@@ -139,7 +182,7 @@ impl<'b> Accessor<'b> {
                 Some((indices, values))
             }
         };
-        Ok(Self {
+        Ok(Accessor {
             count: count_all,
             width,
             component,
@@ -147,6 +190,22 @@ impl<'b> Accessor<'b> {
             base,
             sparse,
         })
+    }
+}
+
+impl<'b> Accessor<'b> {
+    /// The accessor at `place`, which may be of any of these types.
+    ///
+    /// # Errors
+    /// Another type, or bytes that are not there.
+    pub(super) fn open(
+        buffers: &'b Buffers<'_>,
+        index: Index<json::Accessor>,
+        place: &str,
+        types: &[Type],
+        components: &[ComponentType],
+    ) -> Result<Self> {
+        Stated::find(buffers, index, place, types, components)?.open(buffers)
     }
 
     /// How many elements there are.
@@ -160,13 +219,15 @@ impl<'b> Accessor<'b> {
     }
 
     /// The bytes of an element, or `None` where it is 0; `i` is in range.
-    fn element(&self, i: usize) -> Option<&'b [u8]> {
+    fn element(&self, i: usize) -> Option<&[u8]> {
         if let Some((indices, values)) = &self.sparse
             && let Ok(k) = indices.binary_search(&i)
         {
             return Some(&values[k * self.width * self.component.size()..]);
         }
-        self.base.map(|(bytes, stride)| &bytes[i * stride..])
+        self.base
+            .as_ref()
+            .map(|(bytes, stride)| &bytes[i * stride..])
     }
 
     /// Element `i`, which is in range, as numbers; those that it does not have are 0. Normalised

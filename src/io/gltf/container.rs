@@ -8,6 +8,7 @@ use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use gltf_json::{self as json, Index, Root};
 
+use super::meshopt;
 use crate::error::{Error, Result};
 use crate::io::file::Input;
 use crate::io::vtk_xml::clip;
@@ -153,9 +154,22 @@ pub(super) struct Buffers<'f> {
     pub(super) root: &'f Root,
     bin: Option<&'f [u8]>,
     loaded: Vec<OnceCell<Cow<'f, [u8]>>>,
+    /// Views that are packed, each unpacked when it is first needed.
+    unpacked: Vec<OnceCell<Vec<u8>>>,
+    /// For views, the meshes that they pack, each unpacked when it is first needed.
+    #[cfg(feature = "draco")]
+    meshes: Vec<OnceCell<draco_core::Mesh>>,
     /// Bytes of the file and of all buffers read so far.
     bytes: Cell<usize>,
+    /// Bytes that were unpacked so far.
+    unpacked_bytes: Cell<usize>,
 }
+
+/// What may be unpacked of any file, in bytes.
+const UNPACKED: usize = 16 << 20;
+
+/// What may be unpacked of each byte of a file beyond that.
+const UNPACKED_PER_BYTE: usize = 12;
 
 impl<'f> Buffers<'f> {
     pub(super) fn new(
@@ -170,13 +184,29 @@ impl<'f> Buffers<'f> {
             root,
             bin,
             loaded: root.buffers.iter().map(|_| OnceCell::new()).collect(),
+            unpacked: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+            #[cfg(feature = "draco")]
+            meshes: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
             bytes: Cell::new(file_len),
+            unpacked_bytes: Cell::new(0),
         }
     }
 
     /// How many bytes there are: no sound accessor has more elements than this.
     pub(super) fn byte_count(&self) -> usize {
         self.bytes.get()
+    }
+
+    /// How many bytes may be unpacked from now on: as many as the bytes that there are may stand for.
+    pub(super) fn room_to_unpack(&self) -> usize {
+        let most = UNPACKED.saturating_add(self.bytes.get().saturating_mul(UNPACKED_PER_BYTE));
+        most.saturating_sub(self.unpacked_bytes.get())
+    }
+
+    /// Counts what was unpacked.
+    pub(super) fn count_unpacked(&self, bytes: usize) {
+        let before = self.unpacked_bytes.get();
+        self.unpacked_bytes.set(before.saturating_add(bytes));
     }
 
     /// An error at a place of this file.
@@ -203,24 +233,66 @@ impl<'f> Buffers<'f> {
             self.refuse(place, format!("one of {count} buffer views"), found)
         })?;
         let place = format!("buffer view {}", index.value());
-        let buffer = self.buffer(view.buffer.value(), &place)?;
-        let offset = view.byte_offset.map_or(0, |o| o.0);
-        let end = offset.checked_add(view.byte_length.0);
+        let stride = view.byte_stride.map(|s| s.0).filter(|s| *s > 0);
+        let bytes = match (meshopt::packed(view), self.unpacked.get(index.value())) {
+            (Some(packed), Some(cell)) => match cell.get() {
+                Some(bytes) => bytes,
+                None => {
+                    let bytes = meshopt::unpack(self, packed, &place)?;
+                    self.count_unpacked(bytes.len());
+                    cell.get_or_init(|| bytes)
+                }
+            },
+            _ => {
+                let offset = view.byte_offset.map_or(0, |o| o.0);
+                let range = [offset, view.byte_length.0];
+                return Ok((self.part(view.buffer.value(), range, &place)?, stride));
+            }
+        };
+        let stated = usize::try_from(view.byte_length.0).ok();
+        let bytes = stated.and_then(|len| bytes.get(..len)).ok_or_else(|| {
+            let expected = format!("{} bytes", view.byte_length.0);
+            self.refuse(place, expected, format!("{} when unpacked", bytes.len()))
+        })?;
+        Ok((bytes, stride))
+    }
+
+    /// The mesh that a view packs; `unpack` makes it of the view's bytes.
+    ///
+    /// # Errors
+    /// Bytes that are not there, and those of `unpack`.
+    #[cfg(feature = "draco")]
+    pub(super) fn packed_mesh(
+        &self,
+        index: Index<json::buffer::View>,
+        unpack: impl FnOnce(&[u8]) -> Result<draco_core::Mesh>,
+    ) -> Result<&draco_core::Mesh> {
+        let (bytes, _) = self.view(index, "")?;
+        // The view is there.
+        let cell = &self.meshes[index.value()];
+        match cell.get() {
+            Some(mesh) => Ok(mesh),
+            None => {
+                let mesh = unpack(bytes)?;
+                Ok(cell.get_or_init(|| mesh))
+            }
+        }
+    }
+
+    /// A part of a buffer: from this byte on, so many bytes.
+    pub(super) fn part(&self, index: usize, range: [u64; 2], place: &str) -> Result<&[u8]> {
+        let [offset, len] = range;
+        let buffer = self.buffer(index, place)?;
+        let end = offset.checked_add(len);
         let range = end.and_then(|end| {
             let range = usize::try_from(offset).ok()?..usize::try_from(end).ok()?;
             buffer.get(range)
         });
-        let bytes = range.ok_or_else(|| {
-            let found = format!("{} bytes from byte {offset}", view.byte_length.0);
-            let expected = format!(
-                "a part of buffer {}'s {}",
-                view.buffer.value(),
-                buffer.len()
-            );
-            // A fallback of compressed data has a length and no bytes.
+        range.ok_or_else(|| {
+            let found = format!("{len} bytes from byte {offset}");
+            let expected = format!("a part of buffer {index}'s {}", buffer.len());
             self.refuse(place, expected, found)
-        })?;
-        Ok((bytes, view.byte_stride.map(|s| s.0).filter(|s| *s > 0)))
+        })
     }
 
     fn buffer(&self, index: usize, place: &str) -> Result<&[u8]> {

@@ -8,6 +8,8 @@
 //! | extension | what is made of it |
 //! |---|---|
 //! | `KHR_texture_transform`, `KHR_mesh_quantization`, `KHR_materials_emissive_strength`, `EXT_mesh_gpu_instancing`, `EXT_texture_webp`, `KHR_texture_basisu` | as it says |
+//! | `EXT_meshopt_compression`, `KHR_meshopt_compression` | views are unpacked: see [`meshopt`] |
+//! | `KHR_draco_mesh_compression` | primitives are unpacked, with the feature `draco` |
 //! | `KHR_materials_pbrSpecularGlossiness` | its diffuse colour, where the material has no other |
 //! | `KHR_materials_unlit`, and those in [`OF_LIGHT`] | nothing: they change no colour or shape |
 //! | others | nothing and a note; refused by name where the file requires them |
@@ -17,7 +19,10 @@
 
 mod accessor;
 mod container;
+#[cfg(feature = "draco")]
+mod draco;
 mod materials;
+mod meshopt;
 mod nodes;
 mod primitives;
 
@@ -40,20 +45,24 @@ use crate::error::{Error, Result};
 use container::Buffers;
 use materials::Materials;
 use nodes::Nodes;
-use primitives::{NO_TRIANGLES, PrimitiveReader};
+use primitives::PrimitiveReader;
 
-/// The most corners that all triangles of a scene may have together. Nodes and instances share
+/// The most corners that all triangles, lines and points of a scene may have together. Nodes and instances share
 /// meshes, so a small file can state a scene of any size.
 const MOST_CORNERS: usize = 1 << 27;
 
 /// Extensions that are read.
 const READ: &[&str] = &[
     "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    #[cfg(feature = "draco")]
+    DRACO,
     "EXT_texture_webp",
     "KHR_materials_emissive_strength",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
@@ -73,14 +82,14 @@ const OF_LIGHT: &[&str] = &[
     "KHR_xmp_json_ld",
 ];
 
-/// What compresses geometry: a primitive that has no other copy cannot be read without it.
-const COMPRESSION: &[&str] = &["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
+/// What packs the meshes of whole primitives.
+const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// Reads a scene.
 ///
 /// # Errors
 /// JSON or buffers that break the format's rules or are not there, required extensions that are
-/// not read, and scenes without triangles.
+/// not read, and scenes without triangles, lines or points.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
@@ -183,7 +192,7 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     let mut materials = Materials::new(buffers);
     let mut parts: Vec<MeshPart> = Vec::new();
     let mut left_out = LeftOut::default();
-    let (mut corners_left, mut without_triangles) = (MOST_CORNERS, 0_usize);
+    let mut corners_left = MOST_CORNERS;
     for &n in &nodes.shown {
         let node = &root.nodes[n];
         let Some(index) = node.mesh else { continue };
@@ -199,20 +208,22 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
         };
         let weights = node.weights.as_ref().or(mesh.weights.as_ref());
         for (p, primitive) in mesh.primitives.iter().enumerate() {
+            let place = format!("mesh {}, primitive {p}", index.value());
+            #[cfg(not(feature = "draco"))]
+            check_has_copy(buffers, primitive, &place)?;
             let reader = PrimitiveReader {
                 buffers,
                 primitive,
-                place: format!("mesh {}, primitive {p}", index.value()),
+                #[cfg(feature = "draco")]
+                draco: draco::Primitive::of(buffers, primitive, &place)?,
+                place,
             };
-            check_compression(&reader)?;
-            let Some(corners) = reader.corner_count()? else {
-                without_triangles += 1;
-                continue;
-            };
+            let corners = reader.corner_count()?;
             let corners = corners.saturating_mul(instances.len());
             corners_left = corners_left.checked_sub(corners).ok_or_else(|| {
                 let advice = "export fewer instances, or a part of the scene";
-                let expected = format!("{MOST_CORNERS} corners of triangles at most");
+                let expected =
+                    format!("{MOST_CORNERS} corners of triangles, lines and points at most");
                 let found = "more, all instances together";
                 Error::format(buffers.path, reader.place.clone(), expected, found, advice)
             })?;
@@ -224,16 +235,11 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
                 let world = nodes.world_from_node[n] * *instance;
                 let mut part = shape.placed(world, joints.as_deref(), material.material);
                 finish(&mut part, &mut left_out);
-                if !part.triangles.is_empty() {
+                if !part.is_empty() {
                     parts.push(part);
                 }
             }
         }
-    }
-    if without_triangles > 0 {
-        notes.push(format!(
-            "{without_triangles} primitives of {NO_TRIANGLES} are not shown"
-        ));
     }
     notes.extend(materials.notes);
     notes.extend(left_out.notes());
@@ -244,34 +250,28 @@ fn scene(buffers: &Buffers<'_>, notes: &mut Vec<String>) -> Result<Mesh> {
     })
 }
 
-/// Refuses a primitive whose vertices are stored by a compression alone.
-fn check_compression(reader: &PrimitiveReader<'_, '_>) -> Result<()> {
-    let root = reader.buffers.root;
-    let primitive = reader.primitive;
-    let accessors = primitive.attributes.values().chain(&primitive.indices);
-    for accessor in accessors.filter_map(|index| root.get(*index)) {
-        let view = accessor.buffer_view.and_then(|view| root.get(view));
-        let extensions = match view {
-            // The view's bytes may be a copy without compression.
-            Some(view) => {
-                let has_bytes = root
-                    .get(view.buffer)
-                    .is_some_and(|b| b.uri.is_some() || view.buffer.value() == 0);
-                let extensions = view.extensions.as_ref().map(|e| &e.others);
-                extensions.filter(|_| !has_bytes)
-            }
-            None => primitive.extensions.as_ref().map(|e| &e.others),
-        };
-        let named = extensions.and_then(|e| COMPRESSION.iter().find(|n| e.contains_key(**n)));
-        if let Some(name) = named {
-            return Err(Error::format(
-                reader.buffers.path,
-                reader.place.clone(),
-                "vertices without compression",
-                format!("{name}, which is not read"),
-                "export it without compression",
-            ));
-        }
+/// Refuses a primitive whose vertices are packed by Draco and have no other copy.
+#[cfg(not(feature = "draco"))]
+fn check_has_copy(
+    buffers: &Buffers<'_>,
+    primitive: &gltf_json::mesh::Primitive,
+    place: &str,
+) -> Result<()> {
+    let extensions = primitive.extensions.as_ref();
+    let is_packed = extensions.is_some_and(|e| e.others.contains_key(DRACO));
+    let mut accessors = primitive.attributes.values().chain(&primitive.indices);
+    let has_no_bytes = |index: &gltf_json::Index<gltf_json::Accessor>| {
+        let accessor = buffers.root.get(*index);
+        accessor.is_some_and(|a| a.buffer_view.is_none())
+    };
+    if is_packed && accessors.any(has_no_bytes) {
+        return Err(Error::format(
+            buffers.path,
+            place,
+            "vertices without compression",
+            format!("{DRACO}, which is not read without the feature `draco`"),
+            "export it without compression",
+        ));
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Primitives: the triangles of meshes.
+//! Primitives: the triangles, lines and points of meshes.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use gltf_json::mesh::{Mode, Primitive, Semantic};
 use gltf_json::validation::Checked;
 use gltf_json::{self as json, Index};
 
-use super::accessor::{ANY_NUMBERS, Accessor, INDICES};
+use super::accessor::{ANY_NUMBERS, Accessor, INDICES, Stated};
 use super::container::Buffers;
 use crate::error::Result;
 use crate::io::MeshPart;
@@ -23,14 +23,14 @@ pub(super) struct Shape {
     influences: Vec<Vec<(usize, f64)>>,
 }
 
-/// What kind of primitive is not shown, in a note.
-pub(super) const NO_TRIANGLES: &str = "points or lines";
-
 /// A primitive of a mesh, and what messages call it.
 pub(super) struct PrimitiveReader<'b, 'f> {
     pub(super) buffers: &'b Buffers<'f>,
     pub(super) primitive: &'b Primitive,
     pub(super) place: String,
+    /// What is packed by `KHR_draco_mesh_compression`.
+    #[cfg(feature = "draco")]
+    pub(super) draco: Option<super::draco::Primitive<'b>>,
 }
 
 impl<'b> PrimitiveReader<'b, '_> {
@@ -48,7 +48,29 @@ impl<'b> PrimitiveReader<'b, '_> {
         components: &[ComponentType],
     ) -> Result<Accessor<'b>> {
         let place = format!("{}, {name}", self.place);
-        Accessor::open(self.buffers, accessor, &place, types, components)
+        let stated = Stated::find(self.buffers, accessor, &place, types, components)?;
+        #[cfg(feature = "draco")]
+        if let Some(draco) = &self.draco {
+            return draco.open(self.buffers, name, stated);
+        }
+        stated.open(self.buffers)
+    }
+
+    /// How vertices are put together.
+    ///
+    /// # Errors
+    /// No mode of the format.
+    fn mode(&self) -> Result<Mode> {
+        let Checked::Valid(mode) = self.primitive.mode else {
+            let place = format!("{}, mode", self.place);
+            return Err(self.buffers.refuse(place, "0 to 6", "another number"));
+        };
+        #[cfg(feature = "draco")]
+        if self.draco.is_some() {
+            // Strips are unpacked as triangles.
+            return Ok(Mode::Triangles);
+        }
+        Ok(mode)
     }
 
     /// An attribute with as many elements as there are positions.
@@ -82,34 +104,22 @@ impl<'b> PrimitiveReader<'b, '_> {
         self.attribute(Semantic::TexCoords(set)).is_some()
     }
 
-    /// How many corners its triangles have together, or `None` where it has none.
+    /// How many corners its triangles, lines and points have together.
     ///
     /// # Errors
     /// No positions, or accessors that are not there.
-    pub(super) fn corner_count(&self) -> Result<Option<usize>> {
-        let mode = match self.primitive.mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => {
-                let place = format!("{}, mode", self.place);
-                return Err(self.buffers.refuse(place, "0 to 6", "another number"));
-            }
-        };
-        let is_strip = match mode {
-            Mode::Triangles => false,
-            Mode::TriangleStrip | Mode::TriangleFan => true,
-            Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => return Ok(None),
-        };
+    pub(super) fn corner_count(&self) -> Result<usize> {
         let count = match self.primitive.indices {
             Some(accessor) => self
                 .open(accessor, "indices", &[Type::Scalar], INDICES)?
                 .len(),
             None => self.positions()?.len(),
         };
-        Ok(Some(if is_strip {
-            3 * count.saturating_sub(2)
-        } else {
-            count
-        }))
+        Ok(match self.mode()? {
+            Mode::Triangles | Mode::Lines | Mode::Points => count,
+            Mode::TriangleStrip | Mode::TriangleFan => 3 * count.saturating_sub(2),
+            Mode::LineLoop | Mode::LineStrip => 2 * count,
+        })
     }
 
     fn positions(&self) -> Result<Accessor<'b>> {
@@ -120,8 +130,8 @@ impl<'b> PrimitiveReader<'b, '_> {
         self.open(accessor, "POSITION", &[Type::Vec3], ANY_NUMBERS)
     }
 
-    /// The triangles as indices of vertices.
-    fn triangles(&self, vertex_count: usize) -> Result<Vec<[u32; 3]>> {
+    /// A part with its triangles, lines and points as indices of vertices, and nothing else.
+    fn elements(&self, vertex_count: usize) -> Result<MeshPart> {
         let indices: Vec<u32> = match self.primitive.indices {
             Some(accessor) => {
                 let accessor = self.open(accessor, "indices", &[Type::Scalar], INDICES)?;
@@ -137,21 +147,36 @@ impl<'b> PrimitiveReader<'b, '_> {
             let expected = format!("indices of {vertex_count} vertices");
             return Err(self.buffers.refuse(place, expected, index.to_string()));
         }
-        let is_strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));
-        Ok(match self.primitive.mode {
-            Checked::Valid(Mode::TriangleStrip | Mode::TriangleFan) => indices
-                .windows(3)
-                .enumerate()
-                .map(|(i, w)| match (is_strip, i % 2) {
+        let mode = self.mode()?;
+        let is_strip = mode == Mode::TriangleStrip;
+        let mut part = MeshPart {
+            is_flat: true,
+            ..MeshPart::default()
+        };
+        match mode {
+            Mode::TriangleStrip | Mode::TriangleFan => {
+                let triangles = indices.windows(3).enumerate();
+                let triangles = triangles.map(|(i, w)| match (is_strip, i % 2) {
                     (true, 0) => [w[0], w[1], w[2]],
                     (true, _) => [w[0], w[2], w[1]],
                     (false, _) => [w[1], w[2], indices[0]],
-                })
+                });
                 // Strips are joined by triangles of two corners.
-                .filter(|[a, b, c]| a != b && b != c && c != a)
-                .collect(),
-            _ => indices.as_chunks::<3>().0.to_vec(),
-        })
+                part.triangles = triangles
+                    .filter(|[a, b, c]| a != b && b != c && c != a)
+                    .collect();
+            }
+            Mode::Triangles => part.triangles = indices.as_chunks::<3>().0.to_vec(),
+            Mode::Lines => part.lines = indices.as_chunks::<2>().0.to_vec(),
+            Mode::LineStrip | Mode::LineLoop => {
+                part.lines = indices.windows(2).map(|w| [w[0], w[1]]).collect();
+                if let (Mode::LineLoop, [first, .., last]) = (mode, &*indices) {
+                    part.lines.push([*last, *first]);
+                }
+            }
+            Mode::Points => part.points = indices,
+        }
+        Ok(part)
     }
 
     /// Reads it with these weights of morph targets and these sets of texture coordinates.
@@ -166,8 +191,8 @@ impl<'b> PrimitiveReader<'b, '_> {
     ) -> Result<Shape> {
         let positions = self.positions()?;
         let count = positions.len();
-        let mut triangles = self.triangles(count)?;
-        let used = gather(&mut triangles);
+        let mut part = self.elements(count)?;
+        let used = gather(&mut part);
         let point = |accessor: &Accessor<'_>, i: usize| DVec3::from_array(accessor.numbers(i));
 
         let vec3 = [Type::Vec3];
@@ -175,9 +200,7 @@ impl<'b> PrimitiveReader<'b, '_> {
         let mut shape = Shape {
             part: MeshPart {
                 positions: used.iter().map(|&i| point(&positions, i)).collect(),
-                triangles,
-                is_flat: true,
-                ..MeshPart::default()
+                ..part
             },
             normals: normals.map_or(Vec::new(), |normals| {
                 used.iter().map(|&i| point(&normals, i)).collect()
@@ -290,11 +313,13 @@ impl<'b> PrimitiveReader<'b, '_> {
     }
 }
 
-/// Numbers the vertices that triangles use, in order of their use, and returns which they are.
-fn gather(triangles: &mut [[u32; 3]]) -> Vec<usize> {
+/// Numbers the vertices that a part uses, in order of their use, and returns which they are.
+fn gather(part: &mut MeshPart) -> Vec<usize> {
     let mut used = Vec::new();
     let mut index_of: HashMap<u32, u32> = HashMap::new();
-    for i in triangles.as_flattened_mut() {
+    let in_triangles = part.triangles.as_flattened_mut().iter_mut();
+    let in_lines = part.lines.as_flattened_mut().iter_mut();
+    for i in in_triangles.chain(in_lines).chain(&mut part.points) {
         // Not more than there are corners, whose number is limited.
         let next = u32::try_from(used.len()).unwrap_or(u32::MAX);
         let vertex = *i;

@@ -12,6 +12,8 @@
 //! deviations of the kernel, whichever kernel it is (Dehnen & Aly 2012): the radius at which a
 //! cubic spline ends is 1.825742 of them.
 
+use std::path::Path;
+
 use hdf5_reader::group::Group;
 
 use super::super::dataset::Dataset;
@@ -24,7 +26,7 @@ use crate::error::Result;
 use crate::scene::Values;
 
 /// The groups, and what is in them; SWIFT has neutrinos in the last.
-const TYPES: [(&str, &[ParticleType]); 7] = [
+pub(in crate::io) const TYPES: [(&str, &[ParticleType]); 7] = [
     ("PartType0", &[ParticleType::Gas]),
     ("PartType1", &[ParticleType::DarkMatter]),
     ("PartType2", &[ParticleType::Disk]),
@@ -42,6 +44,12 @@ const TYPES: [(&str, &[ParticleType]); 7] = [
 
 /// The name of the field of SWIFT's lengths as standard deviations.
 const SIGMA: &str = "sigma";
+
+/// What lengths are taken as, or where sizes come from, in notes.
+pub(in crate::io) const LENGTH_NOTE: &str = "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
+                                             Gadget defines them.";
+pub(in crate::io) const NO_LENGTH_NOTE: &str =
+    "No smoothing lengths: sizes come from mass over density, or from the distances.";
 
 /// The types that a file has groups of, by their numbers.
 pub(super) fn present(file: &SnapshotFile<'_>) -> Result<Vec<(usize, Group, ParticleCount)>> {
@@ -87,6 +95,41 @@ pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
     Ok(found.min())
 }
 
+/// Which of the types that are there is read, which is marked, and a note of the others where none is asked for.
+///
+/// - `counts`: the types, at least one; `numbers`: their own.
+///
+/// # Errors
+/// No particles of the type that is asked for.
+pub(in crate::io) fn choose(
+    path: &Path,
+    counts: &mut [ParticleCount],
+    numbers: &[usize],
+    wanted: Option<ParticleType>,
+) -> Result<(usize, Option<String>)> {
+    let number = |i: usize| u32::try_from(numbers[i]).ok();
+    let found = match wanted {
+        // A group that is empty stands for a type that has no particles here.
+        None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
+        Some(wanted) => {
+            let is = |i: &usize| counts[*i].count > 0 && counts[*i].is(number(*i), wanted);
+            (0..counts.len()).find(is)
+        }
+    };
+    let Some(at) = found else {
+        let wanted = wanted.unwrap_or(ParticleType::Gas);
+        return Err(absent(path, wanted, counts));
+    };
+    counts[at].is_read = true;
+    let others = counts.iter().filter(|c| !c.is_read && c.count > 0);
+    let others: Vec<&str> = others.map(|c| c.name.as_str()).collect();
+    let note = (wanted.is_none() && !others.is_empty()).then(|| {
+        let (name, others) = (&counts[at].name, others.join(", "));
+        format!("Only {name} is shown; {others} left out.")
+    });
+    Ok((at, note))
+}
+
 /// The particles of a type or, where none is asked for, the gas of a snapshot or, where it has none, the particles of
 /// the first type it has: `None` where it has no particles.
 pub(super) fn read(
@@ -101,31 +144,11 @@ pub(super) fn read(
     if present.is_empty() {
         return Ok(None);
     }
-    let number = |i: usize| u32::try_from(present[i].0).ok();
-    let found = match wanted {
-        // A group that is empty stands for a type that has no particles here.
-        None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
-        Some(wanted) => {
-            let is = |i: &usize| counts[*i].count > 0 && counts[*i].is(number(*i), wanted);
-            (0..counts.len()).find(is)
-        }
-    };
-    let Some(at) = found else {
-        let wanted = wanted.unwrap_or(ParticleType::Gas);
-        return Err(absent(file.path, wanted, &counts));
-    };
-    counts[at].is_read = true;
+    let numbers: Vec<usize> = present.iter().map(|(kind, _)| *kind).collect();
+    let (at, note) = choose(file.path, &mut counts, &numbers, wanted)?;
+    note.into_iter().for_each(|note| file.note(note));
     let (kind, group) = &present[at];
     let kind = *kind;
-    let others = counts.iter().filter(|c| !c.is_read && c.count > 0);
-    let others: Vec<&str> = others.map(|c| c.name.as_str()).collect();
-    if wanted.is_none() && !others.is_empty() {
-        file.note(format!(
-            "Only {} is shown; {} left out.",
-            counts[at].name,
-            others.join(", ")
-        ));
-    }
 
     let positions = file.positions(group, "Coordinates")?;
     let count = positions.len();
@@ -176,16 +199,10 @@ pub(super) fn read(
         );
         (Some(SIGMA.to_owned()), LengthMeaning::Sigma, kernel)
     } else {
-        if gadget_length.is_some() {
-            file.note(
-                "Smoothing lengths are taken as the radius at which a cubic spline ends, as \
-                 Gadget defines them.",
-            );
-        } else {
-            file.note(
-                "No smoothing lengths: sizes come from mass over density, or from the distances.",
-            );
-        }
+        file.note(match gadget_length {
+            Some(_) => LENGTH_NOTE,
+            None => NO_LENGTH_NOTE,
+        });
         (
             gadget_length,
             LengthMeaning::Support,

@@ -5,7 +5,7 @@
 //! one that takes limits on what a read may allocate; a few hundred bytes of HDF5 can declare
 //! gigabytes.
 
-mod gadget;
+pub(super) mod gadget;
 mod layout;
 mod phantom;
 mod pieces;
@@ -128,6 +128,17 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
     gadget::note_other_files(&file)?;
     if let Some(dataset) = gadget::read(&file, wanted)? {
         return Ok(dataset);
+    }
+    if file.group("CGNSLibraryVersion")?.is_some() {
+        let advice = "save it as VTK XML (.vtu, .vts), or as VTKHDF";
+        let found = "a CGNS file, which is not read";
+        return Err(Error::format(
+            path,
+            "format",
+            super::formats::names(),
+            found,
+            advice,
+        ));
     }
     Err(Error::format(
         path,
@@ -578,15 +589,34 @@ fn whole(number: f64) -> Option<usize> {
     is_whole.then_some(number as usize)
 }
 
+/// Filters that the decoder does not undo, by their registered numbers.
+const FILTERS: &[(&str, &str)] = &[
+    ("307", "bzip2"),
+    ("32000", "LZF"),
+    ("32001", "Blosc"),
+    ("32008", "bitshuffle"),
+    ("32013", "ZFP"),
+    ("32015", "Zstandard"),
+    ("32017", "SZ"),
+    ("32026", "Blosc2"),
+];
+
 /// What the decoder found wrong, as an error of this library.
 fn broken(path: &Path, place: &str, error: &hdf5_reader::error::Error) -> Error {
-    Error::format(
-        path,
-        shortened(place),
-        "sound HDF5",
-        error.to_string().chars().take(300).collect::<String>(),
-        "copy the file again, or rewrite it (h5repack) without unusual filters",
-    )
+    let text = error.to_string();
+    let number = text.rsplit_once("filter id ").map(|(_, number)| number);
+    let filter = FILTERS.iter().find(|(known, _)| number == Some(known));
+    let found = match filter {
+        Some((number, name)) => {
+            format!("compressed by {name} (filter {number}), which is not read")
+        }
+        None => text.chars().take(300).collect(),
+    };
+    let advice = match number {
+        Some(_) => "rewrite it with another filter: h5repack -f GZIP=4",
+        None => "copy the file again",
+    };
+    Error::format(path, shortened(place), "sound HDF5", found, advice)
 }
 
 fn shortened(name: &str) -> String {

@@ -8,7 +8,8 @@
 //! | `f` with v, v/vt, v//vn, v/vt/vn | polygons of any size, concave ones too; indices from 1, or back from the latest; texture coordinates and normals that are not there are left out, with a note |
 //! | `usemtl`, `mtllib` | materials; see [`mtl`] |
 //! | `o`, `g`, `s` | nothing: faces of one material are one part |
-//! | `p`, `l`, `curv`, `surf` | nothing, with a note |
+//! | `p`, `l` (and `f` with one or two corners) | points and lines |
+//! | `curv`, `surf` | nothing, with a note |
 //!
 //! OBJ does not say whether a surface is seen from behind. Where all that a material covers is
 //! closed and encloses a volume, with its front outwards, it is not: see [`super::closed`].
@@ -52,8 +53,8 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
         return Err(Error::format(
             path,
             "faces",
-            "one face (`f`) or more",
-            format!("{} vertices and no face", scan.positions.len()),
+            "a face, a line or a point (`f`, `l`, `p`)",
+            format!("{} vertices and none of them", scan.positions.len()),
             "give a mesh; save points as PLY or CSV",
         ));
     }
@@ -80,7 +81,7 @@ pub(crate) fn read(input: Input<'_>, texture: Option<&Path>) -> Result<Dataset> 
         finish(part, &mut left_out);
     }
     notes.extend(left_out.notes());
-    parts.retain(|part| !part.triangles.is_empty());
+    parts.retain(|part| !part.is_empty());
     mesh.parts = parts;
     check_not_empty(path, &mesh)?;
     let mut data = Dataset::new(path, "Wavefront OBJ mesh", Geometry::Mesh(mesh), Vec::new());
@@ -123,7 +124,8 @@ fn part_of(
     let mut coordinates = Vec::new();
     let mut index_of: HashMap<[u32; 3], u32> = HashMap::new();
     let mut indices = Vec::with_capacity(faces.corners.len());
-    for corner in &faces.corners {
+    let marks = faces.lines.as_flattened().iter().chain(&faces.points);
+    for corner in faces.corners.iter().chain(marks) {
         let next = u32::try_from(index_of.len()).unwrap_or(u32::MAX);
         let index = *index_of.entry(*corner).or_insert(next);
         indices.push(index);
@@ -146,7 +148,11 @@ fn part_of(
     if !coordinates.is_empty() {
         part.texture_coordinates.push(coordinates);
     }
-    part.triangles = triangles(&indices, &faces.ends, &part.positions, approximate);
+    let (in_faces, others) = indices.split_at(faces.corners.len());
+    let (in_lines, points) = others.split_at(2 * faces.lines.len());
+    part.lines = in_lines.as_chunks::<2>().0.to_vec();
+    part.points = points.to_vec();
+    part.triangles = triangles(in_faces, &faces.ends, &part.positions, approximate);
     part
 }
 

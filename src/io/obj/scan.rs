@@ -1,7 +1,7 @@
 //! The text of an OBJ file, read in one pass.
 //!
 //! Real files hold a vertex colour here and none there, corners with and without texture
-//! coordinates in one object, faces of one or two corners, materials that are not defined and
+//! coordinates in one object, faces of one or two corners (points and lines), materials that are not defined and
 //! indices out of range: all of that is settled or told of with line numbers at hand. What comes
 //! out are faces in groups, with indices that are in range.
 
@@ -30,6 +30,9 @@ pub(super) struct Faces {
     pub(super) corners: Vec<[u32; 3]>,
     /// For each face, where its corners end; it has three or more.
     pub(super) ends: Vec<usize>,
+    /// Corners of lines and of points.
+    pub(super) lines: Vec<[[u32; 3]; 2]>,
+    pub(super) points: Vec<[u32; 3]>,
 }
 
 /// What an OBJ file holds.
@@ -139,8 +142,6 @@ struct Reader<'p> {
     /// The greatest index of a vertex that came before what it names, and its line.
     ahead: (usize, usize),
     /// Elements that are left out.
-    points: usize,
-    lines: usize,
     curves: usize,
     mixed: usize,
     corners: Vec<[usize; 3]>,
@@ -156,8 +157,6 @@ impl<'p> Reader<'p> {
             material_index: HashMap::new(),
             groups: HashMap::new(),
             ahead: (0, 0),
-            points: 0,
-            lines: 0,
             curves: 0,
             mixed: 0,
             corners: Vec::new(),
@@ -204,8 +203,8 @@ impl<'p> Reader<'p> {
                 self.scan.normals.push(normal.into());
             }
             "f" | "fo" => self.face(words(), number)?,
-            "l" => self.lines += 1,
-            "p" => self.points += 1,
+            "l" => self.marks(words(), number, true)?,
+            "p" => self.marks(words(), number, false)?,
             "curv" | "curv2" | "surf" => self.curves += 1,
             "usemtl" => {
                 self.material = (!rest.is_empty()).then(|| {
@@ -278,8 +277,7 @@ impl<'p> Reader<'p> {
         }
         match corners.len() {
             0 => return Err(self.refuse(number, "three corners or more after f", "")),
-            1 => self.points += 1,
-            2 => self.lines += 1,
+            1 | 2 => self.add_marks(&corners, corners.len() == 2),
             _ => {
                 let has = |kind: usize| corners.iter().all(|c| c[kind] > 0);
                 let some = |kind: usize| corners.iter().any(|c| c[kind] > 0);
@@ -304,6 +302,37 @@ impl<'p> Reader<'p> {
         }
         self.corners = corners;
         Ok(())
+    }
+
+    /// Points, or lines from each to the next.
+    fn marks<'w>(
+        &mut self,
+        words: impl Iterator<Item = &'w str>,
+        number: usize,
+        are_lines: bool,
+    ) -> Result<()> {
+        let corners: Result<Vec<_>> = words.map(|word| self.corner(word, number)).collect();
+        self.add_marks(&corners?, are_lines);
+        Ok(())
+    }
+
+    /// Of lines and points nothing but their vertices counts.
+    fn add_marks(&mut self, corners: &[[usize; 3]], are_lines: bool) {
+        let index = self.faces_of(Group {
+            material: self.material,
+            has_coordinates: false,
+            has_normals: false,
+        });
+        let faces = &mut self.scan.faces[index];
+        let corner = |corner: &[usize; 3]| [u32::try_from(corner[0]).unwrap_or(u32::MAX) - 1, 0, 0];
+        if are_lines {
+            let pairs = corners.windows(2);
+            faces
+                .lines
+                .extend(pairs.map(|pair| [corner(&pair[0]), corner(&pair[1])]));
+        } else {
+            faces.points.extend(corners.iter().map(corner));
+        }
     }
 
     /// The indices that a corner names, from 1; 0 where it names none.
@@ -416,15 +445,12 @@ impl<'p> Reader<'p> {
         for kind in [1, 2] {
             self.leave_out(kind, counts[kind]);
         }
-        for (count, what) in [
-            (self.points, "points are"),
-            (self.lines, "lines are"),
-            (self.curves, "free-form curves and surfaces are"),
-        ] {
-            if count > 0 {
-                let note = format!("{count} {what} not shown: a mesh has faces");
-                self.scan.notes.push(note);
-            }
+        if self.curves > 0 {
+            let note = format!(
+                "{} free-form curves and surfaces are not shown",
+                self.curves
+            );
+            self.scan.notes.push(note);
         }
         if self.mixed > 0 {
             self.scan.notes.push(format!(

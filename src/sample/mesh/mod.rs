@@ -16,6 +16,7 @@
 mod cells;
 mod coverage;
 mod grid;
+mod lines;
 mod normals;
 mod paint;
 mod pieces;
@@ -102,19 +103,21 @@ pub enum Spread {
 #[derive(Debug, Clone)]
 pub struct SampledMesh {
     /// One volume for each kind of surface that occurs: opaque or translucent, seen from one side
-    /// or from both.
+    /// or from both; then one of all lines and points.
     pub volumes: Vec<PointVolume>,
     /// What was made of what.
     pub report: MeshReport,
 }
 
 /// How a mesh was sampled.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct MeshReport {
     /// Triangles in the file.
     pub triangle_count: usize,
     /// Surfels made of them.
     pub surfel_count: usize,
+    /// Kernels of lines and points.
+    pub mark_count: usize,
     /// Of all triangles \[length²\].
     pub area: f64,
     /// The root of the mean area of a surfel \[length\].
@@ -165,6 +168,10 @@ impl MeshReport {
 ///   cell, held to [`MAX_OPACITY`].
 /// - Colours are linear: the means over the cells, of what is there. What a material emits is added.
 ///
+/// Lines are rows of round kernels, and points one each: some two pixels wide in the picture that `spread` is for
+/// ([`Spread::NoDenser`]), else two thousandths of the bounding box's diagonal. They have the colours of their ends and
+/// the material, and no texture.
+///
 /// Texture lookups are Gaussian averages over each piece (EWA, Heckbert 1989), so that a
 /// texture finer than the surfels is filtered and not picked at points.
 ///
@@ -187,6 +194,17 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     mesh.validate()?;
     let mut surface = Surface::new(mesh);
     let whole = surface.area();
+    let marks = lines::kernels(mesh, options.spread);
+    if let (Some(marks), false) = (&marks, whole > 0.0) {
+        return Ok(SampledMesh {
+            report: MeshReport {
+                triangle_count: mesh.triangle_count(),
+                mark_count: marks.particles.len(),
+                ..MeshReport::default()
+            },
+            volumes: vec![marks.clone()],
+        });
+    }
     if !(whole > 0.0) {
         return Err(Error::invalid(
             THE_MESH,
@@ -202,12 +220,8 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     let whole = surface.area();
     let mut report = MeshReport {
         triangle_count: mesh.triangle_count(),
-        surfel_count: 0,
         area: whole * surface.unit * surface.unit,
-        spacing: 0.0,
-        ripple: 0.0,
-        greatest_ripple: 0.0,
-        findings: Vec::new(),
+        ..MeshReport::default()
     };
     let faults = surface.faults;
     report.find(
@@ -279,6 +293,8 @@ pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
     report.spacing = (report.area / report.surfel_count as f64).sqrt();
     report.ripple = (ripple.squares / ripple.count.max(1) as f64).sqrt();
     report.greatest_ripple = ripple.greatest;
+    report.mark_count = marks.as_ref().map_or(0, |marks| marks.particles.len());
+    volumes.extend(marks);
     Ok(SampledMesh { volumes, report })
 }
 

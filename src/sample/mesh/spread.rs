@@ -83,8 +83,12 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
 /// nor does what lies beside the picture. `None` where some of the mesh lies behind the eye, or nothing
 /// of it is in the picture.
 ///
-/// On a plane at the distance h from the eye an area at the depth z has fx fy h / z³ pixels.
+/// On a plane at the distance h from the eye an area at the depth z has fx fy h / z³ pixels. Of a mesh of lines and points alone it
+/// is what has the mean depth of their ends and is seen straight on.
 pub fn pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
+    if mesh.triangle_count() == 0 {
+        return straight_on(mesh, camera);
+    }
     let of_part = |part: &MeshPart| {
         let add = |mut pieces: Vec<Piece>, triangle: &[u32; 3]| {
             let corner = |c: u32| part.positions.get(c as usize).filter(|p| p.is_finite());
@@ -111,6 +115,21 @@ pub fn pixels_per_area(mesh: &Mesh, camera: &Camera) -> Option<f64> {
         denser > (1.0 - SEEN) * covered
     })?;
     (last.density > 0.0 && last.density.is_finite()).then_some(last.density)
+}
+
+/// Pixels on a unit of an area at the mean depth of a mesh's corners that faces the eye \[1/length²\].
+fn straight_on(mesh: &Mesh, camera: &Camera) -> Option<f64> {
+    let positions = mesh.parts.iter().flat_map(|part| &part.positions);
+    let depths = positions
+        .filter(|p| p.is_finite())
+        .map(|p| camera.camera_point(*p).z);
+    let (sum, count) = depths.fold((0.0, 0.0), |(sum, count), z| (sum + z, count + 1.0));
+    let depth = match camera.projection {
+        Projection::Perspective => sum / count,
+        Projection::Orthographic => 1.0,
+    };
+    let density = camera.focal_px.element_product() / (depth * depth);
+    (depth > 0.0 && density > 0.0 && density.is_finite()).then_some(density)
 }
 
 /// A part of a triangle in the picture.

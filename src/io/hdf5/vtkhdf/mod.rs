@@ -338,22 +338,22 @@ impl<'f, 'a> Block<'f, 'a> {
     }
 
     /// Indices from 0 to 4294967295, or kinds of cells.
-    fn indices<T>(
+    fn indices<T: Copy + Default + Send>(
         &self,
         group: &Group,
         name: &str,
         rows: Range<usize>,
-        convert: impl Fn(i128) -> Option<T>,
+        convert: impl Fn(i128) -> Option<T> + Sync,
     ) -> Result<Vec<T>> {
         let array = self.needed(group, name, Some(rows))?;
         self.whole_numbers(name, &array, convert)
     }
 
-    fn whole_numbers<T>(
+    fn whole_numbers<T: Copy + Default + Send>(
         &self,
         name: &str,
         array: &super::Array,
-        convert: impl Fn(i128) -> Option<T>,
+        convert: impl Fn(i128) -> Option<T> + Sync,
     ) -> Result<Vec<T>> {
         let numbers = scalars::integers(&array.bytes, array.encoding, convert);
         numbers.map_err(|fault| {

@@ -1,0 +1,267 @@
+//! NetCDF files: unstructured grids by the rules of Exodus II ([`exodus`]), and grids of the earth by those of CF
+//! ([`grid`]).
+//!
+//! | container | its first bytes |
+//! |---|---|
+//! | classic | `CDF\x01` |
+//! | 64-bit offset | `CDF\x02` |
+//! | CDF-5 | `CDF\x05` |
+//! | netCDF-4 | `\x89HDF`: an HDF5 file |
+//!
+//! The containers are decoded by the `netcdf-reader` crate, which checks counts against the bytes that are there, and reads
+//! HDF5 by the same crate as snapshots of particles are read by, with the same limits. A file of HDF5 is taken for
+//! netCDF-4 by its name, or by the attribute `_NCProperties` that the netCDF library writes into the first bytes.
+
+mod axis;
+mod elements;
+mod exodus;
+mod grid;
+mod place;
+
+use std::cell::Cell;
+use std::path::Path;
+
+use netcdf_reader::{
+    NcAttribute, NcFile, NcOpenOptions, NcSliceInfo, NcSliceInfoElem, NcType, NcVariable,
+};
+
+use super::dataset::Dataset;
+use super::file::Input;
+use super::scalars::narrow;
+use super::time_steps::{self, TimeStep};
+use super::{ReadAs, hdf5};
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// Endings of netCDF files, those of Exodus among them.
+pub(super) const ENDINGS: &[&str] = &["nc", "nc4", "cdf", "ex2", "exo", "exii", "e"];
+
+/// All arrays of a file together may have so many times its bytes, which netCDF-4 may compress.
+const MOST_INFLATION: usize = 32;
+
+/// ... and so many bytes more, for files so small that the ratio says nothing.
+const SMALL: usize = 16 << 20;
+
+/// What the netCDF library puts where nothing was written, in single and in double precision.
+const NEVER_WRITTEN: f32 = 9.969_21e36;
+const NEVER_WRITTEN_DOUBLE: f64 = 9.969_209_968_386_869e36;
+
+/// What to do about a file that breaks the rules.
+const DAMAGED: &str = "the file is damaged: copy it or save it again";
+
+/// Whether a file is netCDF.
+///
+/// - `has_its_name`: whether it ends in one of [`ENDINGS`].
+pub(super) fn looks_like(head: &[u8], has_its_name: bool) -> bool {
+    const MARK: &[u8] = b"_NCProperties";
+    let is_classic = head.starts_with(b"CDF") && matches!(head.get(3), Some(1 | 2 | 5));
+    let is_marked = || head.windows(MARK.len()).any(|w| w == MARK);
+    is_classic || head.starts_with(hdf5::MAGIC) && (has_its_name || is_marked())
+}
+
+/// Reads a grid.
+///
+/// # Errors
+/// A damaged file, or one without a grid.
+pub(super) fn read(
+    input: Input<'_>,
+    time_step: Option<usize>,
+    read_as: Option<ReadAs>,
+) -> Result<Dataset> {
+    let file = NetcdfFile::open(input)?;
+    match exodus::is_exodus(&file)? {
+        true => exodus::read(&file, time_step, read_as),
+        false => grid::read(&file, time_step),
+    }
+}
+
+/// The steps of time in the file.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
+    let file = NetcdfFile::open(input)?;
+    let times = match exodus::is_exodus(&file)? {
+        true => exodus::times(&file)?,
+        false => grid::times(&file)?,
+    };
+    Ok(time_steps::of_file(input.path, &times))
+}
+
+/// A file while it is read.
+struct NetcdfFile<'a> {
+    path: &'a Path,
+    file: NcFile,
+    /// Bytes that may still be read into memory.
+    budget: Cell<usize>,
+}
+
+impl<'a> NetcdfFile<'a> {
+    fn open(input: Input<'a>) -> Result<Self> {
+        let path = input.path;
+        let bytes = input.read_all()?.into_owned();
+        let budget = bytes
+            .len()
+            .saturating_mul(MOST_INFLATION)
+            .saturating_add(SMALL);
+        let options = NcOpenOptions {
+            // Every array is read once.
+            chunk_cache_bytes: 0,
+            max_chunk_bytes: budget,
+            max_read_bytes: budget,
+            max_object_header_bytes: bytes.len().saturating_add(SMALL / 16),
+            ..NcOpenOptions::default()
+        };
+        let file = NcFile::from_owner(bytes, options).map_err(|e| broken(path, "file", &e))?;
+        Ok(Self {
+            path,
+            file,
+            budget: Cell::new(budget),
+        })
+    }
+
+    /// All variables of the root group.
+    fn variables(&self) -> Result<&[NcVariable]> {
+        self.file
+            .variables()
+            .map_err(|e| broken(self.path, "variables", &e))
+    }
+
+    /// The variable of a name, where there is one.
+    fn variable(&self, name: &str) -> Result<Option<&NcVariable>> {
+        Ok(self.variables()?.iter().find(|v| v.name == name))
+    }
+
+    /// The length of the dimension of a name, where there is one.
+    fn dimension(&self, name: &str) -> Result<Option<u64>> {
+        let dimensions = self.file.dimensions();
+        let dimensions = dimensions.map_err(|e| broken(self.path, "dimensions", &e))?;
+        let found = dimensions.iter().find(|d| d.name == name);
+        Ok(found.map(|d| d.size))
+    }
+
+    /// Takes so many numbers of so many bytes from what may be read.
+    fn spend(
+        &self,
+        place: impl FnOnce() -> String,
+        count: Option<usize>,
+        size: usize,
+    ) -> Result<()> {
+        let left = count
+            .and_then(|n| n.checked_mul(size))
+            .and_then(|byte_count| self.budget.get().checked_sub(byte_count));
+        let left = left.ok_or_else(|| {
+            Error::format(
+                self.path,
+                place(),
+                format!("arrays of at most {MOST_INFLATION} times the file's bytes in all"),
+                "more",
+                "the file is damaged, or compressed beyond reason: write it uncompressed",
+            )
+        })?;
+        self.budget.set(left);
+        Ok(())
+    }
+
+    /// The part of a variable that has the given places along its first dimensions, and all along the others.
+    fn part(&self, variable: &NcVariable, at: &[usize], size: usize) -> Result<NcSliceInfo> {
+        let mut selection = NcSliceInfo::all(variable.ndim());
+        for (selected, &i) in selection.selections.iter_mut().zip(at) {
+            *selected = NcSliceInfoElem::Index(i as u64);
+        }
+        let mut rest = variable.shape().into_iter().skip(at.len());
+        let count = rest.try_fold(1_usize, |n, m| n.checked_mul(usize::try_from(m).ok()?));
+        self.spend(|| place(variable), count, size)?;
+        Ok(selection)
+    }
+
+    /// Numbers of a variable in double precision, at the given places along its first dimensions.
+    fn doubles(&self, variable: &NcVariable, at: &[usize]) -> Result<Vec<f64>> {
+        let part = self.part(variable, at, size_of::<f64>())?;
+        self.file
+            .read_variable_slice_as_f64(variable.name(), &part)
+            .map(|array| array.into_raw_vec_and_offset().0)
+            .map_err(|e| broken(self.path, &place(variable), &e))
+    }
+
+    /// As [`NetcdfFile::doubles`], as fields hold them.
+    fn values(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
+        if *variable.dtype() != NcType::Float {
+            let numbers = self.doubles(variable, at)?;
+            return Ok(Values::F32(numbers.into_iter().map(narrow).collect()));
+        }
+        let part = self.part(variable, at, size_of::<f32>())?;
+        self.file
+            .read_variable_slice(variable.name(), &part)
+            .map(|array| Values::F32(array.into_raw_vec_and_offset().0))
+            .map_err(|e| broken(self.path, &place(variable), &e))
+    }
+
+    /// As [`NetcdfFile::doubles`], scaled and with NaN for what is missing, as the attributes say.
+    fn unpacked_doubles(&self, variable: &NcVariable, at: &[usize]) -> Result<Vec<f64>> {
+        let part = self.part(variable, at, size_of::<f64>())?;
+        let array = self
+            .file
+            .read_variable_slice_unpacked_masked(variable.name(), &part)
+            .map_err(|e| broken(self.path, &place(variable), &e))?;
+        let mut numbers = array.into_raw_vec_and_offset().0;
+        let fill = match variable.dtype() {
+            NcType::Float => f64::from(NEVER_WRITTEN),
+            _ => NEVER_WRITTEN_DOUBLE,
+        };
+        for number in numbers.iter_mut().filter(|x| **x == fill) {
+            *number = f64::NAN;
+        }
+        Ok(numbers)
+    }
+
+    /// As [`NetcdfFile::unpacked_doubles`], as fields hold them.
+    fn unpacked(&self, variable: &NcVariable, at: &[usize]) -> Result<Values> {
+        let numbers = self.unpacked_doubles(variable, at)?;
+        Ok(Values::F32(numbers.into_iter().map(narrow).collect()))
+    }
+
+    /// The texts of a variable of characters, without what fills them up.
+    fn texts(&self, variable: &NcVariable) -> Result<Vec<String>> {
+        let count = variable.num_elements().ok();
+        self.spend(
+            || place(variable),
+            count.and_then(|n| usize::try_from(n).ok()),
+            size_of::<String>(),
+        )?;
+        let texts = self.file.read_variable_as_strings(variable.name());
+        let texts = texts.map_err(|e| broken(self.path, &place(variable), &e))?;
+        let clean = |text: String| text.split('\0').next().unwrap_or("").trim().to_owned();
+        Ok(texts.into_iter().map(clean).collect())
+    }
+
+    fn fault(&self, variable: &NcVariable, expected: impl Into<String>, found: String) -> Error {
+        Error::format(self.path, place(variable), expected, found, DAMAGED)
+    }
+}
+
+/// The text of an attribute.
+fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
+    let found = attributes.iter().find(|a| a.name == name)?;
+    let text = found.value.as_string()?;
+    Some(text.trim_matches(['\0', ' ']).to_owned())
+}
+
+fn place(variable: &NcVariable) -> String {
+    format!("variable `{}`", shortened(variable.name()))
+}
+
+/// What the decoder found wrong, as an error of this library.
+fn broken(path: &Path, place: &str, error: &netcdf_reader::Error) -> Error {
+    Error::format(
+        path,
+        place,
+        "sound netCDF",
+        error.to_string().chars().take(300).collect::<String>(),
+        "copy the file again, or rewrite it (nccopy) without unusual filters",
+    )
+}
+
+fn shortened(name: &str) -> String {
+    name.chars().take(60).collect()
+}

@@ -1,0 +1,42 @@
+//! Formats that are not read are refused by name, with a way out.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use ewa_splat::io::{OpenOptions, read};
+
+#[test]
+fn formats_that_are_not_read_have_names_and_ways_out() {
+    let adf = b"\0\0\0\0ADF Database Version";
+    for (name, bytes, what, way) in [
+        ("a.fbx", &b"Kaydara FBX Binary  \0"[..], "FBX", "glTF"),
+        ("a", b"; FBX 7.3.0 project file", "FBX", "glTF"),
+        ("a.usda", b"#usda 1.0\n", "USD", "glTF"),
+        ("a.usdc", b"PXR-USDC\0\0", "USD", "glTF"),
+        ("a.usdz", b"PK\x03\x05\0", "USD", "glTF"),
+        ("a.plt", b"#!TDV112\0", "binary Tecplot", "VTK"),
+        ("a.cgns", adf, "ADF", "adf2hdf"),
+        ("a.vdb", b" BDV\0\0\0\0", "OpenVDB", "NRRD"),
+        ("a.rad", b"RAD0\0\0", ".rad", "SPZ"),
+        ("a.lcc", b"\x01\x02\x03", "LCC", "SPZ"),
+        (
+            "a.webp",
+            b"RIFF\0\0\0\0WEBPVP8 ",
+            "WebP",
+            "image holds no volume",
+        ),
+        (
+            "a.bin",
+            b"\x89PNG\r\n\x1a\n",
+            "PNG",
+            "image holds no volume",
+        ),
+        ("a.gz", b"\x1f\x8b\x08\0\0\0\0\0", "gzip", "unpack"),
+    ] {
+        let error = read(name, bytes, &OpenOptions::default()).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains(what) && error.contains("which is not read"),
+            "{name}: {error}"
+        );
+        assert!(error.contains(way), "{name}: {error}");
+    }
+}
