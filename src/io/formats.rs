@@ -6,14 +6,17 @@
 
 use std::path::Path;
 
+#[cfg(feature = "e57")]
+use super::e57;
 use super::file::{HEAD, Input};
 #[cfg(feature = "netcdf")]
 use super::netcdf;
 use super::time_steps::TimeStep;
 use super::{
-    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, meta_image, nifti,
-    npy, npz, nrrd, obj, of_folder, openfoam, plot3d, plotfile, ply, pvd, raw, refused, sog, splat,
-    spz, stl, tecplot, threemf, vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, zip,
+    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, las, meta_image,
+    nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd, raw, refused,
+    sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection, vtk_legacy, vtk_xml,
+    vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -55,6 +58,8 @@ pub enum Family {
     Simulations,
     /// Particles and tables of points.
     Particles,
+    /// Clouds of points from scanners.
+    Clouds,
     /// Meshes.
     Meshes,
     /// Splats of radiance fields.
@@ -65,11 +70,12 @@ pub enum Family {
 
 impl Family {
     /// All of them, in the order of lists.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Grids,
         Self::Volumes,
         Self::Simulations,
         Self::Particles,
+        Self::Clouds,
         Self::Meshes,
         Self::Splats,
         Self::Collections,
@@ -82,6 +88,7 @@ impl Family {
             Self::Volumes => "volumes",
             Self::Simulations => "simulations",
             Self::Particles => "particles",
+            Self::Clouds => "point clouds",
             Self::Meshes => "meshes",
             Self::Splats => "splats",
             Self::Collections => "collections",
@@ -198,7 +205,7 @@ static FORMATS: &[Format] = &[
         name: "NRRD",
         family: Family::Volumes,
         endings: &["nrrd", "nhdr"],
-        reads: "all types of numbers in either byte order; raw, text, hex, gzip; numbers in other files, a list or a \
+        reads: "all types of numbers in either byte order; raw, text, hex, gzip, bzip2; numbers in other files, a list or a \
                 pattern of them. See [Images with headers](#images-with-headers)",
         begins: |p| p.head.starts_with(nrrd::MAGIC),
         read: |input, _| nrrd::read(input),
@@ -212,6 +219,16 @@ static FORMATS: &[Format] = &[
                 list or a pattern of them",
         begins: |p| meta_image::looks_like(p.head),
         read: |input, _| meta_image::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "TIFF stacks",
+        family: Family::Volumes,
+        endings: &["tif", "tiff"],
+        reads: "pages of one size as layers: integers and floats of 8 to 64 bits, grey or colours, raw, LZW, deflate, \
+                BigTIFF; ImageJ's spacing, channels (a field each) and times (the first). Rows go along y",
+        begins: |p| tiff::looks_like(p.head),
+        read: |input, _| tiff::read(input),
         ..PLAIN
     },
     Format {
@@ -443,6 +460,47 @@ static FORMATS: &[Format] = &[
                 IEEE numbers of 32 and 64 bits in either byte order; two and three dimensions, Cartesian",
         begins: |p| plotfile::looks_like(p.head),
         read: |input, _| plotfile::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "LAS",
+        family: Family::Clouds,
+        endings: &["las"],
+        reads: "versions 1.0 to 1.4, formats of points 0 to 10, extra bytes; colours of bytes and words. Points that are \
+                flagged as withheld are left out. LAZ is refused by name",
+        begins: |p| p.head.starts_with(las::MAGIC),
+        is_named: |p| p.ends_in(&["laz"]),
+        read: |input, _| las::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "PCD",
+        family: Family::Clouds,
+        endings: &["pcd"],
+        reads: "ascii, binary, binary_compressed; `rgb` and `rgba`; the viewpoint is left out with a note",
+        begins: |p| pcd::looks_like(p.head),
+        read: |input, _| pcd::read(input),
+        ..PLAIN
+    },
+    #[cfg(feature = "e57")]
+    Format {
+        name: "E57",
+        family: Family::Clouds,
+        endings: &["e57"],
+        reads: "all scans of a file in its coordinates (Cartesian or spherical), colours, intensities as they are stored",
+        begins: |p| p.head.starts_with(b"ASTM-E57"),
+        read: |input, _| e57::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "text point clouds",
+        family: Family::Clouds,
+        endings: &["pts"],
+        reads: "lines of 3 to 10 numbers without names, also as `.xyz`, `.txt`, `.asc`: x, y, z, then by their numbers a \
+                normal, a colour, an intensity; a count in the first line",
+        begins: |p| p.ends_in(&["asc", "pts", "txt", "xyz"]) && p.is_text() && xyz::looks_like(p),
+        resembles: |p| !p.ends_in(&["csv", "tsv"]) && p.is_text() && xyz::looks_like(p),
+        read: |input, _| xyz::read(input),
         ..PLAIN
     },
     Format {

@@ -462,9 +462,10 @@ fn packing(header: &Header<'_>) -> Result<Packing> {
         "txt" | "text" | "ascii" => Packing::Text,
         "hex" => Packing::Hex,
         "gz" | "gzip" => Packing::Gzip,
+        "bz2" | "bzip2" => Packing::Bzip2,
         _ => {
             let place = "header, `encoding`";
-            let expected = "raw, ascii, hex or gzip";
+            let expected = "raw, ascii, hex, gzip or bzip2";
             let found = format!("`{}`, which is not read", clip(text));
             let advice = "save it with the encoding gzip: `unu save -f nrrd -e gzip`";
             return Err(Error::format(header.path, place, expected, found, advice));

@@ -9,6 +9,8 @@ use crate::error::{Advice, Error, Hint};
 
 /// What files begin with, at which byte; what they are; and what to do.
 const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
+    #[cfg(not(feature = "e57"))]
+    E57,
     (0, b"\x89PNG", "a PNG image", IMAGE),
     (0, b"\xff\xd8\xff", "a JPEG image", IMAGE),
     (8, b"WEBP", "a WebP image", IMAGE),
@@ -46,6 +48,15 @@ const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
         "save them as SPZ or PLY with the program that wrote them",
     ),
 ];
+
+/// What is refused by a build that lacks what reads it.
+#[cfg(not(feature = "e57"))]
+const E57: (usize, &[u8], &str, &str) = (
+    0,
+    b"ASTM-E57",
+    "an E57 file",
+    "build with the feature e57, or save it as LAS or PLY",
+);
 
 /// Endings of files that say nothing in their first bytes.
 const ENDINGS: &[(&str, &str, &str)] = &[

@@ -295,7 +295,8 @@ fn named(error: Error, file: &Path) -> Error {
 ///   `vxx,vxy,vxz,vyy,vyz,vzz` | `scale_0..2,rot_0..3`, or what [`Dataset::smoothing`] names;
 ///   `mass` | `extinction` with `volume` | `opacity` | a scalar with a transfer function, whose
 ///   volumes are `volume` or `m` over `rho`; `r,g,b`. Without shape columns kernels are spheres
-///   sized by the distances to the nearest neighbours, or discs where the points make up a surface.
+///   sized by the distances to the nearest neighbours, or discs where the points make up a surface; where nothing is known but
+///   colours, they are opaque.
 /// - Splats keep their shapes, opacities and colours, and their format's own rule of drawing;
 ///   a named field replaces the colours. Their colours are sRGB-encoded and are decoded, because
 ///   compositing is linear here; most viewers of splats blend the encoded values, so that

@@ -254,7 +254,7 @@ fn what_breaks_the_rules_is_refused() {
             "`endian`",
         ),
         (
-            "type: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: bzip2",
+            "type: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: lzma",
             8,
             "-e gzip",
         ),

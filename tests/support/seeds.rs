@@ -93,6 +93,7 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 seeds.push((name.clone(), bytes.clone()));
             }
         }
+        seeds.extend(clouds_and_stacks());
         for file in legacy_vtk() {
             seeds.push(("a.vtk".into(), file));
         }
@@ -329,6 +330,33 @@ fn collections() -> Vec<Set> {
         });
     }
     sets
+}
+
+/// Fixtures of scanners and of image programs, which other programs wrote.
+fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    let mut seeds = Vec::new();
+    for name in [
+        "cloud.e57",
+        "cloud_0.las",
+        "cloud_8.las",
+        "cloud_ascii.pcd",
+        "cloud_binary.pcd",
+        "cloud_packed.pcd",
+        "stack_bzip2.nrrd",
+        "stack_deflate.tif",
+        "stack_imagej.tif",
+        "stack_lzw.tif",
+        "stack_tiled.tif",
+    ] {
+        let bytes = std::fs::read(folder.join(name)).unwrap();
+        for _ in 0..4 {
+            seeds.push((name.to_owned(), bytes.clone()));
+        }
+    }
+    let text = b"2\n1.5 2 3 -312 128 90 77\n4 5 6 9 1 2 3\n";
+    seeds.push(("a.pts".into(), text.to_vec()));
+    seeds
 }
 
 /// Images with headers, with their numbers behind them, and STL.

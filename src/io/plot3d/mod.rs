@@ -54,6 +54,17 @@ pub(crate) fn looks_like_grid(head: &[u8], len: u64) -> bool {
         .any(|layout| layout.end(Kind::Grid).map(|end| end as u64) == Some(len))
 }
 
+/// Whether a file of text holds as many numbers as a PLOT3D grid of the size that its first numbers say.
+pub(crate) fn is_text_grid(input: Input<'_>) -> bool {
+    let numbers = input
+        .read_all()
+        .and_then(|bytes| text::numbers(input.path, &bytes, bytes.len()));
+    numbers.is_ok_and(|numbers| {
+        let mut fitting = Layout::fitting(Contents::Numbers(&numbers), Kind::Grid);
+        fitting.next().is_some()
+    })
+}
+
 /// Reads a grid, and its solution: the one given, or one found beside it.
 ///
 /// # Errors

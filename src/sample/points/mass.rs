@@ -13,6 +13,8 @@ pub(super) enum Mass<'a> {
     Stated(&'a Values),
     Extinction(&'a Values, &'a Values),
     Opacity(&'a Values),
+    /// The opacity of all, where nothing states one.
+    Uniform(f64),
     /// From the transfer function, with these volumes.
     Classified(Volume<'a>),
 }
@@ -98,17 +100,8 @@ impl Mass<'_> {
             Self::Extinction(extinction, volume) => {
                 (number(extinction) * number(volume), number(volume))
             }
-            // Seen along the axis of least depth, the shortest, the kernel's line integral is
-            // 1 / (2 pi s1 s2) with the two greatest standard deviations. Flat and round
-            // kernels have that direction; a needle has none with an area to state it for.
-            Self::Opacity(opacity) => {
-                let opacity = number(opacity);
-                let area = std::f64::consts::TAU * sigmas[0] * sigmas[1];
-                if opacity < 0.0 || area <= 0.0 {
-                    return Err(LeftOut::Strength);
-                }
-                (-(-opacity.min(MAX_OPACITY)).ln_1p() * area, kernel_volume)
-            }
+            Self::Opacity(opacity) => (of_opacity(number(opacity), sigmas)?, kernel_volume),
+            Self::Uniform(opacity) => (of_opacity(*opacity, sigmas)?, kernel_volume),
             Self::Classified(volume) => {
                 let volume = match volume {
                     Volume::Column(volume) => number(volume),
@@ -128,4 +121,16 @@ impl Mass<'_> {
             Err(LeftOut::Strength)
         }
     }
+}
+
+/// The mass of a kernel of this opacity.
+///
+/// Seen along the axis of least depth, the shortest, the kernel's line integral is 1 / (2 pi s1 s2) with the two greatest
+/// standard deviations. Flat and round kernels have that direction; a needle has none with an area to state it for.
+fn of_opacity(opacity: f64, sigmas: [f64; 3]) -> Result<f64, LeftOut> {
+    let area = std::f64::consts::TAU * sigmas[0] * sigmas[1];
+    if opacity < 0.0 || area <= 0.0 {
+        return Err(LeftOut::Strength);
+    }
+    Ok(-(-opacity.min(MAX_OPACITY)).ln_1p() * area)
 }

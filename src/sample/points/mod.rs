@@ -13,8 +13,8 @@ use self::mass::Mass;
 use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
-    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, check_count, index_u32, keep,
-    narrowed, nothing_left, take_scalar, under_function,
+    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, TransferChoice, check_count,
+    index_u32, keep, narrowed, nothing_left, take_scalar, under_function,
 };
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
@@ -30,6 +30,9 @@ const NUMBER_DENSITY: &str = "number density";
 
 /// The name that the report gives to mass over volume where no density is stated.
 const MASS_DENSITY: &str = "density (mass over volume)";
+
+/// The opacity of points that have colours and no more: a few overlap everywhere.
+const SCAN_OPACITY: f64 = 0.95;
 
 /// Rows shaped at a time.
 const BATCH: usize = 1 << 16;
@@ -58,11 +61,23 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     let shapes = columns.shapes(positions, options)?;
     let mass = columns.mass(&shapes, options)?;
     let shape = &shapes.shape;
-    let is_classified = matches!(mass, Mass::Classified(_));
     let rgb = match columns.set(RGB)? {
         Some(rgb) => Some(rgb),
         None => columns.set(RED_GREEN_BLUE)?.or_else(|| columns.colours()),
     };
+    // Points of a scanner, of which nothing is known but places and colours: what they lie on hides what is behind.
+    let is_scan = rgb.is_some()
+        && shapes.bare
+        && options.field.is_none()
+        && !options.for_columns
+        && matches!(options.transfer, TransferChoice::Automatic)
+        && columns.default_field(false).is_none()
+        && columns.get(columns.names().1)?.is_none();
+    let mass = match mass {
+        Mass::Classified(_) if is_scan => Mass::Uniform(SCAN_OPACITY),
+        mass => mass,
+    };
+    let is_classified = matches!(mass, Mass::Classified(_));
 
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {

@@ -1,0 +1,328 @@
+//! Stacks of images in TIFF (`.tif`, `.tiff`), which the crate `tiff` decodes.
+//!
+//! Pages of one size are the layers of a volume, the first at z = 0; columns go along x, rows along y. ImageJ says more in
+//! the description of the first page, `key=value` in lines: `channels` pages for each of `slices` layers, `frames` times;
+//! `spacing`, the distance of layers, in the units (`unit`) of which the resolution says how many pixels one has. Other
+//! resolutions are of prints, and are left out.
+//!
+//! <https://www.itu.int/itudoc/itu-t/com16/tiff-fx/docs/tiff6.pdf>
+
+use std::io::Cursor;
+use std::path::Path;
+
+use glam::DVec3;
+use tiff::ColorType;
+use tiff::decoder::{Decoder, Limits, ifd::Value};
+use tiff::tags::Tag;
+
+use super::cloud::DAMAGED;
+use super::dataset::{Dataset, Field, Geometry};
+use super::file::Input;
+use super::scalars::{Encoding, ScalarType, Stride, values};
+use super::voxels;
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// How many bytes LZW makes of one, at most, and deflate fewer.
+const RATIO: u64 = 2048;
+
+/// Bytes of a strip or tile while it is unpacked.
+const INTERMEDIATE: usize = 1 << 25;
+
+type Pages<'a> = Decoder<Cursor<&'a [u8]>>;
+
+/// Whether a file begins as TIFF or BigTIFF, in either byte order.
+pub(super) fn looks_like(head: &[u8]) -> bool {
+    [&b"II*\0"[..], b"MM\0*", b"II+\0", b"MM\0+"]
+        .iter()
+        .any(|magic| head.starts_with(magic))
+}
+
+/// Reads a stack, or one image as a layer.
+///
+/// # Errors
+/// What the crate finds wrong, pages whose bytes are not there, or pixels that are no numbers of their own.
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let bytes = input.read_all()?;
+    let fault = |e: tiff::TiffError| damaged(path, &e);
+    let mut limits = Limits::default();
+    // The crate bounds lists of tags by this, which take eight bytes in memory for each of the file; pixels go into a
+    // buffer of ours.
+    limits.decoding_buffer_size = bytes.len().saturating_mul(8);
+    limits.ifd_value_size = bytes.len();
+    limits.intermediate_buffer_size = bytes.len().max(INTERMEDIATE);
+    let pages = Decoder::new(Cursor::new(&*bytes)).map_err(fault)?;
+    let mut pages = pages.with_limits(limits);
+    let description = pages.get_tag(Tag::ImageDescription).ok();
+    let image_j = description
+        .and_then(|value| value.into_string().ok())
+        .filter(|text| text.starts_with("ImageJ="))
+        .map(|text| ImageJ::of(&text))
+        .unwrap_or_default();
+    let [x, y] = [Tag::XResolution, Tag::YResolution].map(|tag| step(&mut pages, tag, &image_j));
+
+    let mut left = bytes.len() as u64;
+    let first = Page::of(path, &mut pages)?;
+    let mut channels: Vec<Vec<Option<Values>>> = Vec::new();
+    let (mut layers, mut others, mut later) = (0, 0, 0);
+    for number in 0.. {
+        if number > 0 {
+            if !pages.more_images() {
+                break;
+            }
+            pages.next_image().map_err(fault)?;
+        }
+        if Page::of(path, &mut pages)? != first {
+            others += 1;
+            continue;
+        }
+        let (channel, layer) = (layers % image_j.channels, layers / image_j.channels);
+        layers += 1;
+        if image_j.slices.is_some_and(|slices| layer >= slices) {
+            later += 1;
+            continue;
+        }
+        if channels.len() <= channel {
+            channels.push(vec![None; first.samples]);
+        }
+        let numbers = first.numbers(path, &mut pages, &mut left)?;
+        for (all, more) in channels[channel].iter_mut().zip(numbers) {
+            voxels::append(all, more);
+        }
+    }
+    let of_channel = |channel: Vec<Option<Values>>| channel.into_iter().flatten().collect();
+    let channels: Vec<Vec<Values>> = channels.into_iter().map(of_channel).collect();
+    let [width, height] = first.size;
+    let area = width * height;
+    let depth = channels[0][0].len() / area;
+    if channels.iter().flatten().any(|c| c.len() != area * depth) {
+        let expected = format!("{} pages for each layer", image_j.channels);
+        let found = format!("{layers} pages");
+        return Err(Error::format(path, "pages", expected, found, DAMAGED));
+    }
+    if let Some(slices) = image_j.slices.filter(|slices| *slices > depth) {
+        let expected = format!("{slices} layers, as ImageJ's description says");
+        let found = format!("{depth} in pages of their own");
+        let advice = "save it as a series of images, or as NRRD";
+        return Err(Error::format(path, "pages", expected, found, advice));
+    }
+    let mut notes = Vec::new();
+    if others > 0 {
+        notes.push(format!(
+            "{others} pages of another size or type than the first are left out."
+        ));
+    }
+    if later > 0 {
+        notes.push(format!(
+            "The first time: {later} pages of later ones are left out."
+        ));
+    }
+    let z = DVec3::Z * image_j.spacing.unwrap_or(x);
+    let steps = [DVec3::X * x, DVec3::Y * y, z];
+    let given = if depth > 1 { &steps[..] } else { &steps[..2] };
+    let dims = [width, height, depth];
+    let lattice = voxels::lattice(path, "resolution", dims, DVec3::ZERO, given)?;
+    Ok(Dataset {
+        notes,
+        ..Dataset::new(
+            path,
+            "TIFF stack",
+            Geometry::Lattice(lattice),
+            fields(channels),
+        )
+    })
+}
+
+fn fields(channels: Vec<Vec<Values>>) -> Vec<Field> {
+    let count = channels.len();
+    let name = |i: usize| match count {
+        1 => "value".to_owned(),
+        _ => format!("channel {}", i + 1),
+    };
+    let numbered = channels.into_iter().enumerate();
+    numbered
+        .map(|(i, components)| voxels::field(&name(i), components, None))
+        .collect()
+}
+
+fn damaged(path: &Path, error: &tiff::TiffError) -> Error {
+    let expected = "what TIFF allows and is read";
+    Error::format(path, "pages", expected, error.to_string(), DAMAGED)
+}
+
+/// What ImageJ says of a stack.
+struct ImageJ {
+    is_stated: bool,
+    channels: usize,
+    slices: Option<usize>,
+    spacing: Option<f64>,
+}
+
+impl Default for ImageJ {
+    fn default() -> Self {
+        Self {
+            is_stated: false,
+            channels: 1,
+            slices: None,
+            spacing: None,
+        }
+    }
+}
+
+impl ImageJ {
+    fn of(text: &str) -> Self {
+        let get = |key: &str| {
+            let mut lines = text.lines().filter_map(|line| line.split_once('='));
+            lines.find(|(name, _)| *name == key).map(|(_, value)| value)
+        };
+        let count = |key: &str| {
+            let count = get(key).and_then(|text| text.parse().ok());
+            count.filter(|n: &usize| *n > 0)
+        };
+        let channels = count("channels").unwrap_or(1);
+        let frames = count("frames").unwrap_or(1);
+        // Without hyperstacks all pages are layers.
+        let all = count("images").map(|n| (n / channels / frames).max(1));
+        let spacing = get("spacing").and_then(|text| text.parse().ok());
+        Self {
+            is_stated: true,
+            channels,
+            slices: count("slices").or(all),
+            spacing: spacing.filter(|x: &f64| x.is_finite() && *x > 0.0),
+        }
+    }
+}
+
+/// The distance of pixels, 1 where only a print's is stated.
+fn step(pages: &mut Pages<'_>, tag: Tag, image_j: &ImageJ) -> f64 {
+    let resolution = match pages.get_tag(tag) {
+        Ok(Value::Rational(pixels, units)) if image_j.is_stated => {
+            f64::from(units) / f64::from(pixels)
+        }
+        _ => 1.0,
+    };
+    if resolution.is_finite() && resolution > 0.0 {
+        resolution
+    } else {
+        1.0
+    }
+}
+
+/// What pages of one stack share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Page {
+    size: [usize; 2],
+    samples: usize,
+    scalar: ScalarType,
+}
+
+impl Page {
+    fn of(path: &Path, pages: &mut Pages<'_>) -> Result<Self> {
+        let fault = |e: tiff::TiffError| damaged(path, &e);
+        let (width, height) = pages.dimensions().map_err(fault)?;
+        let colours = pages.colortype().map_err(fault)?;
+        let samples = match colours {
+            ColorType::Gray(8..) => 1,
+            ColorType::GrayA(8..) => 2,
+            ColorType::RGB(8..) => 3,
+            ColorType::RGBA(8..) => 4,
+            ColorType::Multiband {
+                num_samples,
+                bit_depth: 8..,
+            } => num_samples.into(),
+            other => {
+                let expected = "grey values or red, green and blue of 8 bits and more";
+                let found = format!("{other:?}");
+                let advice = "save it as grey values";
+                return Err(Error::format(path, "pixels", expected, found, advice));
+            }
+        };
+        let is_planar = pages.find_tag_unsigned::<u16>(Tag::PlanarConfiguration);
+        if samples > 1 && is_planar.is_ok_and(|planes| planes == Some(2)) {
+            let expected = "the colours of a pixel beside each other";
+            let found = "planes of each, which are not read";
+            let advice = "save it with interleaved pixels";
+            return Err(Error::format(path, "pixels", expected, found, advice));
+        }
+        let format = pages.find_tag_unsigned_vec::<u16>(Tag::SampleFormat);
+        let format = format.ok().flatten().and_then(|all| all.first().copied());
+        let scalar = match (format.unwrap_or(1), colours.bit_depth()) {
+            (1, 8) => ScalarType::U8,
+            (1, 16) => ScalarType::U16,
+            (1, 32) => ScalarType::U32,
+            (1, 64) => ScalarType::U64,
+            (2, 8) => ScalarType::I8,
+            (2, 16) => ScalarType::I16,
+            (2, 32) => ScalarType::I32,
+            (2, 64) => ScalarType::I64,
+            (3, 32) => ScalarType::F32,
+            (3, 64) => ScalarType::F64,
+            (format, bits) => {
+                let expected = "integers of 8 to 64 bits, floats of 32 or 64";
+                let found = format!("{bits} bits of sample format {format}");
+                let advice = "save it as 16-bit integers or 32-bit floats";
+                return Err(Error::format(path, "pixels", expected, found, advice));
+            }
+        };
+        Ok(Self {
+            size: [width as usize, height as usize],
+            samples,
+            scalar,
+        })
+    }
+
+    /// The numbers of the page that the decoder is at, by components.
+    ///
+    /// - `left`: bytes of the file that no page has named.
+    fn numbers(&self, path: &Path, pages: &mut Pages<'_>, left: &mut u64) -> Result<Vec<Values>> {
+        let fault = |e: tiff::TiffError| damaged(path, &e);
+        let counts = [Tag::StripByteCounts, Tag::TileByteCounts].map(|tag| {
+            let counts = pages.find_tag_unsigned_vec::<u64>(tag).ok().flatten();
+            let counts = counts.unwrap_or_default();
+            counts.into_iter().fold(0, u64::saturating_add)
+        });
+        let packed = counts[0].saturating_add(counts[1]);
+        let is_packed = pages.find_tag_unsigned::<u16>(Tag::Compression);
+        let ratio = match is_packed {
+            Ok(None | Some(1)) => 1,
+            _ => RATIO,
+        };
+        let depth = self.scalar.size() as u64;
+        let [width, height] = self.size.map(|n| n as u64);
+        let wanted = [height, self.samples as u64, depth]
+            .into_iter()
+            .try_fold(width, u64::checked_mul)
+            .filter(|n| *n > 0 && *n <= packed.saturating_mul(ratio));
+        let rest = left.checked_sub(packed);
+        let wanted = wanted.and_then(|n| usize::try_from(n).ok());
+        let (Some(wanted), Some(rest)) = (wanted, rest) else {
+            let expected = format!("bytes for {width} x {height} pixels");
+            let found = format!("{packed} of {left} bytes");
+            return Err(Error::format(path, "pages", expected, found, DAMAGED));
+        };
+        *left = rest;
+        let layout = pages.image_buffer_layout().map_err(fault)?;
+        if layout.complete_len != wanted {
+            let expected = format!("{wanted} bytes of pixels");
+            let found = layout.complete_len.to_string();
+            return Err(Error::format(path, "pages", expected, found, DAMAGED));
+        }
+        let mut pixels = vec![0; wanted];
+        pages.read_image_bytes(&mut pixels).map_err(fault)?;
+        let encoding = Encoding {
+            scalar: self.scalar,
+            big_endian: cfg!(target_endian = "big"),
+        };
+        let component = |i: usize| {
+            let stride = Stride {
+                first: i * self.scalar.size(),
+                step: self.samples * self.scalar.size(),
+                count: self.size[0] * self.size[1],
+            };
+            values(&pixels, encoding, stride)
+        };
+        let components: Option<Vec<Values>> = (0..self.samples).map(component).collect();
+        components.ok_or_else(|| Error::format(path, "pages", "pixels", "none", DAMAGED))
+    }
+}
