@@ -37,7 +37,9 @@ use crate::scene::Values;
 const LZF_RATIO: usize = 88;
 
 /// No viewpoint: at the origin, not turned.
-const NOWHERE: [f64; 7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+fn nowhere() -> [f64; 7] {
+    [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+}
 
 /// Whether a file begins as one of these: with the comment that its writers put there, or with the version.
 pub(super) fn looks_like(head: &[u8]) -> bool {
@@ -93,7 +95,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         }
     }
     let mut notes = Vec::new();
-    if header.viewpoint != NOWHERE {
+    if header.viewpoint != nowhere() {
         notes.push(
             "The viewpoint, where the sensor was, is left out: points are where their coordinates say."
                 .to_owned(),
@@ -184,7 +186,7 @@ impl<'p> Header<'p> {
             columns: Vec::new(),
             size: 0,
             count: 0,
-            viewpoint: NOWHERE,
+            viewpoint: nowhere(),
             data: String::new(),
             end: 0,
         };
@@ -257,7 +259,7 @@ impl<'p> Header<'p> {
         };
         if let Some(words) = get(&["VIEWPOINT"]) {
             let numbers: Vec<f64> = words.iter().filter_map(|w| w.parse().ok()).collect();
-            header.viewpoint = numbers.try_into().unwrap_or(NOWHERE);
+            header.viewpoint = numbers.try_into().unwrap_or_else(|_| nowhere());
         }
         if offset == 0 || count.checked_mul(offset).is_none() {
             return Err(header.fault("POINTS", "points that fit into memory", "more"));
