@@ -93,7 +93,8 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         }
     }
     let mut notes = Vec::new();
-    if header.viewpoint != NOWHERE {
+    let mut placed = header.viewpoint.iter().zip(NOWHERE);
+    if placed.any(|(stated, nowhere)| *stated != nowhere) {
         notes.push(
             "The viewpoint, where the sensor was, is left out: points are where their coordinates say."
                 .to_owned(),
