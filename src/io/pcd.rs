@@ -37,9 +37,7 @@ use crate::scene::Values;
 const LZF_RATIO: usize = 88;
 
 /// No viewpoint: at the origin, not turned.
-fn nowhere() -> [f64; 7] {
-    [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
-}
+const NOWHERE: [f64; 7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
 
 /// Whether a file begins as one of these: with the comment that its writers put there, or with the version.
 pub(super) fn looks_like(head: &[u8]) -> bool {
@@ -95,7 +93,8 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         }
     }
     let mut notes = Vec::new();
-    if header.viewpoint != nowhere() {
+    let mut placed = header.viewpoint.iter().zip(NOWHERE);
+    if placed.any(|(stated, nowhere)| *stated != nowhere) {
         notes.push(
             "The viewpoint, where the sensor was, is left out: points are where their coordinates say."
                 .to_owned(),
@@ -186,7 +185,7 @@ impl<'p> Header<'p> {
             columns: Vec::new(),
             size: 0,
             count: 0,
-            viewpoint: nowhere(),
+            viewpoint: NOWHERE,
             data: String::new(),
             end: 0,
         };
@@ -259,7 +258,7 @@ impl<'p> Header<'p> {
         };
         if let Some(words) = get(&["VIEWPOINT"]) {
             let numbers: Vec<f64> = words.iter().filter_map(|w| w.parse().ok()).collect();
-            header.viewpoint = numbers.try_into().unwrap_or_else(|_| nowhere());
+            header.viewpoint = numbers.try_into().unwrap_or(NOWHERE);
         }
         if offset == 0 || count.checked_mul(offset).is_none() {
             return Err(header.fault("POINTS", "points that fit into memory", "more"));
