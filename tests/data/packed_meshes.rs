@@ -125,7 +125,7 @@ fn real_packed_boxes_have_their_corners() {
 }
 
 #[test]
-fn packed_counts_beyond_the_file_are_refused() {
+fn unknown_modes_of_packed_views_are_refused() {
     let bytes = std::fs::read(fixture("meshopt.glb")).unwrap();
     let error_of = |from: &str, to: &str| {
         assert_eq!(from.len(), to.len());
@@ -135,19 +135,6 @@ fn packed_counts_beyond_the_file_are_refused() {
         let error = read("a.glb", &changed, &OpenOptions::default()).unwrap_err();
         error.to_string()
     };
-    let text = String::from_utf8_lossy(&bytes).into_owned();
-    let start = text.find("EXT_meshopt_compression\":{").unwrap();
-    let stated = &text[start..][..text[start..].find('}').unwrap()];
-    let count = &stated[stated.find("\"count\":").unwrap()..];
-    let is_digit = |c: char| c.is_ascii_digit();
-    let number: String = count["\"count\":".len()..]
-        .chars()
-        .take_while(|c| is_digit(*c))
-        .collect();
-    let count = &format!("\"count\":{number}");
-    let nines = "9".repeat(number.len());
-    let error = error_of(count, &format!("\"count\":{nines}"));
-    assert!(error.contains("meshopt"), "{error}");
     let error = error_of("\"mode\":\"ATTRIBUTES\"", "\"mode\":\"ATTRIBUTED\"");
     assert!(error.contains("a mode `ATTRIBUTES`"), "{error}");
 }

@@ -86,6 +86,7 @@ impl<'b> Stated<'b> {
     }
 
     /// It with elements from elsewhere, one after another: `component` says how their numbers are stored.
+    #[cfg(feature = "draco")]
     pub(super) fn with_elements(self, bytes: Vec<u8>, component: ComponentType) -> Accessor<'b> {
         let size = self.width * component.size();
         Accessor {
