@@ -427,3 +427,21 @@ fn unpack_lzf(packed: &[u8], wanted: usize) -> Option<Vec<u8>> {
     }
     (out.len() == wanted).then_some(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::unpack_lzf;
+
+    #[test]
+    fn lzf_repeats_what_it_has_written() {
+        // A byte, then nine more from one place back, which overlap what they write.
+        assert_eq!(unpack_lzf(&[0, b'a', 0xe0, 0, 0], 10), Some(vec![b'a'; 10]));
+        // Three bytes, and two more of them from three places back: the shortest run is three long.
+        let packed = [2, b'x', b'y', b'z', 0x20, 2];
+        assert_eq!(unpack_lzf(&packed, 6), Some(b"xyzxyz".to_vec()));
+        // From before the beginning, too many, too few.
+        assert_eq!(unpack_lzf(&[0, b'a', 0x20, 1], 4), None);
+        assert_eq!(unpack_lzf(&packed, 5), None);
+        assert_eq!(unpack_lzf(&packed, 7), None);
+    }
+}
