@@ -136,6 +136,15 @@ pub enum FieldSource {
 }
 
 impl Field {
+    /// Its numbers, one array per component; none of what is derived.
+    pub(crate) fn arrays_mut(&mut self) -> &mut [Values] {
+        match &mut self.source {
+            FieldSource::Scalar(values) => std::slice::from_mut(values),
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => &mut [],
+        }
+    }
+
     /// Whether it holds colours: three or four bytes, or numbers from 0 to 1, under a name that says so.
     pub(crate) fn is_colour(&self) -> bool {
         let lower = self.name.to_ascii_lowercase();

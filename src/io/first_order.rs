@@ -104,17 +104,17 @@ pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (Cel
             Association::Nodes => mesh.nodes.len(),
             Association::Cells => count,
         };
-        let arrays = match &mut field.source {
-            FieldSource::Scalar(values) => std::slice::from_mut(values),
-            FieldSource::Vector(components) => components,
-            FieldSource::Derived(_) => return None,
-        };
+        if matches!(field.source, FieldSource::Derived(_)) {
+            return None;
+        }
+        let association = field.association;
+        let arrays = field.arrays_mut();
         if arrays.iter().any(|values| values.len() != expected) {
             return None;
         }
         for values in arrays {
             let is_bytes = matches!(values, Values::U8(_));
-            *values = cut.values(field.association, values);
+            *values = cut.values(association, values);
             // Bytes of three or four components are colours by being bytes.
             if let (true, Values::F32(numbers)) = (is_bytes, &*values) {
                 #[expect(

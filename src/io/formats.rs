@@ -11,7 +11,8 @@ use super::e57;
 use super::file::{HEAD, Input};
 #[cfg(feature = "netcdf")]
 use super::netcdf;
-use super::time_steps::TimeStep;
+use super::probe::Probe;
+use super::time_steps::{self, TimeStep};
 use super::{
     Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, las, meta_image,
     nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd, raw, refused,
@@ -45,6 +46,29 @@ pub struct Format {
 
 /// Reads the steps of time of a file.
 type Steps = fn(Input<'_>) -> Result<Vec<TimeStep>>;
+
+impl Format {
+    /// The steps of time that a file of this format stands for, in their order, at least one: those of a collection, those
+    /// in the file, or the file itself. Files that it names are not looked for.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or breaks its format's rules.
+    pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
+        match self.steps {
+            Some(steps) => {
+                let file = of_folder(path);
+                let mut steps = steps(Input::of_file(&file))?;
+                let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
+                // What was given stands for that file.
+                for part in parts.filter(|part| part.path == file) {
+                    part.path = path.to_path_buf();
+                }
+                Ok(steps)
+            }
+            None => Ok(time_steps::of_file(path, &[])),
+        }
+    }
+}
 
 /// What the files of a format hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -96,45 +120,6 @@ impl Family {
     }
 }
 
-/// What is known of a file before it is read.
-pub(super) struct Probe<'a> {
-    pub(super) input: Input<'a>,
-    /// Its first bytes.
-    pub(super) head: &'a [u8],
-    /// Its length in bytes.
-    pub(super) len: u64,
-    pub(super) options: &'a OpenOptions,
-}
-
-impl Probe<'_> {
-    /// Whether the name ends in a dot and one of these, in upper or lower case.
-    pub(super) fn ends_in(&self, endings: &[&str]) -> bool {
-        let name = self.input.path.file_name().unwrap_or_default();
-        let name = name.to_string_lossy().to_ascii_lowercase();
-        endings.iter().any(|ending| {
-            let rest = name.strip_suffix(ending);
-            rest.is_some_and(|rest| rest.ends_with('.'))
-        })
-    }
-
-    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
-    fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
-        let looked_at = || {
-            let bytes = self.input.read_all().unwrap_or_default();
-            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
-        };
-        // Archives of arrays may be large, and are what their name says.
-        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
-        is_archive && (self.ends_in(&[ending]) || looked_at())
-    }
-
-    /// Whether there is nothing but text in the first bytes.
-    fn is_text(&self) -> bool {
-        let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
-        !self.head.iter().any(is_control)
-    }
-}
-
 /// What most formats leave out: recognised by nothing, they say so by what they put in its place.
 const PLAIN: Format = Format {
     name: "",
@@ -175,7 +160,7 @@ pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'sta
     if let Some(known) = known.or_else(|| FORMATS.iter().find(|f| is_named(f))) {
         return Ok(known);
     }
-    if let Some(refusal) = refused::by_name(input.path, &head) {
+    if let Some(refusal) = refused::by_name(input.path, &head, names) {
         return Err(refusal);
     }
     let similar = FORMATS.iter().find(|f| (f.resembles)(&probe));

@@ -19,8 +19,8 @@ use std::io::Read;
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use ruzstd::decoding::StreamingDecoder;
 
-use super::samples::KTX2_MAGIC;
-
+/// The first bytes.
+const MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 const HEADER: usize = 80;
 const LEVEL: usize = 24;
 const ETC1S: u8 = 163;
@@ -193,7 +193,7 @@ fn file_of(size: [u32; 2], description: &[u8], data: &[u8], level: &[u8]) -> Opt
     // Of ETC1S no unpacked length is stated.
     let unpacked = if data.is_empty() { level.len() } else { 0 };
     let long = [data_at, data.len(), level_at, level.len(), unpacked];
-    let mut file = KTX2_MAGIC.to_vec();
+    let mut file = MAGIC.to_vec();
     file.extend(words.iter().chain(&index).flat_map(|n| n.to_le_bytes()));
     file.extend(long.iter().flat_map(|n| (*n as u64).to_le_bytes()));
     file.extend([description, data, level].concat());

@@ -61,6 +61,7 @@ mod ply_splats;
 mod ply_table;
 mod polygons;
 mod polyhedron;
+mod probe;
 mod pvd;
 mod raw;
 mod refused;

@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 
 use super::dataset::Dataset;
 use super::file::Input;
-use super::time_steps::{self, Part, TimeStep};
+use super::time_steps::{Part, TimeStep};
 use super::vtk_xml::{self, Frame, child, clip};
 use super::{OpenOptions, vtk_collection};
 use crate::error::{Error, Result};
 
 /// The `type` of these files.
-const TYPE: &str = "Collection";
+const TYPE: &str = vtk_collection::PARAVIEWS;
 
 /// Bytes of a collection at most: hundreds of thousands of entries. A larger one is no list of files.
 const MOST_BYTES: u64 = 64 << 20;
@@ -38,7 +38,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// # Errors
 /// Those of [`steps`], and those of the part.
 pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    time_steps::read_first(input, &steps(input)?, options)
+    vtk_collection::read_first(input, &steps(input)?, options)
 }
 
 /// The steps, in the order of time; at least one. The files that it names are not looked for.
@@ -98,7 +98,7 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         let file = folder.join(file);
         let is_nested = |ending: &OsStr| ending.eq_ignore_ascii_case("pvd");
         if file.extension().is_some_and(is_nested) {
-            return Err(time_steps::refuse_nested(path, &place("file"), &file));
+            return Err(vtk_collection::refuse_nested(path, &place("file"), &file));
         }
         // Zero has one sign.
         parts.push((time + 0.0, part, file));

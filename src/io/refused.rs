@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use super::extension;
-use super::formats::names;
 use super::voxels::GZIP;
 use crate::error::{Advice, Error, Hint};
 
@@ -78,7 +77,9 @@ const NO_NETCDF: &str = "build with the feature `netcdf`, or save it as VTK XML 
 const MESH: &str = "save it as glTF (.glb)";
 
 /// Why a file that begins with `head` is not read, where it is known what it is.
-pub(super) fn by_name(path: &Path, head: &[u8]) -> Option<Error> {
+///
+/// - `names`: what is read.
+pub(super) fn by_name(path: &Path, head: &[u8], names: fn() -> String) -> Option<Error> {
     let begins = |(at, start, ..): &&(usize, &[u8], &str, &str)| {
         head.get(*at..).is_some_and(|rest| rest.starts_with(start))
     };

@@ -21,9 +21,8 @@ use super::raw::DEFLATE_RATIO;
 pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The first bytes of every JPEG file.
 pub(super) const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
-
-/// The first bytes of every KTX 2 file.
-pub(super) const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
+/// How KTX 2 files begin.
+const KTX2_START: &[u8] = b"\xabKTX 20\xbb";
 
 /// A PNG holds eight pixels in a byte at most, deflated.
 const PNG_PIXELS_PER_BYTE: u64 = 8 * DEFLATE_RATIO;
@@ -104,7 +103,7 @@ impl<'a> Encoded<'a> {
             Self::jpeg(bytes)
         } else if is_webp(bytes) {
             Self::webp(bytes)
-        } else if bytes.starts_with(KTX2_MAGIC) {
+        } else if bytes.starts_with(KTX2_START) {
             Self::ktx2(bytes)
         } else {
             Err(Refusal::Unknown)

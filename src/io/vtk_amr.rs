@@ -20,7 +20,7 @@ use glam::DVec3;
 use roxmltree::Node;
 
 use super::amr::{self, Level, Patch};
-use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
+use super::dataset::{Association, Dataset, Geometry};
 use super::file::Input;
 use super::vtk_array::Array;
 use super::vtk_xml::{Frame, clip};
@@ -167,21 +167,9 @@ fn patch(image: Dataset, level: usize, lattice: &mut Option<Level>) -> Result<Pa
     };
     for field in image.fields {
         match field.association {
-            Association::Nodes => patch.node_arrays.extend(array(field)),
-            Association::Cells => patch.cell_arrays.extend(array(field)),
+            Association::Nodes => patch.node_arrays.extend(Array::of_field(field)),
+            Association::Cells => patch.cell_arrays.extend(Array::of_field(field)),
         }
     }
     Ok(patch)
-}
-
-fn array(field: Field) -> Option<Array> {
-    let components = match field.source {
-        FieldSource::Scalar(values) => vec![values],
-        FieldSource::Vector(components) => components,
-        FieldSource::Derived(_) => return None,
-    };
-    Some(Array {
-        name: field.name,
-        components,
-    })
 }

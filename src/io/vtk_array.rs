@@ -29,6 +29,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use glam::DVec3;
 use roxmltree::{Document, Node};
 
+use super::dataset::{Field, FieldSource};
 use super::scalars::{
     Encoding, NotIntegers, ScalarType, Stride, doubles, integers, points, values,
 };
@@ -55,6 +56,21 @@ pub(crate) struct Decoder<'a> {
 pub(crate) struct Array {
     pub(crate) name: String,
     pub(crate) components: Vec<Values>,
+}
+
+impl Array {
+    /// What a field holds; `None` of what is derived.
+    pub(crate) fn of_field(field: Field) -> Option<Self> {
+        let components = match field.source {
+            FieldSource::Scalar(values) => vec![values],
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => return None,
+        };
+        Some(Self {
+            name: field.name,
+            components,
+        })
+    }
 }
 
 /// Why an array cannot be decoded: what was expected, found, and what to do.

@@ -20,9 +20,9 @@ use roxmltree::Node;
 
 use super::dataset::Dataset;
 use super::file::{HEAD, Input};
-use super::time_steps::{self, Part, TimeStep};
-use super::vtk_xml::{self, Frame};
-use super::{OpenOptions, extension, voxels};
+use super::time_steps::{Part, TimeStep};
+use super::vtk_xml::{self, Frame, clip};
+use super::{OpenOptions, extension, read_input, voxels};
 use crate::error::{Error, Result};
 
 /// Endings of these files.
@@ -34,6 +34,9 @@ const TYPES: [&str; 4] = [
     "vtkPartitionedDataSet",
     "vtkPartitionedDataSetCollection",
 ];
+
+/// The type of ParaView's collections of time steps.
+pub(super) const PARAVIEWS: &str = "Collection";
 
 /// Elements that hold others.
 const GROUPS: [&str; 3] = ["Block", "Piece", "Partitions"];
@@ -60,7 +63,7 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// # Errors
 /// Those of [`steps`], and those of the file.
 pub(super) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
-    time_steps::read_first(input, &steps(input)?, options)
+    read_first(input, &steps(input)?, options)
 }
 
 /// All files as the parts of one step without a time. Those that hold data are not looked for.
@@ -172,4 +175,50 @@ fn walk(path: &Path, node: Node<'_, '_>, depth: usize, files: &mut Vec<PathBuf>)
         }
     }
     Ok(())
+}
+
+/// Reads the first part of the first step of a collection, with notes of what else there is.
+///
+/// # Errors
+/// Those of the part; a part that is a collection.
+pub(super) fn read_first(
+    input: Input<'_>,
+    steps: &[TimeStep],
+    options: &OpenOptions,
+) -> Result<Dataset> {
+    let (first, count) = (&steps[0], steps.len());
+    let mut notes = Vec::new();
+    if let (true, Some(time)) = (count > 1, first.time) {
+        notes.push(format!("The first of {count} time steps, of time {time}."));
+    }
+    if first.parts.len() > 1 {
+        let parts = first.parts.len();
+        let of = first.time.map_or("", |_| " of the time step");
+        notes.push(format!("The first of {parts} parts{of}."));
+    }
+    let file = &first.parts[0].path;
+    let mut data = input.with_beside(file, |part| {
+        // What a collection names could name the collection.
+        let head = part.head(HEAD)?.0;
+        if looks_like(&head) || vtk_xml::file_type(&head) == Some(PARAVIEWS) {
+            return Err(refuse_nested(input.path, "DataSet, `file`", file));
+        }
+        read_input(part, options)
+    })?;
+    data.notes.extend(notes);
+    Ok(data)
+}
+
+/// That a collection names another where it must not.
+pub(super) fn refuse_nested(path: &Path, place: &str, file: &Path) -> Error {
+    Error::format(
+        path,
+        place,
+        "a file of data",
+        format!(
+            "another collection, `{}`",
+            clip(&file.display().to_string())
+        ),
+        "give that one instead",
+    )
 }

@@ -153,12 +153,8 @@ pub(super) fn dataset(
             Association::Cells => (cell_count, &cells),
         };
         let all = field.association == Association::Nodes && chosen.is_empty();
-        let arrays = match &mut field.source {
-            FieldSource::Scalar(values) => std::slice::from_mut(values),
-            FieldSource::Vector(components) => components,
-            FieldSource::Derived(_) => continue,
-        };
-        if arrays.iter().any(|values| values.len() != expected) {
+        let arrays = field.arrays_mut();
+        if arrays.is_empty() || arrays.iter().any(|values| values.len() != expected) {
             continue;
         }
         if !all {

@@ -2,8 +2,7 @@
 
 use crate::error::Result;
 use crate::io::{
-    Association, Blanking, CurvilinearBlock, Dataset, FieldSource, Geometry, Material, Mesh,
-    MeshPart,
+    Association, Blanking, CurvilinearBlock, Dataset, Geometry, Material, Mesh, MeshPart,
 };
 
 /// A data set whose grids all have one node along just one index, as a mesh with the same fields; any other as it is.
@@ -54,12 +53,8 @@ pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
         });
     }
     for field in &mut dataset.fields {
-        let arrays = match &mut field.source {
-            FieldSource::Scalar(values) => std::slice::from_mut(values),
-            FieldSource::Vector(components) => components,
-            FieldSource::Derived(_) => continue,
-        };
         if field.association == Association::Cells {
+            let arrays = field.arrays_mut();
             let whole = arrays
                 .iter_mut()
                 .filter(|values| values.len() == first_cell);

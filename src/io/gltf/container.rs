@@ -238,7 +238,12 @@ impl<'f> Buffers<'f> {
             (Some(packed), Some(cell)) => match cell.get() {
                 Some(bytes) => bytes,
                 None => {
-                    let bytes = meshopt::unpack(self, packed, &place)?;
+                    let source = meshopt::Source {
+                        path: self.path,
+                        part: &|buffer, range, place| self.part(buffer, range, place),
+                        room: self.room_to_unpack(),
+                    };
+                    let bytes = meshopt::unpack(&source, packed, &place)?;
                     self.count_unpacked(bytes.len());
                     cell.get_or_init(|| bytes)
                 }

@@ -12,12 +12,13 @@
 //!
 //! Source: the texts of both extensions in Khronos' registry. The crate `meshoptimizer-rs` decodes.
 
+use std::path::Path;
+
 use gltf_json::buffer::View;
 use meshoptimizer_rs::{Error as CodecError, Limits, Workspace, codec};
 use serde_json::Value;
 
-use super::container::Buffers;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::vtk_xml::clip;
 
 /// The extensions, which are stated alike.
@@ -29,6 +30,17 @@ pub(super) fn packed(view: &View) -> Option<&Value> {
     NAMES.iter().find_map(|name| others.get(*name))
 }
 
+/// Gives `length` bytes from `offset` on of a buffer by its number; the place is for errors.
+type PartOf<'a> = dyn Fn(usize, [u64; 2], &str) -> Result<&'a [u8]> + 'a;
+
+/// Where packed bytes come from.
+pub(super) struct Source<'a> {
+    pub(super) path: &'a Path,
+    pub(super) part: &'a PartOf<'a>,
+    /// How many bytes may still be unpacked.
+    pub(super) room: usize,
+}
+
 /// Undoes a filter: of all elements, how many there are, and their size.
 type Filter = fn(&mut [u8], usize, usize, &mut Workspace) -> Result<(), CodecError>;
 
@@ -37,8 +49,12 @@ type Filter = fn(&mut [u8], usize, usize, &mut Workspace) -> Result<(), CodecErr
 /// # Errors
 /// Keys that are missing or name what is not there, more elements than the file's bytes may stand for, and packed bytes
 /// that are damaged.
-pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Result<Vec<u8>> {
+pub(super) fn unpack(source: &Source<'_>, stated: &Value, place: &str) -> Result<Vec<u8>> {
     let place = format!("{place}, meshopt");
+    let refuse = |expected: String, found: String| {
+        let advice = "the file is damaged or breaks the format's rules: export it again";
+        Error::format(source.path, place.clone(), expected, found, advice)
+    };
     let number = |key: &str, otherwise: Option<u64>| {
         let number = match &stated[key] {
             Value::Null => otherwise,
@@ -46,7 +62,7 @@ pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Resu
         };
         number.ok_or_else(|| {
             let found = clip(&stated[key].to_string());
-            buffers.refuse(&place, format!("a number `{key}`"), found)
+            refuse(format!("a number `{key}`"), found)
         })
     };
     let size = |key: &str| {
@@ -55,13 +71,13 @@ pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Resu
     };
     let buffer = size("buffer")?;
     let range = [number("byteOffset", Some(0))?, number("byteLength", None)?];
-    let source = buffers.part(buffer, range, &place)?;
+    let packed = (source.part)(buffer, range, &place)?;
     let (count, stride) = (size("count")?, size("byteStride")?);
-    let room = buffers.room_to_unpack();
+    let room = source.room;
     if count.checked_mul(stride).is_none_or(|bytes| bytes > room) {
         let expected = format!("{room} bytes at most, unpacked from those that there are");
         let found = format!("{count} elements of {stride} bytes");
-        return Err(buffers.refuse(place, expected, found));
+        return Err(refuse(expected.into(), found));
     }
     let decode = match stated["mode"].as_str() {
         Some("ATTRIBUTES") => codec::decode_vertex_buffer,
@@ -70,7 +86,7 @@ pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Resu
         _ => {
             let found = clip(&stated["mode"].to_string());
             let expected = "a mode `ATTRIBUTES`, `TRIANGLES` or `INDICES`";
-            return Err(buffers.refuse(place, expected, found));
+            return Err(refuse(expected.into(), found));
         }
     };
     let filter: Option<Filter> = match stated["filter"].as_str().unwrap_or("NONE") {
@@ -81,14 +97,14 @@ pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Resu
         "COLOR" => Some(codec::decode_filter_color),
         other => {
             let expected = "a filter `NONE`, `OCTAHEDRAL`, `QUATERNION`, `EXPONENTIAL` or `COLOR`";
-            return Err(buffers.refuse(place, expected, format!("`{}`", clip(other))));
+            return Err(refuse(expected.into(), format!("`{}`", clip(other))));
         }
     };
     let mut workspace = Workspace::new(Limits {
         max_bytes: room,
         ..Limits::default()
     });
-    let unpacked = decode(count, stride, source, &mut workspace).and_then(|mut bytes| {
+    let unpacked = decode(count, stride, packed, &mut workspace).and_then(|mut bytes| {
         if let Some(filter) = filter {
             filter(&mut bytes, count, stride, &mut workspace)?;
         }
@@ -96,6 +112,6 @@ pub(super) fn unpack(buffers: &Buffers<'_>, stated: &Value, place: &str) -> Resu
     });
     unpacked.map_err(|error| {
         let expected = format!("{count} elements of {stride} bytes, packed");
-        buffers.refuse(place, expected, error.to_string())
+        refuse(expected, error.to_string())
     })
 }

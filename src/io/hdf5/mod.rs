@@ -135,7 +135,7 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
         return Err(Error::format(
             path,
             "format",
-            super::formats::names(),
+            "particles, or VTKHDF",
             found,
             advice,
         ));

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::super::Association;
-use super::super::dataset::{Dataset, Field, FieldSource, Geometry};
+use super::super::dataset::{Dataset, Field, Geometry};
 use super::super::file::Input;
 use super::super::particle_type::{ParticleCount, ParticleType};
 use super::super::table::list;
@@ -237,17 +237,9 @@ impl All<'_> {
     }
 }
 
-fn array(field: Field, units: &mut HashMap<String, String>) -> Option<Array> {
-    if let Some(unit) = field.unit {
+fn array(mut field: Field, units: &mut HashMap<String, String>) -> Option<Array> {
+    if let Some(unit) = field.unit.take() {
         units.insert(field.name.clone(), unit);
     }
-    let components = match field.source {
-        FieldSource::Scalar(values) => vec![values],
-        FieldSource::Vector(components) => components,
-        FieldSource::Derived(_) => return None,
-    };
-    Some(Array {
-        name: field.name,
-        components,
-    })
+    Array::of_field(field)
 }

@@ -1,0 +1,44 @@
+//! What formats are recognised by.
+
+use super::OpenOptions;
+use super::file::Input;
+use super::zip;
+
+/// What is known of a file before it is read.
+pub(super) struct Probe<'a> {
+    pub(super) input: Input<'a>,
+    /// Its first bytes.
+    pub(super) head: &'a [u8],
+    /// Its length in bytes.
+    pub(super) len: u64,
+    pub(super) options: &'a OpenOptions,
+}
+
+impl Probe<'_> {
+    /// Whether the name ends in a dot and one of these, in upper or lower case.
+    pub(super) fn ends_in(&self, endings: &[&str]) -> bool {
+        let name = self.input.path.file_name().unwrap_or_default();
+        let name = name.to_string_lossy().to_ascii_lowercase();
+        endings.iter().any(|ending| {
+            let rest = name.strip_suffix(ending);
+            rest.is_some_and(|rest| rest.ends_with('.'))
+        })
+    }
+
+    /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
+    pub(super) fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
+        let looked_at = || {
+            let bytes = self.input.read_all().unwrap_or_default();
+            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+        };
+        // Archives of arrays may be large, and are what their name says.
+        let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);
+        is_archive && (self.ends_in(&[ending]) || looked_at())
+    }
+
+    /// Whether there is nothing but text in the first bytes.
+    pub(super) fn is_text(&self) -> bool {
+        let is_control = |b: &u8| *b < 0x20 && !b.is_ascii_whitespace();
+        !self.head.iter().any(is_control)
+    }
+}
