@@ -14,10 +14,10 @@ use super::netcdf;
 use super::probe::Probe;
 use super::time_steps::{self, TimeStep};
 use super::{
-    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, ksplat, las, meta_image,
-    nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd, raw, refused,
-    sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection, vtk_legacy, vtk_xml,
-    vtk_xml_kinds, xyz, zip,
+    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series, ksplat, las,
+    meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd,
+    raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection, vtk_legacy,
+    vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -35,6 +35,8 @@ pub struct Format {
     pub reads: &'static str,
     /// Whether the first bytes are those of this format, and of no other.
     begins: fn(&Probe<'_>) -> bool,
+    /// Whether a name that is no file's stands for files of this format.
+    is_pattern: fn(&Path) -> bool,
     /// Whether the name is that of this format.
     is_named: fn(&Probe<'_>) -> bool,
     /// Whether the first bytes, or the size, may be those of this format.
@@ -127,6 +129,7 @@ const PLAIN: Format = Format {
     endings: &[],
     reads: "",
     begins: |_| false,
+    is_pattern: |_| false,
     is_named: |_| false,
     resembles: |_| false,
     read: |input, _| npy::read(input),
@@ -147,6 +150,9 @@ pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> 
 }
 
 pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
+    if let Some(format) = FORMATS.iter().find(|f| (f.is_pattern)(input.path)) {
+        return Ok(format);
+    }
     let (head, len) = input.head(HEAD)?;
     let probe = Probe {
         input,
@@ -543,6 +549,16 @@ static FORMATS: &[Format] = &[
         // Other names, and text that names nothing: the reader says what is missing.
         resembles: |p| p.is_text(),
         read: |input, _| csv::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "series of images",
+        family: Family::Volumes,
+        endings: &[],
+        reads: "numbered PNG, JPEG, WebP and TIFF files as layers of one volume, by a pattern: `slice_%03d.png`; a number that is \
+                missing is an error. Layers lie a step of the pixels apart: `--resize 1,1,2` moves them",
+        is_pattern: image_series::is_pattern,
+        read: |input, _| image_series::read(input),
         ..PLAIN
     },
     Format {

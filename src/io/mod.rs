@@ -31,6 +31,7 @@ mod handedness;
 mod hdf5;
 mod image_file;
 mod image_header;
+mod image_series;
 mod ksplat;
 #[cfg(feature = "ktx2")]
 mod ktx2;

@@ -16,6 +16,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 #[cfg(feature = "ktx2")]
 use super::ktx2::Ktx2;
 use super::raw::DEFLATE_RATIO;
+use crate::scene::Values;
 
 /// The first bytes of every PNG file.
 pub(super) const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -286,6 +287,16 @@ impl Samples {
             .checked_mul(height)
             .and_then(|n| n.checked_mul(self.channels));
         (1..=4).contains(&self.channels) && expected == Some(count)
+    }
+
+    /// Width and height, and the numbers of each channel.
+    pub(super) fn channels(self) -> ([usize; 2], Vec<Values>) {
+        let count = self.channels;
+        let channel = |c: usize| match &self.numbers {
+            Numbers::Eight(n) => Values::U8(n.iter().skip(c).step_by(count).copied().collect()),
+            Numbers::Sixteen(n) => Values::U16(n.iter().skip(c).step_by(count).copied().collect()),
+        };
+        (self.size, (0..count).map(channel).collect())
     }
 
     /// Pixels of eight bits; sixteen are rounded.

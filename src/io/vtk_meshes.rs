@@ -230,6 +230,9 @@ pub(super) fn join(
         let arrays = arrays.into_iter().reduce(append_arrays).unwrap_or_default();
         fields.extend(to_fields(arrays, association));
     }
+    if parts.is_empty() {
+        vtk_grid::check(path, &CellMesh::default())?;
+    }
     let mut meshes = parts.into_iter().map(|part| part.mesh);
     let mut mesh = meshes.next().unwrap_or_else(|| CellMesh {
         offsets: vec![0],

@@ -125,6 +125,7 @@ fn default_pictures_of_all_real_files_show_them() {
             "json",
             "3mf",
             "beach.nrrd",
+            "blow1_bin.case",
         ]
         .iter()
         .any(|ending| name.ends_with(ending));

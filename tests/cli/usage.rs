@@ -146,7 +146,7 @@ const WRONG: &[(&str, i32, &str)] = &[
     (
         "render SPLATS --out a.png --opacity-scale 2",
         1,
-        "a transfer function shows",
+        "whose opacity a transfer function gives",
     ),
     ("render SPLATS --out a.png --as mesh", 1, "read as a mesh"),
     (

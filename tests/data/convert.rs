@@ -1589,9 +1589,9 @@ mod command_line {
         for (arguments, expected) in [
             (
                 &["a.ply", "--out", "b.obj"][..],
-                ".ply, .splat, .spz or .glb",
+                ".ply, .splat, .spz, .glb or .vtu",
             ),
-            (&["a.ply", "--out", "b"], ".ply, .splat, .spz or .glb"),
+            (&["a.ply", "--out", "b"], ".ply, .splat, .spz, .glb or .vtu"),
             (&["a.ply", "--out", "none/b.ply"], "folder"),
             (&["a.ply", "--out", "a.ply"], "an input"),
             (&["b.ply", "--out", "c.ply"], "opening"),

@@ -23,6 +23,7 @@ mod fixtures;
 mod from_bytes;
 mod gadget;
 mod hdf5;
+mod image_series;
 mod mesh_sampling;
 mod meshes;
 mod meta_image;

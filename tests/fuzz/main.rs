@@ -243,7 +243,7 @@ impl Seed {
 
     /// The file that is opened.
     fn path(&self) -> PathBuf {
-        self.folder.join(&self.set.files[0].0)
+        self.folder.join(self.set.opened())
     }
 
     fn len(&self) -> usize {

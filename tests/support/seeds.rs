@@ -215,10 +215,22 @@ pub(crate) struct Set {
     pub(crate) files: Vec<(String, Vec<u8>)>,
 }
 
+impl Set {
+    /// The name that is opened: that of the first file; of numbered images their pattern.
+    pub(crate) fn opened(&self) -> String {
+        self.files[0].0.replace("0001.png", "%04d.png")
+    }
+}
+
 /// Sound sets of files of the formats that name other files; each a folder of its own.
 pub(crate) fn sets() -> Vec<Set> {
     let mut sets = collections();
     sets.extend(simulations());
+    let image = |shade: u8| super::meshes::png(2, &[[shade, 9, 99, 255]; 6]);
+    let layer = |i: u8| (format!("s{i:04}.png"), image(40 * i));
+    sets.push(Set {
+        files: (1..4).map(layer).collect(),
+    });
     sets
 }
 

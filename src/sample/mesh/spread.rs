@@ -129,7 +129,7 @@ fn straight_on(mesh: &Mesh, camera: &Camera) -> Option<f64> {
         Projection::Orthographic => 1.0,
     };
     let density = camera.focal_px.element_product() / (depth * depth);
-    (depth > 0.0 && density > 0.0 && density.is_finite()).then_some(density)
+    (count > 0.0 && depth > 0.0 && density > 0.0 && density.is_finite()).then_some(density)
 }
 
 /// A part of a triangle in the picture.

@@ -1,0 +1,284 @@
+//! Numbered images as one volume: `slice_%03d.png` names all files beside each other that have a number there.
+//!
+//! `%d` stands for numbers without zeros before them, `%03d` for those of three digits at least. Layers lie a step of the
+//! pixels apart, in the order of their numbers, of which none may be missing between the first and the last. Images are PNG,
+//! JPEG, WebP and TIFF; rows go along y. Colours are not decoded: they are a field `rgb` of numbers.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::dataset::{Dataset, Field, FieldSource, Geometry};
+use super::file::Input;
+use super::samples::Encoded;
+use super::{tiff, voxels};
+use crate::error::{Error, Result};
+use crate::scene::{LatticeSpacing, Values};
+
+/// Digits of a number at most.
+const MOST_DIGITS: usize = 18;
+
+/// A name with one place for a number.
+struct Pattern<'a> {
+    before: &'a str,
+    /// Digits at least; without it numbers have no zeros before them.
+    width: Option<usize>,
+    after: &'a str,
+}
+
+impl<'a> Pattern<'a> {
+    /// The pattern of a name, where it is one.
+    fn of(name: &'a str) -> Option<Self> {
+        let (before, rest) = name.split_once('%')?;
+        let (digits, after) = rest.split_once('d')?;
+        let is_one = !before.contains('%') && !after.contains('%');
+        let width = match digits.strip_prefix('0') {
+            None => digits.is_empty().then_some(None),
+            Some(width) => {
+                let width = width.parse().ok();
+                width.filter(|n| (1..=MOST_DIGITS).contains(n)).map(Some)
+            }
+        };
+        let width = width.filter(|_| is_one)?;
+        Some(Self {
+            before,
+            width,
+            after,
+        })
+    }
+
+    /// The number of a name that has this pattern.
+    fn number(&self, name: &str) -> Option<u64> {
+        let digits = name.strip_prefix(self.before)?.strip_suffix(self.after)?;
+        let is_number = !digits.is_empty()
+            && digits.len() <= MOST_DIGITS
+            && digits.bytes().all(|b| b.is_ascii_digit());
+        let has_zeros = digits.len() > 1 && digits.starts_with('0');
+        let is_written_so = match self.width {
+            Some(width) => digits.len() >= width && (digits.len() == width || !has_zeros),
+            None => !has_zeros,
+        };
+        let number = digits.parse().ok();
+        number.filter(|_| is_number && is_written_so)
+    }
+}
+
+fn name_of(path: &Path) -> &str {
+    let name = path.file_name().unwrap_or_default();
+    name.to_str().unwrap_or_default()
+}
+
+/// Whether a path is such a pattern, and no file.
+pub(super) fn is_pattern(path: &Path) -> bool {
+    Pattern::of(name_of(path)).is_some() && !path.exists()
+}
+
+/// Reads the images that the pattern stands for, which is the input's path.
+///
+/// # Errors
+/// No image, numbers that are missing, and images that cannot be read or are of another size or kind than the first.
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let files = files(path)?;
+    let mut all: Option<Layer> = None;
+    for file in &files {
+        let layer = layer(file)?;
+        match &mut all {
+            None => all = Some(layer),
+            Some(all) => all.append(file, layer)?,
+        }
+    }
+    let Some(Layer {
+        size: [width, height],
+        steps: [x, y],
+        fields,
+    }) = all
+    else {
+        return Err(none(path));
+    };
+    // As thick as a step of the pixels: nothing says otherwise.
+    let z = x.cross(y).normalize_or_zero() * x.length().min(y.length());
+    let dims = [width, height, files.len()];
+    let steps = [x, y, z];
+    let lattice = voxels::lattice(path, "steps of the images", dims, DVec3::ZERO, &steps)?;
+    let fields = fields
+        .into_iter()
+        .map(|(name, components)| voxels::field(&name, components, None))
+        .collect();
+    let mut data = Dataset::new(path, "series of images", Geometry::Lattice(lattice), fields);
+    data.notes.push(format!(
+        "{} layers, taken to lie a step of the pixels apart.",
+        files.len()
+    ));
+    Ok(data)
+}
+
+fn none(path: &Path) -> Error {
+    let expected = "at least one file of this pattern";
+    let advice = "name files that are there: `%03d` stands for numbers such as 001";
+    Error::format(path, "files", expected, "none", advice)
+}
+
+/// The files of a pattern in the order of their numbers.
+fn files(path: &Path) -> Result<Vec<PathBuf>> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let Some(pattern) = Pattern::of(name_of(path)) else {
+        return Err(none(path));
+    };
+    let fault = |e| Error::io(folder, "listing the folder", e, "check its permissions");
+    let mut found: Vec<(u64, PathBuf)> = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(fault)? {
+        let entry = entry.map_err(fault)?;
+        let name = entry.file_name();
+        if let Some(number) = name.to_str().and_then(|name| pattern.number(name)) {
+            found.push((number, entry.path()));
+        }
+    }
+    found.sort();
+    if let Some(gap) = found.windows(2).find(|pair| pair[1].0 != pair[0].0 + 1) {
+        return Err(Error::format(
+            path,
+            "files",
+            "numbers without a gap",
+            format!("none between {} and {}", gap[0].0, gap[1].0),
+            "add what is missing, or move what does not belong to it",
+        ));
+    }
+    if found.is_empty() {
+        return Err(none(path));
+    }
+    Ok(found.into_iter().map(|(_, file)| file).collect())
+}
+
+/// One image, or several on top of each other.
+struct Layer {
+    /// Width and height, pixels.
+    size: [usize; 2],
+    /// From a pixel to the next along each.
+    steps: [DVec3; 2],
+    fields: Vec<(String, Vec<Values>)>,
+}
+
+impl Layer {
+    fn append(&mut self, file: &Path, other: Self) -> Result<()> {
+        let kind = |layer: &Self| {
+            let of = |(name, components): &(String, Vec<Values>)| {
+                let kinds = components.iter().map(std::mem::discriminant);
+                (name.clone(), kinds.collect::<Vec<_>>())
+            };
+            layer.fields.iter().map(of).collect::<Vec<_>>()
+        };
+        if self.size != other.size || kind(self) != kind(&other) {
+            let [width, height] = self.size;
+            let [own_width, own_height] = other.size;
+            return Err(Error::format(
+                file,
+                "image",
+                format!("{width} x {height} pixels of one kind, as the first image has"),
+                format!("{own_width} x {own_height}, or another number or type of channels"),
+                "save all images alike",
+            ));
+        }
+        for ((_, all), (_, more)) in self.fields.iter_mut().zip(other.fields) {
+            for (all, more) in all.iter_mut().zip(more) {
+                let mut whole = Some(std::mem::replace(all, Values::U8(Vec::new())));
+                voxels::append(&mut whole, more);
+                if let Some(whole) = whole {
+                    *all = whole;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn layer(file: &Path) -> Result<Layer> {
+    let input = Input::of_file(file);
+    let bytes = input.read_all()?;
+    if tiff::looks_like(&bytes) {
+        return of_stack(file, tiff::read(input)?);
+    }
+    let refuse = |reason: String| {
+        let advice = "save it as PNG or TIFF";
+        Error::format(file, "image", "PNG, JPEG, WebP or TIFF", reason, advice)
+    };
+    let samples = Encoded::open(&bytes).and_then(Encoded::decode);
+    let samples = samples.map_err(|refusal| refuse(format!("one that {refusal}")))?;
+    let (size, mut channels) = samples.channels();
+    let fields = match channels.len() {
+        3 => vec![("rgb".into(), channels)],
+        4 => vec![("rgba".into(), channels)],
+        // Grey; alpha behind it is none of the data.
+        _ => {
+            channels.truncate(1);
+            vec![("value".into(), channels)]
+        }
+    };
+    Ok(Layer {
+        size,
+        steps: [DVec3::X, DVec3::Y],
+        fields,
+    })
+}
+
+/// A TIFF file of one page.
+fn of_stack(file: &Path, data: Dataset) -> Result<Layer> {
+    let depth = |found: String| {
+        let advice = "give the stack itself";
+        Error::format(file, "pages", "one", found, advice)
+    };
+    let Geometry::Lattice(lattice) = data.geometry else {
+        return Err(depth("none".into()));
+    };
+    let [width, height, layers] = lattice.dims;
+    let LatticeSpacing::Uniform { step, .. } = lattice.spacing else {
+        return Err(depth("none".into()));
+    };
+    if layers != 1 {
+        return Err(depth(layers.to_string()));
+    }
+    let arrays = |field: Field| {
+        let components = match field.source {
+            FieldSource::Scalar(values) => vec![values],
+            FieldSource::Vector(components) => components,
+            FieldSource::Derived(_) => Vec::new(),
+        };
+        (field.name, components)
+    };
+    Ok(Layer {
+        size: [width, height],
+        steps: [step.x_axis, step.y_axis],
+        fields: data.fields.into_iter().map(arrays).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_have_one_place_for_a_number() {
+        let number = |pattern: &str, name: &str| Pattern::of(pattern)?.number(name);
+        assert_eq!(number("a_%03d.png", "a_007.png"), Some(7));
+        assert_eq!(number("a_%03d.png", "a_1007.png"), Some(1007));
+        assert_eq!(number("a_%03d.png", "a_0007.png"), None);
+        assert_eq!(number("a_%03d.png", "a_7.png"), None);
+        assert_eq!(number("a_%03d.png", "a_x07.png"), None);
+        assert_eq!(number("%d.tif", "0.tif"), Some(0));
+        assert_eq!(number("%d.tif", "12.tif"), Some(12));
+        assert_eq!(number("%d.tif", "012.tif"), None);
+        for pattern in [
+            "a.png",
+            "%s.png",
+            "%d_%d.png",
+            "%3d.png",
+            "%00d.png",
+            "%099d.png",
+        ] {
+            assert!(Pattern::of(pattern).is_none(), "{pattern}");
+        }
+    }
+}
