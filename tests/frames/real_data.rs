@@ -425,17 +425,10 @@ fn the_reactor_has_its_temperature() {
 }
 
 #[test]
-fn formats_to_come_are_refused_by_name() {
-    for (name, words) in [
-        ("unstructured/disk_out_ref.ex2", "Exodus"),
-        ("curvilinear/bluntfin/bluntfinq.bin", "as its solution"),
-    ] {
-        let Some(path) = real_data(name) else {
-            continue;
-        };
-        let err = open(&path, &OpenOptions::default())
-            .unwrap_err()
-            .to_string();
-        assert!(err.contains(words), "{err}");
-    }
+fn a_solution_is_no_grid() {
+    let Some(path) = real_data("curvilinear/bluntfin/bluntfinq.bin") else {
+        return;
+    };
+    let error = open(&path, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("as its solution"), "{error}");
 }
