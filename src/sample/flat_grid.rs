@@ -5,13 +5,25 @@ use crate::io::{
     Association, Blanking, CurvilinearBlock, Dataset, Geometry, Material, Mesh, MeshPart,
 };
 
+/// Whether all grids of a data set have one node along just one index.
+pub(super) fn is_flat(dataset: &Dataset) -> bool {
+    match &dataset.geometry {
+        Geometry::Lattice(lattice) => sides(lattice.dims).is_some(),
+        Geometry::Curvilinear { blocks } => blocks.iter().all(|block| sides(block.dims).is_some()),
+        _ => false,
+    }
+}
+
 /// A data set whose grids all have one node along just one index, as a mesh with the same fields; any other as it is.
 ///
 /// # Errors
 /// Fields that say what is hidden and cannot be read.
 pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
+    if !is_flat(&dataset) {
+        return Ok(dataset);
+    }
     let blocks = match &dataset.geometry {
-        Geometry::Lattice(lattice) if sides(lattice.dims).is_some() => {
+        Geometry::Lattice(lattice) => {
             let [x, y, _] = lattice.dims;
             let count = lattice.dims.iter().product();
             let at = |n: usize| lattice.position([n % x, n / x % y, n / (x * y)]);
@@ -20,9 +32,7 @@ pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
                 nodes: (0..count).map(at).collect(),
             }]
         }
-        Geometry::Curvilinear { blocks } if blocks.iter().all(|b| sides(b.dims).is_some()) => {
-            blocks.clone()
-        }
+        Geometry::Curvilinear { blocks } => blocks.clone(),
         _ => return Ok(dataset),
     };
     let blanking = Blanking::of(&dataset)?;

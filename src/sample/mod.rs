@@ -218,6 +218,11 @@ pub struct SampledScene {
     pub report: SampleReport,
 }
 
+/// Whether [`scene`] makes surfels of a data set: of a mesh, and of grids of one layer.
+pub fn is_surface(dataset: &Dataset) -> bool {
+    matches!(dataset.geometry, Geometry::Mesh(_)) || flat_grid::is_flat(dataset)
+}
+
 /// Makes what is drawn of any data set: surfels of a mesh ([`mesh::surfels`]), the one point volume
 /// of all others ([`volume`]).
 ///

@@ -11,7 +11,7 @@ use ewa_splat::io::{
     Association, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Material, Mesh, MeshPart,
 };
 use ewa_splat::sample::mesh::Spread;
-use ewa_splat::sample::{SampleOptions, SampledScene, TransferChoice, scene};
+use ewa_splat::sample::{SampleOptions, SampledScene, TransferChoice, is_surface, scene};
 use ewa_splat::scene::{
     Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
 };
@@ -157,6 +157,7 @@ fn grids_of_one_layer_are_surfaces() {
     };
     let fields = vec![field(Association::Nodes, of_nodes.clone())];
     let data = Dataset::new(Path::new("a"), "test", geometry, fields);
+    assert!(is_surface(&data));
     let up = data.up();
     assert_eq!(
         (up.direction, up.front, up.is_plane),

@@ -146,8 +146,11 @@ impl Arguments {
         {
             note(text);
         }
-        // A mesh has no field, and what is made of it depends on the picture.
-        if matches!(dataset.geometry, Geometry::Mesh(_)) {
+        // What is made of a surface depends on the picture.
+        if ewa_splat::sample::is_surface(&dataset) {
+            if let (Some(field), false) = (&self.data.field, dataset.fields.is_empty()) {
+                dataset.scalar(field)?;
+            }
             return Ok(description);
         }
         // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
