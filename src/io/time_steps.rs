@@ -18,7 +18,7 @@ pub struct TimeStep {
 pub struct Part {
     /// A path that can be opened from where the file that names it can.
     pub path: PathBuf,
-    /// What [`OpenOptions::time_step`] is to be.
+    /// What [`OpenOptions::time_step`](super::OpenOptions::time_step) is to be.
     pub time_step: Option<usize>,
 }
 

@@ -77,7 +77,7 @@ pub(super) fn unpack(source: &Source<'_>, stated: &Value, place: &str) -> Result
     if count.checked_mul(stride).is_none_or(|bytes| bytes > room) {
         let expected = format!("{room} bytes at most, unpacked from those that there are");
         let found = format!("{count} elements of {stride} bytes");
-        return Err(refuse(expected.into(), found));
+        return Err(refuse(expected, found));
     }
     let decode = match stated["mode"].as_str() {
         Some("ATTRIBUTES") => codec::decode_vertex_buffer,
