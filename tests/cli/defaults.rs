@@ -126,6 +126,7 @@ fn default_pictures_of_all_real_files_show_them() {
             "3mf",
             "beach.nrrd",
             "blow1_bin.case",
+            "sampleCurveGrid4.nc",
         ]
         .iter()
         .any(|ending| name.ends_with(ending));
