@@ -52,6 +52,12 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     limits.decoding_buffer_size = bytes.len().saturating_mul(8);
     limits.ifd_value_size = bytes.len();
     limits.intermediate_buffer_size = bytes.len().max(INTERMEDIATE);
+    // The decoder takes limits only once it has read the first directory.
+    if has_long_lists(&bytes) {
+        let expected = "lists of tags that are no longer than the file";
+        let found = "a longer one";
+        return Err(Error::format(path, "first page", expected, found, DAMAGED));
+    }
     let pages = Decoder::new(Cursor::new(&*bytes)).map_err(fault)?;
     let mut pages = pages.with_limits(limits);
     let description = pages.get_tag(Tag::ImageDescription).ok();
@@ -132,6 +138,42 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
             fields(channels),
         )
     })
+}
+
+/// Whether an entry of the first directory has more numbers than the file has bytes.
+///
+/// | | TIFF | BigTIFF |
+/// |---|---|---|
+/// | where the first directory is | u32 at byte 4 | u64 at byte 8 |
+/// | how many entries it has | u16 | u64 |
+/// | an entry: tag u16, type u16, count, value | count u32, 12 bytes in all | count u64, 20 bytes in all |
+fn has_long_lists(bytes: &[u8]) -> bool {
+    let is_big_endian = bytes.starts_with(b"MM");
+    let number = |at: usize, len: usize| {
+        let part = bytes.get(at..at.checked_add(len)?)?;
+        let digit = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
+        Some(match is_big_endian {
+            true => part.iter().fold(0, digit),
+            false => part.iter().rev().fold(0, digit),
+        })
+    };
+    let is_big = number(2, 2) == Some(43);
+    let (place, width, counted, entry) = if is_big { (8, 8, 8, 20) } else { (4, 4, 2, 12) };
+    let first = number(place, width).and_then(|at| usize::try_from(at).ok());
+    let Some((first, count)) = first.and_then(|at| Some((at, number(at, counted)?))) else {
+        return false;
+    };
+    let mut at = first.saturating_add(counted);
+    for _ in 0..count {
+        let Some(numbers) = number(at.saturating_add(4), width) else {
+            return false;
+        };
+        if numbers > bytes.len() as u64 {
+            return true;
+        }
+        at = at.saturating_add(entry);
+    }
+    false
 }
 
 fn fields(channels: Vec<Vec<Values>>) -> Vec<Field> {
@@ -324,5 +366,28 @@ impl Page {
         };
         let components: Option<Vec<Values>> = (0..self.samples).map(component).collect();
         components.ok_or_else(|| Error::format(path, "pages", "pixels", "none", DAMAGED))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_longer_than_the_file_are_seen_before_they_are_read() {
+        // One entry: tag 273, of type 4, so many numbers, at byte 8.
+        let file = |count: u32| {
+            let mut bytes = b"II\x2a\0\x08\0\0\0\x01\0\x11\x01\x04\0".to_vec();
+            bytes.extend(count.to_le_bytes());
+            bytes.extend([8, 0, 0, 0, 0, 0, 0, 0]);
+            bytes
+        };
+        assert!(!has_long_lists(&file(2)));
+        assert!(has_long_lists(&file(0x8000_0000)));
+        let mut big = b"MM\0\x2b\0\x08\0\0\0\0\0\0\0\0\0\x10".to_vec();
+        big.extend([0, 0, 0, 0, 0, 0, 0, 1, 1, 17, 0, 4, 0, 0, 1, 0, 0, 0, 0, 0]);
+        assert!(has_long_lists(&big));
+        assert!(!has_long_lists(&big[..20]));
+        assert!(!has_long_lists(b"II"));
     }
 }
