@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::Association;
+
 /// Cells of any shape over shared nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellMesh {
@@ -20,6 +22,14 @@ impl CellMesh {
     /// How many cells there are.
     pub fn cell_count(&self) -> usize {
         self.kinds.len()
+    }
+
+    /// How many values a field of nodes or of cells has.
+    pub(crate) fn count_of(&self, association: Association) -> usize {
+        match association {
+            Association::Nodes => self.nodes.len(),
+            Association::Cells => self.cell_count(),
+        }
     }
 
     /// The entries of `connectivity` of one cell.

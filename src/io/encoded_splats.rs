@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::splats::SplatCloud;
+
 /// Which of PLY's two forms is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
@@ -47,6 +49,20 @@ pub(super) fn single_precision_quantum(positions: impl Iterator<Item = DVec3>) -
     let greatest = positions.fold(0.0_f64, |m, p| m.max(p.abs().max_element()));
     let exponent = greatest.max(f64::from(f32::MIN_POSITIVE)).log2().floor();
     (exponent - 23.0).exp2()
+}
+
+/// That a format has no harmonics beyond the constant, where there are some.
+pub(super) fn note_harmonics_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
+    if cloud.harmonics_degree > 0 {
+        notes.push("colours that depend on the view are lost: the format has none".into());
+    }
+}
+
+/// That a format has no mark of anti-aliased splats, where these are some.
+pub(super) fn note_mark_lost(notes: &mut Vec<String>, cloud: &SplatCloud) {
+    if cloud.is_anti_aliased {
+        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
+    }
 }
 
 /// Counts numbers that a format's range cuts.

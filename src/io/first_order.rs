@@ -1,6 +1,6 @@
 //! Cells of higher order, cut so finely that cells of first order say the same of one field.
 
-use super::element::{Element, Subdivision, steps};
+use super::element::{Subdivision, steps};
 use super::{Association, Blanking, CellMesh, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -28,12 +28,8 @@ pub(crate) fn to_first_order(
     let Geometry::Cells(mesh) = &dataset.geometry else {
         return Ok((dataset, 0));
     };
-    let count_of = |association| match association {
-        Association::Nodes => mesh.nodes.len(),
-        Association::Cells => mesh.cell_count(),
-    };
     let (association, values) = dataset.scalar(selector)?;
-    let expected = count_of(association);
+    let expected = mesh.count_of(association);
     if values.len() != expected {
         return Err(Error::format(
             &dataset.path,
@@ -44,11 +40,8 @@ pub(crate) fn to_first_order(
         ));
     }
     let of_nodes = (association == Association::Nodes).then_some(&values);
-    let steps = steps(mesh, of_nodes, slack);
-    if steps == 1 {
-        return Ok((dataset, 0));
-    }
-    let Some(cut) = Subdivision::new(mesh, steps) else {
+    let steps = steps(mesh, of_nodes, slack, true);
+    let Some(cut) = steps.and_then(|steps| Subdivision::new(mesh, steps)) else {
         return Ok((dataset, 0));
     };
     let unit = dataset.unit(selector).map(str::to_owned);
@@ -59,7 +52,7 @@ pub(crate) fn to_first_order(
         .filter(|f| Blanking::is_told_by(&f.name))
     {
         if let FieldSource::Scalar(stated) = &field.source
-            && stated.len() == count_of(field.association)
+            && stated.len() == mesh.count_of(field.association)
         {
             let source = FieldSource::Scalar(cut.values(field.association, stated));
             fields.push(Field {
@@ -87,23 +80,12 @@ const SURFACE_SLACK: f64 = 0.01;
 /// Flat cells with those of higher order cut, and all fields with them. They are cut as finely as their nodes lie at least, so
 /// that no value is lost.
 pub(super) fn surface_of_first_order(mesh: CellMesh, fields: Vec<Field>) -> (CellMesh, Vec<Field>) {
-    let count = mesh.cell_count();
-    let is_known = |i: usize| {
-        let kind = mesh.kinds[i];
-        kind.is_of_higher_order() && Element::of(kind, mesh.cell(i).len()).is_some()
-    };
-    if !(0..count).any(is_known) {
-        return (mesh, fields);
-    }
-    let steps = steps(&mesh, None, SURFACE_SLACK).max(2);
-    let Some(cut) = Subdivision::new(&mesh, steps) else {
+    let steps = steps(&mesh, None, SURFACE_SLACK, false);
+    let Some(cut) = steps.and_then(|steps| Subdivision::new(&mesh, steps)) else {
         return (mesh, fields);
     };
     let of_cut = |mut field: Field| {
-        let expected = match field.association {
-            Association::Nodes => mesh.nodes.len(),
-            Association::Cells => count,
-        };
+        let expected = mesh.count_of(field.association);
         if matches!(field.source, FieldSource::Derived(_)) {
             return None;
         }

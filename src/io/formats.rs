@@ -154,12 +154,7 @@ pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'sta
         return Ok(format);
     }
     let (head, len) = input.head(HEAD)?;
-    let probe = Probe {
-        input,
-        head: &head,
-        len,
-        options,
-    };
+    let probe = Probe::new(input, &head, len, options);
     let is_named = |f: &Format| probe.ends_in(f.endings) || (f.is_named)(&probe);
     let mut formats = FORMATS.iter();
     let known = formats.find(|f| (f.begins)(&probe));

@@ -37,7 +37,7 @@ use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, narrow, points, values};
 use super::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use super::table::{self, list};
-use super::time_steps::{Part, TimeStep};
+use super::time_steps::{TimeStep, of_file};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -212,11 +212,8 @@ fn files(input: Input<'_>, header: &Header) -> Result<Vec<PathBuf>> {
 /// # Errors
 /// Files that are not there or no snapshots.
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
-    let mut files = files(input, &Header::read(input)?)?;
-    Ok(vec![TimeStep {
-        time: None,
-        parts: vec![Part::file(files.swap_remove(0))],
-    }])
+    let files = files(input, &Header::read(input)?)?;
+    Ok(of_file(&files[0], &[]))
 }
 
 /// Reads the particles of a type or, where none is asked for, those of the first type there is.

@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::dataset::{Dataset, Field, FieldSource, Geometry};
+use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::samples::Encoded;
+use super::vtk_array::Array;
 use super::{tiff, voxels};
 use crate::error::{Error, Result};
 use crate::scene::{LatticeSpacing, Values};
@@ -240,18 +241,11 @@ fn of_stack(file: &Path, data: Dataset) -> Result<Layer> {
     if layers != 1 {
         return Err(depth(layers.to_string()));
     }
-    let arrays = |field: Field| {
-        let components = match field.source {
-            FieldSource::Scalar(values) => vec![values],
-            FieldSource::Vector(components) => components,
-            FieldSource::Derived(_) => Vec::new(),
-        };
-        (field.name, components)
-    };
+    let arrays = data.fields.into_iter().filter_map(Array::of_field);
     Ok(Layer {
         size: [width, height],
         steps: [step.x_axis, step.y_axis],
-        fields: data.fields.into_iter().map(arrays).collect(),
+        fields: arrays.map(|array| (array.name, array.components)).collect(),
     })
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::encoded_splats::{Encoded, byte, note_cut, single_precision_quantum};
+use super::encoded_splats::{Encoded, byte, note_cut, note_mark_lost, single_precision_quantum};
 use super::ply_packed::{BOXES, CHUNK};
 use super::splats::SplatCloud;
 use crate::error::{Error, Result};
@@ -98,9 +98,7 @@ pub(super) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> {
         }
     }
     let mut notes = Vec::new();
-    if cloud.is_anti_aliased {
-        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
-    }
+    note_mark_lost(&mut notes, cloud);
     note_cut(
         &mut notes,
         cut_scales,

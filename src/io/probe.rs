@@ -1,5 +1,8 @@
 //! What formats are recognised by.
 
+use std::borrow::Cow;
+use std::cell::OnceCell;
+
 use super::OpenOptions;
 use super::file::Input;
 use super::zip;
@@ -12,9 +15,26 @@ pub(super) struct Probe<'a> {
     /// Its length in bytes.
     pub(super) len: u64,
     pub(super) options: &'a OpenOptions,
+    /// All its bytes, once a format has asked for them; nothing where they cannot be read.
+    bytes: OnceCell<Cow<'a, [u8]>>,
 }
 
-impl Probe<'_> {
+impl<'a> Probe<'a> {
+    pub(super) fn new(
+        input: Input<'a>,
+        head: &'a [u8],
+        len: u64,
+        options: &'a OpenOptions,
+    ) -> Self {
+        Self {
+            input,
+            head,
+            len,
+            options,
+            bytes: OnceCell::new(),
+        }
+    }
+
     /// Whether the name ends in a dot and one of these, in upper or lower case.
     pub(super) fn ends_in(&self, endings: &[&str]) -> bool {
         let name = self.input.path.file_name().unwrap_or_default();
@@ -28,8 +48,8 @@ impl Probe<'_> {
     /// Whether it is a ZIP archive that is named as a format's or holds what the format's do.
     pub(super) fn is_archive(&self, ending: &str, holds: fn(&[zip::Entry<'_>]) -> bool) -> bool {
         let looked_at = || {
-            let bytes = self.input.read_all().unwrap_or_default();
-            zip::entries(&bytes).is_ok_and(|entries| holds(&entries))
+            let bytes = || self.input.read_all().unwrap_or_default();
+            zip::entries(self.bytes.get_or_init(bytes)).is_ok_and(|entries| holds(&entries))
         };
         // Archives of arrays may be large, and are what their name says.
         let is_archive = self.head.starts_with(zip::MAGIC) && !self.ends_in(&["npz"]);

@@ -15,7 +15,9 @@ use std::array;
 use glam::DVec3;
 
 use super::dataset::Dataset;
-use super::encoded_splats::{Encoded, byte, note_cut, single_precision_quantum};
+use super::encoded_splats::{
+    Encoded, byte, note_cut, note_harmonics_lost, note_mark_lost, single_precision_quantum,
+};
 use super::file::Input;
 use super::splats::{SplatCloud, constant_of_colour};
 use crate::error::{Error, Result};
@@ -105,12 +107,8 @@ pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
         bytes.extend(q.map(|c| byte(128.0 + 128.0 * sign * c, &mut 0)));
     }
     let mut notes = Vec::new();
-    if cloud.harmonics_degree > 0 {
-        notes.push("colours that depend on the view are lost: the format has none".into());
-    }
-    if cloud.is_anti_aliased {
-        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
-    }
+    note_harmonics_lost(&mut notes, cloud);
+    note_mark_lost(&mut notes, cloud);
     note_cut(
         &mut notes,
         cut_colours,

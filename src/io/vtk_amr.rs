@@ -23,7 +23,7 @@ use super::amr::{self, Level, Patch};
 use super::dataset::{Association, Dataset, Geometry};
 use super::file::Input;
 use super::vtk_array::Array;
-use super::vtk_xml::{Frame, clip};
+use super::vtk_xml::{Frame, child_among, clip};
 use super::{voxels, vti};
 use crate::error::{Error, Result};
 use crate::scene::{Lattice, LatticeSpacing};
@@ -49,10 +49,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     let bytes = input.read_all()?;
     let frame = Frame::new(path, &bytes)?;
     let document = frame.document()?;
-    let root = document.root_element();
-    let whole = root
-        .children()
-        .find(|n| TYPES.iter().any(|t| n.has_tag_name(*t)));
+    let whole = child_among(document.root_element(), &TYPES);
     let mut named = Vec::new();
     for node in whole.into_iter().flat_map(|whole| whole.children()) {
         if node.has_tag_name("Block") {

@@ -21,7 +21,7 @@ use roxmltree::Node;
 use super::dataset::Dataset;
 use super::file::{HEAD, Input};
 use super::time_steps::{Part, TimeStep};
-use super::vtk_xml::{self, Frame, clip};
+use super::vtk_xml::{self, Frame, child_among, clip};
 use super::{OpenOptions, extension, read_input, voxels};
 use crate::error::{Error, Result};
 
@@ -129,10 +129,7 @@ fn collect(input: Input<'_>, within: &mut Vec<PathBuf>, files: &mut Vec<PathBuf>
     let bytes = input.read_all()?;
     let frame = Frame::new(path, &bytes)?;
     let document = frame.document()?;
-    let root = document.root_element();
-    let whole = root
-        .children()
-        .find(|n| TYPES.iter().any(|t| n.has_tag_name(*t)));
+    let whole = child_among(document.root_element(), &TYPES);
     let mut named = Vec::new();
     if let Some(whole) = whole {
         walk(path, whole, 0, &mut named)?;

@@ -248,10 +248,7 @@ pub(super) fn join(
 
 impl Part {
     fn count(&self, association: Association) -> usize {
-        match association {
-            Association::Nodes => self.mesh.nodes.len(),
-            Association::Cells => self.mesh.kinds.len(),
-        }
+        self.mesh.count_of(association)
     }
 }
 

@@ -159,6 +159,12 @@ pub(crate) fn child<'d, 'i>(node: Node<'d, 'i>, name: &str) -> Option<Node<'d, '
     node.children().find(|n| n.has_tag_name(name))
 }
 
+/// The first child that has one of these names.
+pub(super) fn child_among<'d, 'i>(node: Node<'d, 'i>, names: &[&str]) -> Option<Node<'d, 'i>> {
+    let is_among = |n: &Node<'_, '_>| names.iter().any(|name| n.has_tag_name(*name));
+    node.children().find(is_among)
+}
+
 /// The `N` numbers of an attribute, or `default` where there is none.
 pub(crate) fn numbers<const N: usize, T: std::str::FromStr + Copy>(
     path: &Path,

@@ -13,7 +13,7 @@ use std::fmt::Write;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::encoded_splats::{Encoded, byte, note_cut};
+use super::encoded_splats::{Encoded, byte, note_cut, note_harmonics_lost, note_mark_lost};
 use super::splats::SplatCloud;
 use crate::math::HARMONIC_0;
 
@@ -90,12 +90,8 @@ pub(super) fn encode(cloud: &SplatCloud) -> Encoded {
     bytes.extend(b"\n</AppendedData>\n</VTKFile>\n");
 
     let mut notes = Vec::new();
-    if cloud.harmonics_degree > 0 {
-        notes.push("colours that depend on the view are lost: the format has none".into());
-    }
-    if cloud.is_anti_aliased {
-        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
-    }
+    note_harmonics_lost(&mut notes, cloud);
+    note_mark_lost(&mut notes, cloud);
     note_cut(
         &mut notes,
         cut_colours,

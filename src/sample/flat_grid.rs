@@ -17,11 +17,12 @@ pub(super) fn is_flat(dataset: &Dataset) -> bool {
 /// A data set whose grids all have one node along just one index, as a mesh with the same fields; any other as it is.
 ///
 /// # Errors
-/// Fields that say what is hidden and cannot be read.
+/// Those of [`Dataset::validate`]; fields that say what is hidden and cannot be read.
 pub(super) fn as_surface(mut dataset: Dataset) -> Result<Dataset> {
     if !is_flat(&dataset) {
         return Ok(dataset);
     }
+    dataset.validate()?;
     let blocks = match &dataset.geometry {
         Geometry::Lattice(lattice) => {
             let [x, y, _] = lattice.dims;

@@ -233,7 +233,6 @@ pub fn is_surface(dataset: &Dataset) -> bool {
 /// # Errors
 /// Those of the two.
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
-    dataset.validate()?;
     // Column densities are sums of values, which a layer of kernels has.
     let dataset = match options.for_columns {
         true => dataset,

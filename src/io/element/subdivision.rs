@@ -38,18 +38,22 @@ fn elements(mesh: &CellMesh) -> Elements {
     known
 }
 
-/// Into how many steps each edge is to be cut: 1 where the corners say as much, or a multiple of the order of the elements.
+/// Into how many steps each edge is to be cut: a multiple of the order of the elements. `None` where there are none that are
+/// known, or where the corners say as much and cells `may_stay`.
 ///
 /// Between corners of small cells what is drawn is linear. Halfway between two it is compared with what the element says:
 /// positions may differ by `slack` of the cell's size, values by `slack` of their range, at 999 places of 1000.
 ///
 /// - `values`: of the nodes, or `None` where values belong to cells.
-pub(crate) fn steps(mesh: &CellMesh, values: Option<&Values>, slack: f64) -> i32 {
+pub(crate) fn steps(
+    mesh: &CellMesh,
+    values: Option<&Values>,
+    slack: f64,
+    may_stay: bool,
+) -> Option<i32> {
     let elements = elements(mesh);
     let known = elements.values().flatten();
-    let Some(order) = known.map(|element| element.order).max() else {
-        return 1;
-    };
+    let order = known.map(|element| element.order).max()?;
     let range = values.and_then(Values::finite_range);
     let width = range.map_or(0.0, |[low, high]| f64::from(high) - f64::from(low));
     let is_known = |i: &usize| {
@@ -58,12 +62,16 @@ pub(crate) fn steps(mesh: &CellMesh, values: Option<&Values>, slack: f64) -> i32
     };
     let all: Vec<usize> = (0..mesh.cell_count()).filter(is_known).collect();
     let every = all.len().div_ceil(LOOKED_AT).max(1);
-    let mut chosen = 1;
+    let first = if may_stay { 1 } else { order };
+    let mut chosen = first;
     for steps in [1, order, 2 * order, 4 * order] {
+        if steps < first {
+            continue;
+        }
         let most = all
             .len()
             .saturating_mul(steps.pow(3).unsigned_abs() as usize);
-        if most > MOST_CELLS && steps > 1 {
+        if most > MOST_CELLS && steps > first {
             break;
         }
         chosen = steps;
@@ -99,7 +107,7 @@ pub(crate) fn steps(mesh: &CellMesh, values: Option<&Values>, slack: f64) -> i32
             break;
         }
     }
-    chosen
+    (chosen > 1).then_some(chosen)
 }
 
 /// Halfway between two corners of a small cell: the weights of the element less those of the straight line.

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::super::encoded_splats::{Encoded, single_precision_quantum};
+use super::super::encoded_splats::{Encoded, note_mark_lost, single_precision_quantum};
 use super::super::splats::SplatCloud;
 use super::{EXTENSION, harmonic_name, narrowed};
 use crate::error::{Error, Result};
@@ -97,9 +97,7 @@ pub(in crate::io) fn encode(path: &Path, cloud: &SplatCloud) -> Result<Encoded> 
         "buffers": [{ "byteLength": binary.len() }],
     });
     let mut notes = Vec::new();
-    if cloud.is_anti_aliased {
-        notes.push("the mark of anti-aliased splats is lost: the format has none".into());
-    }
+    note_mark_lost(&mut notes, cloud);
     Ok(Encoded {
         bytes: container(path, document.to_string().into_bytes(), &binary)?,
         position_quantum: single_precision_quantum(cloud.positions.iter().map(|p| *p - offset)),

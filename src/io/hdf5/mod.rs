@@ -27,7 +27,7 @@ use super::file::{Input, regular_len};
 use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
-use super::time_steps::{self, Part, TimeStep};
+use super::time_steps::{self, TimeStep};
 use super::unit;
 use crate::error::{Error, Parameter, Result};
 use crate::scene::Values;
@@ -80,13 +80,7 @@ pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
         Some(root) => vtkhdf::times(&file, &root)?,
         None => None,
     };
-    Ok(match times {
-        Some(times) => time_steps::of_file(input.path, &times),
-        None => vec![TimeStep {
-            time: None,
-            parts: vec![Part::file(input.path.to_path_buf())],
-        }],
-    })
+    Ok(time_steps::of_file(input.path, &times.unwrap_or_default()))
 }
 
 /// The one step of a snapshot: of one in several files the first file, which any of them stands for.
@@ -98,11 +92,10 @@ pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
     let first = pieces.map(|pieces| pieces.path(0));
     let first = first.filter(|first| input.has_beside(first));
-    let path = first.unwrap_or_else(|| input.path.to_path_buf());
-    Ok(vec![TimeStep {
-        time: None,
-        parts: vec![Part::file(path)],
-    }])
+    Ok(time_steps::of_file(
+        first.as_deref().unwrap_or(input.path),
+        &[],
+    ))
 }
 
 /// Reads a snapshot, or a VTKHDF file.

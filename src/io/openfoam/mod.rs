@@ -42,7 +42,7 @@ use self::mesh::{MeshFiles, PolyMesh};
 use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::table::list;
-use super::time_steps::{Part, TimeStep, chosen, of_file};
+use super::time_steps::{TimeStep, chosen, of_file};
 use super::zip::{self, Entry};
 use super::{CellMesh, check_cells};
 use crate::error::{Error, Result};
@@ -92,12 +92,6 @@ pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let bytes = archive(input)?;
     let (case, _) = case_of(input, bytes.as_deref())?;
     let times = Layout::of(&case).times();
-    if times.is_empty() {
-        return Ok(vec![TimeStep {
-            time: None,
-            parts: vec![Part::file(input.path.to_path_buf())],
-        }]);
-    }
     Ok(of_file(input.path, &times))
 }
 

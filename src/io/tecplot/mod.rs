@@ -32,7 +32,7 @@ use super::dataset::{Association, CurvilinearBlock, Dataset, Field, FieldSource,
 use super::file::Input;
 use super::scalars::narrow;
 use super::table::list;
-use super::time_steps::{Part, TimeStep, chosen, of_file};
+use super::time_steps::{TimeStep, chosen, of_file};
 use super::{CellKind, CellMesh, ReadAs, vtk_grid};
 use crate::error::{Error, Result};
 use crate::scene::Values;
@@ -60,12 +60,6 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 pub(super) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     let bytes = input.read_all()?;
     let times = times(&zone::read(input.path, &text(&bytes))?);
-    if times.is_empty() {
-        return Ok(vec![TimeStep {
-            time: None,
-            parts: vec![Part::file(input.path.to_path_buf())],
-        }]);
-    }
     Ok(of_file(input.path, &times))
 }
 
