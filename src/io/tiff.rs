@@ -52,11 +52,11 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     limits.decoding_buffer_size = bytes.len().saturating_mul(8);
     limits.ifd_value_size = bytes.len();
     limits.intermediate_buffer_size = bytes.len().max(INTERMEDIATE);
-    // The decoder takes limits only once it has read the first directory.
+    // The decoder takes limits only once it has read the first directory, and prints to standard error what is beyond them.
     if has_long_lists(&bytes) {
         let expected = "lists of tags that are no longer than the file";
         let found = "a longer one";
-        return Err(Error::format(path, "first page", expected, found, DAMAGED));
+        return Err(Error::format(path, "pages", expected, found, DAMAGED));
     }
     let pages = Decoder::new(Cursor::new(&*bytes)).map_err(fault)?;
     let mut pages = pages.with_limits(limits);
@@ -140,13 +140,14 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     })
 }
 
-/// Whether an entry of the first directory has more numbers than the file has bytes.
+/// Whether an entry of a directory has more numbers than the file has bytes, or the directories together more entries.
 ///
 /// | | TIFF | BigTIFF |
 /// |---|---|---|
 /// | where the first directory is | u32 at byte 4 | u64 at byte 8 |
 /// | how many entries it has | u16 | u64 |
 /// | an entry: tag u16, type u16, count, value | count u32, 12 bytes in all | count u64, 20 bytes in all |
+/// | behind them, where the next directory is, 0 for none | u32 | u64 |
 fn has_long_lists(bytes: &[u8]) -> bool {
     let is_big_endian = bytes.starts_with(b"MM");
     let number = |at: usize, len: usize| {
@@ -159,19 +160,27 @@ fn has_long_lists(bytes: &[u8]) -> bool {
     };
     let is_big = number(2, 2) == Some(43);
     let (place, width, counted, entry) = if is_big { (8, 8, 8, 20) } else { (4, 4, 2, 12) };
-    let first = number(place, width).and_then(|at| usize::try_from(at).ok());
-    let Some((first, count)) = first.and_then(|at| Some((at, number(at, counted)?))) else {
-        return false;
+    let directory = |at: usize| {
+        let next = number(at, width).and_then(|next| usize::try_from(next).ok());
+        next.filter(|next| *next > 0)
     };
-    let mut at = first.saturating_add(counted);
-    for _ in 0..count {
-        let Some(numbers) = number(at.saturating_add(4), width) else {
-            return false;
-        };
-        if numbers > bytes.len() as u64 {
-            return true;
+    let mut left = bytes.len();
+    let mut next = directory(place);
+    while let Some((start, count)) = next.and_then(|at| Some((at, number(at, counted)?))) {
+        let mut at = start.saturating_add(counted);
+        for _ in 0..count {
+            let Some(numbers) = number(at.saturating_add(4), width) else {
+                return false;
+            };
+            if numbers > bytes.len() as u64 || left == 0 {
+                return true;
+            }
+            left -= 1;
+            at = at.saturating_add(entry);
         }
-        at = at.saturating_add(entry);
+        // One without entries may lead back to itself.
+        left = left.saturating_sub(1);
+        next = directory(at).filter(|_| left > 0);
     }
     false
 }
@@ -384,6 +393,12 @@ mod tests {
         };
         assert!(!has_long_lists(&file(2)));
         assert!(has_long_lists(&file(0x8000_0000)));
+        // Its next directory is the one behind it; and one that leads to itself, without entries, ends.
+        let mut second = file(2);
+        second[22] = 26;
+        second.extend(&file(u32::MAX)[8..]);
+        assert!(has_long_lists(&second));
+        assert!(!has_long_lists(b"II\x2a\0\x08\0\0\0\0\0\x08\0\0\0"));
         let mut big = b"MM\0\x2b\0\x08\0\0\0\0\0\0\0\0\0\x10".to_vec();
         big.extend([0, 0, 0, 0, 0, 0, 0, 1, 1, 17, 0, 4, 0, 0, 1, 0, 0, 0, 0, 0]);
         assert!(has_long_lists(&big));

@@ -73,6 +73,24 @@ fn las_points_are_those_of_laspy() {
 }
 
 #[test]
+fn scans_without_colours_show_intensities() {
+    let shown = |name: &str| {
+        let sampled = volume(fixture(name), &SampleOptions::default()).unwrap();
+        (sampled.report.field, sampled.volume.values.is_some())
+    };
+    assert_eq!(shown("cloud_0.las"), (Some("intensity".into()), true));
+    // Colours are shown as they are.
+    assert_eq!(shown("cloud_3.las"), (None, false));
+    // A sum of columns counts points.
+    let options = SampleOptions {
+        for_columns: true,
+        ..SampleOptions::default()
+    };
+    let counted = volume(fixture("cloud_0.las"), &options).unwrap();
+    assert_eq!(counted.report.field.as_deref(), Some("number density"));
+}
+
+#[test]
 fn las_points_that_are_withheld_are_left_out() {
     let data = fixture("cloud_3.las");
     assert_eq!(positions(&data).len(), 59);

@@ -29,6 +29,9 @@ pub(super) const RESERVED: [&str; 12] = [
 /// Fields preferred where none is named.
 pub(super) const DENSITIES: [&str; 2] = ["rho", "density"];
 
+/// What scanners measure beside places.
+pub(super) const INTENSITIES: [&str; 2] = ["intensity", "reflectance"];
+
 /// A channel of a colour: as it is, or decoded from sRGB where it is a byte.
 pub(super) fn linear_channel(column: &Values, i: usize) -> f32 {
     match column {
@@ -164,31 +167,26 @@ impl<'a> Columns<'a> {
     /// A density if there is one, else, where `any` will do, the first column without a meaning of
     /// its own that is not constant.
     pub(super) fn default_field(&self, any: bool) -> Option<String> {
+        let (_, _, density) = self.names();
+        self.varying(&[&DENSITIES[..], &[density]].concat())
+            .or_else(|| self.varying(&[]).filter(|_| any))
+    }
+
+    /// The first column of these names, or of any, without a meaning of its own that is not constant.
+    pub(super) fn varying(&self, names: &[&str]) -> Option<String> {
         let is = |name: &str, list: &[&str]| list.iter().any(|l| l.eq_ignore_ascii_case(name));
-        let (length, mass, density) = self.names();
+        let (length, mass, _) = self.names();
         let own = [length, mass];
-        let varying = || {
-            self.dataset.fields.iter().filter(|f| match &f.source {
-                FieldSource::Scalar(values) => {
-                    values.finite_range().is_some_and(|[lo, hi]| lo < hi)
-                        && ![
-                            &RESERVED[..],
-                            &VARIANCE,
-                            &SCALES,
-                            &RGB,
-                            &RED_GREEN_BLUE,
-                            &own,
-                        ]
-                        .iter()
-                        .any(|list| is(&f.name, list))
-                        && !describes_the_grid(&f.name)
-                }
-                _ => false,
-            })
-        };
-        varying()
-            .find(|f| is(&f.name, &DENSITIES) || is(&f.name, &[density]))
-            .or_else(|| varying().next().filter(|_| any))
-            .map(|f| f.name.clone())
+        let kept: [&[&str]; 6] = [&RESERVED, &VARIANCE, &SCALES, &RGB, &RED_GREEN_BLUE, &own];
+        let mut varying = self.dataset.fields.iter().filter(|f| match &f.source {
+            FieldSource::Scalar(values) => {
+                (names.is_empty() || is(&f.name, names))
+                    && values.finite_range().is_some_and(|[lo, hi]| lo < hi)
+                    && !kept.iter().any(|list| is(&f.name, list))
+                    && !describes_the_grid(&f.name)
+            }
+            _ => false,
+        });
+        varying.next().map(|f| f.name.clone())
     }
 }

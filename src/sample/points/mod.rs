@@ -8,7 +8,7 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use self::columns::{Columns, RED_GREEN_BLUE, RGB, linear_channel};
+use self::columns::{Columns, INTENSITIES, RED_GREEN_BLUE, RGB, linear_channel};
 use self::mass::Mass;
 use self::shape::Shape;
 use super::left_out::LeftOut;
@@ -82,7 +82,10 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // The field: the one named; else, where masses are classified, a default one.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified => columns.default_field(!shapes.bare),
+        None if is_classified => columns.default_field(!shapes.bare).or_else(|| {
+            let of_scan = columns.varying(&INTENSITIES);
+            of_scan.filter(|_| shapes.bare && !options.for_columns)
+        }),
         None => None,
     };
     // Masses and a column of them: their density, so that columns are of mass.
