@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 
-use super::image::{Place, Slice};
+use super::image::Slice;
 use crate::error::{Error, Result};
 use crate::io::dataset::{CurvilinearBlock, Geometry};
 use crate::io::voxels;
@@ -60,8 +60,8 @@ fn largest(slices: Vec<Slice>) -> (Vec<Slice>, usize) {
     let total = slices.len();
     let mut kinds: Vec<Vec<Slice>> = Vec::new();
     for slice in slices {
-        match kinds.iter_mut().find(|kind| are_alike(&kind[0], &slice)) {
-            Some(kind) => kind.push(slice),
+        match kinds.iter().position(|kind| are_alike(&kind[0], &slice)) {
+            Some(i) => kinds[i].push(slice),
             None if kinds.len() < MOST_KINDS => kinds.push(vec![slice]),
             None => {}
         }

@@ -88,12 +88,12 @@ impl Budget {
 }
 
 /// Whether a file begins as DICOM files do.
-pub(super) fn looks_like(head: &[u8]) -> bool {
+pub(in crate::io) fn looks_like(head: &[u8]) -> bool {
     head.get(PREAMBLE - MAGIC.len()..PREAMBLE) == Some(MAGIC)
 }
 
 /// Whether a file may begin with a data set: two elements of the groups that come first, the second behind the first.
-pub(super) fn looks_bare(head: &[u8]) -> bool {
+pub(in crate::io) fn looks_bare(head: &[u8]) -> bool {
     let element = |at: usize| {
         let tag: &[u8; 4] = head.get(at..)?.first_chunk()?;
         let rest: &[u8; 4] = head.get(at + 4..)?.first_chunk()?;
@@ -123,7 +123,7 @@ fn start<'b>(bytes: &'b [u8], meta: &mut DataSet<'b>) -> std::result::Result<usi
 fn coding(stated: Option<Syntax>, body: &[u8]) -> Coding {
     let plain = Coding {
         // The first groups are below 256.
-        big_endian: matches!(body, [0, 1.., ..]),
+        big_endian: body.first() == Some(&0) && body.get(1) != Some(&0),
         ..Coding::EXPLICIT
     };
     stated.map_or(plain, |syntax| syntax.coding).as_found(body)

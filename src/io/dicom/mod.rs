@@ -33,7 +33,7 @@ use super::voxels;
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
-pub(super) use self::image::{looks_bare, looks_like};
+pub(in crate::io) use self::image::{looks_bare, looks_like};
 
 /// A file of the largest series in a folder, if there is one.
 pub(super) fn series_in(folder: &Path) -> Option<PathBuf> {

@@ -236,7 +236,10 @@ impl Layout {
 
     /// The packed bytes of each frame: a fragment, several, or those from one offset to the next.
     fn packed_frames<'f>(&self, fragments: &[&'f [u8]]) -> Result<Vec<Cow<'f, [u8]>>, Fault> {
-        let (offsets, fragments) = fragments.split_first().unwrap_or((&&[][..], &[]));
+        let (offsets, fragments) = match fragments {
+            [offsets, fragments @ ..] => (*offsets, fragments),
+            [] => (&[][..], fragments),
+        };
         if fragments.len() == self.frames {
             return Ok(fragments.iter().map(|part| Cow::Borrowed(*part)).collect());
         }
