@@ -27,6 +27,9 @@ const SHORT: [&[u8; 2]; 21] = [
     b"SH", b"SL", b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
 ];
 
+/// What to do about most faults.
+pub(super) const DAMAGED: &str = "the file is damaged: copy it or save it again";
+
 const UNDEFINED: u32 = u32::MAX;
 
 /// Sequences in each other: more than any standard file has.

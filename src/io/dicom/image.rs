@@ -7,16 +7,14 @@ use std::path::Path;
 use flate2::read::DeflateDecoder;
 use glam::DVec3;
 
-use super::data_set::{Coding, DataSet, Fault, is_vr, read_group, read_into};
-use super::pixels::Layout;
+use super::data_set::{Coding, DAMAGED, DataSet, Fault, is_vr, read_group, read_into};
+use super::pixels::{self, Layout};
 use super::scale::Scale;
-use super::syntax::Syntax;
+use super::syntax::{Syntax, UNPACK};
 use super::tags::{self, Tag};
 use crate::error::{Error, Result};
 use crate::io::scalars::ScalarType;
 use crate::scene::Values;
-
-const DAMAGED: &str = "the file is damaged: copy it or save it again";
 
 /// Bytes before the first element, and the letters at their end.
 const PREAMBLE: usize = 132;
@@ -228,8 +226,8 @@ fn images(
         let advice = "save it as TIFF";
         return Err(Error::format(path, "SOP class", expected, found, advice));
     }
-    let at_fault = |(expected, found): (String, String)| {
-        Error::format(path, "pixels", expected, found, DAMAGED)
+    let at_fault = |fault: pixels::Fault| {
+        Error::format(path, "pixels", fault.expected, fault.found, fault.advice)
     };
     let layout = Layout::of(set, syntax).map_err(at_fault)?;
     let scales: Vec<Scale> = {
@@ -242,7 +240,7 @@ fn images(
     let Some(left) = budget.0.checked_sub(needed) else {
         let expected = format!("at most {} bytes of numbers from files of this size", budget.0);
         let found = format!("{needed} bytes in {} frames", layout.frames);
-        let advice = "unpack it: `gdcmconv --raw IN OUT`";
+        let advice = UNPACK;
         return Err(Error::format(path, "pixels", expected, found, advice));
     };
     budget.0 = left;
@@ -301,7 +299,7 @@ fn unit(set: &DataSet<'_>, class: &str) -> Option<String> {
     let stated = stated.or((class == CT && is_scaled).then_some("HU"))?;
     let known = UNIT_CODES.iter().find(|(code, _)| *code == stated);
     let unit = known.map_or(stated, |(_, unit)| unit);
-    let is_unit = !matches!(unit, "" | "US" | "NONE" | "normalized");
+    let is_unit = !matches!(unit, "" | "US" | "NONE" | "RELATIVE");
     is_unit.then(|| unit.to_owned())
 }
 

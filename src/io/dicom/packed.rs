@@ -11,6 +11,9 @@ use std::io::Cursor;
 
 use jpeg_decoder::{ColorTransform, Decoder, PixelFormat};
 
+use super::data_set::DAMAGED;
+use super::syntax::UNPACK;
+
 /// Bytes that a byte of run lengths stands for at most.
 pub(super) const RUN_RATIO: usize = 64;
 
@@ -21,21 +24,46 @@ const LOSSLESS_RATIO: usize = 8;
 /// Bytes of the header of run lengths.
 const RUN_HEADER: usize = 64;
 
+/// Why a frame is not unpacked.
+#[derive(Debug)]
+pub(super) struct Reason {
+    /// As the end of a sentence about the frame.
+    pub(super) text: String,
+    pub(super) advice: &'static str,
+}
+
+impl Reason {
+    pub(super) fn damaged(text: impl Into<String>) -> Self {
+        Self {
+            text: text.into(),
+            advice: DAMAGED,
+        }
+    }
+
+    fn unread(text: impl Into<String>) -> Self {
+        Self {
+            text: text.into(),
+            advice: UNPACK,
+        }
+    }
+}
+
 /// Unpacks run lengths to planes of `size` bytes each, one for every byte of a pixel, in the order of the file.
 ///
 /// # Errors
-/// What is wrong, as the end of a sentence about the frame.
-pub(super) fn runs(packed: &[u8], plane_count: usize, size: usize) -> Result<Vec<Vec<u8>>, String> {
+/// What is wrong with the frame.
+pub(super) fn runs(packed: &[u8], plane_count: usize, size: usize) -> Result<Vec<Vec<u8>>, Reason> {
     let word = |i: usize| {
         let bytes = packed.get(4 * i..4 * i + 4)?.try_into().ok()?;
         usize::try_from(u32::from_le_bytes(bytes)).ok()
     };
     if packed.len() < RUN_HEADER || word(0) != Some(plane_count) {
         let found = word(0).unwrap_or(0);
-        return Err(format!("has {found} segments, not {plane_count}"));
+        let text = format!("has {found} segments, not {plane_count}");
+        return Err(Reason::damaged(text));
     }
     if size > packed.len().saturating_mul(RUN_RATIO) {
-        return Err("is shorter than run lengths of so many pixels".into());
+        return Err(Reason::damaged("is shorter than run lengths of so many pixels"));
     }
     let segment = |i: usize| {
         let start = word(1 + i)?;
@@ -46,7 +74,7 @@ pub(super) fn runs(packed: &[u8], plane_count: usize, size: usize) -> Result<Vec
         };
         unpack_runs(packed.get(start..end)?, size)
     };
-    let too_short = |i| format!("has a segment {} that is too short", i + 1);
+    let too_short = |i| Reason::damaged(format!("has a segment {} that is too short", i + 1));
     (0..plane_count)
         .map(|i| segment(i).ok_or_else(|| too_short(i)))
         .collect()
@@ -94,7 +122,7 @@ pub(super) fn jpeg(
     [width, height]: [usize; 2],
     samples: usize,
     is_rgb: bool,
-) -> Result<Unpacked, String> {
+) -> Result<Unpacked, Reason> {
     check_jpeg(packed, [width, height], samples)?;
     let mut decoder = Decoder::new(Cursor::new(packed));
     if samples == 3 {
@@ -106,23 +134,23 @@ pub(super) fn jpeg(
     decoder.set_max_decoding_buffer_size(width * height * samples * 2);
     let bytes = decoder.decode().map_err(|e| match e {
         jpeg_decoder::Error::Unsupported(feature) => {
-            format!("is JPEG of a kind that is not read ({feature:?})")
+            Reason::unread(format!("is JPEG of a kind that is not read ({feature:?})"))
         }
-        other => format!("is JPEG that cannot be unpacked ({other})"),
+        other => Reason::damaged(format!("is JPEG that cannot be unpacked ({other})")),
     })?;
     let bits = match decoder.info().map(|info| info.pixel_format) {
         Some(PixelFormat::L16) => 16,
         _ => 8,
     };
     if bytes.len() != width * height * samples * usize::from(bits / 8) {
-        return Err("is JPEG of another size than the image".into());
+        return Err(Reason::damaged("is JPEG of another size than the image"));
     }
     Ok(Unpacked { bytes, bits })
 }
 
 /// Compares the header of a JPEG stream with the image that it is of, and with its length.
-fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Result<(), String> {
-    let damaged = || "is no sound JPEG stream".to_owned();
+fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Result<(), Reason> {
+    let damaged = || Reason::damaged("is no sound JPEG stream");
     let be = |at: usize| -> Option<usize> {
         let bytes = packed.get(at..at + 2)?.try_into().ok()?;
         Some(usize::from(u16::from_be_bytes(bytes)))
@@ -151,7 +179,7 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
                 let size = [be(at + 7), be(at + 5)];
                 let found = segment.get(5).copied().map(usize::from);
                 if has_frame || size != [Some(width), Some(height)] || found != Some(samples) {
-                    return Err("is JPEG of another size than the image".into());
+                    return Err(Reason::damaged("is JPEG of another size than the image"));
                 }
                 has_frame = true;
                 let ratio = if marker == 0xc3 {
@@ -161,18 +189,18 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
                         && factors.clone().all(|component| component[1] == 0x11);
                     lossless_precision = Some(segment[0]).filter(|bits| (2..=16).contains(bits));
                     if lossless_precision.is_none() || !is_plain {
-                        return Err("is lossless JPEG of a kind that is not read".into());
+                        return Err(Reason::unread("is lossless JPEG of a kind that is not read"));
                     }
                     LOSSLESS_RATIO
                 } else {
                     JPEG_RATIO
                 };
                 if width * height * samples > packed.len().saturating_mul(ratio) {
-                    return Err("is shorter than JPEG of so many pixels".into());
+                    return Err(Reason::damaged("is shorter than JPEG of so many pixels"));
                 }
             }
             0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
-                return Err("is JPEG of a kind that is not read".into());
+                return Err(Reason::unread("is JPEG of a kind that is not read"));
             }
             // A scan: its predictor, then the bits that are left out.
             0xda => {

@@ -2,15 +2,30 @@
 
 use std::borrow::Cow;
 
-use super::data_set::{DataSet, Element, Value};
-use super::packed::{self, jpeg, runs};
+use super::data_set::{DAMAGED, DataSet, Element, Value};
+use super::packed::{self, Reason, jpeg, runs};
 use super::syntax::{Packing, Syntax};
 use super::tags;
 use crate::io::scalars::{Encoding, ScalarType, Stride, values};
 use crate::scene::Values;
 
-/// What is wrong: expected, found, and what to do where that is not obvious.
-pub(super) type Fault = (String, String);
+/// Why pixels are not read.
+#[derive(Debug)]
+pub(super) struct Fault {
+    pub(super) expected: String,
+    pub(super) found: String,
+    pub(super) advice: &'static str,
+}
+
+impl From<(&str, String)> for Fault {
+    fn from((expected, found): (&str, String)) -> Self {
+        Self {
+            expected: expected.to_owned(),
+            found,
+            advice: DAMAGED,
+        }
+    }
+}
 
 /// What a pixel is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,8 +70,8 @@ impl Layout {
     /// What is missing, or is not read.
     pub(super) fn of(set: &DataSet<'_>, syntax: Syntax) -> Result<Self, Fault> {
         let required = |tag, name: &str| {
-            let none = || (format!("`{name}`"), "no such element".to_owned());
-            set.short(tag).ok_or_else(none)
+            let none = || ("this element", format!("no `{name}`"));
+            set.short(tag).ok_or_else(|| Fault::from(none()))
         };
         let size = [
             usize::from(required(tags::COLUMNS, "Columns")?),
@@ -65,10 +80,10 @@ impl Layout {
         let frames = match set.text(tags::FRAME_COUNT) {
             None => 1,
             // 0 in some files of one frame.
-            Some(text) => text.parse::<usize>().map(|n| n.max(1)).map_err(|_| {
-                let expected = "a count as `NumberOfFrames`";
-                (expected.to_owned(), format!("`{text}`"))
-            })?,
+            Some(text) => {
+                let fault = |_| ("a count as `NumberOfFrames`", format!("`{text}`"));
+                text.parse::<usize>().map_err(fault)?.max(1)
+            }
         };
         let is_float = set.get(tags::PIXEL_DATA).is_none();
         let allocated = match set.get(tags::DOUBLE_PIXEL_DATA) {
@@ -91,7 +106,7 @@ impl Layout {
                 "{columns} x {rows} pixels of {stored} bits in {allocated}, the highest {}",
                 high.unwrap_or(0)
             );
-            return Err((expected.to_owned(), found));
+            return Err((expected, found).into());
         };
         let samples = set.short(tags::SAMPLES_PER_PIXEL).unwrap_or(1);
         let photometric = set.text(tags::PHOTOMETRIC).unwrap_or("MONOCHROME2");
@@ -104,18 +119,17 @@ impl Layout {
             _ => {
                 let expected = "grey pixels, RGB, YBR_FULL or YBR_FULL_422";
                 let found = format!("{photometric} of {samples} samples");
-                return Err((expected.to_owned(), found));
+                return Err((expected, found).into());
             }
         };
         let is_grey = colours == Colours::Grey;
         if !is_grey && (is_float || allocated < 8 || colours != Colours::Rgb && allocated != 8) {
             let expected = "colours of whole bytes";
-            return Err((expected.to_owned(), format!("{allocated} bits")));
+            return Err((expected, format!("{allocated} bits")).into());
         }
-        let is_words = allocated > 8;
         if allocated == 1 && syntax.packing != Packing::None {
             let expected = "bits that are not packed";
-            return Err((expected.to_owned(), "packed ones".to_owned()));
+            return Err((expected, "packed ones".to_owned()).into());
         }
         Ok(Self {
             size,
@@ -128,7 +142,7 @@ impl Layout {
             colours,
             is_planar: set.short(tags::PLANAR) == Some(1) && !is_grey,
             packing: syntax.packing,
-            big_endian: syntax.coding.big_endian && is_words,
+            big_endian: syntax.coding.big_endian,
         })
     }
 
@@ -185,7 +199,7 @@ impl Layout {
         match &element.value {
             Value::Bytes(bytes) => self.read_plain(bytes, element.vr == *b"OW"),
             Value::Fragments(fragments) => self.read_packed(fragments),
-            Value::Items(_) => Err(("pixels".into(), "a sequence".into())),
+            Value::Items(_) => Err(("pixels", "a sequence".to_owned()).into()),
         }
     }
 
@@ -196,19 +210,21 @@ impl Layout {
                 Packing::None => format!("{} bytes of pixels", bits.div_ceil(8)),
                 _ => "packed pixels in parts".to_owned(),
             };
-            return Err((expected, format!("{} bytes", bytes.len())));
-        }
-        if self.allocated == 1 {
-            return Ok(self.of_bits(bytes));
+            let found = format!("{} bytes", bytes.len());
+            return Err((expected.as_str(), found).into());
         }
         // Bytes in words of which the highest stands first.
-        let is_swapped = self.allocated == 8 && is_words;
-        let bytes = match is_swapped {
+        let bytes = match self.big_endian && self.allocated <= 8 && is_words {
             true => Cow::Owned(swapped(bytes)),
             false => Cow::Borrowed(bytes),
         };
+        if self.allocated == 1 {
+            return Ok(self.of_bits(&bytes));
+        }
         let frames = bytes.chunks(self.frame_bits() / 8).take(self.frames);
-        frames.map(|frame| self.frame(frame)).collect()
+        let frames: Option<Frames> = frames.map(|frame| self.frame(frame)).collect();
+        let found = || format!("{} bytes", bytes.len());
+        frames.ok_or_else(|| ("an even number of columns", found()).into())
     }
 
     /// A bit for each pixel, the lowest of a byte first, without a gap between frames.
@@ -226,9 +242,10 @@ impl Layout {
         let numbered = frames.iter().enumerate();
         numbered
             .map(|(i, frame)| {
-                self.unpacked(frame).map_err(|reason| {
-                    let expected = "packed pixels";
-                    (expected.to_owned(), format!("frame {}, which {reason}", i + 1))
+                self.unpacked(frame).map_err(|reason| Fault {
+                    expected: "packed pixels of so many rows and columns".to_owned(),
+                    found: format!("frame {}, which {}", i + 1, reason.text),
+                    advice: reason.advice,
                 })
             })
             .collect()
@@ -265,21 +282,20 @@ impl Layout {
         }
         if frames.len() != self.frames || offsets.len() != self.frames {
             let expected = format!("packed pixels of {} frames", self.frames);
-            return Err((expected, format!("{} parts", fragments.len())));
+            let found = format!("{} parts", fragments.len());
+            return Err((expected.as_str(), found).into());
         }
         Ok(frames.into_iter().map(Cow::Owned).collect())
     }
 
-    fn unpacked(&self, frame: &[u8]) -> Result<Vec<Values>, String> {
+    fn unpacked(&self, frame: &[u8]) -> Result<Vec<Values>, Reason> {
         let [width, height] = self.size;
         let samples = self.components();
-        let fault = |(expected, found): Fault| format!("has {found} in place of {expected}");
+        let short = || Reason::damaged("is too short");
         match self.packing {
             Packing::None => {
-                if frame.len() < self.frame_bits() / 8 {
-                    return Err(format!("has {} bytes", frame.len()));
-                }
-                self.frame(frame).map_err(fault)
+                let whole = frame.get(..self.frame_bits() / 8);
+                whole.and_then(|frame| self.frame(frame)).ok_or_else(short)
             }
             Packing::Runs => {
                 let bytes = usize::from(self.allocated / 8);
@@ -289,7 +305,7 @@ impl Layout {
                     big_endian: false,
                     ..*self
                 };
-                plain.frame(&of_planes(&planes, bytes)).map_err(fault)
+                plain.frame(&of_planes(&planes, bytes)).ok_or_else(short)
             }
             Packing::Jpeg => {
                 let is_rgb = self.colours == Colours::Rgb;
@@ -297,7 +313,8 @@ impl Layout {
                     jpeg(frame, [width, height], samples, is_rgb)?;
                 let colours = if samples == 3 { Colours::Rgb } else { self.colours };
                 if self.low + self.stored > bits && self.stored > bits {
-                    return Err(format!("is JPEG of {bits} bits, not of {}", self.stored));
+                    let text = format!("is JPEG of {bits} bits, not of {}", self.stored);
+                    return Err(Reason::damaged(text));
                 }
                 let plain = Self {
                     allocated: bits,
@@ -307,13 +324,13 @@ impl Layout {
                     colours,
                     ..*self
                 };
-                plain.frame(&bytes).map_err(fault)
+                plain.frame(&bytes).ok_or_else(short)
             }
         }
     }
 
-    /// The numbers of a frame that is not packed, of whole bytes.
-    fn frame(&self, bytes: &[u8]) -> Result<Vec<Values>, Fault> {
+    /// The numbers of a frame that is not packed, of whole bytes; `None` where there are too few.
+    fn frame(&self, bytes: &[u8]) -> Option<Vec<Values>> {
         let halved;
         let bytes = if self.colours == Colours::YbrHalved {
             halved = doubled(bytes);
@@ -337,13 +354,8 @@ impl Layout {
                 _ => self.of_bits_stored(whole),
             })
         };
-        let components: Option<Vec<Values>> = (0..samples).map(component).collect();
-        let short = || {
-            let found = format!("{} bytes", bytes.len());
-            (format!("{count} pixels"), found)
-        };
-        let components = components.ok_or_else(short)?;
-        Ok(match self.colours {
+        let components = (0..samples).map(component).collect::<Option<Vec<Values>>>()?;
+        Some(match self.colours {
             Colours::Ybr | Colours::YbrHalved => to_rgb(components),
             _ => components,
         })

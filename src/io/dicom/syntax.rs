@@ -26,7 +26,8 @@ pub(super) struct Refused {
     pub(super) advice: &'static str,
 }
 
-const GDCM: &str = "unpack it: `gdcmconv --raw IN OUT`";
+/// What unpacks most pixels.
+pub(super) const UNPACK: &str = "unpack it: `gdcmconv --raw IN OUT`";
 const VIDEO: &str = "take its pictures out with a program for video";
 const UNKNOWN: &str = "save it uncompressed with the program that wrote it";
 
@@ -73,8 +74,8 @@ impl Syntax {
             }),
             ".5" => packed(Packing::Runs),
             ".4.50" | ".4.51" | ".4.57" | ".4.70" => packed(Packing::Jpeg),
-            ".4.80" | ".4.81" => refused("JPEG-LS", GDCM),
-            ".4.90" | ".4.91" | ".4.92" | ".4.93" => refused("JPEG 2000", GDCM),
+            ".4.80" | ".4.81" => refused("JPEG-LS", UNPACK),
+            ".4.90" | ".4.91" | ".4.92" | ".4.93" => refused("JPEG 2000", UNPACK),
             ".4.94" | ".4.95" | ".4.204" | ".4.205" => {
                 refused("JPIP, whose pixels are elsewhere", UNKNOWN)
             }
