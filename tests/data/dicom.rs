@@ -46,8 +46,22 @@ fn a_series_is_read_from_any_of_its_files_and_from_its_folder() {
             &data,
             &[
                 ([0, 0, 0], [-10.0, 20.0, 5.5]),
-                ([4, 0, 0], [-7.866_666_666_667_7, 22.133_333_333_334_4, 6.566_666_666_666_7]),
-                ([4, 2, 3], [-6.033_333_333_331_2, 17.466_666_666_668_1, 12.233_333_333_332_6]),
+                (
+                    [4, 0, 0],
+                    [
+                        -7.866_666_666_667_7,
+                        22.133_333_333_334_4,
+                        6.566_666_666_666_7,
+                    ],
+                ),
+                (
+                    [4, 2, 3],
+                    [
+                        -6.033_333_333_331_2,
+                        17.466_666_666_668_1,
+                        12.233_333_333_332_6,
+                    ],
+                ),
             ],
         );
         assert_eq!(data.unit("value"), Some("HU"));
@@ -72,7 +86,17 @@ fn ways_of_packing_give_the_same_numbers() {
         };
         assert_eq!(scalar(&data), expected, "{name}");
         assert_eq!(lattice(&data).dims, [12, 10, 1]);
-        check_places(&data, &[([11, 9, 0], [-7.133_333_333_336_8, 27.366_666_666_667_6, 11.433_333_333_333_8])]);
+        check_places(
+            &data,
+            &[(
+                [11, 9, 0],
+                [
+                    -7.133_333_333_336_8,
+                    27.366_666_666_667_6,
+                    11.433_333_333_333_8,
+                ],
+            )],
+        );
     }
     let data = opened(&fixture("lossless.dcm"));
     let expected = (0..120_i32).map(|i| (i * 37 % 4000 - 1000).try_into().unwrap());
@@ -132,7 +156,11 @@ fn every_coding_is_read_from_bytes_with_and_without_a_preamble() {
         };
         let bytes = slice.file();
         let data = read("a", &bytes, &OpenOptions::default()).unwrap();
-        assert_eq!(scalar(&data), Values::I16(vec![2047, -2048, -1, 1]), "{coding:?}");
+        assert_eq!(
+            scalar(&data),
+            Values::I16(vec![2047, -2048, -1, 1]),
+            "{coding:?}"
+        );
         // Behind the first group: one element with the name of the syntax.
         let bare = &bytes[132 + 8 + usize::from(bytes[138])..];
         let bare = read("a.dcm", bare, &OpenOptions::default());
@@ -150,7 +178,11 @@ fn padding_is_no_value_and_the_rest_is_scaled() {
     let slice = Slice {
         signed: true,
         padding: Some(0x8000),
-        more: vec![(0x0028_1052, "DS", "-1.5"), (0x0028_1053, "DS", "2"), (0x0028_1054, "LO", "HU")],
+        more: vec![
+            (0x0028_1052, "DS", "-1.5"),
+            (0x0028_1053, "DS", "2"),
+            (0x0028_1054, "LO", "HU"),
+        ],
         words: [0x8000, 0xffff, 0, 7],
         ..Slice::default()
     };
@@ -185,7 +217,10 @@ fn at(position: &'static str, number: usize) -> Slice {
 
 fn firsts(data: &Dataset) -> Vec<f32> {
     let values = scalar(data);
-    (0..values.len()).step_by(4).map(|i| values.get(i)).collect()
+    (0..values.len())
+        .step_by(4)
+        .map(|i| values.get(i))
+        .collect()
 }
 
 #[test]
@@ -203,8 +238,16 @@ fn slices_at_one_place_and_of_another_orientation_are_left_out() {
     assert_eq!(firsts(&data), [7.0, 2.0, 4.0]);
     check_places(&data, &[([1, 1, 2], [0.25, 0.5, 3.0])]);
     let is_noted = |start: &str| data.notes.iter().any(|note| note.starts_with(start));
-    assert!(is_noted("2 images at the places of others"), "{:?}", data.notes);
-    assert!(is_noted("1 images of another size or orientation"), "{:?}", data.notes);
+    assert!(
+        is_noted("2 images at the places of others"),
+        "{:?}",
+        data.notes
+    );
+    assert!(
+        is_noted("1 images of another size or orientation"),
+        "{:?}",
+        data.notes
+    );
 }
 
 #[test]
@@ -222,7 +265,11 @@ fn uneven_distances_are_kept() {
         axes: "0\\1\\0\\0\\0\\1",
         ..at(position, number)
     };
-    let (_folder, data) = series(&[oblique("4\\0\\0", 3), oblique("0\\0\\0", 1), oblique("1\\0\\0", 2)]);
+    let (_folder, data) = series(&[
+        oblique("4\\0\\0", 3),
+        oblique("0\\0\\0", 1),
+        oblique("1\\0\\0", 2),
+    ]);
     let Geometry::Curvilinear { blocks } = &data.geometry else {
         panic!("no nodes");
     };
@@ -234,7 +281,10 @@ fn uneven_distances_are_kept() {
 #[test]
 fn layers_that_are_shifted_against_each_other_stay_so() {
     let (_folder, data) = series(&[at("0\\2\\4", 3), at("0\\0\\0", 1), at("0\\1\\2", 2)]);
-    check_places(&data, &[([0, 0, 2], [0.0, 2.0, 4.0]), ([1, 0, 1], [0.25, 1.0, 2.0])]);
+    check_places(
+        &data,
+        &[([0, 0, 2], [0.0, 2.0, 4.0]), ([1, 0, 1], [0.25, 1.0, 2.0])],
+    );
 }
 
 #[test]
@@ -253,7 +303,10 @@ fn what_is_not_read_is_refused_by_name() {
     }
     let directory = Dicom::new(Coding::Explicit).text(0x0008_0060, "CS", "RTSTRUCT");
     let said = folder.refuse("a.dcm", &directory.file(EXPLICIT));
-    assert!(said.contains("without pixels, of the modality RTSTRUCT"), "{said}");
+    assert!(
+        said.contains("without pixels, of the modality RTSTRUCT"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -264,13 +317,19 @@ fn claims_that_the_bytes_do_not_back_are_refused() {
         ..Slice::default()
     };
     let said = folder.refuse("a.dcm", &frames.file());
-    assert!(said.contains("bytes of numbers from files of this size"), "{said}");
+    assert!(
+        said.contains("bytes of numbers from files of this size"),
+        "{said}"
+    );
     let frames = Slice {
         more: vec![(0x0028_0008, "IS", "2")],
         ..Slice::default()
     };
     let said = folder.refuse("a.dcm", &frames.file());
-    assert!(said.contains("expected 16 bytes of pixels, found 8 bytes"), "{said}");
+    assert!(
+        said.contains("expected 16 bytes of pixels, found 8 bytes"),
+        "{said}"
+    );
     let runs = Slice::default().header().packed(&[&[0; 64]]);
     let said = folder.refuse("a.dcm", &runs.file("1.2.840.10008.1.2.5"));
     assert!(said.contains("0 segments, not 2"), "{said}");
@@ -286,7 +345,8 @@ fn claims_that_the_bytes_do_not_back_are_refused() {
     // Sequences in each other, deeper than a stack is.
     let mut deep = Dicom::new(Coding::Explicit);
     for _ in 0..200_000 {
-        deep.bytes.extend(b"\x09\x00\x01\x10SQ\0\0\xff\xff\xff\xff\xfe\xff\x00\xe0\xff\xff\xff\xff");
+        deep.bytes
+            .extend(b"\x09\x00\x01\x10SQ\0\0\xff\xff\xff\xff\xfe\xff\x00\xe0\xff\xff\xff\xff");
     }
     let said = folder.refuse("a.dcm", &deep.file(EXPLICIT));
     assert!(said.contains("sequences in each other"), "{said}");

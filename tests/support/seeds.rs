@@ -228,6 +228,19 @@ impl Set {
 pub(crate) fn sets() -> Vec<Set> {
     let mut sets = collections();
     sets.extend(simulations());
+    let slice = |position, number| Slice {
+        position,
+        number,
+        ..Slice::default()
+    };
+    for last in ["0\\0\\4", "0\\0\\5"] {
+        let slices = [slice("0\\0\\0", 1), slice("0\\0\\2", 2), slice(last, 3)];
+        let numbered = slices.iter().enumerate();
+        let files = numbered.map(|(i, slice)| (format!("{i}.dcm"), slice.file()));
+        sets.push(Set {
+            files: files.collect(),
+        });
+    }
     let image = |shade: u8| super::meshes::png(2, &[[shade, 9, 99, 255]; 6]);
     let layer = |i: u8| (format!("s{i:04}.png"), image(40 * i));
     sets.push(Set {
@@ -709,7 +722,14 @@ pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
 fn dicom() -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dicom");
     let names = [
-        "baseline", "big_endian", "deflated", "enhanced", "lossless", "oblique/a", "rgb", "rle",
+        "baseline",
+        "big_endian",
+        "deflated",
+        "enhanced",
+        "lossless",
+        "oblique/a",
+        "rgb",
+        "rle",
     ];
     let mut files: Vec<Vec<u8>> = names
         .iter()

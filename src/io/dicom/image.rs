@@ -186,7 +186,9 @@ pub(super) fn read(
     let mut set = DataSet::default();
     let coding = coding(uid.map(|_| syntax), &body);
     read_into(&body, 0, coding, &mut set).map_err(at_fault)?;
-    budget.0 = budget.0.saturating_add(bytes.len().saturating_mul(READ_PER_BYTE));
+    budget.0 = budget
+        .0
+        .saturating_add(bytes.len().saturating_mul(READ_PER_BYTE));
     let syntax = Syntax { coding, ..syntax };
     images(path, &set, syntax, number, budget)
 }
@@ -231,14 +233,20 @@ fn images(
     };
     let layout = Layout::of(set, syntax).map_err(at_fault)?;
     let scales: Vec<Scale> = {
-        let count = set.items(tags::PER_FRAME_GROUPS).len().clamp(1, layout.frames);
+        let count = set
+            .items(tags::PER_FRAME_GROUPS)
+            .len()
+            .clamp(1, layout.frames);
         let frames = (0..count).map(|i| Groups::of(set, i));
         frames.map(|groups| Scale::of(&groups, &layout)).collect()
     };
     let is_scaled = scales.iter().any(Scale::makes_floats);
     let needed = layout.bytes_read(is_scaled);
     let Some(left) = budget.0.checked_sub(needed) else {
-        let expected = format!("at most {} bytes of numbers from files of this size", budget.0);
+        let expected = format!(
+            "at most {} bytes of numbers from files of this size",
+            budget.0
+        );
         let found = format!("{needed} bytes in {} frames", layout.frames);
         let advice = UNPACK;
         return Err(Error::format(path, "pixels", expected, found, advice));
@@ -277,11 +285,12 @@ fn notes(set: &DataSet<'_>) -> Vec<String> {
         notes.push("Numbers are as stored: the table of the modality is not applied.".to_owned());
     }
     match set.text(tags::PHOTOMETRIC) {
-        Some("PALETTE COLOR") => notes.push(
-            "Numbers are places in the palette, whose colours are left out.".to_owned(),
-        ),
+        Some("PALETTE COLOR") => {
+            notes.push("Numbers are places in the palette, whose colours are left out.".to_owned())
+        }
         Some("MONOCHROME1") => {
-            notes.push("The file asks for low numbers to be shown bright (MONOCHROME1).".to_owned());
+            notes
+                .push("The file asks for low numbers to be shown bright (MONOCHROME1).".to_owned());
         }
         _ => {}
     }
@@ -349,13 +358,11 @@ fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
     let place = |i: usize| {
         let groups = Groups::of(set, i);
         let position = groups.numbers_of(tags::PLANE_POSITION, tags::IMAGE_POSITION);
-        let position =
-            position.or_else(|| of_detector(tags::IMAGE_POSITION)?.try_into().ok());
+        let position = position.or_else(|| of_detector(tags::IMAGE_POSITION)?.try_into().ok());
         let axes = groups.numbers_of(tags::PLANE_ORIENTATION, tags::IMAGE_ORIENTATION);
         let axes = axes.or_else(|| of_detector(tags::IMAGE_ORIENTATION)?.try_into().ok());
-        let axes = axes.map(|[a, b, c, d, e, f]: [f64; 6]| {
-            [DVec3::new(a, b, c), DVec3::new(d, e, f)]
-        });
+        let axes =
+            axes.map(|[a, b, c, d, e, f]: [f64; 6]| [DVec3::new(a, b, c), DVec3::new(d, e, f)]);
         // Those of the standard have the length 1, to their digits.
         let axes = axes.filter(|axes| axes[0].cross(axes[1]).length() > 0.5);
         // The first is from a row to the next.

@@ -63,7 +63,9 @@ pub(super) fn runs(packed: &[u8], plane_count: usize, size: usize) -> Result<Vec
         return Err(Reason::damaged(text));
     }
     if size > packed.len().saturating_mul(RUN_RATIO) {
-        return Err(Reason::damaged("is shorter than run lengths of so many pixels"));
+        return Err(Reason::damaged(
+            "is shorter than run lengths of so many pixels",
+        ));
     }
     let segment = |i: usize| {
         let start = word(1 + i)?;
@@ -189,7 +191,9 @@ fn check_jpeg(packed: &[u8], [width, height]: [usize; 2], samples: usize) -> Res
                         && factors.clone().all(|component| component[1] == 0x11);
                     lossless_precision = Some(segment[0]).filter(|bits| (2..=16).contains(bits));
                     if lossless_precision.is_none() || !is_plain {
-                        return Err(Reason::unread("is lossless JPEG of a kind that is not read"));
+                        return Err(Reason::unread(
+                            "is lossless JPEG of a kind that is not read",
+                        ));
                     }
                     LOSSLESS_RATIO
                 } else {

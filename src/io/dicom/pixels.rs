@@ -94,7 +94,8 @@ impl Layout {
         let stored = set.short(tags::BITS_STORED).unwrap_or(allocated);
         let high = set.short(tags::HIGH_BIT).filter(|_| !is_float);
         let stored = if is_float { allocated } else { stored };
-        let low = high.map_or(Some(0), |high| (high + 1).checked_sub(stored));
+        let above = |high: u16| high.checked_add(1)?.checked_sub(stored);
+        let low = high.map_or(Some(0), above);
         let is_sound = size.iter().all(|n| *n > 0)
             && (is_float || matches!(allocated, 1 | 8 | 16 | 32))
             && (1..=allocated).contains(&stored);
@@ -311,14 +312,22 @@ impl Layout {
                 let is_rgb = self.colours == Colours::Rgb;
                 let packed::Unpacked { bytes, bits } =
                     jpeg(frame, [width, height], samples, is_rgb)?;
-                let colours = if samples == 3 { Colours::Rgb } else { self.colours };
+                let colours = if samples == 3 {
+                    Colours::Rgb
+                } else {
+                    self.colours
+                };
                 if self.low + self.stored > bits && self.stored > bits {
                     let text = format!("is JPEG of {bits} bits, not of {}", self.stored);
                     return Err(Reason::damaged(text));
                 }
                 let plain = Self {
                     allocated: bits,
-                    low: if self.low + self.stored > bits { 0 } else { self.low },
+                    low: if self.low + self.stored > bits {
+                        0
+                    } else {
+                        self.low
+                    },
                     is_planar: false,
                     big_endian: cfg!(target_endian = "big") && bits > 8,
                     colours,
@@ -343,8 +352,16 @@ impl Layout {
         let count = self.pixels();
         let component = |i: usize| {
             let stride = match self.is_planar && self.colours != Colours::YbrHalved {
-                true => Stride { first: i * count * size, step: size, count },
-                false => Stride { first: i * size, step: samples * size, count },
+                true => Stride {
+                    first: i * count * size,
+                    step: size,
+                    count,
+                },
+                false => Stride {
+                    first: i * size,
+                    step: samples * size,
+                    count,
+                },
             };
             let whole = values(bytes, self.encoding(), stride)?;
             let is_whole = self.is_float || self.stored == self.allocated;
@@ -354,7 +371,9 @@ impl Layout {
                 _ => self.of_bits_stored(whole),
             })
         };
-        let components = (0..samples).map(component).collect::<Option<Vec<Values>>>()?;
+        let components = (0..samples)
+            .map(component)
+            .collect::<Option<Vec<Values>>>()?;
         Some(match self.colours {
             Colours::Ybr | Colours::YbrHalved => to_rgb(components),
             _ => components,

@@ -71,7 +71,9 @@ impl Scale {
         if matches!(values, Values::F32(_)) {
             return None;
         }
-        let range = values.finite_range()?.map(|x| f64::from(x) + self.intercept);
+        let range = values
+            .finite_range()?
+            .map(|x| f64::from(x) + self.intercept);
         let most = [f64::from(i16::MIN), f64::from(i16::MAX)];
         if range[0] < most[0] || range[1] > most[1] {
             return None;

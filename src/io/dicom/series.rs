@@ -51,15 +51,19 @@ fn listed(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// The first file of the series of a folder that has the most files, if there is any.
+/// The first file of the series of a folder that has the most files. A folder most of whose files are something else is no
+/// folder of series.
 pub(super) fn largest_in(folder: &Path) -> Option<PathBuf> {
     let mut series_of: BTreeMap<String, (usize, PathBuf)> = BTreeMap::new();
+    let mut others = 0;
     for path in listed(folder).ok()? {
-        if let Some(uid) = series(&path) {
-            series_of.entry(uid).or_insert((0, path)).0 += 1;
+        match series(&path) {
+            Some(uid) => series_of.entry(uid).or_insert((0, path)).0 += 1,
+            None => others += usize::from(path.is_file()),
         }
     }
-    let series = series_of.into_values();
+    let count: usize = series_of.values().map(|(count, _)| count).sum();
+    let series = series_of.into_values().filter(|_| count >= others);
     let largest = series.max_by(|a, b| a.0.cmp(&b.0).then(b.1.cmp(&a.1)));
     largest.map(|(_, path)| path)
 }
@@ -96,7 +100,10 @@ pub(super) fn of(input: Input<'_>) -> Result<Series> {
         }
     }
     // The file itself, where it is recognised by its name alone.
-    if !files.iter().any(|file| file.file_name() == path.file_name()) {
+    if !files
+        .iter()
+        .any(|file| file.file_name() == path.file_name())
+    {
         files.push(path.to_path_buf());
     }
     let count: usize = others.values().sum();
