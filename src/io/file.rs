@@ -20,7 +20,7 @@ pub(crate) fn regular_len(path: &Path) -> Result<u64> {
     let meta = fs::metadata(path)
         .map_err(|e| Error::io(path, "opening", e, "check the name and the permissions"))?;
     let found = if meta.is_dir() {
-        "a directory, and none of a SOG scene (with its `meta.json`)"
+        "a directory, and none that is a data set (a DICOM series, a SOG scene with its `meta.json`)"
     } else if !meta.is_file() {
         "a pipe, socket or device"
     } else if meta.len() == 0 {

@@ -6,6 +6,8 @@
 
 use std::path::Path;
 
+#[cfg(feature = "dicom")]
+use super::dicom;
 #[cfg(feature = "e57")]
 use super::e57;
 use super::file::{HEAD, Input};
@@ -205,6 +207,21 @@ static FORMATS: &[Format] = &[
                 list or a pattern of them",
         begins: |p| meta_image::looks_like(p.head),
         read: |input, _| meta_image::read(input),
+        ..PLAIN
+    },
+    // Before TIFF, which the bytes before it may begin as, so that either kind of program shows the picture.
+    #[cfg(feature = "dicom")]
+    Format {
+        name: "DICOM",
+        family: Family::Volumes,
+        endings: &["dcm", "dicom"],
+        reads: "series of slices, given as any of their files or the folder, and files of many frames (enhanced or not, RT \
+                dose): explicit, implicit, deflated and big-endian; uncompressed, RLE, JPEG (baseline, extended of 8 bits, \
+                lossless); grey of 1 to 32 bits and floats, rescaled, RGB and YBR. JPEG 2000, JPEG-LS and the like are refused by \
+                name. See [Images with headers](#images-with-headers)",
+        begins: |p| dicom::looks_like(p.head),
+        resembles: |p| dicom::looks_bare(p.head),
+        read: |input, _| dicom::read(input),
         ..PLAIN
     },
     Format {

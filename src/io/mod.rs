@@ -15,6 +15,8 @@ mod column_file;
 mod count_file;
 mod csv;
 mod dataset;
+#[cfg(feature = "dicom")]
+mod dicom;
 #[cfg(feature = "e57")]
 mod e57;
 mod element;
@@ -189,7 +191,7 @@ pub enum ReadAs {
 ///
 /// [`formats`] lists what is read. A file is what its first bytes say, or else its name; text and sizes decide last. Where
 /// [`OpenOptions::raw`] is given, it is a raw volume before it is any of those that only a size or text suggests. A folder is
-/// that of a SOG scene, for its `meta.json`, an AMReX plotfile, or an OpenFOAM case.
+/// that of a SOG scene, for its `meta.json`, an AMReX plotfile, an OpenFOAM case, or the largest DICOM series in it.
 ///
 /// # Errors
 /// The file cannot be read, is of no known format, or breaks its format's rules.
@@ -211,7 +213,12 @@ pub(crate) fn of_folder(path: &Path) -> Cow<'_, Path> {
     };
     let file = path.is_dir().then(|| {
         let plotfile = || stands_in(plotfile::HEADER, &|_, head| plotfile::looks_like(head));
-        plotfile().or_else(|| stands_in(sog::META, &sog::looks_like))
+        let scene = || stands_in(sog::META, &sog::looks_like);
+        #[cfg(feature = "dicom")]
+        let series = || dicom::series_in(path);
+        #[cfg(not(feature = "dicom"))]
+        let series = || None;
+        plotfile().or_else(scene).or_else(series)
     });
     file.flatten().map_or(Cow::Borrowed(path), Cow::Owned)
 }

@@ -8,6 +8,8 @@ use crate::error::{Advice, Error, Hint};
 
 /// What files begin with, at which byte; what they are; and what to do.
 const BEGINNINGS: &[(usize, &[u8], &str, &str)] = &[
+    #[cfg(not(feature = "dicom"))]
+    (128, b"DICM", "a DICOM file", NO_DICOM),
     #[cfg(not(feature = "e57"))]
     E57,
     (0, b"\x89PNG", "a PNG image", IMAGE),
@@ -72,6 +74,8 @@ const ENDINGS: &[(&str, &str, &str)] = &[
 ];
 
 const IMAGE: &str = "an image holds no volume: give a data file";
+#[cfg(not(feature = "dicom"))]
+const NO_DICOM: &str = "build with the feature `dicom`, or save the series as NIfTI or NRRD";
 #[cfg(not(feature = "netcdf"))]
 const NO_NETCDF: &str = "build with the feature `netcdf`, or save it as VTK XML (.vtu)";
 const MESH: &str = "save it as glTF (.glb)";

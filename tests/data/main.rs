@@ -18,6 +18,8 @@ mod cells;
 mod clouds;
 mod collections;
 mod convert;
+#[cfg(feature = "dicom")]
+mod dicom;
 mod faces;
 mod fixtures;
 mod from_bytes;

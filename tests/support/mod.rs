@@ -4,6 +4,7 @@
 
 pub(crate) mod amr;
 pub(crate) mod damage;
+pub(crate) mod dicom;
 pub(crate) mod gadget;
 pub(crate) mod images;
 pub(crate) mod meshes;

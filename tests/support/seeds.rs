@@ -7,6 +7,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::amr;
+use super::dicom::{Coding, Slice};
 use super::gadget;
 use super::meshes::{RICH_OBJ, jpeg, rich_gltf};
 use super::nifti::Nifti;
@@ -94,6 +95,7 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
             }
         }
         seeds.extend(clouds_and_stacks());
+        seeds.extend(dicom());
         for file in legacy_vtk() {
             seeds.push(("a.vtk".into(), file));
         }
@@ -226,6 +228,19 @@ impl Set {
 pub(crate) fn sets() -> Vec<Set> {
     let mut sets = collections();
     sets.extend(simulations());
+    let slice = |position, number| Slice {
+        position,
+        number,
+        ..Slice::default()
+    };
+    for last in ["0\\0\\4", "0\\0\\5"] {
+        let slices = [slice("0\\0\\0", 1), slice("0\\0\\2", 2), slice(last, 3)];
+        let numbered = slices.iter().enumerate();
+        let files = numbered.map(|(i, slice)| (format!("{i}.dcm"), slice.file()));
+        sets.push(Set {
+            files: files.collect(),
+        });
+    }
     let image = |shade: u8| super::meshes::png(2, &[[shade, 9, 99, 255]; 6]);
     let layer = |i: u8| (format!("s{i:04}.png"), image(40 * i));
     sets.push(Set {
@@ -701,4 +716,36 @@ pub(crate) fn vtk_grids(encoding: VtkEncoding) -> Vec<(String, Vec<u8>)> {
         file("a.vtp", "PolyData", "", &[surface.clone(), surface]),
         file("b.vtp", "PolyData", "", &[lone.clone(), lone]),
     ]
+}
+
+/// Files of DICOM: those of `fixtures/dicom`, and slices without and with a sequence.
+fn dicom() -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dicom");
+    let names = [
+        "baseline",
+        "big_endian",
+        "deflated",
+        "enhanced",
+        "lossless",
+        "oblique/a",
+        "rgb",
+        "rle",
+    ];
+    let mut files: Vec<Vec<u8>> = names
+        .iter()
+        .map(|name| std::fs::read(folder.join(format!("{name}.dcm"))).unwrap())
+        .collect();
+    for coding in [Coding::Explicit, Coding::Implicit, Coding::BigEndian] {
+        let slice = Slice {
+            coding,
+            bits: [16, 12, 11],
+            padding: Some(3),
+            more: vec![(0x0028_1052, "DS", "-1024"), (0x0028_1053, "DS", "0.5")],
+            ..Slice::default()
+        };
+        files.push(slice.file());
+    }
+    let named = files.into_iter().map(|file| ("a.dcm".to_owned(), file));
+    let four_times = named.flat_map(|seed| std::iter::repeat_n(seed, 4));
+    four_times.collect()
 }

@@ -1,0 +1,164 @@
+//! DICOM: images of scanners, a file for each slice of a series, or all slices as frames of one file.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0..128 | anything; missing in some files, and so is what follows up to the data set |
+//! | 128..132 | `DICM` |
+//! | from there | elements of group 2, always explicit and little-endian; among them the transfer syntax ([`syntax`]) |
+//! | then | the data set ([`data_set`]), whose last element is the pixels ([`pixels`], [`packed`]) |
+//!
+//! A file stands for all of its folder that state its series ([`series`]). Where frames lie is [`geometry`]; positions are those
+//! of the patient as the file states them (+x left, +y to the back, +z up), and nothing is turned. Numbers are multiplied and
+//! moved by `RescaleSlope` and `RescaleIntercept` ([`scale`]).
+//!
+//! <https://www.dicomstandard.org/current>: parts 3 (attributes of images), 5 (data structures) and 10 (files).
+
+mod data_set;
+mod geometry;
+mod image;
+mod packed;
+mod pixels;
+mod scale;
+mod series;
+mod syntax;
+mod tags;
+
+use std::path::{Path, PathBuf};
+
+use self::geometry::Placed;
+use self::image::{Budget, Image, Slice};
+use super::dataset::{Dataset, Geometry};
+use super::file::Input;
+use super::voxels;
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+pub(in crate::io) use self::image::{looks_bare, looks_like};
+
+/// A file of the largest series in a folder, if there is one.
+pub(super) fn series_in(folder: &Path) -> Option<PathBuf> {
+    series::largest_in(folder)
+}
+
+/// Reads the series that a file is of.
+///
+/// # Errors
+/// A file that holds no image, or breaks the format's rules; pixels that are packed as nothing that is read.
+pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    let path = input.path;
+    let series = series::of(input)?;
+    let mut notes: Vec<String> = series.note.into_iter().collect();
+    let mut budget = Budget::new();
+    let mut slices: Vec<Slice> = Vec::new();
+    let mut unit = None;
+    let mut without_pixels = 0;
+    for (number, file) in series.files.iter().enumerate() {
+        // The file that was given may be bytes in memory.
+        let is_given = file.file_name() == path.file_name();
+        let bytes = match is_given {
+            true => input.read_all()?,
+            false => input.read_beside(file)?.into(),
+        };
+        match image::read(file, &bytes, number, &mut budget)? {
+            Some(image) => {
+                let Image {
+                    slices: more,
+                    unit: own,
+                    notes: own_notes,
+                } = image;
+                slices.extend(more);
+                unit = unit.or(own);
+                for note in own_notes {
+                    if !notes.contains(&note) {
+                        notes.push(note);
+                    }
+                }
+            }
+            None if is_given => return Err(image::no_image(path, &bytes)),
+            None => without_pixels += 1,
+        }
+    }
+    if without_pixels > 0 {
+        notes.push(format!(
+            "{without_pixels} files of the series hold no image."
+        ));
+    }
+    let bytes_read = slices.iter().map(bytes_of).sum();
+    let Placed {
+        slices,
+        geometry,
+        notes: more,
+    } = geometry::place(path, slices, bytes_read)?;
+    notes.extend(more);
+    let components = put_together(path, slices)?;
+    let name = match components.len() {
+        3 => "rgb",
+        _ => "value",
+    };
+    let field = voxels::field(name, components, unit);
+    if let Geometry::Lattice(lattice) = &geometry {
+        lattice.validate().map_err(|e| e.in_file(path))?;
+    }
+    Ok(Dataset {
+        notes,
+        ..Dataset::new(path, "DICOM series", geometry, vec![field])
+    })
+}
+
+fn bytes_of(slice: &Slice) -> usize {
+    let of = |values: &Values| values.len() * values.bytes_per_value();
+    slice.components.iter().map(of).sum()
+}
+
+/// The numbers of all slices one after another: of their type, or floats where they are of several.
+fn put_together(path: &Path, slices: Vec<Slice>) -> Result<Vec<Values>> {
+    let kinds = |slice: &Slice| -> Vec<_> {
+        let values = slice.components.iter();
+        values.map(std::mem::discriminant).collect()
+    };
+    let first = slices.first().map(kinds);
+    let is_one_kind = slices.iter().all(|slice| Some(kinds(slice)) == first);
+    let count: usize = slices
+        .iter()
+        .filter_map(|slice| slice.components.first())
+        .map(Values::len)
+        .sum();
+    let mut all: Vec<Option<Values>> = vec![None; first.map_or(0, |kinds| kinds.len())];
+    for slice in slices {
+        for (all, values) in all.iter_mut().zip(slice.components) {
+            let values = match is_one_kind {
+                true => values,
+                false => {
+                    let mut floats = Vec::with_capacity(values.len());
+                    values.append_to(0..values.len(), &mut floats);
+                    Values::F32(floats)
+                }
+            };
+            if all.is_none() {
+                *all = Some(with_room(path, &values, count)?);
+            }
+            voxels::append(all, values);
+        }
+    }
+    Ok(all.into_iter().flatten().collect())
+}
+
+/// No values of this kind, and room for so many.
+fn with_room(path: &Path, like: &Values, count: usize) -> Result<Values> {
+    fn room<T>(count: usize) -> Option<Vec<T>> {
+        let mut values = Vec::new();
+        values.try_reserve_exact(count).ok()?;
+        Some(values)
+    }
+    let empty = match like {
+        Values::U8(_) => room(count).map(Values::U8),
+        Values::I16(_) => room(count).map(Values::I16),
+        Values::U16(_) => room(count).map(Values::U16),
+        Values::F32(_) => room(count).map(Values::F32),
+    };
+    empty.ok_or_else(|| {
+        let expected = "a series that fits into memory";
+        let advice = "use a machine with more memory";
+        Error::format(path, "pixels", expected, format!("{count} numbers"), advice)
+    })
+}

@@ -1,0 +1,85 @@
+//! Stored numbers to what they mean: a slope, an intercept, and numbers that stand for no value.
+
+use super::image::{self, Groups};
+use super::pixels::Layout;
+use super::tags;
+use crate::io::scalars::narrow;
+use crate::scene::Values;
+
+/// What is done to the numbers of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Scale {
+    slope: f64,
+    intercept: f64,
+    /// Numbers from here to there stand for none.
+    padding: Option<[f64; 2]>,
+}
+
+impl Scale {
+    pub(super) fn of(groups: &Groups<'_, '_>, layout: &Layout) -> Self {
+        let number = |tag| groups.number(tags::PIXEL_VALUE_TRANSFORMATION, tag);
+        let dose = groups.root.number(tags::DOSE_SCALING);
+        let slope = number(tags::RESCALE_SLOPE).or(dose);
+        Self {
+            // 0 in headers that were never filled in.
+            slope: slope.filter(|slope| *slope != 0.0).unwrap_or(1.0),
+            intercept: number(tags::RESCALE_INTERCEPT).unwrap_or(0.0),
+            padding: image::padding(groups.root, layout),
+        }
+    }
+
+    /// Whether numbers may become floats.
+    pub(super) fn makes_floats(&self) -> bool {
+        self.padding.is_some() || !self.keeps_integers()
+    }
+
+    fn keeps_integers(&self) -> bool {
+        self.slope == 1.0 && self.intercept.fract() == 0.0
+    }
+
+    /// Integers stay such where they can.
+    pub(super) fn apply(&self, components: Vec<Values>) -> Vec<Values> {
+        components.into_iter().map(|v| self.values(v)).collect()
+    }
+
+    fn values(&self, values: Values) -> Values {
+        let padding = self.padding.filter(|[low, high]| {
+            let is_padding = |x: f32| (*low..=*high).contains(&f64::from(x));
+            (0..values.len()).any(|i| is_padding(values.get(i)))
+        });
+        if padding.is_none() && self.slope == 1.0 && self.intercept == 0.0 {
+            return values;
+        }
+        if padding.is_none()
+            && self.keeps_integers()
+            && let Some(integers) = self.integers(&values)
+        {
+            return integers;
+        }
+        let number = |i: usize| {
+            let x = f64::from(values.get(i));
+            match padding {
+                Some([low, high]) if (low..=high).contains(&x) => f32::NAN,
+                _ => narrow(self.slope * x + self.intercept),
+            }
+        };
+        Values::F32((0..values.len()).map(number).collect())
+    }
+
+    /// Integers and the intercept, where all of these fit into 16 bits with a sign.
+    fn integers(&self, values: &Values) -> Option<Values> {
+        if matches!(values, Values::F32(_)) {
+            return None;
+        }
+        let range = values
+            .finite_range()?
+            .map(|x| f64::from(x) + self.intercept);
+        let most = [f64::from(i16::MIN), f64::from(i16::MAX)];
+        if range[0] < most[0] || range[1] > most[1] {
+            return None;
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "within the range above")]
+        let numbers = (0..values.len()).map(|i| (f64::from(values.get(i)) + self.intercept) as i16);
+        Some(Values::I16(numbers.collect()))
+    }
+}
