@@ -155,7 +155,7 @@ use crate::error::{Error, Hint, Parameter, Result};
 pub struct OpenOptions {
     /// How raw volumes are laid out; other formats ignore it.
     pub raw: Option<RawLayout>,
-    /// The solution of a PLOT3D grid; without it, one beside the grid is taken. Other formats
+    /// The solution of a PLOT3D grid, or its functions; what is not given is taken from beside the grid. Other formats
     /// ignore it.
     pub solution: Option<PathBuf>,
     /// An image for the parts of an OBJ or PLY mesh that have texture coordinates and no texture. Other

@@ -32,6 +32,7 @@ mod nrrd;
 mod openfoam;
 mod packed_meshes;
 mod particles;
+mod plot3d;
 mod public_data;
 mod readers;
 mod refused;
