@@ -40,6 +40,7 @@ mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+mod morton;
 #[cfg(feature = "netcdf")]
 mod netcdf;
 mod nifti;
@@ -107,6 +108,7 @@ mod vtu_write;
 mod write_splats;
 mod xyz;
 mod zip;
+mod zip_write;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};

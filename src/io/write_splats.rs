@@ -10,7 +10,7 @@ use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
 use super::splat_axes::SplatAxes;
 use super::splats::SplatCloud;
-use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz, vtu_write};
+use super::{extension, gltf_splats, ply_packed_write, ply_splats, sog, splat, spz, vtu_write};
 use crate::error::{Error, Result};
 
 /// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
@@ -42,6 +42,7 @@ enum Format {
     PackedPly,
     Splat,
     Spz,
+    Sog,
     Glb,
     Vtu,
 }
@@ -60,6 +61,7 @@ impl Format {
             "ply" => Some(Self::Ply),
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
+            "sog" => Some(Self::Sog),
             "glb" => Some(Self::Glb),
             "vtu" => Some(Self::Vtu),
             _ => None,
@@ -69,7 +71,7 @@ impl Format {
     /// The axes that its writer takes; SPZ's turns from there to those of the file. VTK's grids have any.
     fn axes(self) -> Option<SplatAxes> {
         match self {
-            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz => {
+            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog => {
                 Some(SplatAxes::RightDownForward)
             }
             Self::Glb => Some(SplatAxes::LeftUpForward),
@@ -81,7 +83,7 @@ impl Format {
 /// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
 ///
 /// # Errors
-/// Another extension than `ply`, `splat`, `spz`, `glb` and `vtu`, or a missing folder.
+/// Another extension than `ply`, `splat`, `spz`, `sog`, `glb` and `vtu`, or a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -95,7 +97,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz, .glb or .vtu",
+        "a name that ends in .ply, .splat, .spz, .sog, .glb or .vtu",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -170,6 +172,7 @@ pub fn write_splats(
         Format::PackedPly => ply_packed_write::encode(path, cloud)?,
         Format::Splat => splat::encode(cloud),
         Format::Spz => spz::encode(path, cloud, options.spz_version.unwrap_or_default())?,
+        Format::Sog => sog::encode(path, cloud)?,
         Format::Glb => gltf_splats::encode(path, cloud)?,
         Format::Vtu => vtu_write::encode(cloud),
     };

@@ -41,6 +41,7 @@ mod sampling;
 #[cfg(feature = "netcdf")]
 mod simulations;
 mod sog;
+mod sog_write;
 mod splat_axes;
 mod splats;
 mod stacks;
