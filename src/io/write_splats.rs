@@ -109,16 +109,16 @@ fn format_of(path: &Path) -> Result<Format> {
 
 /// Writes splats in the format that the name ends in.
 ///
-/// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) |
-/// |---|---|---|---|---|---|
-/// | position | f32 | 10 or 11 bits of the box of 256 splats, the step reported | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin |
-/// | scales | f32 logarithm | 10 or 11 bits of the box of logarithms | f32 | 8 bits: 3 % | f32 |
-/// | rotation | f32 | 10 bits: .001 | 8 bits: .004 | 10 bits: .001 | f32 |
-/// | opacity | f32 logit | 8 bits | 8 bits | 8 bits | f32 |
-/// | constant colour | f32 | 8 bits of the box of 256 splats | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 |
-/// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 |
-/// | anti-aliasing mark | kept | lost | lost | kept | lost |
-/// | order | kept | along a Morton curve | by size times opacity | kept | kept |
+/// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) | `.sog` (version 2) |
+/// |---|---|---|---|---|---|---|
+/// | position | f32 | 10 or 11 bits of the box of 256 splats, the step reported | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin | 16 bits of the range of logarithms, the step reported |
+/// | scales | f32 logarithm | 10 or 11 bits of the box of logarithms | f32 | 8 bits: 3 % | f32 | one of 256 numbers, the error reported |
+/// | rotation | f32 | 10 bits: .001 | 8 bits: .004 | 10 bits: .001 | f32 | 8 bits: .008 |
+/// | opacity | f32 logit | 8 bits | 8 bits | 8 bits | f32 | 8 bits |
+/// | constant colour | f32 | 8 bits of the box of 256 splats | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 | one of 256 numbers, the error reported |
+/// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 | one of up to 65,536 sets, of 256 numbers, the error reported |
+/// | anti-aliasing mark | kept | lost | lost | kept | lost | kept |
+/// | order | kept | along a Morton curve | by size times opacity | kept | kept | along a Morton curve |
 ///
 /// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors, scales, rotations and
 /// opacities in f32 and the constant colour in bytes; harmonics and the mark are lost, and nothing is turned.
