@@ -163,6 +163,11 @@ pub(super) fn nearest(levels: &Levels, value: f32) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        reason = "numbers of a test are narrowed on purpose"
+    )]
+
     use super::*;
 
     fn rms(values: &[f32], levels: &Levels) -> f64 {
