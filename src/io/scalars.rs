@@ -5,8 +5,11 @@ use rayon::prelude::*;
 
 use crate::scene::Values;
 
-/// Numbers that a thread takes at least, and positions put together at a time.
-const BATCH: usize = 4096;
+/// Numbers that a thread takes at a time.
+const BATCH: usize = 1 << 16;
+
+/// Positions that are put together at a time, of numbers that stay in the first cache.
+const POSITIONS: usize = 512;
 
 /// The scalar types of binary files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,7 +68,8 @@ impl Stride {
     }
 }
 
-fn gather<const N: usize, T: Send>(
+/// The numbers of one component, each made by `from_le` of its bytes; `None` where they do not lie within `bytes`.
+fn gather<const N: usize, T: Copy + Default + Send>(
     bytes: &[u8],
     stride: Stride,
     big_endian: bool,
@@ -74,17 +78,57 @@ fn gather<const N: usize, T: Send>(
     if !stride.fits(N, bytes.len()) {
         return None;
     }
-    let number = |i: usize| {
-        let at = stride.first + i * stride.step;
-        let mut number = [0; N];
-        number.copy_from_slice(&bytes[at..at + N]);
+    let mut all = vec![T::default(); stride.count];
+    if stride.count <= BATCH {
+        fill(
+            &mut all,
+            bytes,
+            stride.first,
+            stride.step,
+            big_endian,
+            from_le,
+        );
+        return Some(all);
+    }
+    let batches = all.par_chunks_mut(BATCH).enumerate();
+    batches.for_each(|(i, batch)| {
+        let first = stride.first + i * BATCH * stride.step;
+        fill(batch, bytes, first, stride.step, big_endian, &from_le);
+    });
+    Some(all)
+}
+
+/// Every `step` bytes a number, from byte `first` on. They were found to lie within `bytes`: those that do not
+/// would be left as they are.
+fn fill<const N: usize, T>(
+    out: &mut [T],
+    bytes: &[u8],
+    first: usize,
+    step: usize,
+    big_endian: bool,
+    from_le: impl Fn([u8; N]) -> T,
+) {
+    let from = |mut number: [u8; N]| {
         if big_endian {
             number.reverse();
         }
         from_le(number)
     };
-    let all = (0..stride.count).into_par_iter();
-    Some(all.with_min_len(BATCH).map(number).collect())
+    let bytes = bytes.get(first..).unwrap_or_default();
+    // Numbers beside each other are a loop over arrays, which compilers make vectors of.
+    if step == N {
+        let (numbers, _) = bytes.as_chunks::<N>();
+        for (out, number) in out.iter_mut().zip(numbers) {
+            *out = from(*number);
+        }
+        return;
+    }
+    for (i, out) in out.iter_mut().enumerate() {
+        let number = bytes.get(i * step..).and_then(<[u8]>::first_chunk);
+        if let Some(number) = number {
+            *out = from(*number);
+        }
+    }
 }
 
 /// `f64` to the `f32` that [`Values`] holds.
@@ -131,19 +175,38 @@ pub(crate) fn values(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option
 
 /// The numbers of one component in double precision, for positions.
 pub(crate) fn doubles(bytes: &[u8], encoding: Encoding, stride: Stride) -> Option<Vec<f64>> {
+    if !stride.fits(encoding.scalar.size(), bytes.len()) {
+        return None;
+    }
+    let mut all = vec![0.0; stride.count];
+    let batches = all.par_chunks_mut(BATCH).enumerate();
+    batches.for_each(|(i, batch)| {
+        let first = stride.first + i * BATCH * stride.step;
+        fill_doubles(batch, bytes, encoding, first, stride.step);
+    });
+    Some(all)
+}
+
+/// As [`fill`], in double precision.
+fn fill_doubles(out: &mut [f64], bytes: &[u8], encoding: Encoding, first: usize, step: usize) {
     use ScalarType as S;
     let big = encoding.big_endian;
+    macro_rules! each {
+        ($from:expr) => {
+            fill(out, bytes, first, step, big, $from)
+        };
+    }
     match encoding.scalar {
-        S::U8 => gather(bytes, stride, big, |[b]: [u8; 1]| f64::from(b)),
-        S::I8 => gather(bytes, stride, big, |b| f64::from(i8::from_le_bytes(b))),
-        S::I16 => gather(bytes, stride, big, |b| f64::from(i16::from_le_bytes(b))),
-        S::U16 => gather(bytes, stride, big, |b| f64::from(u16::from_le_bytes(b))),
-        S::I32 => gather(bytes, stride, big, |b| f64::from(i32::from_le_bytes(b))),
-        S::U32 => gather(bytes, stride, big, |b| f64::from(u32::from_le_bytes(b))),
-        S::I64 => gather(bytes, stride, big, |b| i64::from_le_bytes(b) as f64),
-        S::U64 => gather(bytes, stride, big, |b| u64::from_le_bytes(b) as f64),
-        S::F32 => gather(bytes, stride, big, |b| f64::from(f32::from_le_bytes(b))),
-        S::F64 => gather(bytes, stride, big, f64::from_le_bytes),
+        S::U8 => each!(|[b]: [u8; 1]| f64::from(b)),
+        S::I8 => each!(|b| f64::from(i8::from_le_bytes(b))),
+        S::I16 => each!(|b| f64::from(i16::from_le_bytes(b))),
+        S::U16 => each!(|b| f64::from(u16::from_le_bytes(b))),
+        S::I32 => each!(|b| f64::from(i32::from_le_bytes(b))),
+        S::U32 => each!(|b| f64::from(u32::from_le_bytes(b))),
+        S::I64 => each!(|b| i64::from_le_bytes(b) as f64),
+        S::U64 => each!(|b| u64::from_le_bytes(b) as f64),
+        S::F32 => each!(|b| f64::from(f32::from_le_bytes(b))),
+        S::F64 => each!(f64::from_le_bytes),
     }
 }
 
@@ -210,22 +273,26 @@ pub(crate) fn positions(bytes: &[u8], axes: [(Encoding, Stride); 3]) -> Option<V
         return None;
     }
     let mut positions = vec![DVec3::ZERO; count];
-    let batches = positions.par_chunks_mut(BATCH).enumerate();
-    batches.try_for_each(|(i, batch)| {
-        let part = |(encoding, stride): (Encoding, Stride)| {
-            let part = Stride {
-                first: stride.first + i * BATCH * stride.step,
-                count: batch.len(),
-                ..stride
-            };
-            doubles(bytes, encoding, part)
-        };
-        let [x, y, z] = axes.map(part);
-        for (((p, x), y), z) in batch.iter_mut().zip(x?).zip(y?).zip(z?) {
-            *p = DVec3::new(x, y, z);
-        }
-        Some(())
-    })?;
+    let batches = positions.par_chunks_mut(POSITIONS).enumerate();
+    batches
+        .with_min_len(BATCH / POSITIONS)
+        .for_each(|(i, batch)| {
+            let mut numbers = [[0.0; POSITIONS]; 3];
+            for (numbers, (encoding, stride)) in numbers.iter_mut().zip(axes) {
+                let first = stride.first + i * POSITIONS * stride.step;
+                fill_doubles(
+                    &mut numbers[..batch.len()],
+                    bytes,
+                    encoding,
+                    first,
+                    stride.step,
+                );
+            }
+            let [x, y, z] = numbers;
+            for (((p, x), y), z) in batch.iter_mut().zip(x).zip(y).zip(z) {
+                *p = DVec3::new(x, y, z);
+            }
+        });
     Some(positions)
 }
 

@@ -572,8 +572,8 @@ impl Read for Parts<'_> {
 
 /// Reads numbers by chunks into one [`Values`] for each component.
 pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> Result<Vec<Values>> {
-    /// About so many bytes are read at a time.
-    const CHUNK: usize = 1 << 18;
+    /// About so many bytes are read at a time: they are unpacked where the second cache holds them.
+    const CHUNK: usize = 1 << 17;
     let (count, wanted) = numbers.check(path)?;
     let Numbers {
         encoding,
@@ -595,13 +595,10 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
         let mut left = count;
         while left > 0 {
             let samples = left.min((CHUNK / sample).max(1));
-            chunk.clear();
-            source
-                .take((samples * sample) as u64)
-                .read_to_end(&mut chunk)
-                .map_err(|e| unpacking(path, &e))?;
-            found += chunk.len() as u64;
-            if chunk.len() < samples * sample {
+            chunk.resize(samples * sample, 0);
+            let read = read_into(source, &mut chunk).map_err(|e| unpacking(path, &e))?;
+            found += read as u64;
+            if read < chunk.len() {
                 return Err(too_short(path, wanted, found));
             }
             for (component, all) in all.iter_mut().enumerate() {
@@ -623,6 +620,20 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
         components.extend(all.into_iter().flatten());
     }
     Ok(components)
+}
+
+/// Reads until `out` is full or nothing is left: how many bytes.
+fn read_into(source: &mut dyn Read, out: &mut [u8]) -> io::Result<usize> {
+    let mut read = 0;
+    while read < out.len() {
+        match source.read(&mut out[read..]) {
+            Ok(0) => break,
+            Ok(n) => read += n,
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(read)
 }
 
 fn unpacking(path: &Path, error: &io::Error) -> Error {

@@ -14,16 +14,20 @@ mod vtkhdf;
 use std::cell::{Cell, RefCell};
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::group::Group;
-use hdf5_reader::{Hdf5File, OpenOptions, RawAttribute, SliceInfo, SliceInfoElem};
+use hdf5_reader::storage::DynStorage;
+use hdf5_reader::{
+    BytesStorage, FileStorage, Hdf5File, OpenOptions, RawAttribute, SliceInfo, SliceInfoElem,
+};
 
 use self::layout::{Layout, NotRead};
 use self::pieces::Pieces;
 use super::dataset::{Association, Dataset, Field, FieldSource};
-use super::file::{Input, regular_len};
+use super::file::{Input, open_regular};
 use super::particle_type::{ParticleCount, ParticleType};
 use super::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
 use super::table::list;
@@ -75,7 +79,7 @@ pub(super) fn names_vtk(head: &[u8]) -> bool {
 /// # Errors
 /// A damaged file.
 pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
-    let file = SnapshotFile::open_in_parts(input.path)?;
+    let file = SnapshotFile::open(input)?;
     let times = match file.group(vtkhdf::ROOT)? {
         Some(root) => vtkhdf::times(&file, &root)?,
         None => None,
@@ -88,7 +92,7 @@ pub(super) fn vtk_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
 /// # Errors
 /// A damaged file.
 pub(super) fn snapshot_steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
-    let file = SnapshotFile::open_in_parts(input.path)?;
+    let file = SnapshotFile::open(input)?;
     let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
     let first = pieces.map(|pieces| pieces.path(0));
     let first = first.filter(|first| input.has_beside(first));
@@ -170,28 +174,22 @@ enum Found {
     Unreadable(String),
 }
 
+/// The bytes of a file and their count. Of one on the disk no more is read than is asked for, and none of it is held.
+pub(super) fn storage(input: Input<'_>) -> Result<(DynStorage, usize)> {
+    if input.is_on_disk() {
+        let (file, len) = open_regular(input.path)?;
+        let file = FileStorage::from_file(file).map_err(|e| broken(input.path, "file", &e))?;
+        return Ok((Arc::new(file), usize::try_from(len).unwrap_or(usize::MAX)));
+    }
+    let bytes = input.read_all()?.into_owned();
+    let len = bytes.len();
+    Ok((Arc::new(BytesStorage::new(bytes)), len))
+}
+
 impl<'a> SnapshotFile<'a> {
     fn open(input: Input<'a>) -> Result<Self> {
         let path = input.path;
-        let bytes = input.read_all()?.into_owned();
-        Self::new(path, bytes.len(), |options| {
-            Hdf5File::from_vec_with_options(bytes, options)
-        })
-    }
-
-    /// The same of which no more is read than is asked for: a file on the disk.
-    fn open_in_parts(path: &'a Path) -> Result<Self> {
-        let len = usize::try_from(regular_len(path)?).unwrap_or(usize::MAX);
-        Self::new(path, len, |options| {
-            Hdf5File::open_with_options(path, options)
-        })
-    }
-
-    fn new(
-        path: &'a Path,
-        len: usize,
-        open: impl FnOnce(OpenOptions) -> hdf5_reader::error::Result<Hdf5File>,
-    ) -> Result<Self> {
+        let (storage, len) = storage(input)?;
         let budget = len.saturating_mul(MOST_INFLATION).saturating_add(SMALL);
         let options = OpenOptions {
             // Every array is read once.
@@ -201,7 +199,8 @@ impl<'a> SnapshotFile<'a> {
             max_object_header_bytes: len.saturating_add(SMALL / 16),
             ..OpenOptions::default()
         };
-        let file = open(options).map_err(|e| broken(path, "file", &e))?;
+        let file = Hdf5File::from_storage_with_options(storage, options);
+        let file = file.map_err(|e| broken(path, "file", &e))?;
         Ok(Self {
             path,
             file,
@@ -320,14 +319,15 @@ impl<'a> SnapshotFile<'a> {
         };
         // What is stored is in memory beside what it is widened to.
         let size = encoding.scalar.size().max(layout.stored_size());
-        let left = count
+        let byte_count = count
             .checked_mul(components)
-            .and_then(|n| n.checked_mul(size))
-            .and_then(|byte_count| self.budget.get().checked_sub(byte_count));
+            .and_then(|n| n.checked_mul(size));
+        let byte_count = byte_count.ok_or_else(too_large)?;
+        let left = self.budget.get().checked_sub(byte_count);
         self.budget.set(left.ok_or_else(too_large)?);
         let (bytes, encoding) = match (rows, layout) {
             (None, layout) => (
-                layout.widened(dataset.read_raw_bytes().map_err(failed)?),
+                layout.widened(read_bytes(&dataset, byte_count).map_err(failed)?),
                 encoding,
             ),
             (Some(rows), _) if rows.is_empty() => (Vec::new(), encoding),
@@ -479,6 +479,19 @@ impl Array {
             unit: self.unit,
         })
     }
+}
+
+/// All bytes of a dataset; `most` were found to be within the budget.
+fn read_bytes(dataset: &hdf5_reader::Dataset, most: usize) -> hdf5_reader::error::Result<Vec<u8>> {
+    let len = dataset.raw_byte_len()?;
+    if len > most {
+        // Within the decoder's own limit, or refused.
+        return dataset.read_raw_bytes();
+    }
+    // New pages are zeros already: they are touched once here, and twice where the decoder clears them first.
+    let mut bytes = vec![0; len];
+    dataset.read_raw_bytes_into(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// The numbers of some rows of a dataset, little-endian.

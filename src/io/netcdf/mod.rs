@@ -27,6 +27,7 @@ use netcdf_reader::{
 
 use super::dataset::Dataset;
 use super::file::Input;
+use super::hdf5::storage;
 use super::scalars::narrow;
 use super::time_steps::{self, TimeStep};
 use super::{ReadAs, hdf5};
@@ -99,20 +100,18 @@ struct NetcdfFile<'a> {
 impl<'a> NetcdfFile<'a> {
     fn open(input: Input<'a>) -> Result<Self> {
         let path = input.path;
-        let bytes = input.read_all()?.into_owned();
-        let budget = bytes
-            .len()
-            .saturating_mul(MOST_INFLATION)
-            .saturating_add(SMALL);
+        let (storage, len) = storage(input)?;
+        let budget = len.saturating_mul(MOST_INFLATION).saturating_add(SMALL);
         let options = NcOpenOptions {
             // Every array is read once.
             chunk_cache_bytes: 0,
             max_chunk_bytes: budget,
             max_read_bytes: budget,
-            max_object_header_bytes: bytes.len().saturating_add(SMALL / 16),
+            max_object_header_bytes: len.saturating_add(SMALL / 16),
             ..NcOpenOptions::default()
         };
-        let file = NcFile::from_owner(bytes, options).map_err(|e| broken(path, "file", &e))?;
+        let file = NcFile::from_storage_with_options(storage, options);
+        let file = file.map_err(|e| broken(path, "file", &e))?;
         Ok(Self {
             path,
             file,
