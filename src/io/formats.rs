@@ -585,10 +585,11 @@ static FORMATS: &[Format] = &[
     Format {
         name: "PLOT3D",
         family: Family::Grids,
-        endings: &["xyz", "x", "g", "p3d", "p3dx", "q"],
+        endings: &["xyz", "x", "g", "p3d", "p3dx", "q", "f", "fun"],
         reads: "one or several grids, binary (f32 or f64, either byte order, with or without record marks) or text, with \
-                or without iblank, all detected, also as `.bin`; its solution (`.q`) beside it or by `--solution`. \
-                Fields: density, momentum, energy, and derived velocity magnitude, pressure, Mach",
+                or without iblank, all detected, also as `.bin`; its solution (`.q`) and its functions (`.f`, `.fun`) \
+                beside it, or one of them by `--solution`. Fields: density, momentum, energy, and derived velocity \
+                magnitude, pressure, Mach; functions by their names in a `.nam` beside them, or `f1`, `f2`, ...",
         resembles: |p| p.ends_in(&["bin"]) || plot3d::looks_like_grid(p.head, p.len),
         read: |input, options| plot3d::read(input, options.solution.as_deref()),
         ..PLAIN

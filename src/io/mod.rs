@@ -42,6 +42,7 @@ mod log_scales;
 mod mesh;
 mod mesh_part;
 mod meta_image;
+mod morton;
 #[cfg(feature = "netcdf")]
 mod netcdf;
 mod nifti;
@@ -109,6 +110,7 @@ mod vtu_write;
 mod write_splats;
 mod xyz;
 mod zip;
+mod zip_write;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -157,7 +159,7 @@ use crate::error::{Error, Hint, Parameter, Result};
 pub struct OpenOptions {
     /// How raw volumes are laid out; other formats ignore it.
     pub raw: Option<RawLayout>,
-    /// The solution of a PLOT3D grid; without it, one beside the grid is taken. Other formats
+    /// The solution of a PLOT3D grid, or its functions; what is not given is taken from beside the grid. Other formats
     /// ignore it.
     pub solution: Option<PathBuf>,
     /// An image for the parts of an OBJ or PLY mesh that have texture coordinates and no texture. Other

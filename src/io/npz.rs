@@ -9,6 +9,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::{Dataset, Field};
+use super::extension;
 use super::file::Input;
 use super::npy::{self, Array};
 use super::raw::DEFLATE_RATIO;
@@ -105,13 +106,18 @@ fn members(input: Input<'_>) -> Result<Vec<(String, Vec<u8>)>> {
     let bytes = input.read_all()?;
     let len = bytes.len() as u64;
     let broken = |found: String| {
-        Error::format(
-            path,
-            "ZIP archive",
-            "a sound NPZ archive of arrays",
-            found,
-            "save it again with numpy.savez",
-        )
+        // What else is called by no other ending may be any archive that is read.
+        let (expected, advice) = match extension(path).as_str() {
+            "npz" => (
+                "a sound NPZ archive of arrays",
+                "save it again with numpy.savez",
+            ),
+            _ => (
+                "a sound archive of one of the formats that are ZIP archives: NPZ, SOG, 3MF, OpenFOAM cases",
+                "check that the file is whole, and name it .npz, .sog, .3mf or .foam.zip as what it is",
+            ),
+        };
+        Error::format(path, "ZIP archive", expected, found, advice)
     };
     let mut packed_total: u64 = 0;
     let mut members = Vec::new();

@@ -3,9 +3,8 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::encoded_splats::{Encoded, byte, note_cut, note_mark_lost, single_precision_quantum};
+use super::morton::morton_order;
 use super::ply_packed::{BOXES, CHUNK};
 use super::splats::SplatCloud;
 use crate::error::{Error, Result};
@@ -13,9 +12,6 @@ use crate::math::{HARMONIC_0, harmonics_count};
 
 /// Logarithms of scales are cut to this range, as PlayCanvas's writers do.
 const GREATEST_LOGARITHM: f32 = 20.0;
-
-/// Bits of an axis on the Morton curve.
-const MORTON_BITS: u32 = 21;
 
 /// A file of splats, sorted along a Morton curve, so that the 256 of a chunk lie close together.
 ///
@@ -209,34 +205,4 @@ fn rotation(q: [f64; 4]) -> u32 {
 fn harmonic(coefficient: f32, cut: &mut usize) -> u8 {
     let step = 256.0 * (f64::from(coefficient) / 8.0 + 0.5);
     byte(step - 0.5, cut)
-}
-
-/// Splats in their order along a Morton curve through the box of all.
-fn morton_order(positions: &[DVec3]) -> Vec<usize> {
-    let least = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-    let most = (positions.iter().copied()).fold(DVec3::NEG_INFINITY, DVec3::max);
-    let extent = most - least;
-    let code = |p: &DVec3| {
-        (0..3).fold(0_u64, |code, axis| {
-            let share = (p[axis] - least[axis]) / extent[axis];
-            // None of a layer without thickness.
-            let share = if share.is_finite() { share } else { 0.0 };
-            code | spread(share) << axis
-        })
-    };
-    let mut order: Vec<(u64, usize)> = positions.iter().map(code).zip(0..).collect();
-    order.sort_unstable();
-    order.into_iter().map(|(_, i)| i).collect()
-}
-
-/// A share of [`MORTON_BITS`] bits, each three places from the next.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of 2^21 steps"
-)]
-fn spread(share: f64) -> u64 {
-    let steps = f64::from((1_u32 << MORTON_BITS) - 1);
-    let whole = (steps * share) as u64;
-    (0..MORTON_BITS).fold(0, |bits, k| bits | (whole >> k & 1) << (3 * k))
 }

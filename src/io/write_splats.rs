@@ -10,7 +10,7 @@ use super::encoded_splats::{PlyForm, SplatFileOptions};
 use super::image_file::check_folder;
 use super::splat_axes::SplatAxes;
 use super::splats::SplatCloud;
-use super::{extension, gltf_splats, ply_packed_write, ply_splats, splat, spz, vtu_write};
+use super::{extension, gltf_splats, ply_packed_write, ply_splats, sog, splat, spz, vtu_write};
 use crate::error::{Error, Result};
 
 /// The third scale of a flat splat in a format whose viewers expect volume, as a share of the next
@@ -42,6 +42,7 @@ enum Format {
     PackedPly,
     Splat,
     Spz,
+    Sog,
     Glb,
     Vtu,
 }
@@ -60,6 +61,7 @@ impl Format {
             "ply" => Some(Self::Ply),
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
+            "sog" => Some(Self::Sog),
             "glb" => Some(Self::Glb),
             "vtu" => Some(Self::Vtu),
             _ => None,
@@ -69,7 +71,7 @@ impl Format {
     /// The axes that its writer takes; SPZ's turns from there to those of the file. VTK's grids have any.
     fn axes(self) -> Option<SplatAxes> {
         match self {
-            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz => {
+            Self::Ply | Self::PackedPly | Self::Splat | Self::Spz | Self::Sog => {
                 Some(SplatAxes::RightDownForward)
             }
             Self::Glb => Some(SplatAxes::LeftUpForward),
@@ -81,7 +83,7 @@ impl Format {
 /// Whether [`write_splats`] could write to `path`, asked before the work of making splats.
 ///
 /// # Errors
-/// Another extension than `ply`, `splat`, `spz`, `glb` and `vtu`, or a missing folder.
+/// Another extension than `ply`, `splat`, `spz`, `sog`, `glb` and `vtu`, or a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
 }
@@ -95,7 +97,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .spz, .glb or .vtu",
+        "a name that ends in .ply, .splat, .spz, .sog, .glb or .vtu",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -107,16 +109,16 @@ fn format_of(path: &Path) -> Result<Format> {
 
 /// Writes splats in the format that the name ends in.
 ///
-/// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) |
-/// |---|---|---|---|---|---|
-/// | position | f32 | 10 or 11 bits of the box of 256 splats, the step reported | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin |
-/// | scales | f32 logarithm | 10 or 11 bits of the box of logarithms | f32 | 8 bits: 3 % | f32 |
-/// | rotation | f32 | 10 bits: .001 | 8 bits: .004 | 10 bits: .001 | f32 |
-/// | opacity | f32 logit | 8 bits | 8 bits | 8 bits | f32 |
-/// | constant colour | f32 | 8 bits of the box of 256 splats | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 |
-/// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 |
-/// | anti-aliasing mark | kept | lost | lost | kept | lost |
-/// | order | kept | along a Morton curve | by size times opacity | kept | kept |
+/// | | `.ply` | `.compressed.ply` | `.splat` | `.spz` (version 3 or 4) | `.glb` (`KHR_gaussian_splatting`) | `.sog` (version 2) |
+/// |---|---|---|---|---|---|---|
+/// | position | f32 | 10 or 11 bits of the box of 256 splats, the step reported | f32 | 24 bits, the step reported | f32, and a node's f64 offset far from the origin | 16 bits of the range of logarithms, the step reported |
+/// | scales | f32 logarithm | 10 or 11 bits of the box of logarithms | f32 | 8 bits: 3 % | f32 | one of 256 numbers, the error reported |
+/// | rotation | f32 | 10 bits: .001 | 8 bits: .004 | 10 bits: .001 | f32 | 8 bits: .008 |
+/// | opacity | f32 logit | 8 bits | 8 bits | 8 bits | f32 | 8 bits |
+/// | constant colour | f32 | 8 bits of the box of 256 splats | 8 bits, 0 to 1 | 8 bits: .007, -1.2 to 2.2 in code | f32 | one of 256 numbers, the error reported |
+/// | harmonics | f32 | 8 bits: .016, -4 to 4 | lost | 8 bits: .004, -1 to 1 | f32 | one of up to 65,536 sets, of 256 numbers, the error reported |
+/// | anti-aliasing mark | kept | lost | lost | kept | lost | kept |
+/// | order | kept | along a Morton curve | by size times opacity | kept | kept | along a Morton curve |
 ///
 /// `.vtu` is for ParaView and other readers of VTK: vertices at positions in f64, with shapes as tensors, scales, rotations and
 /// opacities in f32 and the constant colour in bytes; harmonics and the mark are lost, and nothing is turned.
@@ -170,6 +172,7 @@ pub fn write_splats(
         Format::PackedPly => ply_packed_write::encode(path, cloud)?,
         Format::Splat => splat::encode(cloud),
         Format::Spz => spz::encode(path, cloud, options.spz_version.unwrap_or_default())?,
+        Format::Sog => sog::encode(path, cloud)?,
         Format::Glb => gltf_splats::encode(path, cloud)?,
         Format::Vtu => vtu_write::encode(cloud),
     };

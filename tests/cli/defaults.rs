@@ -141,13 +141,15 @@ fn default_pictures_of_all_real_files_show_them() {
 
 /// What a transfer function's file says of opacities.
 fn opacities(file: &Path) -> Vec<f64> {
+    numbers_of(file, "opacity")
+}
+
+/// A number of each point of a transfer function's file.
+fn numbers_of(file: &Path, key: &str) -> Vec<f64> {
     let text = std::fs::read_to_string(file).unwrap();
     let function: serde_json::Value = serde_json::from_str(&text).unwrap();
     let points = function["points"].as_array().unwrap();
-    points
-        .iter()
-        .map(|p| p["opacity"].as_f64().unwrap())
-        .collect()
+    points.iter().map(|p| p[key].as_f64().unwrap()).collect()
 }
 
 #[test]
@@ -286,6 +288,63 @@ fn pieces_of_one_field_share_one_function() {
     let output = run(folder.path(), &words);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(opacities(&folder.path().join("f.json")).len() > 2);
+}
+
+/// A cube of PLOT3D as text, `first` its values in the middle of an x from `at` on, with functions beside it.
+fn plot3d_cube(folder: &Path, name: &str, at: usize, first: f64) {
+    let nodes = || (0..729).map(|i| [i % 9, i / 9 % 9, i / 81]);
+    let axis = |d: usize| {
+        let numbers = nodes().map(|p| p[d] + if d == 0 { at } else { 0 });
+        numbers.map(|x| format!("{x} ")).collect::<String>()
+    };
+    let grid = format!("1\n9 9 9\n{}\n{}\n{}\n", axis(0), axis(1), axis(2));
+    let value = |p: [usize; 3]| {
+        let squares: f64 = p.iter().map(|&x| (x as f64 - 4.0).powi(2)).sum();
+        format!("{} ", first + 10.0 * (-squares / 8.0).exp())
+    };
+    let functions: String = nodes().map(value).collect();
+    std::fs::write(folder.join(format!("{name}.xyz")), grid).unwrap();
+    let file = format!("1\n9 9 9 1\n{functions}\n");
+    std::fs::write(folder.join(format!("{name}.f")), file).unwrap();
+    std::fs::write(folder.join(format!("{name}.nam")), "heat\n").unwrap();
+}
+
+#[test]
+fn plot3d_grids_with_files_beside_them_are_one_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    plot3d_cube(folder.path(), "a", 0, 0.0);
+    plot3d_cube(folder.path(), "b", 10, 5.0);
+    let draw = |words: &[&str]| {
+        let common = ["--size", "60x60", "--backend", "cpu", "--quiet"];
+        let all = [&["render"][..], words, &common].concat();
+        let output = run(folder.path(), &all);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    };
+    let together = ["a.xyz", "b.xyz", "--out", "ab.npy"];
+    draw(&[&together[..], &["--write-transfer-function", "f.json"]].concat());
+    let values = numbers_of(&folder.path().join("f.json"), "value");
+    let range = [values[0], *values.last().unwrap()];
+    // From the least of the first cube to the greatest of the second.
+    assert!(range[0] < 0.5 && range[1] > 13.0, "{range:?}");
+    // The function that was written draws both as they are drawn together.
+    draw(&[
+        "a.xyz",
+        "b.xyz",
+        "--out",
+        "again.npy",
+        "--transfer-function",
+        "f.json",
+    ]);
+    let [first, again] =
+        ["ab.npy", "again.npy"].map(|n| read_image(&folder.path().join(n)).unwrap());
+    let apart = first.pixels.iter().zip(&again.pixels).flat_map(|(a, b)| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| (a - b).abs())
+            .collect::<Vec<_>>()
+    });
+    let apart = apart.fold(0.0_f32, f32::max);
+    assert!(apart < 1e-3, "{apart}");
 }
 
 #[test]

@@ -81,8 +81,8 @@ proptest! {
         if with_layout || name.ends_with(".raw") {
             options.raw = Some(RawLayout::new([4, 4, 4], RawType::U8));
         }
-        if name == "a.q" {
-            // A sound grid beside the damaged solution.
+        if name == "a.q" || name == "a.f" {
+            // A sound grid beside the damaged solution or functions.
             let (_, grid) = seeds().iter().find(|(n, _)| n == "a.xyz").unwrap();
             let grid_path = folder.path().join("a.xyz");
             std::fs::write(&grid_path, grid).unwrap();

@@ -34,6 +34,7 @@ mod nrrd;
 mod openfoam;
 mod packed_meshes;
 mod particles;
+mod plot3d;
 mod public_data;
 mod readers;
 mod refused;
@@ -42,6 +43,7 @@ mod sampling;
 #[cfg(feature = "netcdf")]
 mod simulations;
 mod sog;
+mod sog_write;
 mod splat_axes;
 mod splats;
 mod stacks;

@@ -3,6 +3,8 @@
 
 use ewa_splat::io::{OpenOptions, read};
 
+use crate::support::npz;
+
 #[test]
 fn formats_that_are_not_read_have_names_and_ways_out() {
     let adf = b"\0\0\0\0ADF Database Version";
@@ -39,4 +41,33 @@ fn formats_that_are_not_read_have_names_and_ways_out() {
         );
         assert!(error.contains(way), "{name}: {error}");
     }
+}
+
+/// A ZIP archive that is cut short shows nothing of what it holds: its name says what it is to be, or else the message says which
+/// formats are ZIP archives.
+#[test]
+fn cut_archives_are_not_taken_for_arrays() {
+    let whole = npz(&[("meta.json", vec![b' '; 300])], false);
+    let cut = &whole[..whole.len() / 2];
+    for (name, expected, way) in [
+        ("a.npz", "a sound NPZ archive", "numpy.savez"),
+        ("a.sog", "SOG archive", "get it again"),
+        ("a.3mf", "a sound 3MF archive", "again"),
+        ("a.foam.zip", "an OpenFOAM case", "pack the case's folder"),
+        ("a.zip", "NPZ, SOG, 3MF, OpenFOAM", "the file is whole"),
+        ("a", "NPZ, SOG, 3MF, OpenFOAM", ".foam.zip"),
+    ] {
+        let error = read(name, cut, &OpenOptions::default()).unwrap_err();
+        let error = error.to_string();
+        let is_said = error.contains(expected) && error.contains("no directory of members");
+        assert!(is_said && error.contains(way), "{name}: {error}");
+        let is_numpy = error.contains("numpy");
+        assert_eq!(is_numpy, name == "a.npz", "{name}: {error}");
+    }
+    // Whole, and of none of these formats.
+    let error = read("a.zip", &whole, &OpenOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("NPZ, SOG, 3MF, OpenFOAM"),
+        "{error}"
+    );
 }

@@ -87,7 +87,7 @@ fn files_hold_what_another_program_reads_in_them() {
     let text = std::fs::read_to_string(fixture("read.json")).unwrap();
     let read: Value = serde_json::from_str(&text).unwrap();
     let read = read.as_object().unwrap();
-    assert_eq!(read.len(), 10);
+    assert_eq!(read.len(), 11);
     for (name, rows) in read {
         let cloud = opened(&fixture(name));
         let rows = rows.as_array().unwrap();
@@ -120,6 +120,7 @@ fn what_is_written_is_what_the_other_program_has_read() {
         ("ours_3.spz", None),
         ("ours_3.spz", Some(SpzVersion::Three)),
         ("ours_4.spz", Some(SpzVersion::Four)),
+        ("ours.sog", None),
     ] {
         let path = folder.path().join(name);
         write_splats(&path, &opened(&scene), &turned(&scene, version)).unwrap();
@@ -170,7 +171,14 @@ fn every_format_is_upright() {
     let scene = fixture("scene.ply");
     let glb = folder.path().join("a.glb");
     write_splats(&glb, &opened(&scene), &turned(&scene, None)).unwrap();
-    for name in ["a.ply", "a.compressed.ply", "a.splat", "a.spz", "b.glb"] {
+    for name in [
+        "a.ply",
+        "a.compressed.ply",
+        "a.splat",
+        "a.spz",
+        "a.sog",
+        "b.glb",
+    ] {
         let path = folder.path().join(name);
         write_splats(&path, &opened(&glb), &turned(&glb, None)).unwrap();
         let data = open(&path, &OpenOptions::default()).unwrap();

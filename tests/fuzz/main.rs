@@ -116,12 +116,14 @@ fn seeds() -> Vec<Set> {
 
     let mut with_solutions = Vec::new();
     for encoding in Plot3dEncoding::all() {
-        // A solution beside each grid, so that there is something to sample.
-        let [grid, solution] = [3, 5].map(|per_node| cubes(encoding, per_node));
+        // A solution and functions beside each grid, so that there is something to sample.
+        let [functions, grid, solution] = [2, 3, 5].map(|per_node| cubes(encoding, per_node));
         with_solutions.push(Set {
             files: vec![
                 ("a.xyz".into(), encoding.grids(&grid)),
                 ("a.q".into(), encoding.solutions(&solution)),
+                ("a.f".into(), encoding.functions(&functions, 2)),
+                ("a.nam".into(), b"lift\ndrag\n".to_vec()),
             ],
         });
     }

@@ -347,11 +347,11 @@ pub(crate) struct Plot3dEncoding {
     pub(crate) grid_count: bool,
 }
 
-/// One grid of a PLOT3D file, or its solution.
+/// One grid of a PLOT3D file, its solution or its functions.
 #[derive(Debug, Clone)]
 pub(crate) struct Plot3dBlock {
     pub(crate) dims: [i32; 3],
-    /// All x, all y, all z; or the five variables.
+    /// All x, all y, all z; the five variables; or its functions.
     pub(crate) numbers: Vec<f64>,
     pub(crate) iblank: Vec<i32>,
 }
@@ -439,6 +439,20 @@ impl Plot3dEncoding {
             records.push(self.reals(&[2.95, 0.0, 2.1e6, 1.39]));
             records.push(self.reals(&block.numbers));
         }
+        self.file(&records)
+    }
+
+    /// A file of `count` functions of each grid.
+    pub(crate) fn functions(self, blocks: &[Plot3dBlock], count: i32) -> Vec<u8> {
+        let mut records = self.header(blocks);
+        let of_grids = blocks
+            .iter()
+            .flat_map(|b| b.dims.into_iter().chain([count]));
+        let counts: Vec<i32> = of_grids.collect();
+        if let Some(last) = records.last_mut() {
+            *last = self.words(&counts);
+        }
+        records.extend(blocks.iter().map(|block| self.reals(&block.numbers)));
         self.file(&records)
     }
 

@@ -61,6 +61,12 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                 encoding.grid([2, 2, 2], &coordinates, Some(&[1; 8])),
             ));
             seeds.push(("a.q".into(), encoding.solution([2, 2, 2], &[1.0; 40])));
+            let two_functions = Plot3dBlock {
+                dims: [2; 3],
+                numbers: vec![1.0; 16],
+                iblank: vec![],
+            };
+            seeds.push(("a.f".into(), encoding.functions(&[two_functions], 2)));
             if encoding.grid_count {
                 let block = |dims: [i32; 3]| Plot3dBlock {
                     dims,

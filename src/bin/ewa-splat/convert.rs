@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// Files to convert into one
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// File of splats to write: ply, compressed.ply, splat, spz or glb
+    /// File of splats to write: ply, compressed.ply, splat, spz, sog or glb
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// PLY without a third scale, as 2-D Gaussian splatting stores surfels; all splats must be flat
@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "3|4")]
     spz_version: Option<Version>,
     /// Keep coordinates as they are read; without this, what is up in pictures of the inputs is turned to where the format has it: -y
-    /// of ply and splat, +y of spz and glb
+    /// of ply, splat and sog, +y of spz and glb
     #[arg(long)]
     keep_axes: bool,
     /// Print the summary as JSON

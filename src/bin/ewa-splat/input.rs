@@ -24,7 +24,7 @@ pub(crate) struct DataOptions {
     /// Field to show; a vector field gives its magnitude, NAME:x a component
     #[arg(long, value_name = "NAME")]
     pub(crate) field: Option<String>,
-    /// PLOT3D solution of a grid; by default a file beside it, named with q for xyz
+    /// PLOT3D solution or functions of a grid; by default files beside it, named with q and with f or fun for xyz
     #[arg(long, value_name = "FILE")]
     pub(crate) solution: Option<PathBuf>,
     /// What to make of points with faces (PLY, VTK) [default: a mesh]

@@ -27,6 +27,8 @@ pub(super) enum Contents<'a> {
 pub(super) enum Kind {
     Grid,
     Solution,
+    /// Any number of functions at the nodes of a grid.
+    Functions,
     /// A grid of two dimensions.
     FlatGrid,
 }
@@ -34,9 +36,14 @@ pub(super) enum Kind {
 impl Kind {
     fn axes(self) -> usize {
         match self {
-            Self::Grid | Self::Solution => 3,
+            Self::Grid | Self::Solution | Self::Functions => 3,
             Self::FlatGrid => 2,
         }
+    }
+
+    /// How many counts the header has of each grid: its nodes along each axis, and of functions how many there are.
+    fn counts(self) -> usize {
+        self.axes() + usize::from(self == Self::Functions)
     }
 }
 
@@ -50,6 +57,8 @@ pub(super) struct Layout {
     pub(super) blanked: bool,
     /// Nodes along i, j and k of each grid.
     pub(super) dims: Vec<[usize; 3]>,
+    /// Functions only: how many each grid has.
+    pub(super) functions: Vec<usize>,
 }
 
 impl Form {
@@ -90,7 +99,12 @@ impl Form {
     }
 }
 
-impl Contents<'_> {
+impl<'a> Contents<'a> {
+    /// Those of a file; `numbers` are there where it is text.
+    pub(super) fn of(bytes: &'a [u8], numbers: Option<&'a [f64]>) -> Self {
+        numbers.map_or(Self::Bytes(bytes), Self::Numbers)
+    }
+
     pub(super) fn len(self) -> usize {
         match self {
             Self::Bytes(bytes) => bytes.len(),
@@ -176,19 +190,15 @@ impl Layout {
         }
         let blanked = match kind {
             Kind::Grid | Kind::FlatGrid => &[false, true][..],
-            Kind::Solution => &[false],
+            Kind::Solution | Kind::Functions => &[false],
         };
         headers
             .into_iter()
-            .filter_map(move |(form, counted)| {
-                Some((form, counted, header_dims(head, form, counted, kind)?))
-            })
-            .flat_map(move |(form, counted, dims)| {
+            .filter_map(move |(form, counted)| of_header(head, form, counted, kind))
+            .flat_map(move |layout| {
                 blanked.iter().map(move |&blanked| Self {
-                    form,
-                    counted,
                     blanked,
-                    dims: dims.clone(),
+                    ..layout.clone()
                 })
             })
     }
@@ -216,20 +226,23 @@ impl Layout {
     /// The sizes of the records of a file.
     fn record_sizes(&self, kind: Kind) -> Option<Vec<usize>> {
         let (real, word) = (self.form.real_size(), self.form.word_size());
-        let per_node = match kind {
-            Kind::Grid | Kind::FlatGrid => kind.axes() * real + usize::from(self.blanked) * word,
-            Kind::Solution => 5 * real,
+        let per_node = |grid: usize| match kind {
+            Kind::Grid | Kind::FlatGrid => {
+                Some(kind.axes() * real + usize::from(self.blanked) * word)
+            }
+            Kind::Solution => Some(5 * real),
+            Kind::Functions => self.functions.get(grid)?.checked_mul(real),
         };
         let mut sizes = Vec::new();
         if self.counted {
             sizes.push(word);
         }
-        sizes.push(self.dims.len().checked_mul(kind.axes() * word)?);
-        for nodes in self.node_counts()? {
+        sizes.push(self.dims.len().checked_mul(kind.counts() * word)?);
+        for (grid, nodes) in self.node_counts()?.into_iter().enumerate() {
             if kind == Kind::Solution {
                 sizes.push(4 * real);
             }
-            sizes.push(nodes.checked_mul(per_node)?);
+            sizes.push(nodes.checked_mul(per_node(grid)?)?);
         }
         Some(sizes)
     }
@@ -320,7 +333,14 @@ impl Layout {
         };
         let counted = if self.counted { ", grid count" } else { "" };
         let blanked = if self.blanked { ", iblank" } else { "" };
-        format!("{} {form}{counted}{blanked}", describe_dims(&self.dims))
+        let dims = describe_dims(&self.dims);
+        let functions = match self.functions.as_slice() {
+            [] => String::new(),
+            [1] => ", 1 function".to_owned(),
+            [n] => format!(", {n} functions"),
+            [n, ..] => format!(", {n} functions of the first"),
+        };
+        format!("{dims} {form}{counted}{blanked}{functions}")
     }
 }
 
@@ -335,13 +355,8 @@ pub(super) fn describe_dims(dims: &[[usize; 3]]) -> String {
     }
 }
 
-/// The dimensions that stand where a file of this form has them: counts of at least 1.
-fn header_dims(
-    head: Contents<'_>,
-    form: Form,
-    counted: bool,
-    kind: Kind,
-) -> Option<Vec<[usize; 3]>> {
+/// The layout that the words at the start give a file of this form, without iblank: all counts are at least 1.
+fn of_header(head: Contents<'_>, form: Form, counted: bool, kind: Kind) -> Option<Layout> {
     let (mark, word) = (form.mark_size(), form.word_size());
     let mut at = mark;
     let mut grids = 1;
@@ -350,19 +365,32 @@ fn header_dims(
         at += word + 2 * mark;
     }
     // No more grids than the bytes that are there can name.
-    if grids > head.len() / (kind.axes() * word) {
+    if grids > head.len() / (kind.counts() * word) {
         return None;
     }
-    let mut all = Vec::with_capacity(grids);
+    let mut next = || {
+        let count = head.count(form, at);
+        at += word;
+        count
+    };
+    let mut layout = Layout {
+        form,
+        counted,
+        blanked: false,
+        dims: Vec::with_capacity(grids),
+        functions: Vec::new(),
+    };
     for _ in 0..grids {
         let mut dims = [1; 3];
         for n in dims.iter_mut().take(kind.axes()) {
-            *n = head.count(form, at)?;
-            at += word;
+            *n = next()?;
         }
-        all.push(dims);
+        layout.dims.push(dims);
+        if kind == Kind::Functions {
+            layout.functions.push(next()?);
+        }
     }
-    Some(all)
+    Some(layout)
 }
 
 #[cfg(test)]
@@ -438,6 +466,7 @@ mod tests {
                         counted,
                         blanked,
                         dims: dims.to_vec(),
+                        functions: vec![],
                     };
                     let bytes = file(&layout, Kind::Grid);
                     let fitting: Vec<_> =
@@ -461,6 +490,7 @@ mod tests {
             counted: true,
             blanked: false,
             dims: vec![[2, 4, 2], [2, 2, 1]],
+            functions: vec![],
         };
         let bytes = file(&layout, Kind::Grid);
         let fitting: Vec<_> = Layout::fitting(Contents::Bytes(&bytes), Kind::Grid).collect();

@@ -1,4 +1,4 @@
-//! PLOT3D grids and solutions: one or several grids, as NASA's codes write them.
+//! PLOT3D grids, solutions and functions: one or several grids, as NASA's codes write them.
 //!
 //! Grid (`.xyz`, `.x`, `.g`, `.p3d`, `.bin`), i fastest, then j, then k:
 //!
@@ -18,8 +18,16 @@
 //! | of each grid in turn: free-stream Mach number, angle of attack, Reynolds number, time | f32 or f64, x 4 |
 //! | ... and density, momentum x, y, z, energy | f32 or f64, N each |
 //!
+//! Functions (`.f`, `.fun`), with their names in a file `.nam` of the same name, one in each line:
+//!
+//! | what | type |
+//! |---|---|
+//! | number of grids G; may be left out where it is 1 | i32 |
+//! | ni, nj, nk and the number of functions M of every grid | i32 x 4 G |
+//! | of each grid in turn: its functions, one after another | f32 or f64, M N |
+//!
 //! Fortran programs put a u32 with the record's byte count before and after each row of these
-//! tables (coordinates and iblank of a grid are one record). Either byte order is read. Text
+//! tables (coordinates and iblank of a grid are one record, and so are its functions). Either byte order is read. Text
 //! holds the same numbers, separated by white space or commas.
 //!
 //! Nothing in a file says which of the layouts it has: the one is taken whose size agrees with
@@ -27,18 +35,21 @@
 //! are those that must stand there. Where several agree, the first of this order is taken and
 //! the data set's notes say so: record marks before none, a grid count before none, single
 //! before double precision, little before big endian, no iblank before one. (A grid count
-//! before none, because a coordinate's first bits are hardly ever a small count.) Solutions
+//! before none, because a coordinate's first bits are hardly ever a small count.) Solutions and functions
 //! may be followed by zero bytes; grids may not.
 //!
 //! Coordinates stand whole, not by planes of k. Planes are refused where record marks show
 //! them; without marks they look the same and cannot be told. Grids of two dimensions are
 //! refused.
 
+mod companion;
+mod functions;
 mod layout;
 mod solution;
 mod text;
 
-use std::path::Path;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
@@ -65,11 +76,11 @@ pub(crate) fn is_text_grid(input: Input<'_>) -> bool {
     })
 }
 
-/// Reads a grid, and its solution: the one given, or one found beside it.
+/// Reads a grid, its solution and its functions: the file given, and what of the two it is not from beside the grid.
 ///
 /// # Errors
-/// No layout agrees with the file's size; the sizes are listed.
-pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset> {
+/// No layout agrees with a file's size; the sizes are listed.
+pub(crate) fn read(input: Input<'_>, given: Option<&Path>) -> Result<Dataset> {
     let path = input.path;
     let bytes = input.read_all()?;
     let numbers;
@@ -122,21 +133,11 @@ pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset>
         }
     }
 
-    let (mut fields, mut notes) = (Vec::new(), Vec::new());
-    let solution = solution
-        .map(Path::to_path_buf)
-        .or_else(|| solution::beside(input));
-    if let Some(solution) = solution {
-        (fields, notes) = solution::read(&solution, input, &layout)?;
-    }
+    let (mut fields, mut notes) = fields_of_nodes(input, &layout, given)?;
     if layout.blanked {
-        // Derived fields stay last.
-        let stored = fields
-            .iter()
-            .take_while(|f| !matches!(f.source, FieldSource::Derived(_)))
-            .count();
         let iblank = FieldSource::Scalar(Values::I16(blanks));
-        fields.insert(stored, node_field("iblank", iblank));
+        let at = stored_count(&fields);
+        fields.insert(at, node_field("iblank", iblank));
     }
     let geometry = Geometry::Curvilinear { blocks };
     let mut dataset = Dataset::new(path, "PLOT3D grid", geometry, fields);
@@ -151,6 +152,66 @@ pub(crate) fn read(input: Input<'_>, solution: Option<&Path>) -> Result<Dataset>
     Ok(dataset)
 }
 
+/// The fields of the solution and of the functions of a grid, and what is said of them.
+fn fields_of_nodes(
+    grid: Input<'_>,
+    layout: &Layout,
+    given: Option<&Path>,
+) -> Result<(Vec<Field>, Vec<String>)> {
+    let given_functions = match given {
+        Some(path) if functions::is_given(path, grid, layout)? => Some(path.to_path_buf()),
+        _ => None,
+    };
+    let given_solution = given.filter(|_| given_functions.is_none());
+    let solution = given_solution
+        .map(Path::to_path_buf)
+        .or_else(|| companion::beside(grid, "q"));
+    let functions = given_functions.map_or_else(|| functions_beside(grid), |f| Ok(Some(f)))?;
+
+    let (mut fields, mut notes) = match solution {
+        Some(solution) => solution::read(&solution, grid, layout)?,
+        None => (Vec::new(), Vec::new()),
+    };
+    if let Some(functions) = functions {
+        let (more, about) = functions::read(&functions, grid, layout)?;
+        notes.extend(about);
+        let at = stored_count(&fields);
+        let mut taken: HashSet<String> = fields.iter().map(|f| f.name.to_lowercase()).collect();
+        let more = more.into_iter().map(|mut field| {
+            field.name = free_name(field.name, &mut taken);
+            field
+        });
+        fields.splice(at..at, more);
+    }
+    Ok((fields, notes))
+}
+
+/// The file of functions beside a grid.
+fn functions_beside(grid: Input<'_>) -> Result<Option<PathBuf>> {
+    for ending in functions::ENDINGS {
+        if let Some(path) = companion::beside(grid, ending)
+            && functions::is_no_program(&path, grid)?
+        {
+            return Ok(Some(path));
+        }
+    }
+    Ok(None)
+}
+
+/// A name that is not taken yet, whatever its letters' case: `pressure (2)` beside the solution's.
+fn free_name(name: String, taken: &mut HashSet<String>) -> String {
+    let numbered = (2..).map(|n| format!("{name} ({n})"));
+    let mut names = std::iter::once(name.clone()).chain(numbered);
+    let free = names.find(|name| taken.insert(name.to_lowercase()));
+    free.unwrap_or(name)
+}
+
+/// How many fields stand before the derived ones, which stay last.
+fn stored_count(fields: &[Field]) -> usize {
+    let is_stored = |f: &&Field| !matches!(f.source, FieldSource::Derived(_));
+    fields.iter().take_while(is_stored).count()
+}
+
 fn node_field(name: &str, source: FieldSource) -> Field {
     Field {
         name: name.to_owned(),
@@ -160,7 +221,7 @@ fn node_field(name: &str, source: FieldSource) -> Field {
     }
 }
 
-/// Why a file is no grid that can be read: a solution, two dimensions, planes, or another size.
+/// Why a file is no grid that can be read: a solution, functions, two dimensions, planes, or another size.
 fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
     let error = |expected: String, found: String, advice: Advice| {
         Error::format(path, "PLOT3D grid", expected, found, advice)
@@ -170,6 +231,13 @@ fn no_grid(path: &Path, contents: Contents<'_>) -> Error {
         return error(
             "node positions".to_owned(),
             "a solution (density, momentum, energy)".to_owned(),
+            Hint::GiveGridOfSolution.into(),
+        );
+    }
+    if Layout::fitting(contents, Kind::Functions).next().is_some() {
+        return error(
+            "node positions".to_owned(),
+            "functions at nodes".to_owned(),
             Hint::GiveGridOfSolution.into(),
         );
     }

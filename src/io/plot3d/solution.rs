@@ -3,42 +3,19 @@
 //! Derived fields use PLOT3D's non-dimensional perfect gas (velocities in units of the
 //! free-stream speed of sound, gamma = 1.4).
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::super::dataset::{Dataset, Field, FieldSource};
 use super::super::file::Input;
 use super::super::scalars::narrow;
-use super::layout::{Contents, Kind, Layout, describe_dims};
-use super::{node_field, text};
-use crate::error::{Error, Hint, Result};
+use super::companion::Companion;
+use super::layout::{Contents, Kind, Layout};
+use super::node_field;
+use crate::error::{Error, Result};
 use crate::scene::Values;
 
 /// Ratio of specific heats of air.
 const GAMMA: f32 = 1.4;
-
-/// The solution beside a grid, if there is such a file: `xyz` in its name replaced by `q`, or
-/// its extension `x`, `g` or `p3d`.
-pub(super) fn beside(input: Input<'_>) -> Option<PathBuf> {
-    let grid = input.path;
-    let name = grid.file_name()?.to_str()?;
-    let lower = name.to_ascii_lowercase();
-    let (at, len) = match lower.rfind("xyz") {
-        Some(at) => (at, 3),
-        None => {
-            let (stem, extension) = lower.rsplit_once('.')?;
-            let known = matches!(extension, "x" | "g" | "p3d");
-            known.then_some((stem.len() + 1, extension.len()))?
-        }
-    };
-    let q = if name[at..].starts_with(|c: char| c.is_ascii_uppercase()) {
-        "Q"
-    } else {
-        "q"
-    };
-    let beside = grid.with_file_name(format!("{}{q}{}", &name[..at], &name[at + len..]));
-    let len = input.len_beside(&beside)?;
-    (len > 0).then_some(beside)
-}
 
 /// The fields of the solution of a grid, for all its nodes, one grid after another.
 ///
@@ -50,82 +27,17 @@ pub(super) fn read(
     grid_layout: &Layout,
 ) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
-    let grid = grid.path;
+    let companion = Companion::new(path, grid.path, Kind::Solution);
+    let numbers = companion.numbers(&bytes, grid_layout)?;
+    let contents = Contents::of(&bytes, numbers.as_deref());
+    let layout = companion.layout(contents, grid_layout)?;
     let node_counts = grid_layout.node_counts().unwrap_or_default();
     let node_count: usize = node_counts.iter().sum();
-    let numbers;
-    let contents = if text::looks_like_text(&bytes) {
-        let header = 1 + 7 * node_counts.len();
-        let most = node_count.saturating_mul(5).saturating_add(header);
-        numbers = text::numbers(path, &bytes, most.max(bytes.len()))?;
-        Contents::Numbers(&numbers)
-    } else {
-        Contents::Bytes(&bytes)
-    };
-
-    let mut found_dims = None;
-    let mut sizes = Vec::new();
-    let mut fitting: Vec<Layout> = Vec::new();
-    for layout in Layout::all(contents, Kind::Solution) {
-        let Some(end) = layout.end(Kind::Solution) else {
-            continue;
-        };
-        if layout.dims == grid_layout.dims {
-            sizes.push(format!("{end} for {}", layout.describe()));
-            if layout.fits_padded(contents, Kind::Solution) {
-                fitting.push(layout);
-            }
-        } else if end <= contents.len() && layout.marks_agree(contents, Kind::Solution) {
-            // In the wrong byte order, dimensions are far too large for the file.
-            found_dims = found_dims.or(Some(layout.dims));
-        }
-    }
-    // Trailing zeros make a large all-zero tail look like padding: exact sizes win, then the
-    // grid's own way of writing, then the order of `Layout::all`.
-    let exact = |l: &&Layout| l.end(Kind::Solution) == Some(contents.len());
-    let like_grid = |l: &&Layout| (l.form, l.counted) == (grid_layout.form, grid_layout.counted);
-    let chosen = fitting
-        .iter()
-        .find(exact)
-        .or_else(|| fitting.iter().find(like_grid))
-        .or_else(|| fitting.first());
-    let unit = match contents {
-        Contents::Bytes(_) => "bytes",
-        Contents::Numbers(_) => "numbers",
-    };
-    let place = || format!("PLOT3D solution of {}", grid.display());
-    let Some(layout) = chosen else {
-        let dims = describe_dims(&grid_layout.dims);
-        let (expected, found) = if sizes.is_empty() {
-            match found_dims {
-                Some(found) => disagreement(&grid_layout.dims, &found),
-                None => (
-                    format!("the grid's {dims} nodes"),
-                    "no dimensions (or no PLOT3D solution)".to_owned(),
-                ),
-            }
-        } else {
-            (
-                format!(
-                    "one of these counts of {unit}, then nothing but zeros: {}",
-                    sizes.join("; ")
-                ),
-                format!("{} {unit}", contents.len()),
-            )
-        };
-        return Err(Error::format(
-            path,
-            place(),
-            expected,
-            found,
-            Hint::NameOwnSolution,
-        ));
-    };
 
     let broken = || {
         Error::format(
             path,
-            place(),
+            companion.place(),
             "five variables per node",
             "fewer",
             "write the solution again",
@@ -170,29 +82,6 @@ pub(super) fn read(
     derive("pressure", &[0, 1], pressure);
     derive("mach", &[0, 1], mach);
     Ok((fields, notes))
-}
-
-/// Where the dimensions of a grid and of a solution part: what was expected, what was found.
-fn disagreement(grid: &[[usize; 3]], found: &[[usize; 3]]) -> (String, String) {
-    if grid.len() != found.len() {
-        let count = |dims: &[[usize; 3]]| match dims.len() {
-            1 => format!("1 grid of {}", describe_dims(dims)),
-            n => format!("{n} grids"),
-        };
-        return (format!("{}, as in the grid", count(grid)), count(found));
-    }
-    let differing = grid.iter().zip(found).position(|(a, b)| a != b);
-    let at = differing.unwrap_or(0);
-    let one = |dims: &[[usize; 3]]| describe_dims(&dims[at..=at]);
-    let which = if grid.len() > 1 {
-        format!(" in grid {}", at + 1)
-    } else {
-        String::new()
-    };
-    (
-        format!("the grid's {} nodes{which}", one(grid)),
-        format!("{} (or no PLOT3D solution)", one(found)),
-    )
 }
 
 /// Applies `f(density, |momentum|, energy)` to every node.
@@ -262,22 +151,5 @@ mod tests {
         assert!(close(pressure(&data).unwrap(), 1.0 / GAMMA));
         assert!(close(mach(&data).unwrap(), 2.0));
         assert!(close(velocity_magnitude(&data).unwrap(), 2.0));
-    }
-
-    #[test]
-    fn the_solution_is_looked_for_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let found = |grid: &str| {
-            super::beside(Input::of_file(&folder.path().join(grid)))
-                .map(|p| p.file_name().unwrap().to_str().unwrap().to_owned())
-        };
-        assert_eq!(found("finxyz.bin"), None);
-        for name in ["finq.bin", "fin.q", "FINQ.BIN"] {
-            std::fs::write(folder.path().join(name), [1]).unwrap();
-        }
-        assert_eq!(found("finxyz.bin").as_deref(), Some("finq.bin"));
-        assert_eq!(found("fin.xyz").as_deref(), Some("fin.q"));
-        assert_eq!(found("FINXYZ.BIN").as_deref(), Some("FINQ.BIN"));
-        assert_eq!(found("fin.bin"), None);
     }
 }

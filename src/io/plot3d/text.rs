@@ -12,6 +12,14 @@ pub(super) fn looks_like_text(bytes: &[u8]) -> bool {
         .all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace())
 }
 
+/// Whether the first word of such text is a number.
+pub(super) fn begins_with_number(bytes: &[u8]) -> bool {
+    let mut words = bytes.split(|&b| b == b',' || b.is_ascii_whitespace());
+    let first = words.find(|word| !word.is_empty()).unwrap_or_default();
+    let first = String::from_utf8_lossy(first);
+    real(first.split_once('*').map_or(&first, |(_, value)| value)).is_some()
+}
+
 /// All numbers of a text, no more than `most`: `r*v` stands for `r` times `v`, so that a short
 /// text can claim any count of them.
 ///

@@ -17,16 +17,16 @@ use crate::math::harmonics_count;
 const FORMAT: &str = "SOG splats";
 
 /// Entries of the palette in a row of its image.
-const PALETTE_ROW: usize = 64;
+pub(super) const PALETTE_ROW: usize = 64;
 /// Rows of the palette's image at most: its entries have numbers of 16 bits.
-const PALETTE_ROWS: usize = (1 << 16) / PALETTE_ROW;
+pub(super) const PALETTE_ROWS: usize = (1 << 16) / PALETTE_ROW;
 
 /// No scene has more splats than this for each byte of their positions' images, beyond so few that it does not matter.
 const SPLATS_PER_BYTE: usize = 64;
 const FEW_SPLATS: usize = 1 << 14;
 
 /// The alpha that says that a quaternion's first component is left out.
-const FIRST_LARGEST: u8 = 252;
+pub(super) const FIRST_LARGEST: u8 = 252;
 
 struct Image {
     width: usize,

@@ -17,9 +17,12 @@
 //!
 //! Source: the description of the format in PlayCanvas' manual, and its program splat-transform for version 1.
 
+mod codebook;
 mod decode;
+mod encode;
 mod files;
 mod meta;
+mod palette;
 
 use std::path::Path;
 
@@ -27,6 +30,7 @@ use super::dataset::Dataset;
 use super::file::Input;
 use super::zip;
 use crate::error::Result;
+pub(super) use encode::encode;
 use files::Files;
 
 /// The file that names the images.

@@ -1,0 +1,148 @@
+//! PLOT3D function files: any numbers at the nodes of a grid, and the names that stand in a file beside them.
+
+use std::path::Path;
+
+use super::super::dataset::{Field, FieldSource};
+use super::super::extension;
+use super::super::file::Input;
+use super::super::scalars::narrow;
+use super::companion::Companion;
+use super::layout::{Contents, Kind, Layout};
+use super::{node_field, text};
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// Endings of such files.
+pub(super) const ENDINGS: [&str; 2] = ["f", "fun"];
+
+/// More functions than any code writes: each is a field, which takes more memory than a number in a file.
+const MOST: usize = 4096;
+
+/// Whether a file beside a grid, named as its functions are, holds them: `.f` is also the ending of programs in Fortran.
+///
+/// # Errors
+/// The file cannot be read.
+pub(super) fn is_no_program(path: &Path, grid: Input<'_>) -> Result<bool> {
+    let head = grid.with_beside(path, |file| Ok(file.head(256)?.0))?;
+    let is_text = text::looks_like_text(&head);
+    Ok(!is_text || text::begins_with_number(&head))
+}
+
+/// Whether a file that is given with a grid holds functions: its name says so, or it is no solution of that grid and holds
+/// functions.
+///
+/// # Errors
+/// The file cannot be read.
+pub(super) fn is_given(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Result<bool> {
+    let ending = extension(path);
+    if ENDINGS.contains(&ending.as_str()) || ending == "q" {
+        return Ok(ending != "q");
+    }
+    let bytes = grid.read_beside(path)?;
+    let fits = |kind: Kind| {
+        let companion = Companion::new(path, grid.path, kind);
+        let numbers = companion.numbers(&bytes, grid_layout);
+        let fitting = numbers.and_then(|numbers| {
+            let contents = Contents::of(&bytes, numbers.as_deref());
+            companion.layout(contents, grid_layout)
+        });
+        fitting.is_ok()
+    };
+    Ok(!fits(Kind::Solution) && fits(Kind::Functions))
+}
+
+/// The functions at all nodes of a grid, one grid after another, and what was left out.
+///
+/// # Errors
+/// The file is of another grid, or of no readable size.
+pub(super) fn read(
+    path: &Path,
+    grid: Input<'_>,
+    grid_layout: &Layout,
+) -> Result<(Vec<Field>, Vec<String>)> {
+    let bytes = grid.read_beside(path)?;
+    let companion = Companion::new(path, grid.path, Kind::Functions);
+    let numbers = companion.numbers(&bytes, grid_layout)?;
+    let contents = Contents::of(&bytes, numbers.as_deref());
+    let layout = companion.layout(contents, grid_layout)?;
+    let broken = || {
+        Error::format(
+            path,
+            companion.place(),
+            "the functions of each node",
+            "fewer",
+            "write the file again",
+        )
+    };
+    let (starts, _) = layout.bodies(Kind::Functions).ok_or_else(broken)?;
+    let node_counts = layout.node_counts().ok_or_else(broken)?;
+    let shared = layout.functions.iter().copied().min().unwrap_or(0);
+    let most = layout.functions.iter().copied().max().unwrap_or(0);
+    if most > MOST {
+        return Err(Error::format(
+            path,
+            companion.place(),
+            format!("at most {MOST} functions"),
+            most.to_string(),
+            "write those that are looked at to a file of their own",
+        ));
+    }
+    let mut notes = Vec::new();
+    if shared < most {
+        notes.push(format!(
+            "Of {most} functions in {} the first {shared} are read: some grids have no more.",
+            path.display()
+        ));
+    }
+    let (names, about_names) = names(path, grid, most)?;
+    notes.extend(about_names);
+    let mut fields = Vec::new();
+    for (i, name) in names.iter().enumerate().take(shared) {
+        let mut values = Vec::new();
+        for (&start, &count) in starts.iter().zip(&node_counts) {
+            let at = start + i * count * layout.form.real_size();
+            let part = contents.numbers(layout.form, true, at, count);
+            values.extend(part.ok_or_else(broken)?.into_iter().map(narrow));
+        }
+        fields.push(node_field(name, FieldSource::Scalar(Values::F32(values))));
+    }
+    Ok((fields, notes))
+}
+
+/// Names of `count` functions: those of the file beside theirs that ends in `.nam`, and `f1`, `f2`, ... for those that it
+/// does not name; and what is wrong with it.
+///
+/// In FieldView's files the name of a vector follows that of its first component, behind a semicolon.
+///
+/// # Errors
+/// The file is there and cannot be read.
+fn names(path: &Path, grid: Input<'_>, count: usize) -> Result<(Vec<String>, Option<String>)> {
+    let is_upper = path
+        .extension()
+        .is_some_and(|e| e.to_string_lossy().starts_with('F'));
+    let file = path.with_extension(if is_upper { "NAM" } else { "nam" });
+    let numbered = |i: usize| format!("f{}", i + 1);
+    if grid.len_beside(&file).is_none_or(|len| len == 0) {
+        return Ok(((0..count).map(numbered).collect(), None));
+    }
+    let bytes = grid.read_beside(&file)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let named: Vec<&str> = text
+        .lines()
+        .map(|line| line.split(';').next().unwrap_or(line).trim())
+        .filter(|name| !name.is_empty())
+        .collect();
+    let name = |i: usize| {
+        named
+            .get(i)
+            .map_or_else(|| numbered(i), |n| (*n).to_owned())
+    };
+    let note = (named.len() != count).then(|| {
+        format!(
+            "{} names {} functions of {count}: those without a name are called by their numbers.",
+            file.display(),
+            named.len()
+        )
+    });
+    Ok(((0..count).map(name).collect(), note))
+}
