@@ -119,6 +119,8 @@ pub mod accuracy {}
 #[cfg(feature = "legend")]
 pub mod annotate;
 mod blocks;
+#[cfg(feature = "cli")]
+pub mod command;
 #[doc = include_str!("../docs/compositing.md")]
 pub mod compositing {}
 pub mod constants;

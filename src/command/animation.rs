@@ -1,0 +1,227 @@
+//! Files of many pictures.
+
+use std::cell::RefCell;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image};
+use crate::{Error, Image, Result};
+
+/// What the pictures of a sequence go to.
+pub(crate) struct Animation {
+    path: PathBuf,
+    kind: Kind,
+    written: usize,
+}
+
+enum Kind {
+    /// One file each: what stands before the number, how many digits it has, and what stands after.
+    Files {
+        before: String,
+        digits: usize,
+        after: String,
+    },
+    Apng {
+        writer: Option<png::Writer<Shared>>,
+        bytes: Shared,
+    },
+    Gif(Option<gif::Encoder<Vec<u8>>>),
+}
+
+/// Bytes that stay when their writer is gone.
+#[derive(Clone, Default)]
+struct Shared(Rc<RefCell<Vec<u8>>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.borrow_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Where a file's name has its number: `a_%04d.png` and `a_%d.png`.
+fn number_in(name: &str) -> Option<(&str, usize, &str)> {
+    let (before, rest) = name.split_once('%')?;
+    let (digits, after) = rest.split_once('d')?;
+    let digits = match digits {
+        "" => 1,
+        _ => digits.parse().ok().filter(|d| (1..=9).contains(d))?,
+    };
+    Some((before, digits, after))
+}
+
+/// Whether a file may hold a sequence, asked before the work of making it.
+pub(crate) fn check_path(path: &Path) -> Result<()> {
+    let name = path.file_name().and_then(|name| name.to_str());
+    match extension(path).as_str() {
+        "apng" | "gif" => check_folder(path),
+        "mp4" | "mov" | "mkv" | "webm" | "avi" => {
+            let stem = path.with_extension("");
+            let stem = stem.display();
+            Err(refused(
+                path,
+                "a film, which is not encoded here",
+                format!(
+                    "write --out {stem}_%04d.png, then ffmpeg -framerate 25 -i {stem}_%04d.png -pix_fmt yuv420p {}",
+                    path.display()
+                ),
+            ))
+        }
+        _ if name.and_then(number_in).is_some() => check_image_path(path),
+        _ => Err(refused(
+            path,
+            "a name for one picture",
+            "put a number into it, such as turn_%04d.png".into(),
+        )),
+    }
+}
+
+fn refused(path: &Path, found: &str, advice: String) -> Error {
+    let expected = "NAME_%04d.png (exr, pfm, npy), an .apng or a .gif for a sequence";
+    Error::format(path, "output", expected, found, advice)
+}
+
+/// Whether one file holds many pictures.
+pub(crate) fn is_animated(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "apng" | "gif")
+}
+
+fn extension(path: &Path) -> String {
+    let extension = path.extension().and_then(|e| e.to_str());
+    extension.unwrap_or_default().to_ascii_lowercase()
+}
+
+impl Animation {
+    /// - `size`: width and height in pixels.
+    /// - `count`: pictures to come, all of which must.
+    /// - `rate`: pictures per second, 1 to 100.
+    pub(crate) fn new(path: &Path, size: [usize; 2], count: usize, rate: u16) -> Result<Self> {
+        let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        let kind = match extension(path).as_str() {
+            "apng" => {
+                let bytes = Shared::default();
+                let (width, height) = (side(size[0]), side(size[1]));
+                let mut encoder = png::Encoder::new(bytes.clone(), width, height);
+                encoder.set_color(png::ColorType::Rgba);
+                encoder.set_depth(png::BitDepth::Eight);
+                let begun = encoder
+                    .set_animated(side(count), 0)
+                    .and_then(|()| encoder.set_frame_delay(1, rate))
+                    .and_then(|()| encoder.write_header());
+                Kind::Apng {
+                    writer: Some(begun.map_err(|e| fault(path, &e))?),
+                    bytes,
+                }
+            }
+            "gif" => {
+                let sides = size.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
+                let begun = gif::Encoder::new(Vec::new(), sides[0], sides[1], &[]);
+                let mut encoder = begun.map_err(|e| fault(path, &e))?;
+                let repeats = encoder.set_repeat(gif::Repeat::Infinite);
+                repeats.map_err(|e| fault(path, &e))?;
+                Kind::Gif(Some(encoder))
+            }
+            _ => {
+                let name = path.file_name().and_then(|name| name.to_str());
+                let (before, digits, after) = name
+                    .and_then(number_in)
+                    .ok_or_else(|| refused(path, "no number in it", "put %04d into it".into()))?;
+                Kind::Files {
+                    before: before.into(),
+                    digits,
+                    after: after.into(),
+                }
+            }
+        };
+        Ok(Self {
+            path: path.into(),
+            kind,
+            written: 0,
+        })
+    }
+
+    /// The file of the next picture, if it has one of its own.
+    fn file(&self) -> PathBuf {
+        match &self.kind {
+            Kind::Files {
+                before,
+                digits,
+                after,
+            } => {
+                let number = self.written;
+                self.path
+                    .with_file_name(format!("{before}{number:0digits$}{after}"))
+            }
+            Kind::Apng { .. } | Kind::Gif(_) => self.path.clone(),
+        }
+    }
+
+    /// Adds a picture. `rate` as in [`Animation::new`].
+    pub(crate) fn push(&mut self, image: &Image, rate: u16) -> Result<()> {
+        let file = self.file();
+        match &mut self.kind {
+            Kind::Files { .. } => write_image(&file, image)?,
+            Kind::Apng { writer, .. } => {
+                let bytes = image.to_srgb8();
+                let pushed = writer.as_mut().map(|w| w.write_image_data(&bytes));
+                pushed.transpose().map_err(|e| fault(&file, &e))?;
+            }
+            Kind::Gif(encoder) => {
+                let sides = [image.width, image.height];
+                let sides = sides.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
+                /// From 1, the slowest and best, to 30.
+                const SPEED: i32 = 10;
+                let mut bytes = image.to_srgb8();
+                let mut frame = gif::Frame::from_rgba_speed(sides[0], sides[1], &mut bytes, SPEED);
+                // Hundredths of a second.
+                frame.delay = (100 + rate / 2) / rate;
+                let pushed = encoder.as_mut().map(|e| e.write_frame(&frame));
+                pushed.transpose().map_err(|e| fault(&file, &e))?;
+            }
+        }
+        self.written += 1;
+        Ok(())
+    }
+
+    /// Writes what is one file, whole.
+    pub(crate) fn finish(mut self) -> Result<()> {
+        let path = self.path.clone();
+        let bytes = match &mut self.kind {
+            Kind::Files { .. } => return Ok(()),
+            Kind::Apng { writer, bytes } => {
+                let whole = writer.take().map(png::Writer::finish).transpose();
+                whole.map_err(|e| fault(&path, &e))?;
+                bytes.0.take()
+            }
+            Kind::Gif(encoder) => {
+                let whole = encoder.take().map(gif::Encoder::into_inner).transpose();
+                whole.map_err(|e| fault(&path, &e))?.unwrap_or_default()
+            }
+        };
+        write_bytes_atomically(&path, &bytes)
+    }
+}
+
+fn fault(path: &Path, error: &dyn std::fmt::Display) -> Error {
+    let expected = "pictures that the format holds";
+    let advice = "choose another size or format";
+    Error::format(path, "encoding", expected, error.to_string(), advice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_stand_in_names() {
+        assert_eq!(number_in("a_%04d.png"), Some(("a_", 4, ".png")));
+        assert_eq!(number_in("%d.exr"), Some(("", 1, ".exr")));
+        for none in ["a.png", "50%.png", "a%xd.png", "a%0d.png"] {
+            assert_eq!(number_in(none), None, "{none}");
+        }
+    }
+}

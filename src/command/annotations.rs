@@ -1,0 +1,172 @@
+//! What `ewa-splat render` draws over a picture: legends, and the options of annotations.
+
+use std::borrow::Cow;
+use std::path::Path;
+
+use crate::annotate::{Annotations, check, draw};
+use crate::io::write_image;
+use crate::legend::{ColourBar, check_legend_size, columns_beside_legend, draw_legend};
+use crate::view::{Bounds, Camera};
+use crate::{Error, Image, Result};
+use clap::Args;
+
+use super::info_table::significant;
+use super::source::Input;
+
+/// What stands for the time in a time stamp.
+const TIME: &str = "{time}";
+
+#[derive(Args, Clone)]
+#[command(next_help_heading = "Annotations")]
+pub(crate) struct AnnotationOptions {
+    /// Draw the directions of x, y and z, as the camera sees them, into the lower left corner
+    #[arg(long)]
+    axes: bool,
+    /// Draw the box of the data over the picture
+    #[arg(long)]
+    outline: bool,
+    /// Draw a bar of a round length, as it is seen at the distance of the data's centre, into the lower right
+    /// corner
+    #[arg(long)]
+    scale_bar: bool,
+    /// Write a line into the upper left corner
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// Write a line into the lower left corner, such as the time that is shown: {time} in it stands for what a .pvd
+    /// states
+    #[arg(long, value_name = "TEXT")]
+    time_stamp: Option<String>,
+}
+
+impl AnnotationOptions {
+    pub(crate) fn has_outline(&self) -> bool {
+        self.outline
+    }
+
+    /// The first option that is given.
+    fn first(&self) -> Option<&'static str> {
+        [
+            (self.axes, "--axes"),
+            (self.outline, "--outline"),
+            (self.scale_bar, "--scale-bar"),
+            (self.title.is_some(), "--title"),
+            (self.time_stamp.is_some(), "--time-stamp"),
+        ]
+        .into_iter()
+        .find_map(|(is_given, name)| is_given.then_some(name))
+    }
+
+    /// Refuses a stamp of a time that not all steps have.
+    pub(crate) fn check_time(&self, inputs: &[Input]) -> Result<()> {
+        let is_asked = self
+            .time_stamp
+            .as_ref()
+            .is_some_and(|text| text.contains(TIME));
+        if !is_asked || inputs.iter().all(|input| input.time.is_some()) {
+            return Ok(());
+        }
+        let expected = "inputs whose times are stated, by a .pvd file";
+        let advice = "write the time itself";
+        Err(Error::invalid(
+            "--time-stamp",
+            TIME,
+            expected,
+            "others",
+            advice,
+        ))
+    }
+
+    /// These with the time of a step in the stamp.
+    pub(crate) fn at(&self, step: &[Input]) -> Self {
+        let time = step.iter().find_map(|input| input.time);
+        let stamped = |text: &String| match time {
+            Some(time) => text.replace(TIME, &significant(time)),
+            None => text.clone(),
+        };
+        Self {
+            time_stamp: self.time_stamp.as_ref().map(stamped),
+            ..self.clone()
+        }
+    }
+
+    /// Refuses to annotate numbers.
+    ///
+    /// - `numbers`: the option that asks for them, and what it would take instead; none of a picture.
+    pub(crate) fn check(&self, numbers: Option<(&'static str, &'static str)>) -> Result<()> {
+        let (Some(option), Some((place, expected))) = (self.first(), numbers) else {
+            return Ok(());
+        };
+        let advice = format!("leave {option} out");
+        Err(Error::invalid(option, place, expected, "numbers", advice))
+    }
+}
+
+/// What is drawn over a picture.
+pub(crate) struct Overlays {
+    camera: Camera,
+    annotations: Annotations,
+    bars: Vec<ColourBar>,
+}
+
+impl Overlays {
+    /// - `bounds`: the box of the data.
+    ///
+    /// # Errors
+    /// What has no room in the camera's picture.
+    pub(crate) fn new(
+        options: &AnnotationOptions,
+        bars: Vec<ColourBar>,
+        bounds: Option<Bounds>,
+        camera: &Camera,
+    ) -> Result<Self> {
+        let annotations = Annotations {
+            axes: options.axes,
+            outline: bounds.filter(|_| options.outline),
+            scale_at: bounds
+                .filter(|_| options.scale_bar)
+                .map(|(centre, _)| centre),
+            title: options.title.clone(),
+            title_columns: None,
+            time_stamp: options.time_stamp.clone(),
+        };
+        check_legend_size(&bars, [camera.width, camera.height])?;
+        check(camera, &annotations)?;
+        let camera = camera.clone();
+        Ok(Self {
+            camera,
+            annotations,
+            bars,
+        })
+    }
+
+    /// These with other bars.
+    pub(crate) fn with_bars(self, bars: Vec<ColourBar>) -> Self {
+        Self { bars, ..self }
+    }
+
+    /// Whether a picture stays as it is.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.bars.is_empty() && self.annotations == Annotations::default()
+    }
+
+    /// Writes a picture with everything that is drawn over it.
+    pub(crate) fn write(&self, path: &Path, image: &Image) -> Result<()> {
+        write_image(path, &*self.drawn(image)?)
+    }
+
+    /// A picture with everything that is drawn over it.
+    pub(crate) fn drawn<'a>(&self, image: &'a Image) -> Result<Cow<'a, Image>> {
+        if self.is_empty() {
+            return Ok(Cow::Borrowed(image));
+        }
+        let mut image = image.clone();
+        let size = [image.width, image.height];
+        let annotations = Annotations {
+            title_columns: Some(columns_beside_legend(&self.bars, size)?),
+            ..self.annotations.clone()
+        };
+        draw(&mut image, &self.camera, &annotations)?;
+        draw_legend(&self.bars, &mut image)?;
+        Ok(Cow::Owned(image))
+    }
+}

@@ -1,0 +1,123 @@
+//! `ewa-splat render --column-density`
+
+use crate::io::{column_colours, column_picture, write_bytes_atomically, write_column};
+use crate::legend::ColourBar;
+use crate::scene::{TransferFunction, ValueScale};
+use crate::view::Camera;
+use crate::{ColumnImage, Renderer, Result, SceneOptions};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::annotations::Overlays;
+use super::column_mean::{ColumnMean, quotient};
+use super::legend::column_title;
+use super::render::{Arguments, ColumnLook};
+use super::statistics::{Prepared, stats};
+
+impl Arguments {
+    /// Draws and writes the column density.
+    pub(crate) fn draw_column(
+        &self,
+        renderer: &mut Renderer,
+        camera: &Camera,
+        (fields, mean): (&[Option<String>], Option<ColumnMean>),
+        overlays: Overlays,
+        prepared: Prepared,
+        progress: &ProgressBar,
+    ) -> Result<()> {
+        let settings = self.column_settings();
+        progress.set_message("summing");
+        renderer.column_density(camera, &settings)?;
+        let mut times = vec![renderer.times()];
+        if let Some(frames) = self.frames() {
+            times.clear();
+            progress.set_length(u64::from(frames));
+            for _ in 0..frames {
+                renderer.column_density(camera, &settings)?;
+                times.push(renderer.times());
+                progress.inc(1);
+            }
+        }
+        progress.set_message("writing");
+        let amplitudes = renderer.amplitudes();
+        let counts = renderer.counts();
+        let title = match &mean {
+            Some(mean) => format!("mean {}", mean.title),
+            None => column_title(fields),
+        };
+        let own = match mean {
+            None => None,
+            Some(mean) => {
+                let options = SceneOptions {
+                    level_of_detail: false,
+                    ..SceneOptions::default()
+                };
+                let sums = Renderer::with_options(mean.weighed, &options)?;
+                let backend = self.backend(&sums, camera);
+                let mut sums = sums.on_backend(backend)?;
+                Some(quotient(
+                    sums.column_density(camera, &settings)?,
+                    renderer.column(),
+                ))
+            }
+        };
+        let column = own.as_ref().unwrap_or_else(|| renderer.column());
+        let look = self.column_look();
+        let colours = column_colours(column, look.map, look.range, look.scale)?;
+        let bar = colours.as_ref().filter(|_| self.legend.legend);
+        let bar = bar.map(|colours| ColourBar::of_column(&title, colours));
+        let overlays = overlays.with_bars(bar.into_iter().collect());
+        match &colours {
+            Some(colours) if self.is_png() => {
+                overlays.write(&self.out, &column_picture(column, colours))?;
+            }
+            _ => write_column(&self.out, column)?,
+        }
+        if let Some(path) = self.stats_path() {
+            let mut stats = stats(renderer, &times, prepared);
+            stats["column_density"] = json!({
+                "sum_times_area": column.sum_times_area(),
+                "range": column.range(),
+                "positive_range": column.positive_range(),
+                "shown_range": column.shown_range(),
+                "amplitude_sum": amplitudes.sum,
+                "not_finite": amplitudes.not_finite,
+            });
+            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+        }
+        progress.finish_and_clear();
+        if amplitudes.not_finite > 0 {
+            super::progress::note!(
+                "{} values are not finite and add nothing",
+                amplitudes.not_finite
+            );
+        }
+        if counts.footprints == 0 {
+            super::progress::note!(
+                "nothing visible: no particle with a value but zero reaches the image"
+            );
+        } else if self.is_png() {
+            super::progress::note!("{}", in_words(&look, column, colours.as_ref()));
+        }
+        Ok(())
+    }
+}
+
+/// What the colours of a picture of a column density stand for.
+fn in_words(
+    look: &ColumnLook<'_>,
+    column: &ColumnImage,
+    colours: Option<&TransferFunction>,
+) -> String {
+    let Some(colours) = colours else {
+        return "no column density above zero: an empty picture".into();
+    };
+    let (of, own) = match colours.value_scale() {
+        ValueScale::Linear => ("", column.range()),
+        ValueScale::Log => ("log10 of ", column.shown_range()),
+        ValueScale::Symlog { .. } => ("a symmetric logarithm of ", column.range()),
+    };
+    let [least, greatest] = look.range.or(own).unwrap_or(colours.range());
+    let map = look.map.unwrap_or("viridis");
+    format!("colours: {map} over {of}the column density, from {least:e} to {greatest:e}")
+}

@@ -1,0 +1,297 @@
+//! `ewa-splat convert`
+
+use std::path::{Path, PathBuf};
+
+use crate::Result;
+use crate::io::{
+    Dataset, Geometry, PlyForm, SplatCloud, SplatFileOptions, SpzVersion, Up, WrittenSplats,
+    check_splats_path, write_splats,
+};
+use crate::sample::mesh::MeshReport;
+use crate::sample::{
+    BoundaryChoice, ConversionReport, Finding, SampleOptions, scene, sound_splats, splat_cloud,
+};
+use clap::{Args, ValueEnum};
+use glam::{DQuat, DVec3};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use super::input::DataOptions;
+use super::outputs::check_collisions;
+use super::progress;
+use super::source::Input;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to convert into one
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// File of splats to write: ply, compressed.ply, splat, spz, sog or glb
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// PLY without a third scale, as 2-D Gaussian splatting stores surfels; all splats must be flat
+    #[arg(long)]
+    surfels: bool,
+    /// Version of an SPZ file; without this 3, which more viewers read
+    #[arg(long, value_name = "3|4")]
+    spz_version: Option<Version>,
+    /// Keep coordinates as they are read; without this, what is up in pictures of the inputs is turned to where the format has it: -y
+    /// of ply, splat and sog, +y of spz and glb
+    #[arg(long)]
+    keep_axes: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    data: DataOptions,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Version {
+    #[value(name = "3")]
+    Three,
+    #[value(name = "4")]
+    Four,
+}
+
+/// Splats of all inputs so far.
+#[derive(Default)]
+struct Converted {
+    cloud: SplatCloud,
+    report: ConversionReport,
+    /// What was made of each mesh.
+    meshes: Vec<Value>,
+    notes: Vec<String>,
+    /// What points up in each input.
+    ups: Vec<(PathBuf, Up)>,
+}
+
+/// # Errors
+/// What reading, sampling, converting and writing say; an output that is an input.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    check_splats_path(&arguments.out)?;
+    check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
+    let named = arguments.inputs.iter().cloned().map(Input::file);
+    let inputs = arguments.data.inputs(named.collect(), false)?;
+    let bar = progress::bar(inputs.len() as u64 + 1);
+    let mut converted = Converted::default();
+    for input in &inputs {
+        let path = &input.path;
+        bar.set_message(format!("converting {}", path.display()));
+        let dataset = arguments.data.open(input)?;
+        for note in &dataset.notes {
+            converted.notes.push(format!("{}: {note}", path.display()));
+        }
+        converted.ups.push((path.clone(), dataset.up()));
+        converted.add(dataset, &arguments.data, &bar)?;
+        bar.inc(1);
+    }
+    bar.set_message("writing");
+    let Converted {
+        cloud,
+        report,
+        meshes,
+        notes,
+        ups,
+    } = &mut converted;
+    let form = if arguments.surfels {
+        PlyForm::Surfels
+    } else {
+        PlyForm::Volumetric
+    };
+    let up = Up::of_scene(ups.iter().map(|(_, up)| *up));
+    let options = SplatFileOptions {
+        form,
+        spz_version: arguments.spz_version.map(Into::into),
+        up: (!arguments.keep_axes).then_some(up.direction),
+    };
+    let written = write_splats(&arguments.out, cloud, &options)?;
+    bar.finish_and_clear();
+    if !arguments.keep_axes {
+        say_turns(&arguments.out, &up, ups, &written);
+    }
+    notes.extend(written.notes.iter().cloned());
+    let findings = |left_out: bool| {
+        let of = report
+            .findings
+            .iter()
+            .filter(move |f| f.left_out == left_out);
+        of.map(finding).collect::<Vec<_>>()
+    };
+    let summary = json!({
+        "out": arguments.out.display().to_string(),
+        "particles": report.particle_count,
+        "splats": report.splat_count,
+        "left_out": findings(true),
+        "findings": findings(false),
+        "meshes": meshes,
+        "degree": cloud.harmonics_degree,
+        "anti_aliased": cloud.is_anti_aliased,
+        "bytes": written.bytes,
+        "position_quantum": written.position_quantum,
+        "turn": written.turn.to_array(),
+        "notes": notes,
+    });
+    if arguments.json {
+        super::say!("{summary:#}");
+    } else {
+        print(&summary);
+    }
+    Ok(())
+}
+
+/// Says how coordinates were turned, and which inputs have another way up than the one that all were turned by.
+fn say_turns(out: &Path, up: &Up, ups: &[(PathBuf, Up)], written: &WrittenSplats) {
+    for (path, other) in ups.iter().filter(|(_, of)| of.direction != up.direction) {
+        super::progress::note!(
+            "{}: {} is up ({}), {} in what is written: all inputs are turned as one; --rotate turns one alone",
+            path.display(),
+            axis(other.direction),
+            other.reason,
+            axis(up.direction)
+        );
+    }
+    if written.turn == DQuat::IDENTITY {
+        return;
+    }
+    let corner = |v: DVec3| axis((written.turn * v).round());
+    super::progress::note!(
+        "{}: turned, {} is up ({}): x, y, z of the inputs lie along {}, {}, {}; --keep-axes leaves them",
+        out.display(),
+        axis(up.direction),
+        up.reason,
+        corner(DVec3::X),
+        corner(DVec3::Y),
+        corner(DVec3::Z)
+    );
+}
+
+/// An axis in words: `+y`.
+fn axis(direction: DVec3) -> String {
+    let of = ["x", "y", "z"].into_iter().zip(direction.to_array());
+    let known = of.clone().find(|(_, c)| c.abs() == direction.length());
+    known.map_or_else(
+        || format!("{:.3} {:.3} {:.3}", direction.x, direction.y, direction.z),
+        |(name, c)| format!("{}{name}", if c < 0.0 { "-" } else { "+" }),
+    )
+}
+
+impl From<Version> for SpzVersion {
+    fn from(version: Version) -> Self {
+        match version {
+            Version::Three => Self::Three,
+            Version::Four => Self::Four,
+        }
+    }
+}
+
+fn finding(finding: &Finding) -> Value {
+    json!({ "count": finding.count, "noun": finding.noun, "reason": finding.reason })
+}
+
+/// What was made of a mesh.
+fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
+    json!({
+        "file": path.display().to_string(),
+        "triangles": report.triangle_count,
+        "surfels": report.surfel_count,
+        "of_lines_and_points": report.mark_count,
+        "area": report.area,
+        "spacing": report.spacing,
+        "ripple": report.ripple,
+        "greatest_ripple": report.greatest_ripple,
+        "left_out": report.findings.iter().map(finding).collect::<Vec<_>>(),
+    })
+}
+
+impl Converted {
+    /// Adds the splats of a data set.
+    fn add(&mut self, dataset: Dataset, options: &DataOptions, bar: &ProgressBar) -> Result<()> {
+        let path = dataset.path.clone();
+        let (cloud, report) = match dataset.geometry {
+            // As they are; a named field replaces colours and goes the other way.
+            Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
+            _ => {
+                // Splats of a file are cut by nothing.
+                let soft = SampleOptions {
+                    boundary: BoundaryChoice::Soft,
+                    ..options.sample_options()
+                };
+                let sampled = scene(dataset, &soft)?;
+                match sampled.report.mesh {
+                    Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
+                    None => {
+                        for line in sampled.report.warnings() {
+                            bar.suspend(|| super::progress::note!("{}: {line}", path.display()));
+                        }
+                    }
+                }
+                splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?
+            }
+        };
+        if !self.cloud.positions.is_empty() && self.cloud.is_anti_aliased != cloud.is_anti_aliased {
+            self.notes.push(format!(
+                "{}: splats made for another low-pass filter than those before are marked as those",
+                path.display()
+            ));
+        }
+        self.cloud.append(cloud);
+        self.report.append(report);
+        Ok(())
+    }
+}
+
+fn print(summary: &Value) {
+    let row = |name: &str, value: String| super::say!("{name:<18} {value}");
+    let text = |value: &Value| {
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned)
+    };
+    row("file", text(&summary["out"]));
+    row("particles", text(&summary["particles"]));
+    row("splats", text(&summary["splats"]));
+    for (key, name) in [("left_out", "left out"), ("findings", "note")] {
+        for f in summary[key].as_array().into_iter().flatten() {
+            let line = format!(
+                "{} {}: {}",
+                f["count"],
+                text(&f["noun"]),
+                text(&f["reason"])
+            );
+            row(name, line);
+        }
+    }
+    for mesh in summary["meshes"].as_array().into_iter().flatten() {
+        row(
+            "mesh",
+            format!(
+                "{}: {} triangles of area {} to {} surfels, spacing {}; weights sum to 1 within {} \
+                 (rms; {} at most); {} splats of lines and points",
+                text(&mesh["file"]),
+                mesh["triangles"],
+                mesh["area"],
+                mesh["surfels"],
+                mesh["spacing"],
+                mesh["ripple"],
+                mesh["greatest_ripple"],
+                mesh["of_lines_and_points"],
+            ),
+        );
+        for f in mesh["left_out"].as_array().into_iter().flatten() {
+            let line = format!(
+                "{} {}: {}",
+                f["count"],
+                text(&f["noun"]),
+                text(&f["reason"])
+            );
+            row("left out", line);
+        }
+    }
+    row("harmonics", format!("degree {}", summary["degree"]));
+    row("bytes", text(&summary["bytes"]));
+    row("position quantum", text(&summary["position_quantum"]));
+    for note in summary["notes"].as_array().into_iter().flatten() {
+        row("note", text(note));
+    }
+}

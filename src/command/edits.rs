@@ -1,0 +1,128 @@
+//! Where inputs go, and what of them is read on.
+
+use crate::edit::{Placement, crop, place};
+use crate::io::Dataset;
+use crate::{Error, Result};
+use clap::Args;
+use glam::{DQuat, DVec3};
+
+use super::parse::{self, OrNone};
+
+/// Each option holds for all inputs, or is given once for each of them.
+#[derive(Args)]
+#[command(next_help_heading = "Placement")]
+pub(crate) struct EditOptions {
+    /// Make everything F times as large, about the origin; --rotate and then --translate follow. Given once, each
+    /// option here is for all inputs; else once for each in their order, with `none` for those it leaves alone
+    #[arg(long, value_name = "F", value_parser = parse::or_none(parse::positive), allow_hyphen_values = true)]
+    resize: Vec<OrNone<f64>>,
+    /// Turn by an angle about an axis through the origin, right-handed; vectors turn, too
+    #[arg(long, value_name = "x,y,z,DEGREES", value_parser = parse::or_none(parse::turn), allow_hyphen_values = true)]
+    rotate: Vec<OrNone<DQuat>>,
+    /// Move by a vector
+    #[arg(long, value_name = "x,y,z", value_parser = parse::or_none(parse::vector), allow_hyphen_values = true)]
+    translate: Vec<OrNone<DVec3>>,
+    /// Take what lies in a box alone, in the coordinates that the options above lead to
+    #[arg(long, value_name = "x0,y0,z0,x1,y1,z1", value_parser = parse::or_none(parse::corners),
+          allow_hyphen_values = true)]
+    crop: Vec<OrNone<[DVec3; 2]>>,
+}
+
+/// What is done to one input.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Edit {
+    placement: Option<Placement>,
+    crop: Option<[DVec3; 2]>,
+}
+
+impl EditOptions {
+    /// What is done to each of so many inputs.
+    ///
+    /// # Errors
+    /// An option is given neither once nor once for each input.
+    pub(crate) fn of_inputs(&self, count: usize) -> Result<Vec<Edit>> {
+        let resize = of_each("--resize", &self.resize, count)?;
+        let rotate = of_each("--rotate", &self.rotate, count)?;
+        let translate = of_each("--translate", &self.translate, count)?;
+        let crop = of_each("--crop", &self.crop, count)?;
+        let none = Placement::default();
+        let edit = |i: usize| {
+            let placement = Placement {
+                size: resize(i).unwrap_or(none.size),
+                rotation: rotate(i).unwrap_or(none.rotation),
+                translation: translate(i).unwrap_or(none.translation),
+            };
+            Edit {
+                placement: (placement != none).then_some(placement),
+                crop: crop(i),
+            }
+        };
+        Ok((0..count).map(edit).collect())
+    }
+}
+
+/// The value that an option has for each input.
+fn of_each<'a, T: Copy>(
+    option: &'static str,
+    stated: &'a [OrNone<T>],
+    count: usize,
+) -> Result<impl Fn(usize) -> Option<T> + 'a> {
+    if stated.len() > 1 && stated.len() != count {
+        let inputs = if count == 1 { "input" } else { "inputs" };
+        return Err(Error::invalid(
+            option,
+            "use",
+            format!("once for all, or once for each of {count} {inputs}"),
+            format!("{} times", stated.len()),
+            "give it once, or for each input; `none` skips one",
+        ));
+    }
+    Ok(move |i: usize| match stated {
+        [] => None,
+        [all] => all.0,
+        each => each[i].0,
+    })
+}
+
+impl Edit {
+    /// The data where they are to be, and what of them is to be read on.
+    ///
+    /// # Errors
+    /// Those of [`place`] and [`crop`].
+    pub(crate) fn applied(&self, mut dataset: Dataset) -> Result<Dataset> {
+        if let Some(placement) = &self.placement {
+            dataset = place(dataset, placement)?;
+        }
+        match self.crop {
+            Some([lower, upper]) => crop(dataset, lower, upper),
+            None => Ok(dataset),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_for_all_inputs_or_one_for_each() {
+        let of = |resize: &[Option<f64>], count| {
+            let options = EditOptions {
+                resize: resize.iter().copied().map(OrNone).collect(),
+                rotate: Vec::new(),
+                translate: Vec::new(),
+                crop: Vec::new(),
+            };
+            let sizes = |edit: Edit| edit.placement.map(|placement| placement.size);
+            let edits = options.of_inputs(count).ok()?;
+            Some(edits.into_iter().map(sizes).collect::<Vec<_>>())
+        };
+        let (two, three) = (Some(2.0), Some(3.0));
+        assert_eq!(of(&[], 2), Some(vec![None, None]));
+        assert_eq!(of(&[two], 2), Some(vec![two, two]));
+        assert_eq!(of(&[two, three], 2), Some(vec![two, three]));
+        assert_eq!(of(&[None, three], 2), Some(vec![None, three]));
+        assert_eq!(of(&[two, three], 3), None);
+        assert_eq!(of(&[two, three], 1), None);
+    }
+}

@@ -1,0 +1,24 @@
+//! The formats that are read, in `--help`.
+
+use crate::io::{Family, Format, formats};
+
+/// A line for each family, with the endings of each format.
+pub(crate) fn list() -> String {
+    let of = |family: Family| formats().iter().filter(move |f| f.family == family);
+    let line = |family: &Family| {
+        let names: Vec<String> = of(*family).map(shown).collect();
+        format!("  {:<12} {}", family.name(), names.join(", "))
+    };
+    let lines: Vec<String> = Family::ALL.iter().map(line).collect();
+    format!(
+        "Reads, by content and by name:\n{}\nWrites splats (convert), pictures and animations (render --out).",
+        lines.join("\n")
+    )
+}
+
+fn shown(format: &Format) -> String {
+    match format.endings {
+        [] => format.name.into(),
+        endings => format!("{} (.{})", format.name, endings.join(" .")),
+    }
+}

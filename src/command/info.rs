@@ -1,0 +1,369 @@
+//! `ewa-splat info`
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use crate::error::{Advice, Hint};
+use crate::io::{
+    AlphaMode, Association, CellKind, Dataset, Field, Geometry, Mesh, ParticleCount, ParticleType,
+    SplatAxes, TextureUse, TimeStep, format_of,
+};
+use crate::sample::{PERCENTILES, ShapeStatistics, doubts};
+use crate::scene::{LatticeSpacing, Requirements};
+use crate::stages::blocks::BlockedVolume;
+use crate::{Error, Result};
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::files::Files;
+use super::info_table::{print_rows, print_table, problem_line};
+use super::input::DataOptions;
+use super::progress::bar;
+use super::source::Input;
+use super::words::problem;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to describe; folders, for all files in them that are recognised, and patterns with * and ? are
+    /// taken, too
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// Print JSON: of one file an object, else a list of them
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    data: DataOptions,
+}
+
+/// # Errors
+/// A single file that cannot be read; of several none that can; a field named that is not there.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let files = Files::of(&arguments.inputs)?;
+    let mut inputs: Vec<_> = files.paths.iter().cloned().map(Input::file).collect();
+    arguments.data.note_edits(&mut inputs)?;
+    let inputs = arguments.data.resolved(inputs, false)?;
+    if let ([path], false) = (&inputs[..], files.is_list) {
+        let description = arguments.description(path, true)?;
+        if arguments.json {
+            super::say!("{description:#}");
+        } else {
+            print_table(&description);
+        }
+        return Ok(());
+    }
+    let progress = bar(inputs.len() as u64);
+    let (mut known, mut unknown) = (Vec::new(), Vec::new());
+    for input in &inputs {
+        let path = &input.path;
+        progress.set_message(format!("reading {}", path.display()));
+        match arguments.description(input, arguments.json || inputs.len() == 1) {
+            Ok(description) => known.push(description),
+            Err(error) => {
+                let file = path.display().to_string();
+                unknown.push(json!({ "file": file, "error": why_unread(&error) }));
+            }
+        }
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    let known_count = known.len();
+    if arguments.json {
+        known.append(&mut unknown.clone());
+        super::say!("{:#}", Value::Array(known));
+    } else {
+        match &known[..] {
+            [] => {}
+            [alone] if inputs.len() == 1 => print_table(alone),
+            several => print_rows(several),
+        }
+        if !(known.is_empty() || unknown.is_empty()) {
+            super::say!("");
+        }
+        for file in &unknown {
+            super::say!("{}", problem_line(file, "error"));
+        }
+    }
+    if known_count == 0 {
+        return Err(Error::invalid(
+            "info",
+            "inputs",
+            "one file at least that can be read",
+            format!("none among {}", inputs.len()),
+            "name other files or folders",
+        ));
+    }
+    Ok(())
+}
+
+/// Why one of several files is not read: in few words where it is of another format, because the list of those
+/// that are read is long.
+fn why_unread(error: &Error) -> String {
+    match error {
+        Error::Format {
+            advice: Advice::Hint(Hint::ConvertOrGiveLayout),
+            ..
+        } => "not recognised".into(),
+        Error::Format { place, found, .. } if place.to_string() == "format" => found.clone(),
+        _ => problem(error),
+    }
+}
+
+impl Arguments {
+    /// All that can be said of a file. What cannot be drawn still has its geometry and its fields, and under
+    /// `problem` what is wrong.
+    ///
+    /// - `with_blocks`: whether memory is described, too, for which particles are sorted into blocks.
+    ///
+    /// # Errors
+    /// A file that cannot be read, and a field named that is not there.
+    fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
+        let dataset = self.data.open(input)?;
+        let mut description = describe(&dataset);
+        let steps = format_of(&input.path, &self.data.open_options())?.time_steps(&input.path)?;
+        let is_alone = steps.iter().all(|step| step.time.is_none()) && steps[0].parts.len() == 1;
+        if !is_alone {
+            let of_step = |step: &TimeStep| {
+                let mut files: Vec<String> = Vec::new();
+                for part in &step.parts {
+                    let file = part.path.display().to_string();
+                    if part.path != input.path && !files.contains(&file) {
+                        files.push(file);
+                    }
+                }
+                json!({ "time": step.time, "files": files })
+            };
+            description["file"] = json!(input.path.display().to_string());
+            description["time_steps"] = steps.iter().map(of_step).collect();
+        }
+        let mut note = |text: String| {
+            if let Some(notes) = description["notes"].as_array_mut() {
+                notes.push(json!(text));
+            }
+        };
+        // One length for all replaces them.
+        if self.data.radius.is_none()
+            && let Some(text) = logarithms(&dataset)
+        {
+            note(text);
+        }
+        // What is made of a surface depends on the picture.
+        if crate::sample::is_surface(&dataset) {
+            if let (Some(field), false) = (&self.data.field, dataset.fields.is_empty()) {
+                dataset.scalar(field)?;
+            }
+            return Ok(description);
+        }
+        // A grid alone (PLOT3D without its solution) has nothing to show and much to tell.
+        if dataset.fields.is_empty()
+            && !matches!(
+                dataset.geometry,
+                Geometry::Points { .. } | Geometry::Splats(_)
+            )
+        {
+            note("no field to show: for a PLOT3D grid name its solution with --solution".into());
+            return Ok(description);
+        }
+        if let Some(field) = &self.data.field {
+            dataset.scalar(field)?;
+        }
+        // What rendering makes of it.
+        let sampled = match self.data.sample(dataset) {
+            Ok(sampled) => sampled,
+            Err(error) => {
+                description["problem"] = json!(problem(&error));
+                return Ok(description);
+            }
+        };
+        let report = &sampled.report;
+        description["shown"] = json!(report.field);
+        description["lengths"] = json!(report.lengths);
+        description["left_out"] = json!(report.warnings());
+        description["particles"] = json!(sampled.volume.particles.len());
+        if !with_blocks {
+            return Ok(description);
+        }
+        if let Some(shapes) = ShapeStatistics::of(&sampled.volume.particles) {
+            description["kernels"] = json!({
+                "percentiles": PERCENTILES,
+                "size": shapes.size,
+                "anisotropy": shapes.anisotropy.map(|ratio| ratio.is_finite().then_some(ratio)),
+            });
+        }
+        description["doubts"] = json!(doubts(&sampled.volume.particles));
+        description["requirements"] = json!(Requirements::of(&sampled.volume));
+        let family = BlockedVolume::with_detail(sampled.volume);
+        description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));
+        Ok(description)
+    }
+}
+
+/// What is said of scales below 0 that are taken as standard deviations: they look like logarithms.
+fn logarithms(dataset: &Dataset) -> Option<String> {
+    let count = match &dataset.geometry {
+        Geometry::Splats(cloud) => {
+            let is_below = |scales: &&[f32; 3]| scales.iter().any(|s| *s < 0.0);
+            cloud.scales.iter().filter(is_below).count()
+        }
+        Geometry::Points { positions } => {
+            let columns = ["scale_0", "scale_1", "scale_2"].map(|name| dataset.scalar(name).ok());
+            let is_below = |i: usize| {
+                let mut values = columns.iter().flatten().map(|(_, values)| values);
+                values.any(|values| i < values.len() && values.get(i) < 0.0)
+            };
+            (0..positions.len()).filter(|i| is_below(*i)).count()
+        }
+        _ => 0,
+    };
+    let (of, advice) = match &dataset.geometry {
+        // Without `--scales linear` these would have been taken as logarithms.
+        Geometry::Points { .. } => ("particles", "leave --scales linear out"),
+        _ if dataset.format == "glTF splats" => ("splats", "leave --scales linear out"),
+        _ => (
+            "splats",
+            "convert the file by a program that writes standard deviations",
+        ),
+    };
+    (count > 0).then(|| {
+        format!(
+            "{count} of the {of} have scales below 0: they look like logarithms where standard deviations belong; {advice}"
+        )
+    })
+}
+
+/// What a file holds: geometry and fields, whatever can be made of them.
+fn describe(dataset: &Dataset) -> Value {
+    let geometry = match &dataset.geometry {
+        Geometry::Lattice(lattice) => match &lattice.spacing {
+            LatticeSpacing::Uniform { step, .. } => json!({
+                "kind": "regular lattice", "dims": lattice.dims,
+                "spacing": [step.x_axis.length(), step.y_axis.length(), step.z_axis.length()],
+            }),
+            LatticeSpacing::Rectilinear { .. } => {
+                json!({ "kind": "rectilinear lattice", "dims": lattice.dims })
+            }
+        },
+        Geometry::Curvilinear { blocks } => {
+            let nodes: usize = blocks.iter().map(|b| b.nodes.len()).sum();
+            let dims: Vec<_> = blocks.iter().map(|b| b.dims).collect();
+            json!({ "kind": "curvilinear grid", "dims": dims, "nodes": nodes })
+        }
+        Geometry::Cells(mesh) => {
+            let mut kinds: BTreeMap<CellKind, usize> = BTreeMap::new();
+            for kind in &mesh.kinds {
+                *kinds.entry(*kind).or_default() += 1;
+            }
+            let kinds: Vec<_> = kinds
+                .into_iter()
+                .map(|(kind, count)| json!({ "kind": kind.name(), "count": count }))
+                .collect();
+            let (nodes, cells) = (mesh.nodes.len(), mesh.cell_count());
+            json!({ "kind": "unstructured grid", "nodes": nodes, "cells": cells, "cell_kinds": kinds })
+        }
+        Geometry::Splats(cloud) => json!({
+            "kind": "splats", "count": cloud.positions.len(), "degree": cloud.harmonics_degree,
+            "anti_aliased": cloud.is_anti_aliased,
+        }),
+        Geometry::Mesh(mesh) => describe_mesh(mesh),
+        Geometry::Points { positions } => json!({ "kind": "points", "count": positions.len() }),
+    };
+    let up = dataset.up();
+    let axes = SplatAxes::of_format(dataset.format)
+        .map(|(file, read)| json!({ "file": file.to_string(), "read": read.to_string() }));
+    let bounds = dataset.bounds();
+    let fields: Vec<Value> = dataset
+        .fields
+        .iter()
+        .map(|f| describe_field(dataset, f))
+        .collect();
+    let types: Vec<Value> = dataset.particle_types.iter().map(describe_type).collect();
+    json!({
+        "file": dataset.path.display().to_string(),
+        "format": dataset.format,
+        "geometry": geometry,
+        "axes": axes,
+        "up": { "direction": up.direction.to_array(), "reason": up.reason },
+        "is_plane": up.is_plane,
+        "front": up.front.map(|front| front.to_array()),
+        "bounds": bounds.map(|(lower, upper)| [lower.to_array(), upper.to_array()]),
+        "fields": fields,
+        "particle_types": types,
+        "notes": dataset.notes,
+    })
+}
+
+/// The particles of one type in a snapshot.
+fn describe_type(particles: &ParticleCount) -> Value {
+    let types: Vec<String> = particles
+        .types
+        .iter()
+        .map(ParticleType::to_string)
+        .collect();
+    json!({
+        "name": particles.name,
+        "types": types,
+        "count": particles.count,
+        "is_read": particles.is_read,
+    })
+}
+
+/// A field's values, or what is wrong with them.
+fn describe_field(dataset: &Dataset, field: &Field) -> Value {
+    let mut description = json!({
+        "name": field.name,
+        "unit": field.unit,
+        "of": match field.association {
+            Association::Nodes => "nodes",
+            Association::Cells => "cells",
+        },
+    });
+    match dataset.field_scalar(field) {
+        Ok(values) => {
+            description["type"] = json!(values.type_name());
+            description["range"] = json!(values.finite_range());
+            description["non_finite"] = json!(values.non_finite_count());
+        }
+        Err(error) => description["problem"] = json!(problem(&error)),
+    }
+    description
+}
+
+/// What a mesh consists of; materials with the triangles that they cover.
+fn describe_mesh(mesh: &Mesh) -> Value {
+    let mut counts = vec![0; mesh.materials.len()];
+    for part in &mesh.parts {
+        counts[part.material] += part.triangles.len();
+    }
+    let size = |texture: &Option<TextureUse>| {
+        let image = &mesh.textures[texture.as_ref()?.texture].image;
+        Some([image.width, image.height])
+    };
+    let materials: Vec<Value> = mesh
+        .materials
+        .iter()
+        .zip(counts)
+        .filter(|(_, triangles)| *triangles > 0)
+        .map(|(material, triangles)| {
+            let (alpha, cutoff) = match material.alpha {
+                AlphaMode::Opaque => ("opaque", None),
+                AlphaMode::Mask(cutoff) => ("mask", Some(cutoff)),
+                AlphaMode::Blend => ("blend", None),
+            };
+            json!({
+                "name": material.name,
+                "triangles": triangles,
+                "alpha": alpha,
+                "cutoff": cutoff,
+                "double_sided": material.is_double_sided,
+                "base_colour": material.base_colour,
+                "base_texture": size(&material.base_texture),
+                "emissive": material.emissive,
+                "emissive_texture": size(&material.emissive_texture),
+            })
+        })
+        .collect();
+    json!({
+        "kind": "mesh", "triangles": mesh.triangle_count(), "lines": mesh.line_count(),
+        "points": mesh.point_count(), "parts": mesh.parts.len(),
+        "textures": mesh.textures.len(), "materials": materials,
+    })
+}

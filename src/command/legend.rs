@@ -1,0 +1,61 @@
+//! `ewa-splat render --legend`
+
+use crate::legend::{ColourBar, name_without_unit};
+use crate::scene::Colour;
+use crate::{Error, Result};
+use clap::Args;
+
+use super::scene::Scene;
+use super::usage::is_surface;
+
+/// What a field without a name is called.
+const UNNAMED: &str = "value";
+
+#[derive(Args)]
+#[command(next_help_heading = "Output")]
+pub(crate) struct LegendOptions {
+    /// Draw a colour bar with the field's name, values and opacity into the picture
+    #[arg(long)]
+    pub(crate) legend: bool,
+}
+
+/// A bar for each transfer function that gives colours; volumes of one field and one function share
+/// theirs.
+pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
+    let mut bars = Vec::new();
+    let titles = scene.volumes.iter().zip(&scene.titles);
+    for (volume, title) in titles {
+        if let (Colour::Classified, Some(transfer)) = (&volume.colour, &volume.transfer_function) {
+            let title = title.as_deref().unwrap_or(UNNAMED);
+            // An opaque surface has the function's colours alone.
+            let bar = match is_surface(volume) {
+                true => ColourBar::of_column(title, transfer),
+                false => ColourBar::of_transfer_function(title, transfer),
+            };
+            if !bars.contains(&bar) {
+                bars.push(bar);
+            }
+        }
+    }
+    if bars.is_empty() {
+        return Err(Error::invalid(
+            "--legend",
+            "data",
+            "a field with a transfer function",
+            "splats, meshes or particles with colours of their own",
+            "leave --legend out, or name a field with --field",
+        ));
+    }
+    Ok(bars)
+}
+
+/// What a column density is called.
+pub(crate) fn column_title(fields: &[Option<String>]) -> String {
+    match fields {
+        [Some(field), rest @ ..] if rest.iter().all(|f| f.as_ref() == Some(field)) => {
+            // The columns have another unit: that of the field times a length.
+            format!("column of {}", name_without_unit(field))
+        }
+        _ => "column density".into(),
+    }
+}

@@ -1,0 +1,112 @@
+//! The command line: `render`, `info`, `convert`, `compare`, `measure`, `completions`, `man`; and what other front ends
+//! take of it.
+
+/// Prints a line; a reader that has gone away (`| head`) ends the program quietly.
+macro_rules! say {
+    ($($part:tt)*) => {
+        if std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($part)*)))
+            .is_err()
+        {
+            std::process::exit(0);
+        }
+    };
+}
+pub(crate) use say;
+
+mod animation;
+mod annotations;
+mod column;
+mod column_mean;
+mod compare;
+mod convert;
+mod count;
+mod cut;
+mod driver;
+mod edits;
+mod files;
+mod formats;
+mod info;
+mod info_table;
+mod input;
+mod legend;
+mod lit;
+mod measure;
+mod outputs;
+mod parse;
+mod progress;
+mod render;
+mod scene;
+mod sequence;
+mod shell;
+mod source;
+mod statistics;
+mod truth;
+mod usage;
+mod viewpoint;
+mod words;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+
+/// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
+#[derive(Parser)]
+#[command(version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Say nothing on standard error but errors: no progress, no notes
+    #[arg(long, global = true)]
+    quiet: bool,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render data to an image
+    Render(Box<render::Arguments>),
+    /// Say what files hold and what rendering them requires
+    Info(Box<info::Arguments>),
+    /// Turn data into a file of splats for viewers of radiance fields
+    Convert(Box<convert::Arguments>),
+    /// Print how far one image is from another
+    Compare(compare::Arguments),
+    /// Measure speed against accuracy: table, plots and what each approximation costs
+    Measure(Box<measure::Arguments>),
+    /// Print a script for a shell that completes the program's options
+    Completions(shell::CompletionsArguments),
+    /// Print a page for man: `ewa-splat man render | man -l -`
+    Man(shell::ManArguments),
+}
+
+/// Runs the program `ewa-splat` with the arguments of the process.
+pub fn main() -> ExitCode {
+    driver::hush();
+    let words = truth::join_reference(std::env::args_os());
+    let program = Arguments::command()
+        .after_help(formats::list())
+        .long_version(shell::version());
+    let matches = program.get_matches_from(words);
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    if arguments.quiet {
+        progress::be_quiet();
+    }
+    let result = match arguments.command {
+        Command::Render(mut arguments) => render::run(&mut arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Measure(mut arguments) => measure::run(&mut arguments),
+        Command::Completions(arguments) => {
+            shell::completions(&arguments, Arguments::command());
+            Ok(())
+        }
+        Command::Man(arguments) => shell::man(&arguments, Arguments::command()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", words::line(&error));
+            ExitCode::FAILURE
+        }
+    }
+}

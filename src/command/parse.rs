@@ -1,0 +1,293 @@
+//! Values of command-line options.
+
+use crate::image::linear_from_srgb;
+use crate::io::{ParticleType, RawType};
+use crate::scene::{Light, LightFrame};
+use crate::view::ClipPlane;
+use glam::{DQuat, DVec2, DVec3, Vec3};
+
+/// `x,y,z`
+pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
+    numbers(text).map(DVec3::from)
+}
+
+/// `x,y,z` of a direction, as a unit vector.
+pub(crate) fn direction(text: &str) -> Result<DVec3, String> {
+    vector(text)?
+        .try_normalize()
+        .ok_or_else(|| "three numbers that are not all zero, such as 0,0,1".into())
+}
+
+/// A value of `--type`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum TypeName {
+    /// Of the samples of a raw volume.
+    Samples(RawType),
+    /// Of the particles of a snapshot.
+    Particles(ParticleType),
+}
+
+/// The type of a raw volume's samples, or of particles.
+pub(crate) fn type_name(text: &str) -> Result<TypeName, String> {
+    let samples = match text {
+        "u8" => Some(RawType::U8),
+        "i16" => Some(RawType::I16),
+        "u16" => Some(RawType::U16),
+        "f32" => Some(RawType::F32),
+        _ => None,
+    };
+    let particles = || ParticleType::of_name(text).map(TypeName::Particles);
+    let found = samples.map(TypeName::Samples).or_else(particles);
+    found.ok_or_else(|| {
+        let names = ParticleType::NAMED.map(|t| t.to_string()).join(", ");
+        format!("u8, i16, u16 or f32 of a raw volume; {names} or a number of particles")
+    })
+}
+
+/// A value, or `none`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OrNone<T>(pub(crate) Option<T>);
+
+/// What `parse` takes, or `none`.
+pub(crate) fn or_none<T>(
+    parse: impl Fn(&str) -> Result<T, String> + Clone + Send + Sync,
+) -> impl Fn(&str) -> Result<OrNone<T>, String> + Clone + Send + Sync {
+    move |text| {
+        if text.eq_ignore_ascii_case("none") {
+            return Ok(OrNone(None));
+        }
+        parse(text).map(|value| OrNone(Some(value)))
+    }
+}
+
+/// `x,y,z,DEGREES`: an axis and an angle about it, right-handed.
+pub(crate) fn turn(text: &str) -> Result<DQuat, String> {
+    let turn = match finite_numbers(text).as_deref() {
+        Some(&[x, y, z, degrees]) => DVec3::new(x, y, z)
+            .try_normalize()
+            .map(|axis| DQuat::from_axis_angle(axis, degrees.to_radians())),
+        _ => None,
+    };
+    turn.ok_or_else(|| "an axis, not 0,0,0, and degrees, such as 0,0,1,90".into())
+}
+
+/// `x0,y0,z0,x1,y1,z1`
+pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
+    let corners = match finite_numbers(text).as_deref() {
+        Some(&[x0, y0, z0, x1, y1, z1]) => [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)],
+        _ => [DVec3::ZERO; 2],
+    };
+    match corners[0].cmplt(corners[1]).all() {
+        true => Ok(corners),
+        false => Err(
+            "the lower and the upper corner of a box, six finite numbers such as 0,0,0,1,1,1"
+                .into(),
+        ),
+    }
+}
+
+/// The value of `--spacing`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Spacing {
+    /// One number: of meshes' surfels, or the same along each axis of a raw volume.
+    Even(f64),
+    /// `x,y,z` of a raw volume.
+    Axes(DVec3),
+}
+
+/// `D` or `x,y,z`
+pub(crate) fn spacing(text: &str) -> Result<Spacing, String> {
+    if text.contains(',') {
+        vector(text).map(Spacing::Axes)
+    } else {
+        positive(text).map(Spacing::Even)
+    }
+}
+
+/// `r,g,b`, linear, or a colour of the web, which is encoded: a name, `#rrggbb`.
+pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
+    let linear = numbers(text).ok().map(|rgb| DVec3::from(rgb).as_vec3());
+    let encoded = || {
+        let colour = csscolorparser::parse(text).ok().filter(|c| c.a >= 1.0)?;
+        Some(Vec3::from(
+            [colour.r, colour.g, colour.b].map(linear_from_srgb),
+        ))
+    };
+    match linear.or_else(encoded) {
+        Some(rgb) if rgb.min_element() >= 0.0 && rgb.max_element() <= 1.0 => Ok(rgb.into()),
+        Some(_) => Err("three numbers from 0 to 1, or #rrggbb for 0 to 255".into()),
+        None => Err(
+            "three numbers from 0 to 1 such as 0.1,0.1,0.2, #1a1a33, or a name such as navy".into(),
+        ),
+    }
+}
+
+/// The value of `--background`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Background {
+    /// Nothing.
+    None,
+    /// Linear.
+    Colour([f32; 3]),
+}
+
+/// A [`colour`] or `none`.
+pub(crate) fn background(text: &str) -> Result<Background, String> {
+    if text.eq_ignore_ascii_case("none") {
+        return Ok(Background::None);
+    }
+    colour(text).map(Background::Colour)
+}
+
+/// `x,y,z` or `x,y,z,r,g,b`: a direction in the world and a linear colour.
+pub(crate) fn light(text: &str) -> Result<Light, String> {
+    let (direction, colour) = match finite_numbers(text).as_deref() {
+        Some(&[x, y, z]) => (DVec3::new(x, y, z), DVec3::ONE),
+        Some(&[x, y, z, r, g, b]) => (DVec3::new(x, y, z), DVec3::new(r, g, b)),
+        _ => (DVec3::ZERO, DVec3::ZERO),
+    };
+    if direction.try_normalize().is_none() || colour.min_element() < 0.0 {
+        return Err(
+            "a direction, not 0,0,0, and perhaps a colour of numbers from 0 up, such as 1,-1,2 or \
+             1,-1,2,1,0.9,0.8"
+                .into(),
+        );
+    }
+    Ok(Light {
+        direction,
+        frame: LightFrame::World,
+        colour: colour.as_vec3().into(),
+    })
+}
+
+fn numbers(text: &str) -> Result<[f64; 3], String> {
+    finite_numbers(text)
+        .and_then(|v| <[f64; 3]>::try_from(v).ok())
+        .ok_or_else(|| "three finite numbers with commas between, such as 1,0.5,-2".into())
+}
+
+fn finite_numbers(text: &str) -> Option<Vec<f64>> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
+    parsed.ok().filter(|v| v.iter().all(|x| x.is_finite()))
+}
+
+/// The value of `--clip`: the planes of a half-space or of a box.
+#[derive(Debug, Clone)]
+pub(crate) struct Clip(pub(crate) Vec<ClipPlane>);
+
+/// `nx,ny,nz,d` or `x0,y0,z0,x1,y1,z1`
+pub(crate) fn clip(text: &str) -> Result<Clip, String> {
+    let planes = match finite_numbers(text).as_deref() {
+        Some(&[nx, ny, nz, distance]) => {
+            let normal = DVec3::new(nx, ny, nz);
+            let plane = ClipPlane { normal, distance };
+            plane.normalised().map(|plane| vec![plane])
+        }
+        Some(&[x0, y0, z0, x1, y1, z1]) => {
+            let (lower, upper) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
+            let is_box = lower.cmplt(upper).all();
+            is_box.then(|| ClipPlane::of_box(lower, upper).to_vec())
+        }
+        _ => None,
+    };
+    planes.map(Clip).ok_or_else(|| {
+        "a normal and a distance, such as 0,0,1,-2.5, or the lower and the upper corner of a box, \
+         such as 0,0,0,1,1,1"
+            .into()
+    })
+}
+
+/// `WxH`
+pub(crate) fn size(text: &str) -> Result<[usize; 2], String> {
+    let parsed = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some([w.trim().parse().ok()?, h.trim().parse().ok()?]));
+    match parsed {
+        Some([w, h]) if (1..=65_535).contains(&w) && (1..=65_535).contains(&h) => Ok([w, h]),
+        _ => Err("a width and a height from 1 to 65535, such as 1024x768".into()),
+    }
+}
+
+/// `X,Y,Z` counts
+pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
+    let parsed: Result<Vec<usize>, _> = text.split([',', 'x']).map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[usize; 3]>::try_from(v).ok()) {
+        Some(v) if v.iter().all(|&n| n > 0) => Ok(v),
+        _ => Err("three positive counts, such as 256,256,128".into()),
+    }
+}
+
+/// `c_min,c_max`
+pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
+    let parsed: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[f32; 2]>::try_from(v).ok()) {
+        Some([low, high]) if low >= 0.0 && low <= high && high.is_finite() => Ok([low, high]),
+        _ => Err("two numbers from 0 up, the second not less, such as 0.3,2.0".into()),
+    }
+}
+
+/// A finite number above zero.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("a finite number above 0".into()),
+    }
+}
+
+/// `LO,HI` of values.
+pub(crate) fn range(text: &str) -> Result<[f32; 2], String> {
+    let ends = finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok());
+    // Narrowed, ends may meet or leave the range of f32.
+    match ends.map(|ends| DVec2::from(ends).as_vec2().to_array()) {
+        Some([lo, hi]) if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
+        _ => Err("two finite numbers, the lower one first, such as 0,1".into()),
+    }
+}
+
+/// A finite number.
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err("a finite number".into()),
+    }
+}
+
+/// A field of view in degrees.
+pub(crate) fn fov(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if (1.0..=179.0).contains(&v) => Ok(v),
+        _ => Err("degrees from 1 to 179".into()),
+    }
+}
+
+/// A tolerance.
+pub(crate) fn tolerance(text: &str) -> Result<f32, String> {
+    let value = match text.split_once('/') {
+        Some((a, b)) => a
+            .parse::<f32>()
+            .ok()
+            .zip(b.parse::<f32>().ok())
+            .map(|(a, b)| a / b),
+        None => text.parse::<f32>().ok(),
+    };
+    match value {
+        Some(v) if v > 0.0 && v < 1.0 => Ok(v),
+        _ => Err("a number between 0 and 1, such as 0.004 or 1/255".into()),
+    }
+}
+
+/// A cut-off radius.
+pub(crate) fn cutoff(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v <= 7.0 => Ok(v),
+        _ => Err("standard deviations, above 0 and at most 7".into()),
+    }
+}
+
+/// A variance in square pixels.
+pub(crate) fn variance(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v >= 0.0 && v.is_finite() => Ok(v),
+        _ => Err("a finite number from 0 up".into()),
+    }
+}

@@ -1,0 +1,1005 @@
+//! `ewa-splat render`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::Filter;
+use crate::io::{
+    Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
+    write_depth, write_normals,
+};
+use crate::legend::legend_width;
+use crate::measure::{ErrorSample, SampledError};
+use crate::reference::ReferenceSettings;
+use crate::render::{Classification, ClassifyAt, Composite};
+use crate::sample::SampleOptions;
+use crate::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
+use crate::view::{Bounds, Camera, ClipPlane, Lens};
+use crate::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
+use clap::{Args, ValueEnum};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::animation::{self, Animation};
+use super::annotations::{AnnotationOptions, Overlays};
+use super::column_mean;
+use super::count::describe;
+use super::cut::{CutOptions, add_faces};
+use super::input::DataOptions;
+use super::legend::{LegendOptions, bars};
+use super::lit::LightOptions;
+use super::outputs::{check_collisions, warn_unconverged};
+use super::parse::{self, Background, Clip};
+use super::progress::{bar, spinner, task_of, with_bar};
+use super::sequence::SequenceOptions;
+use super::source::{Input, paths};
+use super::statistics::{Prepared, stats};
+use super::truth::{ReferenceName, Truth};
+use super::usage::{CLASSIFIED, is_filtered, is_surface, refuse_unused};
+use super::viewpoint::{CameraOptions, Canvas, left_of, most_pixels};
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
+    /// function
+    #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
+    inputs: Vec<Input>,
+    /// Image to write: png, exr, pfm or npy
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Width and height in pixels [default: 1024x1024]
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    size: Option<[usize; 2]>,
+    /// What renders
+    #[arg(long, value_enum, default_value = "auto")]
+    backend: BackendName,
+    #[command(flatten)]
+    camera: CameraOptions,
+    #[command(flatten)]
+    data: DataOptions,
+    #[command(flatten)]
+    method: Method,
+    #[command(flatten)]
+    light: LightOptions,
+    #[command(flatten)]
+    output: Output,
+    #[command(flatten)]
+    cut: CutOptions,
+    #[command(flatten)]
+    pub(crate) legend: LegendOptions,
+    #[command(flatten)]
+    sequence: SequenceOptions,
+    #[command(flatten)]
+    annotations: AnnotationOptions,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum BackendName {
+    /// A hardware GPU where there is one or EWA_ADAPTER names one; the CPU otherwise, and for scenes that it
+    /// draws before a driver is loaded
+    Auto,
+    /// A GPU, or a software adapter where there is no other; the environment variable EWA_ADAPTER
+    /// chooses one by a part of its name
+    Gpu,
+    Cpu,
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Method")]
+struct Method {
+    /// Error in linear colour that approximations may add to 99.9 % of pixels [default: 1/255]
+    #[arg(long, value_name = "T", value_parser = parse::tolerance)]
+    tolerance: Option<f32>,
+    /// Which footprint draws a kernel; adaptive takes the cheapest that fits the tolerance
+    #[arg(long, value_enum, default_value = "adaptive")]
+    filter: FilterName,
+    /// For adaptive, instead of the tolerance: c_min,c_max of Chen et al. 2004. Kernels nearer than
+    /// c_min r_k/r_h are drawn without the low-pass filter, those beyond c_max (1 + 2 tan²(fov/2))
+    /// r_k/r_h by it alone; the paper's are 0.3,2
+    #[arg(long, value_name = "CMIN,CMAX", value_parser = parse::thresholds)]
+    thresholds: Option<[f32; 2]>,
+    /// Whether adaptive merges particles far below a pixel
+    #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
+    level_of_detail: Detail,
+    /// How kernels that lie behind one another become a picture
+    #[arg(long, value_enum, default_value = "over", conflicts_with_all = ["reference", "column_density"])]
+    composite: CompositeName,
+    /// Thickness of slabs (or sheets) in world units [default: slabs from the tolerance, sheets from
+    /// the distance between samples]
+    #[arg(long, value_name = "D", value_parser = parse::positive, requires = "composite",
+          conflicts_with_all = ["reference", "column_density"])]
+    slab_thickness: Option<f64>,
+    /// With slabs: ask the transfer function for the mean value of each slab at each pixel, instead of
+    /// for each particle
+    #[arg(long, conflicts_with_all = ["reference", "column_density"])]
+    post_classification: bool,
+    /// Where the transfer function is asked: over each kernel's extent, with the field's slope, or at
+    /// each sample's value alone
+    #[arg(long, value_enum, default_value = "extent", conflicts_with_all = ["column_density"])]
+    classify: ClassifyName,
+    /// Keep the side nx x + ny y + nz z + d >= 0 of everything, or (six numbers) what lies in a box;
+    /// again for more, eight planes at most
+    #[arg(long, value_name = "nx,ny,nz,d|x0,y0,z0,x1,y1,z1", value_parser = parse::clip,
+          allow_hyphen_values = true)]
+    clip: Vec<Clip>,
+    /// Opacity of an optical depth: 1 - exp(-tau), or min(tau, 1)
+    #[arg(long, value_enum, default_value = "exponential")]
+    opacity: Opacity,
+    /// Variance of the low-pass filter in square pixels [default: 0.15 for volumes with a field, 0.3 for
+    /// bare particles, 1 with surfels or splats and for column densities]
+    #[arg(long, value_name = "VARIANCE_PX2", value_parser = parse::variance)]
+    low_pass: Option<f32>,
+    /// Cut-off radius in standard deviations [default: from the tolerance]
+    #[arg(long, value_name = "R", value_parser = parse::cutoff)]
+    cutoff: Option<f32>,
+    /// Give kernels smaller than a pixel the opacity that each has alone: right for sparse sets of
+    /// opaque particles, too faint where they fill pixels together
+    #[arg(long)]
+    sub_pixel_opacity: bool,
+    /// Draw a hundredth of the picture again with everything exact, and state with --stats, or in
+    /// words, what the picture errs by
+    #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
+    measure_error: bool,
+    /// Draw as fast as the tolerance allows by measurement instead of by bounds: at the greatest one at which
+    /// a sample of the picture errs by less than half of the one that was asked for
+    #[arg(long, conflicts_with_all = ["reference", "column_density", "show"])]
+    calibrate: bool,
+    /// Integrate the true image in f64 instead of splatting: slow, to the error that --tolerance
+    /// states [default: 1e-4]; of the kernels, or of the data's own field (one grid)
+    #[arg(long, value_enum, value_name = "kernels|data", num_args = 0..=1, require_equals = true,
+          default_missing_value = "kernels", hide_possible_values = true,
+          conflicts_with_all = ["backend", "filter", "opacity", "cutoff", "depth", "frames",
+                                "show", "sub_pixel_opacity"])]
+    reference: Option<ReferenceName>,
+    /// Write the line integral of the field along each pixel's ray instead of a picture: no
+    /// transfer function, no opacity; exr, pfm and npy hold the values, png their logarithm in
+    /// viridis, or what --transfer-function NAME, --range and --scale say. A low-pass variance below 1 loses mass of kernels smaller than a pixel
+    #[arg(long, conflicts_with_all = ["reference", "opacity", "background", "depth", "flatten",
+                                      "opacity_scale", "write_transfer_function", "show",
+                                      "sub_pixel_opacity"])]
+    column_density: bool,
+    /// Beside --column-density: write the mean of this field along each ray, weighed by what the columns are of
+    #[arg(long, value_name = "FIELD")]
+    column_mean: Option<String>,
+}
+
+/// How the picture of a column density looks: a colour map's name, the range of the values and their scale, where
+/// they are asked for.
+pub(crate) struct ColumnLook<'a> {
+    pub(crate) map: Option<&'a str>,
+    pub(crate) range: Option<[f32; 2]>,
+    pub(crate) scale: Option<ScaleName>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum FilterName {
+    Adaptive,
+    Exact,
+    Ewa,
+    Reconstruction,
+    LowPass,
+    Isotropic,
+    UniformScaling,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum CompositeName {
+    /// Each kernel by itself, in the order of their centres
+    Over,
+    /// Whole kernels summed in sheets parallel to the image
+    Sheets,
+    /// Whole kernels summed in sheets across the volume's axis nearest to the view
+    AxisSheets,
+    /// Kernels sliced into slabs parallel to the image: converges to the true integral
+    Slabs,
+    /// The colour of the greatest mean value over the slabs of each ray
+    Maximum,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum ClassifyName {
+    /// Over each kernel's extent
+    Extent,
+    /// At its value alone
+    Particle,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Opacity {
+    Exponential,
+    Linear,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Detail {
+    Auto,
+    Off,
+}
+
+/// Behind pictures, linear: the sRGB colour #1c1c21, on which neither white nor black vanishes.
+const DEFAULT_BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShowName {
+    /// The picture
+    Scene,
+    /// Each splat in the colour of what draws it: exact red, affine green, reconstruction kernel
+    /// alone blue, low-pass filter alone yellow, round cyan; merged in shades of magenta
+    Choice,
+    /// How many kernels each pixel evaluates until it is opaque, whatever the background: exr, pfm
+    /// and npy hold the numbers, png has viridis from 0 to the largest
+    Count,
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Output")]
+struct Output {
+    /// What the image shows
+    #[arg(long, value_enum, default_value = "scene")]
+    show: ShowName,
+    /// Colour behind everything: linear numbers from 0 to 1, a name or #rrggbb of the web, or none, which leaves
+    /// the image transparent [default: a dark grey, #1c1c21, of png; none of others]
+    #[arg(long, value_name = "r,g,b|NAME|none", value_parser = parse::background, allow_hyphen_values = true)]
+    background: Option<Background>,
+    /// Write counts, memory and times as JSON
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    /// Write the depth at which half the light is gone: exr, pfm or npy
+    #[arg(long, value_name = "FILE")]
+    depth: Option<PathBuf>,
+    /// Write the transfer function that is drawn as a JSON file, which --transfer-function reads
+    #[arg(long, value_name = "FILE")]
+    write_transfer_function: Option<PathBuf>,
+    /// Write the normals of opaque surfels, world space: exr, pfm or npy
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["reference", "column_density"])]
+    normals: Option<PathBuf>,
+    /// Render the frame N times after a warm-up and report median times
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+}
+
+pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
+    let begun = Instant::now();
+    arguments.check_sequence()?;
+    let named = std::mem::take(&mut arguments.inputs);
+    arguments.inputs = arguments
+        .data
+        .inputs(named, arguments.sequence.is_series())?;
+    let arguments = &*arguments;
+    let layers = [&arguments.output.depth, &arguments.output.normals];
+    for path in layers.into_iter().flatten() {
+        check_depth_path(path)?;
+    }
+    let texts = [
+        &arguments.output.stats,
+        &arguments.output.write_transfer_function,
+    ];
+    for path in texts.into_iter().flatten() {
+        check_folder(path)?;
+    }
+    let outputs = [
+        Some(&arguments.out),
+        arguments.output.depth.as_ref(),
+        arguments.output.normals.as_ref(),
+        arguments.output.stats.as_ref(),
+        arguments.output.write_transfer_function.as_ref(),
+    ];
+    check_collisions(paths(&arguments.inputs), outputs.into_iter().flatten())?;
+    if let Some(lighting) = arguments.lighting() {
+        lighting.validate()?;
+    }
+    arguments.check_legend()?;
+    arguments.annotations.check(arguments.numbers())?;
+    arguments.annotations.check_time(&arguments.inputs)?;
+    arguments.method.check()?;
+    arguments.check_show()?;
+    // Hidden where standard error is no terminal.
+    let progress = spinner();
+
+    let task = task_of(&progress);
+
+    let read_start = Instant::now();
+    let options = SampleOptions {
+        for_columns: arguments.method.column_density,
+        normals: arguments.asks_normals(),
+        local_models: arguments.asks_models(),
+        task: task.clone(),
+        ..arguments.data.sample_options()
+    };
+    if arguments.sequence.is_series() {
+        return arguments.draw_series(&options, &progress);
+    }
+    let planes = arguments.clip_planes();
+    let cameras = |boxes: &[Bounds], up, canvas: &Canvas| {
+        let sequence = &arguments.sequence;
+        sequence.cameras(&arguments.camera, boxes, up, canvas)
+    };
+    let whole = Canvas::of(arguments.size);
+    let densest = |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
+    let scene = arguments
+        .data
+        .scene(&arguments.inputs, &options, densest, &progress)?;
+    let is_column = arguments.method.column_density;
+    let legend = match arguments.legend.legend {
+        true if !is_column => bars(&scene)?,
+        _ => Vec::new(),
+    };
+    let bounds = scene.bounds();
+    let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    arguments.method.check_use(&scene)?;
+    if arguments.is_lit() && !arguments.method.post_classification {
+        check_lit(&scene)?;
+    }
+    if arguments.cut.cut_faces {
+        add_faces(&mut scene, &arguments.clip_planes(), arguments.is_lit())?;
+    }
+    if let Some(path) = &arguments.output.write_transfer_function {
+        write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
+    }
+    let mean = match &arguments.method.column_mean {
+        None => None,
+        Some(field) => {
+            let of = (scene.as_slice(), field.as_str());
+            let (data, inputs) = (&arguments.data, &arguments.inputs);
+            Some(column_mean::weighed(data, inputs, of, &options, &progress)?)
+        }
+    };
+    let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
+
+    progress.set_message("sorting into blocks");
+    let prepare_start = Instant::now();
+    let truth = match arguments.method.reference {
+        None => None,
+        Some(ReferenceName::Kernels) => Some(Truth::of_kernels(
+            &scene,
+            arguments.method.classification(),
+        )?),
+        Some(ReferenceName::Data) => {
+            let (data, inputs) = (&arguments.data, &arguments.inputs);
+            Some(Truth::of_data(data, inputs, &scene, &fields)?)
+        }
+    };
+    let truth = truth.map(|truth| truth.clipped(&arguments.clip_planes()));
+    let draws_merged = arguments.settings(0.0).draws_merged();
+    let scene_options = SceneOptions {
+        level_of_detail: draws_merged && !is_column && truth.is_none(),
+        task: task.clone(),
+        ..SceneOptions::default()
+    };
+    let renderer = Renderer::with_options(scene, &scene_options)?;
+    let (all, canvas) = if is_column {
+        let lens = Lens::OrthoHeight(None);
+        (renderer.boxes(), Canvas { lens, ..whole })
+    } else {
+        let room_px = legend_width(&legend, whole.size());
+        (renderer.visible_boxes(), Canvas { room_px, ..whole })
+    };
+    let mut boxes = left_of(all, &arguments.clip_planes());
+    // An outline is seen whole, what it is around as a whole or not.
+    boxes.extend(bounds.filter(|_| arguments.annotations.has_outline()));
+    let cameras = cameras(&boxes, up, &canvas)?;
+    let camera = cameras[0].clone();
+    let backend = arguments.backend(&renderer, &camera);
+    let mut renderer = renderer.on_backend(backend)?;
+    let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
+    let prepared = Prepared {
+        begun,
+        read_ms,
+        prepare_ms,
+    };
+    let annotations = arguments.annotations.at(&arguments.inputs);
+    let overlays = Overlays::new(&annotations, legend.clone(), bounds, &camera)?;
+    if is_column {
+        return arguments.draw_column(
+            &mut renderer,
+            &camera,
+            (&fields, mean),
+            overlays,
+            prepared,
+            &progress,
+        );
+    }
+    let suitable = renderer.suitable_low_pass_px2();
+    let low_pass = arguments.method.low_pass.unwrap_or(suitable);
+    if let Some(truth) = truth {
+        progress.finish_and_clear();
+        return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
+    }
+    let mut settings = arguments.settings(low_pass);
+    if arguments.sequence.is_asked_for() {
+        let mut animation = arguments.animation(&cameras)?;
+        let rate = arguments.sequence.rate();
+        let bar = bar(cameras.len() as u64).with_message("rendering");
+        for camera in &cameras {
+            let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
+            let image = renderer.render(camera, &settings)?;
+            animation.push(&*over.drawn(image)?, rate)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        return animation.finish();
+    }
+    let asked = settings.tolerance;
+    let mut sample = None;
+    if arguments.method.calibrate {
+        progress.set_message("calibrating");
+        if settings.composite != Composite::Over {
+            renderer.render(&camera, &settings)?;
+            settings.composite = with_layers_of(&renderer, settings.composite);
+        }
+        let own = ErrorSample::draw(&mut renderer, &camera, &settings)?;
+        (settings.tolerance, _) = own.calibrated(&mut renderer)?;
+        sample = Some(own);
+    }
+    progress.set_message("rendering");
+    let shown = Settings {
+        task,
+        ..settings.clone()
+    };
+    renderer.render(&camera, &shown)?;
+    let mut times = vec![renderer.times()];
+    if let Some(frames) = arguments.output.frames {
+        times.clear();
+        progress.set_length(u64::from(frames));
+        for _ in 0..frames {
+            renderer.render(&camera, &settings)?;
+            times.push(renderer.times());
+            progress.inc(1);
+        }
+    }
+    progress.set_message("writing");
+    let shows_count = settings.show == Show::Count;
+    if shows_count {
+        write_count(&arguments.out, renderer.image())?;
+    } else {
+        overlays.write(&arguments.out, renderer.image())?;
+    }
+    if let (Some(path), Some(depth)) = (&arguments.output.depth, renderer.depth()) {
+        write_depth(path, depth)?;
+    }
+    if let (Some(path), Some(normals)) = (&arguments.output.normals, renderer.normals()) {
+        write_normals(path, normals)?;
+    }
+    let mut stats = stats(&renderer, &times, prepared);
+    stats["tolerance"] = json!(settings.tolerance);
+    let footprints = renderer.counts().footprints;
+    let layers = renderer.layers().cloned();
+    if arguments.method.measure_error || arguments.method.calibrate {
+        progress.set_message("measuring the error");
+        let image = renderer.image().clone();
+        let sample = match sample {
+            Some(sample) => sample,
+            None => {
+                settings.composite = with_layers_of(&renderer, settings.composite);
+                ErrorSample::draw(&mut renderer, &camera, &settings)?
+            }
+        };
+        let error = sample.error_of(&image);
+        stats["tolerance_asked"] = json!(asked);
+        stats["measured_error"] = json!(error);
+        if arguments.output.stats.is_none() {
+            progress.suspend(|| {
+                super::progress::note!("{}", in_words(&error, asked, settings.tolerance))
+            });
+        }
+    }
+    if let Some(path) = &arguments.output.stats {
+        write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+    }
+    progress.finish_and_clear();
+    if footprints == 0 {
+        super::progress::note!(
+            "nothing visible: no particle reaches the image with an opacity above zero"
+        );
+    } else if shows_count {
+        super::progress::note!("{}", describe(renderer.image(), arguments.is_png()));
+    }
+    if let (Some(layers), None) = (layers, arguments.method.slab_thickness) {
+        let tolerance = f64::from(settings.tolerance);
+        if layers.error > tolerance {
+            super::progress::note!(
+                "slabs {:.1e} thick are thicker than the tolerance of {tolerance:.1e} asks of the \
+                 thinnest kernels: they err by {:.1e} at most, as a rule far less; --slab-thickness \
+                 makes them thinner",
+                layers.thickness,
+                layers.error
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Refuses light where nothing has a normal.
+fn check_lit(scene: &[PointVolume]) -> Result<()> {
+    let reflects = |volume: &PointVolume| {
+        let is_surface = matches!(volume.particles, Particles::Surfels { .. });
+        is_surface || volume.normals.is_some()
+    };
+    if scene.iter().any(reflects) {
+        return Ok(());
+    }
+    let expected = "surfaces, or volumes with a field";
+    let found = "splats or particles without one";
+    Err(Error::invalid(
+        "--lit",
+        "inputs",
+        expected,
+        found,
+        "leave it out",
+    ))
+}
+
+/// The transfer function that is to be written: of all volumes the same.
+fn written_function(scene: &[PointVolume]) -> Result<&TransferFunction> {
+    let fault = |found: String| {
+        let expected = "one transfer function for all inputs";
+        let advice = "leave --write-transfer-function out, or name one input";
+        Error::invalid("--write-transfer-function", "data", expected, found, advice)
+    };
+    let mut functions = scene.iter().filter_map(|v| v.transfer_function.as_ref());
+    let first = functions.next();
+    let first =
+        first.ok_or_else(|| fault("none: colours or optical depths of their own".into()))?;
+    match functions.filter(|other| *other != first).count() {
+        0 => Ok(first),
+        others => Err(fault(format!("{} different ones", others + 1))),
+    }
+}
+
+/// Layers as thick as those of the last frame: parts of its picture are cut into the same ones.
+fn with_layers_of(renderer: &Renderer, composite: Composite) -> Composite {
+    match renderer.layers() {
+        Some(layers) => composite.with_thickness(Some(layers.thickness)),
+        None => composite,
+    }
+}
+
+/// What was measured of a picture's error.
+fn in_words(error: &SampledError, asked: f32, drawn: f32) -> String {
+    let mut words = format!(
+        "99.9 % of the picture err by less than {:.1e}, the worst pixel by {:.1e} (tolerance {asked:.1e}; measured in \
+         {} tiles, {} pixels)",
+        error.percentile_999, error.greatest, error.tiles, error.pixels
+    );
+    if drawn != asked {
+        words += &format!("; drawn at a tolerance of {drawn:.1e}");
+    }
+    words
+}
+
+impl Arguments {
+    /// Whether what is written can hold what is asked for.
+    fn check_sequence(&self) -> Result<()> {
+        let fault = |option: &'static str, expected: &str, found: &str| {
+            let advice = "leave it out";
+            Err(Error::invalid(option, "use", expected, found, advice))
+        };
+        if self.sequence.has_rate() && !animation::is_animated(&self.out) {
+            return fault("--rate", "an .apng or a .gif", "files of one picture");
+        }
+        match self.sequence.is_asked_for() {
+            true if self.output.stats.is_some() => {
+                fault("--stats", "one picture", "a sequence of them")
+            }
+            true => animation::check_path(&self.out),
+            false => check_image_path(&self.out),
+        }
+    }
+
+    /// A file or files for pictures of these cameras.
+    fn animation(&self, cameras: &[Camera]) -> Result<Animation> {
+        let size = [cameras[0].width, cameras[0].height];
+        Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
+    }
+
+    /// A picture of each input, from one camera and by one transfer function.
+    fn draw_series(&self, options: &SampleOptions, progress: &ProgressBar) -> Result<()> {
+        let series = self.data.series(&self.inputs, options, progress)?;
+        let options = SampleOptions {
+            transfer: series.transfer,
+            ..options.clone()
+        };
+        let planes = self.clip_planes();
+        let boxes = left_of(series.boxes, &planes);
+        let whole = Canvas::of(self.size);
+        let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
+        let steps: Vec<&[Input]> = self.inputs.chunk_by(|a, b| a.step == b.step).collect();
+        let bar = bar(steps.len() as u64).with_message("rendering");
+        let mut camera = None;
+        let mut animation = None;
+        for step in &steps {
+            let densest =
+                |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
+            let mut scene = self.data.scene(step, &options, densest, progress)?;
+            let bounds = scene.bounds();
+            let legend = match self.legend.legend {
+                true => bars(&scene)?,
+                false => Vec::new(),
+            };
+            self.method.check_use(&scene.volumes)?;
+            if self.cut.cut_faces {
+                add_faces(&mut scene.volumes, &planes, self.is_lit())?;
+            }
+            if let (Some(path), None) = (&self.output.write_transfer_function, &camera) {
+                let function = written_function(&scene.volumes)?;
+                write_bytes_atomically(path, function.to_json().as_bytes())?;
+            }
+            // What is up of the first step is up of all.
+            let camera = match &camera {
+                Some(camera) => camera,
+                None => {
+                    let room_px = legend_width(&legend, whole.size());
+                    camera.insert(place(scene.up, &Canvas { room_px, ..whole })?)
+                }
+            };
+            let animation = match &mut animation {
+                Some(animation) => animation,
+                None => {
+                    let cameras = vec![camera.clone(); steps.len()];
+                    animation.insert(self.animation(&cameras)?)
+                }
+            };
+            let renderer = Renderer::new(scene.volumes)?;
+            let backend = self.backend(&renderer, camera);
+            let mut renderer = renderer.on_backend(backend)?;
+            let suitable = renderer.suitable_low_pass_px2();
+            let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
+            let image = renderer.render(camera, &settings)?;
+            let annotations = self.annotations.at(step);
+            let over = Overlays::new(&annotations, legend, bounds, camera)?;
+            animation.push(&*over.drawn(image)?, self.sequence.rate())?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        animation.map_or(Ok(()), Animation::finish)
+    }
+
+    /// Writes the true image, and its stated error with the statistics.
+    fn integrate(
+        &self,
+        truth: &Truth,
+        camera: &Camera,
+        low_pass: f32,
+        overlays: &Overlays,
+        prepared: Prepared,
+    ) -> Result<()> {
+        let defaults = ReferenceSettings::default();
+        let mut settings = ReferenceSettings {
+            error: self.method.tolerance.map_or(defaults.error, f64::from),
+            low_pass_variance_px2: low_pass.into(),
+            background: self.background(),
+            ..defaults
+        };
+        let start = Instant::now();
+        let frame = with_bar("integrating", |task| {
+            settings.task = Some(task);
+            truth.render(camera, &settings)
+        })?;
+        let frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        overlays.write(&self.out, &frame.image)?;
+        if let Some(path) = &self.output.stats {
+            let stats = json!({
+                "particles": truth.particle_count(),
+                "cells_left_out": truth.cells_left_out(),
+                "backend": "reference",
+                "adapter": format!("{} threads, f64", rayon::current_num_threads()),
+                "error_wanted": settings.error,
+                "error_estimate": frame.error,
+                "pixels_above_error_wanted": frame.unconverged,
+                "rays": frame.rays,
+                "times_ms": {
+                    "read": prepared.read_ms,
+                    "prepare": prepared.prepare_ms,
+                    "frame": frame_ms,
+                },
+                "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
+                "frames": 1,
+            });
+            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+        }
+        warn_unconverged(&frame, settings.error);
+        Ok(())
+    }
+
+    /// A legend belongs to a picture of the scene: numbers have none.
+    fn check_legend(&self) -> Result<()> {
+        let fault = |place: &str, expected: &str, found: String| {
+            let advice = "leave --legend out";
+            Err(Error::invalid("--legend", place, expected, found, advice))
+        };
+        if !self.legend.legend {
+            return Ok(());
+        }
+        if !matches!(self.output.show, ShowName::Scene) {
+            return fault("--show", "scene", "choice or count".into());
+        }
+        if self.method.column_density && !self.is_png() {
+            let found = self.out.display().to_string();
+            return fault("--column-density", "a png, which is a picture", found);
+        }
+        Ok(())
+    }
+
+    /// The option that writes numbers instead of a picture, and what it would take for one.
+    fn numbers(&self) -> Option<(&'static str, &'static str)> {
+        if matches!(self.output.show, ShowName::Count) {
+            return Some(("--show", "scene or choice"));
+        }
+        let is_column = self.method.column_density && !self.is_png();
+        is_column.then_some(("--column-density", "a png, which is a picture"))
+    }
+
+    /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
+    /// loaded, whose picture is the same.
+    pub(crate) fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
+        /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, in a hundredth or
+        /// less as a rule: about what loading drivers takes.
+        const SMALL: f64 = 1e8;
+        let pixels = camera.width as f64 * camera.height as f64;
+        let frames = 1.0 + f64::from(self.output.frames.unwrap_or(0));
+        let is_small = renderer.particle_count() as f64 * pixels * frames <= SMALL;
+        #[cfg(feature = "gpu")]
+        let is_named = crate::render::Gpu::is_adapter_named();
+        #[cfg(not(feature = "gpu"))]
+        let is_named = false;
+        match self.backend {
+            _ if self.method.reference.is_some() => Backend::Cpu,
+            BackendName::Auto if is_small && !is_named => Backend::Cpu,
+            BackendName::Auto => Backend::Auto,
+            BackendName::Gpu => Backend::Gpu,
+            BackendName::Cpu => Backend::Cpu,
+        }
+    }
+
+    pub(crate) fn frames(&self) -> Option<u32> {
+        self.output.frames
+    }
+
+    pub(crate) fn stats_path(&self) -> Option<&Path> {
+        self.output.stats.as_deref()
+    }
+
+    pub(crate) fn is_png(&self) -> bool {
+        self.out
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    }
+
+    pub(crate) fn column_settings(&self) -> ColumnSettings {
+        let defaults = ColumnSettings::default();
+        let low_pass = self.method.low_pass;
+        let shared = self.settings(low_pass.unwrap_or(defaults.low_pass_variance_px2));
+        ColumnSettings {
+            tolerance: shared.tolerance,
+            filter: shared.filter,
+            low_pass_variance_px2: shared.low_pass_variance_px2,
+            cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            clip: shared.clip,
+            simd: shared.simd,
+            task: None,
+        }
+    }
+
+    fn clip_planes(&self) -> Vec<ClipPlane> {
+        self.method
+            .clip
+            .iter()
+            .flat_map(|clip| &clip.0)
+            .copied()
+            .collect()
+    }
+
+    /// - `low_pass`: variance of the filter, px².
+    fn settings(&self, low_pass: f32) -> Settings {
+        let defaults = Settings::default();
+        Settings {
+            tolerance: self.method.tolerance.unwrap_or(defaults.tolerance),
+            filter: match self.method.filter {
+                FilterName::Adaptive => Filter::Adaptive,
+                FilterName::Exact => Filter::Exact,
+                FilterName::Ewa => Filter::Ewa,
+                FilterName::Reconstruction => Filter::Reconstruction,
+                FilterName::LowPass => Filter::LowPass,
+                FilterName::Isotropic => Filter::Isotropic,
+                FilterName::UniformScaling => Filter::UniformScaling,
+            },
+            thresholds: self.method.thresholds,
+            level_of_detail: self.method.level_of_detail == Detail::Auto,
+            show: match self.output.show {
+                ShowName::Scene => Show::Scene,
+                ShowName::Choice => Show::Choice,
+                ShowName::Count => Show::Count,
+            },
+            linear_opacity: self.method.opacity == Opacity::Linear,
+            composite: self.method.composite(),
+            classify: self.method.classification(),
+            clip: self.clip_planes(),
+            low_pass_variance_px2: low_pass,
+            cutoff: self.method.cutoff,
+            background: self.background(),
+            depth: self.output.depth.is_some(),
+            normals: self.output.normals.is_some(),
+            simd: defaults.simd,
+            lighting: self.lighting(),
+            sub_pixel_opacity: self.method.sub_pixel_opacity,
+            task: None,
+        }
+    }
+}
+
+impl Arguments {
+    /// Whether anything asks how the field runs over kernels: what classifies these, and a surface.
+    fn asks_models(&self) -> bool {
+        let by_extent = self.method.classify == ClassifyName::Extent;
+        let classifies = by_extent || self.method.post_classification;
+        self.data.flatten.is_some() || (classifies && !self.method.column_density)
+    }
+
+    /// Whether light asks volumes for normals: slabs that are classified have slopes of their own, and so has a surface.
+    fn asks_normals(&self) -> bool {
+        let has_own = self.method.post_classification || self.data.flatten.is_some();
+        self.light.lighting().is_some() && !has_own
+    }
+
+    /// How the scene is lit: surfaces are, unless their true image is wanted, what is classified in slabs would be
+    /// lit with them, or there is a maximum, which has no surface.
+    fn lighting(&self) -> Option<Lighting> {
+        let method = &self.method;
+        let lights_more = method.post_classification || method.reference.is_some();
+        let is_maximum = method.composite == CompositeName::Maximum;
+        let of_surfaces = !lights_more && !is_maximum && !self.light.is_unlit();
+        self.light
+            .lighting()
+            .or_else(|| of_surfaces.then(Lighting::default))
+    }
+
+    /// How the picture of a column density looks.
+    pub(crate) fn column_look(&self) -> ColumnLook<'_> {
+        ColumnLook {
+            map: self.data.transfer_function.as_deref(),
+            range: self.data.range,
+            scale: match (self.data.scale_name(), &self.method.column_mean) {
+                (None, Some(_)) => Some(ScaleName::Linear),
+                (scale, _) => scale,
+            },
+        }
+    }
+
+    /// Refuses light on what has none. (A background is the scene's, which counts have as well.)
+    fn check_show(&self) -> Result<()> {
+        let is_asked = self.is_lit() || self.light.is_unlit();
+        if !is_asked || matches!(self.output.show, ShowName::Scene) {
+            return Ok(());
+        }
+        let (option, found) = ("--lit, --unlit or --light", "--show beside it");
+        let expected = "the scene";
+        Err(Error::invalid(
+            option,
+            "what is shown",
+            expected,
+            found,
+            "leave it out",
+        ))
+    }
+
+    /// Whether light is asked for.
+    fn is_lit(&self) -> bool {
+        self.light.lighting().is_some()
+    }
+
+    /// The colour behind everything, linear: where a picture is to be looked at a dark grey, unless another is asked
+    /// for or none.
+    fn background(&self) -> Option<[f32; 3]> {
+        let is_picture = (self.is_png() || animation::is_animated(&self.out))
+            && matches!(self.output.show, ShowName::Scene | ShowName::Choice);
+        match self.output.background {
+            Some(Background::None) => None,
+            Some(Background::Colour(colour)) => Some(colour),
+            None => is_picture.then_some(DEFAULT_BACKGROUND),
+        }
+    }
+}
+
+impl Method {
+    /// Refuses what says nothing of what the inputs are.
+    fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
+        let default = FilterName::Adaptive;
+        let is_filtered = volumes.iter().any(is_filtered);
+        let is_translucent = !volumes.iter().all(is_surface);
+        let is_classified = volumes.iter().any(|v| v.transfer_function.is_some());
+        let absorbing = "kernels that absorb light, not surfaces or splats";
+        let is_over = self.composite == CompositeName::Over;
+        let is_each = self.classify == ClassifyName::Particle;
+        let is_linear = self.opacity == Opacity::Linear;
+        refuse_unused(&[
+            ("--filter", self.filter != default, is_filtered, absorbing),
+            (
+                "--thresholds",
+                self.thresholds.is_some(),
+                is_filtered,
+                absorbing,
+            ),
+            ("--opacity", is_linear, is_filtered, absorbing),
+            (
+                "--sub-pixel-opacity",
+                self.sub_pixel_opacity,
+                is_filtered,
+                absorbing,
+            ),
+            (
+                "--composite",
+                !is_over,
+                is_translucent,
+                "more than opaque surfaces",
+            ),
+            ("--classify", is_each, is_classified, CLASSIFIED),
+        ])
+    }
+
+    fn classification(&self) -> Classification {
+        match self.classify {
+            ClassifyName::Extent => Classification::Extent,
+            ClassifyName::Particle => Classification::Particle,
+        }
+    }
+
+    /// How kernels behind one another become a picture.
+    fn composite(&self) -> Composite {
+        let thickness = self.slab_thickness;
+        match self.composite {
+            CompositeName::Over => Composite::Over,
+            CompositeName::Sheets => Composite::Sheets { thickness },
+            CompositeName::AxisSheets => Composite::AxisSheets { thickness },
+            CompositeName::Maximum => Composite::Maximum { thickness },
+            CompositeName::Slabs => Composite::Slabs {
+                thickness,
+                classify: if self.post_classification {
+                    ClassifyAt::Slab
+                } else {
+                    ClassifyAt::Particle
+                },
+            },
+        }
+    }
+
+    /// Refuses options of layers where there are none, and of columns. (Clap forgets that an option requires another
+    /// where a third is there that the other conflicts with.)
+    fn check(&self) -> Result<()> {
+        let refuse = |place: &str, expected: &str| {
+            let found = self.composite().name();
+            Err(Error::format(
+                "settings",
+                place,
+                expected,
+                found,
+                "change it",
+            ))
+        };
+        if self.post_classification && self.composite != CompositeName::Slabs {
+            return refuse("composite of classified slabs", "slabs");
+        }
+        if self.slab_thickness.is_some() && self.composite == CompositeName::Over {
+            return refuse(
+                "composite of a thickness",
+                "slabs, sheets, axis-sheets or maximum",
+            );
+        }
+        let is_each = self.classify == ClassifyName::Particle;
+        if is_each && (self.post_classification || self.composite == CompositeName::Maximum) {
+            return refuse(
+                "composite of particles classified one by one",
+                "one that classifies these, not slabs",
+            );
+        }
+        if self.column_mean.is_some() && !self.column_density {
+            return Err(Error::invalid(
+                "--column-mean",
+                "what is written",
+                "--column-density beside it",
+                "none",
+                "add it",
+            ));
+        }
+        Ok(())
+    }
+}

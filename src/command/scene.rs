@@ -1,0 +1,344 @@
+//! What the inputs of a command hold together: which fields they show, and by which functions.
+
+use std::collections::HashMap;
+
+use crate::io::{Dataset, Geometry, Mesh, Up};
+use crate::legend::title_of;
+use crate::sample::mesh::Spread;
+use crate::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
+use crate::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
+use crate::view::Bounds;
+use crate::{Error, Renderer, Result, SceneOptions};
+use glam::DVec3;
+use indicatif::ProgressBar;
+
+use super::input::{DataOptions, refused_surface, transfer_of};
+use super::progress::note;
+use super::source::Input;
+use super::usage::{Kind, Uses, is_surface};
+
+/// What the inputs hold.
+pub(crate) struct Scene {
+    pub(crate) volumes: Vec<PointVolume>,
+    /// What each volume shows: the name of its field.
+    pub(crate) fields: Vec<Option<String>>,
+    /// What legends call these: with their units, where they are known.
+    pub(crate) titles: Vec<Option<String>>,
+    /// Whether all are grids, whose kernels follow the spacing.
+    pub(crate) grids_only: bool,
+    /// What points up: [`Up::of_scene`].
+    pub(crate) up: Up,
+    /// The least and the greatest coordinates of each input's data.
+    corners: Vec<(DVec3, DVec3)>,
+}
+
+impl Scene {
+    /// The box of all data; `None` where nothing has a place.
+    pub(crate) fn bounds(&self) -> Option<Bounds> {
+        let corners = self.corners.iter().copied();
+        let (lower, upper) = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
+    }
+}
+
+/// An input's volumes, and how they came about.
+struct Read {
+    volumes: Vec<PointVolume>,
+    report: SampleReport,
+    kind: Kind,
+    up: Up,
+    /// The least and the greatest coordinates.
+    corners: Option<(DVec3, DVec3)>,
+    /// Whether its transfer function is chosen from its own values.
+    is_automatic: bool,
+    /// The field that it was asked for, if for any.
+    field_asked: Option<String>,
+}
+
+impl DataOptions {
+    /// Reads and samples all of a scene, and says what was left out. Inputs that show the same field by a function
+    /// that is chosen from values share one, of the values of all.
+    ///
+    /// A mesh alone, for which no number of
+    /// surfels was asked for, gets no more than a picture shows: `most_pixels` are those per unit area
+    /// ([`pixels_per_area`](crate::sample::mesh::pixels_per_area)). (Beside other data the camera is not known before these are sampled.)
+    pub(crate) fn scene(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        most_pixels: impl Fn(&Mesh, Up) -> Result<Option<f64>>,
+        progress: &ProgressBar,
+    ) -> Result<Scene> {
+        self.check_surface()?;
+        if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
+            let expected = "an automatic transfer function, or a named colour map";
+            let found = "a file, which has a scale of its own";
+            let advice = "change the file, or leave the scale out";
+            return Err(Error::invalid(
+                "--scale",
+                "transfer function",
+                expected,
+                found,
+                advice,
+            ));
+        }
+        let options = SampleOptions {
+            keeps_value_sample: inputs.len() > 1 && !options.for_columns,
+            ..options.clone()
+        };
+        let mut missing = Vec::new();
+        let mut reads = Vec::new();
+        for input in inputs {
+            progress.set_message(format!("reading {}", input.path.display()));
+            let dataset = self.open(input)?;
+            for note in &dataset.notes {
+                progress.suspend(|| note!("{}: {note}", input.path.display()));
+            }
+            let mut options = self.of_input(input, &options);
+            if let (Geometry::Mesh(mesh), [_]) = (&dataset.geometry, inputs)
+                && options.spread == Spread::Automatic
+                && let Some(density) = most_pixels(mesh, dataset.up())?
+            {
+                options.spread = Spread::NoDenser(density);
+            }
+            // What one input lacks another may have.
+            if let (Some(field), None, true) = (&options.field, &input.field, inputs.len() > 1)
+                && !matches!(dataset.geometry, Geometry::Mesh(_))
+                && let Some(error) = absence(&dataset, field)
+            {
+                missing.push((input, error));
+                options.field = None;
+            }
+            let read = read(dataset, &options)?;
+            for line in read.report.warnings() {
+                progress.suspend(|| note!("{}: {line}", input.path.display()));
+            }
+            reads.push(read);
+        }
+        let wanted = options.field.as_deref().unwrap_or_default();
+        let is_wanted = |read: &Read| {
+            let shown = read.report.field.as_deref();
+            shown.is_some_and(|shown| shown.eq_ignore_ascii_case(wanted))
+        };
+        let is_shown = reads.iter().any(is_wanted);
+        for (input, error) in missing {
+            if !is_shown {
+                return Err(error);
+            }
+            let (path, field) = (input.path.display(), wanted);
+            progress.suspend(|| note!("{path}: no field `{field}`: shown by its own"));
+        }
+        self.check_use(&uses(&reads, &options))?;
+        self.share_functions(inputs, &options, &mut reads, progress)?;
+        let mut scene = Scene {
+            volumes: Vec::new(),
+            fields: Vec::new(),
+            titles: Vec::new(),
+            grids_only: reads
+                .iter()
+                .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
+            up: Up::of_scene([]),
+            corners: reads.iter().filter_map(|read| read.corners).collect(),
+        };
+        let mut ups = Vec::new();
+        for read in reads {
+            ups.push(read.up);
+            scene.volumes.extend(read.volumes);
+            let (field, unit) = (read.report.field, read.report.unit);
+            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+            scene.titles.resize(scene.volumes.len(), title);
+            scene.fields.resize(scene.volumes.len(), field);
+        }
+        if self.flatten.is_some() && scene.fields.iter().all(Option::is_none) {
+            return Err(refused_surface("a field", "none"));
+        }
+        scene.up = Up::of_scene(ups);
+        Ok(scene)
+    }
+
+    /// The options of one input.
+    fn of_input(&self, input: &Input, options: &SampleOptions) -> SampleOptions {
+        let mut own = options.clone();
+        own.field = input.field.clone().or(own.field);
+        if let Some(function) = &input.function {
+            own.transfer = transfer_of(function);
+        }
+        own
+    }
+
+    /// What the steps of a series share: the function of the values of all, and a box around each.
+    pub(crate) fn series(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+    ) -> Result<Series> {
+        let options = SampleOptions {
+            keeps_value_sample: true,
+            local_models: false,
+            ..options.clone()
+        };
+        let (mut boxes, mut samples) = (Vec::new(), Vec::new());
+        let mut unit_distance = f64::INFINITY;
+        for input in inputs {
+            progress.set_message(format!("reading {}", input.path.display()));
+            let own = self.of_input(input, &options);
+            let step = read(self.open(input)?, &own)?;
+            self.check_use(&uses(std::slice::from_ref(&step), &own))?;
+            unit_distance = unit_distance.min(step.report.unit_distance);
+            samples.extend(step.report.value_sample);
+            let whole = SceneOptions {
+                level_of_detail: false,
+                ..SceneOptions::default()
+            };
+            boxes.extend(Renderer::with_options(step.volumes, &whole)?.boxes());
+        }
+        let transfer = match ValueSample::joined(samples) {
+            None => options.transfer.clone(),
+            Some(sample) => {
+                let unit_distance = options.opacity_scale * unit_distance;
+                TransferChoice::Given(shared_function(&sample, &options, unit_distance)?)
+            }
+        };
+        Ok(Series { transfer, boxes })
+    }
+
+    /// Samples inputs again that show the same field, by one function of the values of all.
+    fn share_functions(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        reads: &mut [Read],
+        progress: &ProgressBar,
+    ) -> Result<()> {
+        let mut of_field: HashMap<(String, Option<String>), Vec<usize>> = HashMap::new();
+        for (i, (read, input)) in reads.iter().zip(inputs).enumerate() {
+            if let (Some(field), true, Some(_)) = (
+                &read.report.field,
+                read.is_automatic,
+                &read.report.value_sample,
+            ) {
+                let key = (field.to_lowercase(), input.function.clone());
+                of_field.entry(key).or_default().push(i);
+            }
+        }
+        for members in of_field.into_values().filter(|members| members.len() > 1) {
+            let samples = members
+                .iter()
+                .filter_map(|&i| reads[i].report.value_sample.take());
+            let Some(sample) = ValueSample::joined(samples.collect::<Vec<_>>()) else {
+                continue;
+            };
+            let first = self.of_input(&inputs[members[0]], options);
+            // Of the finest one: opacities of others are stated over the same length.
+            let units = members.iter().map(|&i| reads[i].report.unit_distance);
+            let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
+            let function = shared_function(&sample, &first, unit_distance)?;
+            for i in members {
+                let input = &inputs[i];
+                progress.set_message(format!("reading {}", input.path.display()));
+                // Freed before the next is there.
+                reads[i].volumes.clear();
+                let own = SampleOptions {
+                    field: reads[i].field_asked.clone(),
+                    transfer: TransferChoice::Given(function.clone()),
+                    keeps_value_sample: false,
+                    ..self.of_input(input, options)
+                };
+                reads[i] = read(self.open(input)?, &own)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The scene's volumes with kernels of another width, read anew.
+    pub(crate) fn scene_at_kernel_width(
+        &self,
+        inputs: &[Input],
+        kernel_width: f64,
+    ) -> Result<Vec<PointVolume>> {
+        let options = SampleOptions {
+            kernel_width,
+            ..self.sample_options()
+        };
+        let mut volumes = Vec::new();
+        for input in inputs {
+            let dataset = self.open(input)?;
+            volumes.extend(crate::sample::scene(dataset, &self.of_input(input, &options))?.volumes);
+        }
+        Ok(volumes)
+    }
+}
+
+/// What the steps of a series share.
+pub(crate) struct Series {
+    /// Their transfer function.
+    pub(crate) transfer: TransferChoice,
+    /// Around the data of all.
+    pub(crate) boxes: Vec<Bounds>,
+}
+
+/// What inputs are, for options.
+fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
+    let volumes = || reads.iter().flat_map(|read| &read.volumes);
+    let is_classified = |volume: &&PointVolume| volume.transfer_function.is_some();
+    Uses {
+        kinds: reads.iter().map(|read| read.kind).collect(),
+        is_classified: volumes().any(|volume| is_classified(&volume)),
+        has_opacity: volumes()
+            .filter(is_classified)
+            .any(|volume| !is_surface(volume)),
+        has_file_function: reads
+            .iter()
+            .any(|read| !read.is_automatic && read.report.field.is_some()),
+        for_columns: options.for_columns,
+    }
+}
+
+fn shared_function(
+    sample: &ValueSample,
+    options: &SampleOptions,
+    unit_distance: f64,
+) -> Result<TransferFunction> {
+    let automatic = AutomaticOptions {
+        colour_map: match &options.transfer {
+            TransferChoice::Named(name) => Some(name),
+            _ => None,
+        },
+        range: options.range,
+        scale: options.scale,
+        unit_distance,
+    };
+    TransferFunction::automatic(sample, &automatic)
+}
+
+/// Why a field cannot be shown, if it is not there.
+fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
+    let name = selector.rsplit_once(':').map_or(selector, |(name, _)| name);
+    let is_there = |name: &str| {
+        let mut names = dataset.fields.iter().map(|f| &f.name);
+        names.any(|own| own.eq_ignore_ascii_case(name))
+    };
+    if is_there(selector) || is_there(name) {
+        return None;
+    }
+    dataset.scalar(selector).err()
+}
+
+fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
+    let kind = Kind::of(&dataset);
+    let (up, corners) = (dataset.up(), dataset.bounds());
+    let SampledScene { volumes, report } = crate::sample::scene(dataset, options)?;
+    Ok(Read {
+        volumes,
+        report,
+        kind,
+        up,
+        corners,
+        is_automatic: matches!(
+            options.transfer,
+            TransferChoice::Automatic | TransferChoice::Named(_)
+        ),
+        field_asked: options.field.clone(),
+    })
+}

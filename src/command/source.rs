@@ -1,0 +1,167 @@
+//! A file that is named, and what is meant of it.
+
+use std::path::PathBuf;
+
+use crate::Result;
+use crate::io::{OpenOptions, Part, ParticleType, TimeStep, format_of};
+use clap::builder::{PathBufValueParser, TypedValueParser};
+
+use super::edits::Edit;
+use super::progress::note;
+
+/// A file, and what is to be shown of it where that is not what the options say of all.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Input {
+    pub(crate) path: PathBuf,
+    pub(crate) field: Option<String>,
+    pub(crate) function: Option<String>,
+    /// The type of the particles that are meant, of a snapshot that holds several.
+    pub(crate) particle_type: Option<ParticleType>,
+    /// Which step of a series it belongs to.
+    pub(crate) step: usize,
+    /// Which step of a file that holds several.
+    pub(crate) time_step: Option<usize>,
+    /// The time that the file or its collection states of it.
+    pub(crate) time: Option<f64>,
+    /// Where it goes, and what of it is read on.
+    pub(crate) edit: Edit,
+}
+
+impl Input {
+    /// `FILE`, `FILE@FIELD` or `FILE@FIELD@FUNCTION`. Where a file is called that with the @ in it, it is meant.
+    pub(crate) fn parse(path: PathBuf) -> Self {
+        let text = path
+            .to_str()
+            .filter(|text| text.contains('@') && !path.exists());
+        let parts: Vec<&str> = text.map_or_else(Vec::new, |text| text.split('@').collect());
+        let stated = |part: &str| (!part.is_empty()).then(|| part.to_owned());
+        match parts.as_slice() {
+            [file, field] => Self {
+                field: stated(field),
+                ..Self::file(file.into())
+            },
+            [file, field, function] => Self {
+                field: stated(field),
+                function: stated(function),
+                ..Self::file(file.into())
+            },
+            _ => Self::file(path),
+        }
+    }
+
+    /// A file as it is; of a folder with a SOG scene, the file that names the others.
+    pub(crate) fn file(path: PathBuf) -> Self {
+        Self {
+            path,
+            field: None,
+            function: None,
+            particle_type: None,
+            step: 0,
+            time_step: None,
+            time: None,
+            edit: Edit::default(),
+        }
+    }
+
+    /// The same of the particles of one type.
+    pub(crate) fn of_type(&self, particles: ParticleType) -> Self {
+        Self {
+            particle_type: Some(particles),
+            ..self.clone()
+        }
+    }
+
+    /// For clap.
+    pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
+        PathBufValueParser::new().map(Self::parse)
+    }
+}
+
+/// The inputs with what collections and files of several steps hold in their place: the first time step, or all steps of a
+/// series.
+///
+/// # Errors
+/// Collections that cannot be read. Other files that cannot be read stay: reading them says why.
+pub(crate) fn steps(
+    inputs: Vec<Input>,
+    is_series: bool,
+    options: &OpenOptions,
+) -> Result<Vec<Input>> {
+    let mut files: Vec<Input> = Vec::new();
+    let mut step = 0;
+    // Files that others stand for, or that stand for others.
+    let mut stood_in: Vec<PathBuf> = Vec::new();
+    for input in inputs {
+        let Ok(format) = format_of(&input.path, options) else {
+            files.push(Input { step, ..input });
+            step += 1;
+            continue;
+        };
+        let steps = format.time_steps(&input.path)?;
+        let count = steps.len();
+        // All pieces of one snapshot are named, perhaps.
+        if let [TimeStep { time: None, parts }] = steps.as_slice()
+            && let [part] = parts.as_slice()
+        {
+            let is_other = part.path != input.path;
+            let is_same = |other: &Input| {
+                let named = Input {
+                    path: part.path.clone(),
+                    step: other.step,
+                    ..input.clone()
+                };
+                *other == named
+            };
+            if (is_other || stood_in.contains(&part.path)) && files.iter().any(is_same) {
+                continue;
+            }
+            if is_other {
+                stood_in.push(part.path.clone());
+            }
+        }
+        if let (true, false, Some(time)) = (count > 1, is_series, steps[0].time) {
+            let path = input.path.display();
+            note!("{path}: the first of {count} time steps, of time {time}; --series draws all");
+        }
+        for found in steps.into_iter().take(if is_series { count } else { 1 }) {
+            let of_step = |part: Part| Input {
+                path: part.path,
+                time_step: part.time_step,
+                step,
+                time: found.time,
+                ..input.clone()
+            };
+            files.extend(found.parts.into_iter().map(of_step));
+            step += 1;
+        }
+    }
+    Ok(files)
+}
+
+/// The files.
+pub(crate) fn paths(inputs: &[Input]) -> impl Iterator<Item = &PathBuf> {
+    inputs.iter().map(|input| &input.path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_name_a_file_a_field_and_a_function() {
+        let parse = |text: &str| Input::parse(text.into());
+        let of = |path: &str, field: Option<&str>, function: Option<&str>| Input {
+            field: field.map(str::to_owned),
+            function: function.map(str::to_owned),
+            ..Input::file(path.into())
+        };
+        assert_eq!(parse("a.vtu"), of("a.vtu", None, None));
+        assert_eq!(parse("a.vtu@p"), of("a.vtu", Some("p"), None));
+        assert_eq!(
+            parse("a.vtu@v:x@f.json"),
+            of("a.vtu", Some("v:x"), Some("f.json"))
+        );
+        assert_eq!(parse("a.vtu@@plasma"), of("a.vtu", None, Some("plasma")));
+        assert_eq!(parse("a@b@c@d"), of("a@b@c@d", None, None));
+    }
+}

@@ -1,0 +1,165 @@
+//! Options that nothing in the inputs uses, which are refused: a wrong picture without a word is worse.
+
+use crate::io::{Dataset, Geometry};
+use crate::scene::{PointVolume, Strength};
+use crate::{Error, Result};
+
+use super::input::{BoundaryName, DataOptions, Shape};
+
+/// What an input is, as far as options are for one kind alone.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Kind {
+    Raw,
+    Plot3d,
+    Grid,
+    Points,
+    Splats,
+    Mesh,
+}
+
+impl Kind {
+    pub(crate) fn of(dataset: &Dataset) -> Self {
+        match &dataset.geometry {
+            Geometry::Lattice(_) if dataset.format == "raw volume" => Self::Raw,
+            Geometry::Curvilinear { .. } if dataset.format.contains("PLOT3D") => Self::Plot3d,
+            Geometry::Lattice(_) | Geometry::Curvilinear { .. } | Geometry::Cells(_) => Self::Grid,
+            Geometry::Points { .. } => Self::Points,
+            Geometry::Splats(_) => Self::Splats,
+            Geometry::Mesh(_) => Self::Mesh,
+        }
+    }
+
+    fn is_grid(self) -> bool {
+        matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
+    }
+}
+
+/// What inputs are, for options.
+pub(crate) struct Uses {
+    pub(crate) kinds: Vec<Kind>,
+    /// Whether a transfer function shows any of them, and whether one is a file's.
+    pub(crate) is_classified: bool,
+    /// Whether it gives the opacity of any.
+    pub(crate) has_opacity: bool,
+    pub(crate) has_file_function: bool,
+    /// Whether their column densities are asked for.
+    pub(crate) for_columns: bool,
+}
+
+/// An option, whether it is given, whether anything uses it, and what would.
+pub(crate) type Row = (&'static str, bool, bool, &'static str);
+
+/// # Errors
+/// The first option that is given and not used.
+pub(crate) fn refuse_unused(options: &[Row]) -> Result<()> {
+    let unused = |row: &&Row| row.1 && !row.2;
+    match options.iter().find(unused) {
+        None => Ok(()),
+        Some((option, _, _, expected)) => Err(Error::invalid(
+            *option,
+            "inputs",
+            *expected,
+            "none",
+            "leave it out",
+        )),
+    }
+}
+
+/// What options of transfer functions are for.
+pub(crate) const CLASSIFIED: &str = "data that a transfer function shows";
+
+impl DataOptions {
+    /// Refuses options that are for what none of the inputs is.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub(crate) fn check_use(&self, uses: &Uses) -> Result<()> {
+        let any = |is: fn(Kind) -> bool| uses.kinds.iter().any(|kind| is(*kind));
+        let (grids, points) = (any(Kind::is_grid), any(|k| k == Kind::Points));
+        let (raw, meshes) = (any(|k| k == Kind::Raw), any(|k| k == Kind::Mesh));
+        let plot3d = any(|k| k == Kind::Plot3d);
+        let has_fields = any(|k| k != Kind::Mesh) || uses.is_classified;
+        let columns = uses.for_columns;
+        let is_surface = self.flatten.is_some();
+        let is_classified = uses.is_classified || is_surface;
+        // Of columns these are the picture's.
+        let is_coloured = is_classified || columns;
+        let is_sharp = matches!(self.boundary, Some(BoundaryName::Sharp));
+        let has_boundary = !(is_sharp && (is_surface || self.shepard > 0 || columns));
+        let is_scaled = (self.opacity_scale - 1.0).abs() > 0.0;
+        let is_shaped = !matches!(self.shape, Shape::Auto);
+        // Automatic functions have the depth that they are chosen for, whatever the length.
+        let has_unit = !columns && (uses.has_file_function || (points && !is_classified));
+        let mesh_or_raw = "a mesh or a raw volume";
+        let function = self.transfer_function.is_some();
+        refuse_unused(&[
+            (
+                "--field",
+                self.field.is_some(),
+                has_fields,
+                "data with fields",
+            ),
+            ("--dims", self.dims.is_some(), raw, "a raw volume"),
+            (
+                "--solution",
+                self.solution.is_some(),
+                plot3d,
+                "a PLOT3D grid",
+            ),
+            ("--texture", self.texture.is_some(), meshes, "a mesh"),
+            ("--density", self.density.is_some(), meshes, "a mesh"),
+            ("--count", self.count.is_some(), meshes, "a mesh"),
+            (
+                "--spacing",
+                self.spacing.is_some(),
+                meshes || raw,
+                mesh_or_raw,
+            ),
+            ("--transfer-function", function, is_coloured, CLASSIFIED),
+            ("--range", self.range.is_some(), is_coloured, CLASSIFIED),
+            ("--scale", self.scale.is_some(), is_coloured, CLASSIFIED),
+            (
+                "--opacity-scale",
+                is_scaled,
+                uses.has_opacity && !is_surface,
+                "data whose opacity a transfer function gives",
+            ),
+            (
+                "--unit-distance",
+                self.unit_distance.is_some(),
+                has_unit,
+                "a transfer function's file, or particles without one (--opacity-scale is for automatic ones)",
+            ),
+            ("--boundary", self.boundary.is_some(), grids, "a grid"),
+            (
+                "--boundary sharp",
+                is_sharp,
+                has_boundary,
+                "neither a surface nor columns nor --shepard, which end softly",
+            ),
+            (
+                "--shepard",
+                self.shepard > 0,
+                grids || points,
+                "a grid or particles",
+            ),
+            ("--shape", is_shaped, points, "particles"),
+            ("--length", self.length.is_some(), points, "particles"),
+            ("--kernel", self.kernel.is_some(), points, "particles"),
+            ("--radius", self.radius.is_some(), points, "particles"),
+        ])
+    }
+}
+
+/// Whether filters and rules of opacity say anything of a volume: its kernels absorb light.
+pub(crate) fn is_filtered(volume: &PointVolume) -> bool {
+    matches!(
+        volume.strength,
+        Strength::Classified { .. } | Strength::Mass(_)
+    )
+}
+
+/// Whether a volume is an opaque surface, which has an order of its own.
+pub(crate) fn is_surface(volume: &PointVolume) -> bool {
+    matches!(volume.strength, Strength::Surface(_))
+}

@@ -1,0 +1,249 @@
+//! Options that place the camera.
+
+use std::cell::OnceCell;
+use std::path::PathBuf;
+
+use crate::io::{Mesh, Up};
+use crate::sample::mesh::pixels_per_area;
+use crate::view::{
+    Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera, sphere_around,
+};
+use crate::{Error, Result};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+
+use super::parse;
+
+/// Vertical field of view of a camera that is told no other.
+const DEFAULT_FOV_DEG: f64 = 35.0;
+
+/// The lens of a fitted camera that is told no other.
+pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+
+/// Width and height of a rendering in pixels.
+pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
+
+/// What a camera's picture is like where its options do not say.
+#[derive(Clone, Copy)]
+pub(crate) struct Canvas {
+    /// Width and height in pixels, where they are asked for.
+    pub(crate) size: Option<[usize; 2]>,
+    /// Those where neither this nor a camera's file says any.
+    pub(crate) default_size: [usize; 2],
+    /// Of a fitted camera.
+    pub(crate) lens: Lens,
+    /// Columns at the right that a fitted camera leaves free, where half of the picture is left.
+    pub(crate) room_px: usize,
+}
+
+impl Canvas {
+    /// Of a picture of all of this size.
+    pub(crate) fn of(size: Option<[usize; 2]>) -> Self {
+        Self {
+            size,
+            default_size: DEFAULT_SIZE,
+            lens: DEFAULT_LENS,
+            room_px: 0,
+        }
+    }
+
+    /// The size of its picture, where no file says one.
+    pub(crate) fn size(&self) -> [usize; 2] {
+        self.size.unwrap_or(self.default_size)
+    }
+
+    /// The part of the picture to which a camera is fitted.
+    fn inner(&self) -> [usize; 2] {
+        let [width, height] = self.size();
+        let is_roomy = 2 * self.room_px <= width;
+        [width - if is_roomy { self.room_px } else { 0 }, height]
+    }
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Camera")]
+pub(crate) struct CameraOptions {
+    /// Camera in JSON: eye, target, up and fov_deg or ortho_height, or a calibrated one
+    #[arg(long, value_name = "FILE", conflicts_with_all =
+          ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit"])]
+    camera: Option<PathBuf>,
+    /// What the file says: read once, because a pipe can be.
+    #[arg(skip)]
+    read: OnceCell<Camera>,
+    /// Position of the eye; without it the camera is fitted to what is visible
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
+          conflicts_with_all = ["azimuth", "elevation", "zoom"])]
+    eye: Option<DVec3>,
+    /// Point looked at; a fitted camera is moved so that it is in the middle [default: the data's centre]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true)]
+    target: Option<DVec3>,
+    /// Direction that points up in the image [default: what `info` says of the data]
+    #[arg(long, value_name = "x,y,z", value_parser = parse::direction, allow_hyphen_values = true)]
+    up: Option<DVec3>,
+    /// Vertical field of view in degrees, 1 to 179 [default: 35]
+    #[arg(long, value_name = "DEG", value_parser = parse::fov)]
+    fov: Option<f64>,
+    /// Orthographic projection of this height in world units [column densities: fitted]
+    #[arg(long, value_name = "HEIGHT", value_parser = parse::positive, conflicts_with = "fov")]
+    ortho: Option<f64>,
+    /// Fitted camera: degrees around what points up; 0 looks along +y, with y up along -z, with y
+    /// down along +z [default: 30; splats of a scene's piece: from the scene's origin]
+    #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
+    azimuth: Option<f64>,
+    /// Fitted camera: degrees above the horizon [default: 25]
+    #[arg(long, value_name = "DEG", value_parser = parse::finite, allow_hyphen_values = true)]
+    elevation: Option<f64>,
+    /// Fitted camera: magnification
+    #[arg(long, value_name = "F", value_parser = parse::positive)]
+    zoom: Option<f64>,
+    /// What a fitted camera shows: the data as large as this view of them allows, or the sphere around all of them,
+    /// which is as large from every side
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["eye", "camera"])]
+    fit: Option<Fit>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Fit {
+    View,
+    All,
+}
+
+impl CameraOptions {
+    /// The camera for data within `boxes`; where it would be fitted to nothing, any. `default_up` points up where no
+    /// option says what does.
+    pub(crate) fn camera(
+        &self,
+        boxes: &[Bounds],
+        default_up: Up,
+        canvas: &Canvas,
+    ) -> Result<Camera> {
+        if let Some(path) = &self.camera {
+            if let Some(camera) = self.read.get() {
+                return Ok(camera.clone());
+            }
+            let camera = read_camera(path, canvas.size)?;
+            return Ok(self.read.get_or_init(|| camera).clone());
+        }
+        let size = canvas.size();
+        let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
+        let up = self.up.unwrap_or(default_up.direction);
+        let centre = sphere_around(boxes).map(|(centre, _)| centre);
+        if let Some(eye) = self.eye {
+            let target = self.target.or(centre).unwrap_or(eye + DVec3::Y);
+            if target == eye {
+                return Err(Error::invalid(
+                    "--eye",
+                    "camera",
+                    "an eye away from the point looked at",
+                    format!("both at {},{},{}", eye.x, eye.y, eye.z),
+                    "move the eye, or name another --target",
+                ));
+            }
+            return Ok(match self.ortho {
+                Some(height) => Camera::orthographic(eye, target, up, height, size),
+                None => Camera::perspective(eye, target, up, fov, size),
+            });
+        }
+        let is_turned = self.fit == Some(Fit::All);
+        Ok(self.fitted(0.0, boxes, default_up, canvas, is_turned))
+    }
+
+    /// The camera that is fitted to the sphere around all data, turned by some degrees.
+    pub(crate) fn turned(
+        &self,
+        turn_deg: f64,
+        boxes: &[Bounds],
+        default_up: Up,
+        canvas: &Canvas,
+    ) -> Result<Camera> {
+        if self.fit == Some(Fit::View) {
+            return Err(Error::invalid(
+                "--fit",
+                "value",
+                "all, for a turn around the data",
+                "view",
+                "leave it out",
+            ));
+        }
+        Ok(self.fitted(turn_deg, boxes, default_up, canvas, true))
+    }
+
+    fn fitted(
+        &self,
+        turn_deg: f64,
+        boxes: &[Bounds],
+        default_up: Up,
+        canvas: &Canvas,
+        is_around: bool,
+    ) -> Camera {
+        let up = self.up.unwrap_or(default_up.direction);
+        let front = default_up
+            .front
+            .map(|front| Viewpoint::azimuth_of(front, up));
+        let elevation = if default_up.is_plane { 0.0 } else { 25.0 };
+        let (size, whole) = (canvas.inner(), canvas.size());
+        let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
+        let viewpoint = Viewpoint {
+            azimuth_deg: self.azimuth.or(front).unwrap_or(30.0) + turn_deg,
+            elevation_deg: self.elevation.unwrap_or(elevation),
+            zoom: self.zoom.unwrap_or(1.0),
+            up,
+        };
+        let lens = match (self.ortho, self.fov) {
+            (Some(height), _) => Lens::OrthoHeight(Some(height)),
+            (None, Some(fov)) => Lens::FovDeg(fov),
+            (None, None) => canvas.lens,
+        };
+        // An empty picture's camera looks anywhere.
+        let unfitted = || Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, fov, size);
+        let fitted = match is_around {
+            true => viewpoint.camera_around(boxes, lens, size),
+            false => viewpoint.camera(boxes, lens, size),
+        };
+        // What is left free lies to the right of what it was fitted to.
+        let fitted = Camera {
+            width: whole[0],
+            ..fitted.unwrap_or_else(unfitted)
+        };
+        let centre = sphere_around(boxes).map(|(centre, _)| centre);
+        match (self.target, centre) {
+            (Some(target), Some(centre)) => {
+                // As far from the eye as the data are.
+                let forward = fitted.forward();
+                let distance = (centre - fitted.eye).dot(forward);
+                Camera {
+                    eye: target - forward * distance,
+                    ..fitted
+                }
+            }
+            _ => fitted,
+        }
+    }
+}
+
+/// The most [`pixels_per_area`] of a mesh that any of the cameras for its boxes sees, drawn alone.
+pub(crate) fn most_pixels(
+    mesh: &Mesh,
+    planes: &[ClipPlane],
+    cameras: impl Fn(&[Bounds]) -> Result<Vec<Camera>>,
+) -> Result<Option<f64>> {
+    let positions = mesh.parts.iter().flat_map(|part| &part.positions);
+    let corners = positions.filter(|p| p.is_finite()).map(|&p| (p, p));
+    let bounds = corners.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let Some((low, high)) = bounds else {
+        return Ok(None);
+    };
+    let all = vec![((low + high) / 2.0, (high - low) / 2.0)];
+    let boxes = left_of(all, planes);
+    let cameras = cameras(&boxes)?;
+    let densities = cameras
+        .iter()
+        .filter_map(|camera| pixels_per_area(mesh, camera));
+    Ok(densities.reduce(f64::max))
+}
+
+/// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.
+pub(crate) fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
+    let left = clip_boxes(&all, planes);
+    if left.is_empty() { all } else { left }
+}

@@ -1,0 +1,284 @@
+//! The library's errors in the words of the command line: with its options.
+
+use crate::Error;
+use crate::error::{Advice, Hint, Parameter, Place};
+
+/// `FILE: where: what was expected, what was found, what to do`, on one line whatever a library put
+/// into its message.
+pub(crate) fn line(error: &Error) -> String {
+    let text = match error {
+        Error::Io {
+            path,
+            place,
+            source,
+            advice,
+            ..
+        } => format!(
+            "{}: {}: {source}; {}",
+            path.display(),
+            named(place),
+            advised(advice)
+        ),
+        Error::Format {
+            path,
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        } => sentence(
+            path.display(),
+            &named(place),
+            expected,
+            found,
+            &advised(advice),
+        ),
+        Error::NoLayout {
+            path, suggested, ..
+        } => {
+            let advice = suggested.map_or_else(
+                || hint(Hint::GiveLayout),
+                |layout| {
+                    let [x, y, z] = layout.dims;
+                    format!(
+                        "its name suggests --dims {x},{y},{z} --type {}: add these options if they \
+                         are right",
+                        layout.scalar
+                    )
+                },
+            );
+            let expected = "its dimensions and type from the command line";
+            sentence(path.display(), "raw volume", expected, "no --dims", &advice)
+        }
+        Error::Invalid {
+            what,
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        } => sentence(
+            named(what),
+            &named(place),
+            expected,
+            found,
+            &advised(advice),
+        ),
+        Error::NoAdapter {
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        }
+        | Error::Unsupported {
+            place,
+            expected,
+            found,
+            advice,
+            ..
+        } => sentence("GPU", place, expected, found, &advised(advice)),
+        Error::OutOfMemory {
+            adapter,
+            what,
+            needed,
+            found,
+            ..
+        } => {
+            let expected = format!("{needed} bytes for the {what}");
+            let advice = hint(Hint::SmallerSceneOrCpu);
+            sentence("GPU", adapter, &expected, found, &advice)
+        }
+        Error::DeviceLost { adapter, found, .. } => {
+            let advice = hint(Hint::StartAgainOrCpu);
+            sentence("GPU", adapter, "a device that answers", found, &advice)
+        }
+        other => other.to_string(),
+    };
+    text.replace('\n', " ")
+}
+
+/// What is wrong with a file whose name and whose description the reader has: without the name, and without
+/// the advice to look at the file, which is what they do.
+pub(crate) fn problem(error: &Error) -> String {
+    let text = line(error);
+    let (Error::Format { path, .. } | Error::Io { path, .. } | Error::NoLayout { path, .. }) =
+        error
+    else {
+        return text;
+    };
+    if let Error::Format {
+        place,
+        expected,
+        found,
+        advice: Advice::Hint(Hint::LookAtFile),
+        ..
+    } = error
+    {
+        let text = format!("{}: expected {expected}, found {found}", named(place));
+        return text.replace('\n', " ");
+    }
+    let name = format!("{}: ", path.display());
+    text.strip_prefix(&name).unwrap_or(&text).to_owned()
+}
+
+fn sentence(
+    subject: impl std::fmt::Display,
+    place: &str,
+    expected: &str,
+    found: &str,
+    advice: &str,
+) -> String {
+    format!("{subject}: {place}: expected {expected}, found {found}; {advice}")
+}
+
+fn named(place: &Place) -> String {
+    match place {
+        Place::Parameter(parameter) => option(*parameter),
+        other => other.to_string(),
+    }
+}
+
+fn advised(advice: &Advice) -> String {
+    match advice {
+        Advice::Hint(step) => hint(*step),
+        other => other.to_string(),
+    }
+}
+
+/// The option that sets a parameter.
+fn option(parameter: Parameter) -> String {
+    match parameter {
+        Parameter::KernelWidth => "--kernel-width",
+        Parameter::TransferFunction => "--transfer-function",
+        Parameter::Flatten => "--flatten",
+        Parameter::SurfelDensity => "--density",
+        Parameter::SurfelSpacing => "--spacing",
+        Parameter::ReadAs => "--as",
+        Parameter::ParticleType => "--type",
+        Parameter::Scales => "--scales",
+        Parameter::RawDims => "--dims",
+        Parameter::RawGeometry => "--spacing and --origin",
+    }
+    .to_owned()
+}
+
+/// What to do, on the command line.
+fn hint(hint: Hint) -> String {
+    match hint {
+        Hint::NameField => "name one of these with --field",
+        Hint::NameSolution => "for a PLOT3D grid name its solution with --solution",
+        Hint::NameOwnSolution => {
+            "name the grid's own solution with --solution, or move this file elsewhere"
+        }
+        Hint::GiveGridOfSolution => "give the grid as input and this file with --solution",
+        Hint::NameOtherTexture => "name another image with --texture",
+        Hint::GiveLayout => "add --dims X,Y,Z --type u8|i16|u16|f32",
+        Hint::GiveRawData => "use its raw data with --dims and --type",
+        Hint::ConvertOrGiveLayout => {
+            "convert it to one of them; if it is a raw volume, add --dims and --type"
+        }
+        Hint::UnpackOrGiveLayout => {
+            "unpack it with gunzip (raw volumes may stay compressed: add --dims and --type)"
+        }
+        Hint::CorrectDims => "correct --dims",
+        Hint::CorrectDimsOrType => "correct --dims or --type",
+        Hint::GiveMeaningOrRadius => "say what the lengths are with --length, or give --radius",
+        Hint::AddSigmaOrGiveRadius => "add a column `sigma`, or give --radius",
+        Hint::LeaveOut(parameter) => return format!("leave {} out", option(parameter)),
+        Hint::LookAtFile => "look at the file with `ewa-splat info`",
+        Hint::LookAtDataOrRaiseOpacity => {
+            "look at the data with `ewa-splat info`, or raise the opacity"
+        }
+        Hint::DrawPicture => "render them without --column-density",
+        Hint::UseCpu => "use --backend cpu",
+        Hint::NarrowerImageOrCpu => "render a narrower image, or use --backend cpu",
+        Hint::SmallerSceneOrCpu => {
+            "render fewer particles or a smaller image, or use --backend cpu"
+        }
+        Hint::StartAgainOrCpu => "start again, with --backend cpu if it keeps failing",
+        Hint::OtherAdapterOrCpu => "choose another with EWA_ADAPTER, or use --backend cpu",
+        Hint::ListedAdapterOrCpu => {
+            "choose one of these with EWA_ADAPTER or leave it unset, or use --backend cpu"
+        }
+        Hint::InstallDriverOrCpu => {
+            "install the graphics driver (a software one: Mesa's lavapipe), or use --backend cpu"
+        }
+    }
+    .to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_library_names_is_said_with_options() {
+        let error = |place: Place, advice: Hint| {
+            Error::invalid(Parameter::KernelWidth, place, "this", "that", advice)
+        };
+        for (place, advice, expected) in [
+            (
+                Parameter::RawDims.into(),
+                Hint::LeaveOut(Parameter::Flatten),
+                "--kernel-width: --dims: expected this, found that; leave --flatten out",
+            ),
+            (
+                "two\nlines".into(),
+                Hint::CorrectDimsOrType,
+                "--kernel-width: two lines: expected this, found that; correct --dims or --type",
+            ),
+        ] {
+            assert_eq!(line(&error(place, advice)), expected);
+        }
+        let io = std::io::Error::other("a fault");
+        let io = Error::io("a.raw", "reading", io, Hint::UseCpu);
+        assert_eq!(line(&io), "a.raw: reading: a fault; use --backend cpu");
+        let format = Error::format("a.vti", "arrays", "one", "none", Hint::NameField);
+        assert_eq!(
+            line(&format),
+            "a.vti: arrays: expected one, found none; name one of these with --field"
+        );
+    }
+
+    /// The words of the command line; scripts and people know them. No hint is left in the library's.
+    #[test]
+    fn hints_name_their_options() {
+        let leave_out = Hint::LeaveOut(Parameter::Flatten);
+        for (step, named) in [
+            (Hint::NameField, &["--field"][..]),
+            (Hint::NameSolution, &["--solution"]),
+            (Hint::NameOwnSolution, &["--solution"]),
+            (Hint::GiveGridOfSolution, &["--solution"]),
+            (Hint::NameOtherTexture, &["--texture"]),
+            (Hint::GiveLayout, &["--dims", "--type"]),
+            (Hint::GiveRawData, &["--dims", "--type"]),
+            (Hint::ConvertOrGiveLayout, &["--dims", "--type"]),
+            (Hint::UnpackOrGiveLayout, &["gunzip", "--dims", "--type"]),
+            (Hint::CorrectDims, &["--dims"]),
+            (Hint::CorrectDimsOrType, &["--dims", "--type"]),
+            (Hint::GiveMeaningOrRadius, &["--length", "--radius"]),
+            (Hint::AddSigmaOrGiveRadius, &["`sigma`", "--radius"]),
+            (leave_out, &["--flatten"]),
+            (Hint::LookAtFile, &["`ewa-splat info`"]),
+            (Hint::LookAtDataOrRaiseOpacity, &["`ewa-splat info`"]),
+            (Hint::DrawPicture, &["--column-density"]),
+            (Hint::UseCpu, &["--backend cpu"]),
+            (Hint::NarrowerImageOrCpu, &["--backend cpu"]),
+            (Hint::SmallerSceneOrCpu, &["--backend cpu"]),
+            (Hint::StartAgainOrCpu, &["--backend cpu"]),
+            (Hint::OtherAdapterOrCpu, &["EWA_ADAPTER", "--backend cpu"]),
+            (Hint::ListedAdapterOrCpu, &["EWA_ADAPTER", "--backend cpu"]),
+            (Hint::InstallDriverOrCpu, &["lavapipe", "--backend cpu"]),
+        ] {
+            let words = hint(step);
+            assert!(named.iter().all(|n| words.contains(n)), "{step:?}: {words}");
+            // What the library says of it names no option.
+            let neutral = step.to_string();
+            assert!(
+                !neutral.contains("--") && !neutral.contains("ewa-splat"),
+                "{neutral}"
+            );
+        }
+    }
+}
