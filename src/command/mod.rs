@@ -42,11 +42,13 @@ mod source;
 mod statistics;
 mod truth;
 mod usage;
+mod view;
 mod viewpoint;
 mod words;
 
 use std::process::ExitCode;
 
+pub use self::view::{Asked, Shown, line};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
@@ -68,6 +70,8 @@ enum Command {
     Info(Box<info::Arguments>),
     /// Turn data into a file of splats for viewers of radiance fields
     Convert(Box<convert::Arguments>),
+    /// Show data in a window
+    View(view::Arguments),
     /// Print how far one image is from another
     Compare(compare::Arguments),
     /// Measure speed against accuracy: table, plots and what each approximation costs
@@ -94,6 +98,7 @@ pub fn main() -> ExitCode {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::View(arguments) => view::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Measure(mut arguments) => measure::run(&mut arguments),
         Command::Completions(arguments) => {

@@ -15,7 +15,7 @@ use crate::render::{Classification, ClassifyAt, Composite};
 use crate::sample::SampleOptions;
 use crate::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
 use crate::view::{Bounds, Camera, ClipPlane, Lens};
-use crate::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show};
+use crate::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show, Task};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -43,28 +43,28 @@ pub(crate) struct Arguments {
     /// Files to render together; FILE@FIELD shows another field of one, FILE@FIELD@FUNCTION by another transfer
     /// function
     #[arg(required = true, value_name = "FILE[@FIELD[@FUNCTION]]", value_parser = Input::parser())]
-    inputs: Vec<Input>,
+    pub(super) inputs: Vec<Input>,
     /// Image to write: png, exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,
     /// Width and height in pixels [default: 1024x1024]
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
-    size: Option<[usize; 2]>,
+    pub(super) size: Option<[usize; 2]>,
     /// What renders
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
     #[command(flatten)]
-    camera: CameraOptions,
+    pub(super) camera: CameraOptions,
     #[command(flatten)]
-    data: DataOptions,
+    pub(super) data: DataOptions,
     #[command(flatten)]
-    method: Method,
+    pub(super) method: Method,
     #[command(flatten)]
     light: LightOptions,
     #[command(flatten)]
     output: Output,
     #[command(flatten)]
-    cut: CutOptions,
+    pub(super) cut: CutOptions,
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
     #[command(flatten)]
@@ -86,7 +86,7 @@ enum BackendName {
 
 #[derive(Args)]
 #[command(next_help_heading = "Method")]
-struct Method {
+pub(super) struct Method {
     /// Error in linear colour that approximations may add to 99.9 % of pixels [default: 1/255]
     #[arg(long, value_name = "T", value_parser = parse::tolerance)]
     tolerance: Option<f32>,
@@ -128,7 +128,7 @@ struct Method {
     /// Variance of the low-pass filter in square pixels [default: 0.15 for volumes with a field, 0.3 for
     /// bare particles, 1 with surfels or splats and for column densities]
     #[arg(long, value_name = "VARIANCE_PX2", value_parser = parse::variance)]
-    low_pass: Option<f32>,
+    pub(super) low_pass: Option<f32>,
     /// Cut-off radius in standard deviations [default: from the tolerance]
     #[arg(long, value_name = "R", value_parser = parse::cutoff)]
     cutoff: Option<f32>,
@@ -299,13 +299,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let task = task_of(&progress);
 
     let read_start = Instant::now();
-    let options = SampleOptions {
-        for_columns: arguments.method.column_density,
-        normals: arguments.asks_normals(),
-        local_models: arguments.asks_models(),
-        task: task.clone(),
-        ..arguments.data.sample_options()
-    };
+    let options = arguments.sample_options(task.clone());
     if arguments.sequence.is_series() {
         return arguments.draw_series(&options, &progress);
     }
@@ -780,7 +774,18 @@ impl Arguments {
         }
     }
 
-    fn clip_planes(&self) -> Vec<ClipPlane> {
+    /// How data become particles.
+    pub(super) fn sample_options(&self, task: Option<Task>) -> SampleOptions {
+        SampleOptions {
+            for_columns: self.method.column_density,
+            normals: self.asks_normals(),
+            local_models: self.asks_models(),
+            task,
+            ..self.data.sample_options()
+        }
+    }
+
+    pub(super) fn clip_planes(&self) -> Vec<ClipPlane> {
         self.method
             .clip
             .iter()
@@ -790,7 +795,7 @@ impl Arguments {
     }
 
     /// - `low_pass`: variance of the filter, px².
-    fn settings(&self, low_pass: f32) -> Settings {
+    pub(super) fn settings(&self, low_pass: f32) -> Settings {
         let defaults = Settings::default();
         Settings {
             tolerance: self.method.tolerance.unwrap_or(defaults.tolerance),
@@ -883,7 +888,7 @@ impl Arguments {
     }
 
     /// Whether light is asked for.
-    fn is_lit(&self) -> bool {
+    pub(super) fn is_lit(&self) -> bool {
         self.light.lighting().is_some()
     }
 
@@ -902,7 +907,7 @@ impl Arguments {
 
 impl Method {
     /// Refuses what says nothing of what the inputs are.
-    fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
+    pub(super) fn check_use(&self, volumes: &[PointVolume]) -> Result<()> {
         let default = FilterName::Adaptive;
         let is_filtered = volumes.iter().any(is_filtered);
         let is_translucent = !volumes.iter().all(is_surface);
@@ -964,7 +969,7 @@ impl Method {
 
     /// Refuses options of layers where there are none, and of columns. (Clap forgets that an option requires another
     /// where a third is there that the other conflicts with.)
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         let refuse = |place: &str, expected: &str| {
             let found = self.composite().name();
             Err(Error::format(

@@ -1,7 +1,7 @@
 //! Options that place the camera.
 
-use std::cell::OnceCell;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use crate::io::{Mesh, Up};
 use crate::sample::mesh::pixels_per_area;
@@ -69,7 +69,7 @@ pub(crate) struct CameraOptions {
     camera: Option<PathBuf>,
     /// What the file says: read once, because a pipe can be.
     #[arg(skip)]
-    read: OnceCell<Camera>,
+    read: OnceLock<Camera>,
     /// Position of the eye; without it the camera is fitted to what is visible
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           conflicts_with_all = ["azimuth", "elevation", "zoom"])]

@@ -1,0 +1,248 @@
+//! `ewa-splat view`, and what the window takes of the command line: the options of `render` that a window understands.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::Command as Process;
+
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, FromArgMatches};
+use glam::DVec3;
+use indicatif::ProgressBar;
+
+use super::render;
+use super::scene::Scene;
+use super::viewpoint::{Canvas, left_of};
+use crate::io::Up;
+use crate::scene::PointVolume;
+use crate::view::{Bounds, Camera};
+use crate::{Error, Result, Settings, Task};
+
+/// The window's program.
+const PROGRAM: &str = "ewa-splat-view";
+
+/// Options of `render` that say what is written, of which a window writes nothing: by their identifiers.
+const OF_FILES: [&str; 20] = [
+    "out",
+    "stats",
+    "depth",
+    "normals",
+    "frames",
+    "write_transfer_function",
+    "reference",
+    "column_density",
+    "column_mean",
+    "turntable",
+    "camera_path",
+    "series",
+    "rate",
+    "measure_error",
+    "calibrate",
+    "legend",
+    "scale_bar",
+    "title",
+    "time_stamp",
+    "axes",
+];
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Files and options: those of `render` that say nothing of files to write
+    #[arg(
+        value_name = "INPUT",
+        required = true,
+        trailing_var_arg = true,
+        allow_hyphen_values = true
+    )]
+    words: Vec<OsString>,
+}
+
+/// Hands over to the window's program.
+///
+/// # Errors
+/// A program that is neither beside this one nor on the path, or that fails.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
+    let beside = std::env::current_exe().ok();
+    let beside = beside.and_then(|own| Some(own.parent()?.join(&name)));
+    let program = beside.filter(|path| path.is_file());
+    let program = program.unwrap_or_else(|| PathBuf::from(&name));
+    let status = Process::new(&program)
+        .args(&arguments.words)
+        .status()
+        .map_err(|e| {
+            let advice = "install the window: cargo install ewa-splat-view";
+            Error::io(&program, "starting the window", e, advice)
+        })?;
+    match status.code() {
+        Some(0) => Ok(()),
+        // It has said why.
+        code => std::process::exit(code.unwrap_or(1)),
+    }
+}
+
+/// What a window was asked to show, in the words of `render`.
+pub struct Asked(Box<render::Arguments>);
+
+/// What was read for a window.
+pub struct Shown {
+    /// The volumes, ready to be sorted into blocks.
+    pub volumes: Vec<PointVolume>,
+    /// What each volume shows: the name of its field.
+    pub fields: Vec<Option<String>>,
+    /// What legends call these.
+    pub titles: Vec<Option<String>>,
+    /// The box of all data; `None` where nothing has a place.
+    pub bounds: Option<Bounds>,
+    up: Up,
+}
+
+impl Shown {
+    /// What points up.
+    pub fn up(&self) -> DVec3 {
+        self.up.direction
+    }
+}
+
+impl std::fmt::Debug for Asked {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Asked").finish_non_exhaustive()
+    }
+}
+
+impl std::fmt::Debug for Shown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shown")
+            .field("fields", &self.fields)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Asked {
+    /// The options, added to those that a program has already.
+    pub fn options(command: Command) -> Command {
+        let mut command = render::Arguments::augment_args(command);
+        for name in OF_FILES {
+            command = command.mut_arg(name, |option| option.hide(true));
+        }
+        command.mut_arg("out", |out| {
+            out.required(false).default_value("picture.png")
+        })
+    }
+
+    /// What was asked for.
+    ///
+    /// # Errors
+    /// Options that say what is written, and those that clap takes for wrong.
+    pub fn of(matches: &ArgMatches) -> Result<Self> {
+        let is_given = |name: &&&str| matches.value_source(name) == Some(ValueSource::CommandLine);
+        if let Some(name) = OF_FILES.iter().find(is_given) {
+            return Err(Error::invalid(
+                "view",
+                "use",
+                "what is to be shown",
+                format!("--{}", name.replace('_', "-")),
+                "leave it out, or use `ewa-splat render`",
+            ));
+        }
+        match render::Arguments::from_arg_matches(matches) {
+            Ok(arguments) => Ok(Self(Box::new(arguments))),
+            Err(error) => error.exit(),
+        }
+    }
+
+    /// The size of the picture, where one was asked for.
+    pub fn size(&self) -> Option<[usize; 2]> {
+        self.0.size
+    }
+
+    /// The files that were named, with what is said of each: `FILE@FIELD@FUNCTION`.
+    pub fn inputs(&self) -> Vec<String> {
+        let text = |input: &super::source::Input| {
+            let parts = [&input.field, &input.function];
+            let said = parts.iter().rposition(|part| part.is_some());
+            let said = said.map_or(&parts[..0], |last| &parts[..=last]);
+            let mut text = input.path.display().to_string();
+            for part in said {
+                text.push('@');
+                text.push_str(part.as_deref().unwrap_or_default());
+            }
+            text
+        };
+        self.0.inputs.iter().map(text).collect()
+    }
+
+    /// Reads and samples what was asked for.
+    ///
+    /// - `field`: shown instead of the one that was asked for.
+    /// - `chosen`: which of the inputs, all of them where it says nothing of one.
+    /// - `task`: watches the work, and ends it.
+    ///
+    /// # Errors
+    /// Those of `render`.
+    pub fn read(&self, field: Option<&str>, chosen: &[bool], task: &Task) -> Result<Shown> {
+        let arguments = &*self.0;
+        arguments.method.check()?;
+        let named = arguments.inputs.iter().enumerate();
+        let named = named.filter(|(i, _)| chosen.get(*i) != Some(&false));
+        let named = named.map(|(_, input)| input.clone()).collect();
+        let inputs = arguments.data.inputs(named, false)?;
+        let options = arguments.sample_options(Some(task.clone()));
+        let options = crate::sample::SampleOptions {
+            field: field.map(str::to_owned).or(options.field.clone()),
+            ..options
+        };
+        let silent = ProgressBar::hidden();
+        let planes = arguments.clip_planes();
+        let canvas = Canvas::of(arguments.size);
+        let densest = |mesh: &crate::io::Mesh, up| {
+            super::viewpoint::most_pixels(mesh, &planes, |boxes| {
+                Ok(vec![arguments.camera.camera(boxes, up, &canvas)?])
+            })
+        };
+        let scene = arguments.data.scene(&inputs, &options, densest, &silent)?;
+        arguments.method.check_use(&scene.volumes)?;
+        let bounds = scene.bounds();
+        let Scene {
+            mut volumes,
+            fields,
+            titles,
+            up,
+            ..
+        } = scene;
+        if arguments.cut.cut_faces {
+            super::cut::add_faces(&mut volumes, &planes, arguments.is_lit())?;
+        }
+        Ok(Shown {
+            volumes,
+            fields,
+            titles,
+            bounds,
+            up,
+        })
+    }
+
+    /// The camera that `render` would take.
+    ///
+    /// - `boxes`: of what is visible.
+    ///
+    /// # Errors
+    /// Those of `render`.
+    pub fn camera(&self, shown: &Shown, boxes: Vec<Bounds>, size: [usize; 2]) -> Result<Camera> {
+        let boxes = left_of(boxes, &self.0.clip_planes());
+        self.0
+            .camera
+            .camera(&boxes, shown.up, &Canvas::of(Some(size)))
+    }
+
+    /// How `render` would draw.
+    ///
+    /// - `suitable`: the variance of the low-pass filter where none was asked for, px².
+    pub fn settings(&self, suitable: f32) -> Settings {
+        self.0.settings(self.0.method.low_pass.unwrap_or(suitable))
+    }
+}
+
+/// An error in the words of the command line.
+pub fn line(error: &Error) -> String {
+    super::words::line(error)
+}

@@ -1,0 +1,284 @@
+//! What the window shows and how it answers: its state, and the frame of its panels.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
+use ewa_splat::Settings;
+use ewa_splat::command::Asked;
+use glam::DVec3;
+
+use crate::curve::History;
+use crate::orbit::Orbit;
+use crate::panel;
+use crate::worker::{Drawn, Load, Loaded, News, View, Worker};
+
+/// What stands behind pictures without a background, linear.
+const BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
+
+/// The window.
+pub(crate) struct App {
+    pub(crate) asked: Arc<Asked>,
+    pub(crate) inputs: Vec<String>,
+    /// Which inputs are shown.
+    pub(crate) chosen: Vec<bool>,
+    pub(crate) field: Option<String>,
+    pub(crate) fields: Vec<String>,
+    worker: Worker,
+    /// The number of the last [`Load`].
+    scene: u64,
+    pub(crate) loaded: Option<Loaded>,
+    pub(crate) settings: Settings,
+    pub(crate) orbit: Option<Orbit>,
+    /// The camera that the data were first seen by.
+    pub(crate) home: Option<Orbit>,
+    pub(crate) saved: Vec<Orbit>,
+    /// The functions of the volumes, where they have any.
+    pub(crate) histories: Vec<Option<History>>,
+    /// Which volume's function is edited.
+    pub(crate) edited: usize,
+    /// Which colour stop is chosen.
+    pub(crate) stop: Option<usize>,
+    pub(crate) logarithmic_counts: bool,
+    pub(crate) drawn: Option<Drawn>,
+    pub(crate) texture: Option<TextureHandle>,
+    /// What is wrong, or what was done.
+    pub(crate) message: Option<Message>,
+    /// What is being read, and how far it is.
+    pub(crate) progress: Option<String>,
+    pub(crate) probe: Option<panel::probe::Probe>,
+    pub(crate) shows_panels: bool,
+    /// The last view that the worker was told of.
+    view: Option<View>,
+    /// Width and height of the picture in pixels.
+    pub(crate) size: [usize; 2],
+    pub(crate) flies: bool,
+}
+
+/// A line for people.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Message {
+    pub(crate) text: String,
+    pub(crate) is_error: bool,
+}
+
+impl App {
+    /// A window that begins to read what was asked for.
+    pub(crate) fn new(asked: Asked, context: &Context) -> Self {
+        let told = context.clone();
+        let worker = Worker::new(move || told.request_repaint());
+        let inputs = asked.inputs();
+        let mut app = Self {
+            chosen: vec![true; inputs.len()],
+            fields: panel::inputs::fields_of(&inputs),
+            inputs,
+            field: None,
+            asked: Arc::new(asked),
+            worker,
+            scene: 0,
+            loaded: None,
+            settings: Settings::default(),
+            orbit: None,
+            home: None,
+            saved: Vec::new(),
+            histories: Vec::new(),
+            edited: 0,
+            stop: None,
+            logarithmic_counts: true,
+            drawn: None,
+            texture: None,
+            message: None,
+            progress: Some("reading".into()),
+            probe: None,
+            shows_panels: true,
+            view: None,
+            size: [0, 0],
+            flies: false,
+        };
+        app.load();
+        app
+    }
+
+    /// Reads what is chosen.
+    pub(crate) fn load(&mut self) {
+        self.scene += 1;
+        self.progress = Some("reading".into());
+        self.message = None;
+        self.worker.load(Load {
+            scene: self.scene,
+            asked: Arc::clone(&self.asked),
+            field: self.field.clone(),
+            chosen: self.chosen.clone(),
+        });
+    }
+
+    /// Reads other files in place of these.
+    pub(crate) fn open(&mut self, paths: Vec<PathBuf>) {
+        match crate::arguments::of_files(paths) {
+            Ok(asked) => {
+                self.inputs = asked.inputs();
+                self.chosen = vec![true; self.inputs.len()];
+                self.fields = panel::inputs::fields_of(&self.inputs);
+                self.field = None;
+                self.asked = Arc::new(asked);
+                self.orbit = None;
+                self.load();
+            }
+            Err(text) => self.fail(text),
+        }
+    }
+
+    /// Ends what is being read.
+    pub(crate) fn cancel(&mut self) {
+        self.worker.cancel();
+        self.progress = None;
+        self.say("cancelled".into());
+    }
+
+    pub(crate) fn say(&mut self, text: String) {
+        let is_error = false;
+        self.message = Some(Message { text, is_error });
+    }
+
+    pub(crate) fn fail(&mut self, text: String) {
+        let is_error = true;
+        self.message = Some(Message { text, is_error });
+    }
+
+    /// Asks what lies under a pixel.
+    pub(crate) fn pick(&mut self, pixel: [usize; 2], recentres: bool) {
+        self.probe = Some(panel::probe::Probe::asked(pixel, recentres));
+        self.worker.pick(pixel);
+    }
+
+    /// Whether nothing is left to be done.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        let is_final = self.drawn.as_ref().is_some_and(|drawn| drawn.is_final);
+        let is_failed = self
+            .message
+            .as_ref()
+            .is_some_and(|message| message.is_error);
+        self.progress.is_none() && (is_final || is_failed)
+    }
+
+    /// Takes what the worker tells.
+    fn hear(&mut self, context: &Context) {
+        for news in self.worker.news() {
+            match news {
+                News::Progress(text) => {
+                    if self.progress.is_some() {
+                        self.progress = Some(text);
+                    }
+                }
+                News::Loaded(loaded) if loaded.scene == self.scene => self.loaded(*loaded),
+                News::Drawn(drawn) => {
+                    let image = texels(&drawn.image);
+                    match &mut self.texture {
+                        Some(texture) => texture.set(image, TextureOptions::LINEAR),
+                        None => {
+                            let options = TextureOptions::LINEAR;
+                            self.texture = Some(context.load_texture("picture", image, options));
+                        }
+                    }
+                    self.drawn = Some(*drawn);
+                }
+                News::Picked(picked) => panel::probe::found(self, &picked),
+                News::Failed(text) => {
+                    self.progress = None;
+                    self.fail(text);
+                }
+                News::Loaded(_) => {}
+            }
+        }
+    }
+
+    fn loaded(&mut self, loaded: Loaded) {
+        self.progress = None;
+        self.settings = Settings {
+            background: loaded.settings.background.or(Some(BACKGROUND)),
+            ..loaded.settings.clone()
+        };
+        let distance = loaded.bounds.map_or(1.0, |(centre, half)| {
+            let ahead = (centre - loaded.camera.eye).dot(loaded.camera.forward());
+            if ahead > 0.0 { ahead } else { half.length() }
+        });
+        let orbit = Orbit::of(&loaded.camera, loaded.world_up, distance);
+        self.home = Some(orbit.clone());
+        // Another field of the same data is seen from where they were.
+        self.orbit.get_or_insert(orbit);
+        let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
+        self.histories = functions.map(|f| f.and_then(History::new)).collect();
+        let first = self.histories.iter().position(Option::is_some);
+        self.edited = first.unwrap_or(0);
+        self.stop = None;
+        self.loaded = Some(loaded);
+        self.view = None;
+    }
+
+    /// Tells the worker what is to be seen, where that has changed.
+    fn show_view(&mut self) {
+        let (Some(orbit), Some(loaded)) = (&self.orbit, &self.loaded) else {
+            return;
+        };
+        if self.size.contains(&0) || loaded.scene != self.scene {
+            return;
+        }
+        let functions = self.histories.iter();
+        let functions = functions.map(|h| h.as_ref().map(|h| h.function().clone()));
+        let view = View {
+            scene: self.scene,
+            camera: orbit.camera(self.size),
+            settings: self.settings.clone(),
+            functions: functions.collect(),
+        };
+        if self.view.as_ref() != Some(&view) {
+            self.worker.show(view.clone());
+            self.view = Some(view);
+        }
+    }
+
+    /// Lays out the window and answers what was done in it.
+    pub(crate) fn ui(&mut self, ui: &mut Ui) {
+        let context = ui.ctx().clone();
+        self.hear(&context);
+        let dropped: Vec<PathBuf> = context.input(|input| {
+            let files = input.raw.dropped_files.iter();
+            files
+                .map(|file| file.path().to_path_buf())
+                .collect()
+        });
+        if !dropped.is_empty() {
+            self.open(dropped);
+        }
+        panel::keys::answer(self, &context);
+        panel::status::show(self, ui);
+        if self.shows_panels {
+            panel::left(self, ui);
+            panel::right(self, ui);
+        }
+        panel::picture::show(self, ui);
+        self.show_view();
+    }
+
+    /// Moves the camera of a standard view.
+    pub(crate) fn look_along(&mut self, forward: DVec3) {
+        if let Some(orbit) = &mut self.orbit {
+            orbit.look_along(forward);
+        }
+    }
+
+    /// The history of the function that is edited.
+    pub(crate) fn history(&mut self) -> Option<&mut History> {
+        self.histories.get_mut(self.edited)?.as_mut()
+    }
+}
+
+impl eframe::App for App {
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        self.ui(ui);
+    }
+}
+
+fn texels(image: &ewa_splat::Image) -> ColorImage {
+    ColorImage::from_rgba_unmultiplied([image.width, image.height], &image.to_srgb8())
+}

@@ -1,0 +1,51 @@
+//! The words that the window is started with.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{Arg, Command, value_parser};
+use ewa_splat::command::{Asked, line};
+
+/// The name of the program.
+const NAME: &str = "ewa-splat-view";
+
+/// What was asked for.
+#[derive(Debug)]
+pub(crate) struct Arguments {
+    pub(crate) asked: Asked,
+    /// The picture of the window to write instead of opening one.
+    pub(crate) screenshot: Option<PathBuf>,
+}
+
+fn command() -> Command {
+    let command = Command::new(NAME)
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Shows volumes, particles, splats and meshes in a window")
+        .max_term_width(100)
+        .arg(
+            Arg::new("screenshot")
+                .long("screenshot")
+                .value_name("FILE.png")
+                .value_parser(value_parser!(PathBuf))
+                .help("Write a picture of the whole window once nothing is left to be refined, and exit; needs no display"),
+        );
+    Asked::options(command)
+}
+
+/// Reads the words; what is wrong in them ends the program.
+pub(crate) fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, String> {
+    let matches = command().get_matches_from(words);
+    Ok(Arguments {
+        asked: Asked::of(&matches).map_err(|error| line(&error))?,
+        screenshot: matches.get_one("screenshot").cloned(),
+    })
+}
+
+/// What is asked for by files alone.
+pub(crate) fn of_files(paths: Vec<PathBuf>) -> Result<Asked, String> {
+    let words = std::iter::once(OsString::from(NAME)).chain(paths.into_iter().map(Into::into));
+    let matches = command()
+        .try_get_matches_from(words)
+        .map_err(|error| error.to_string())?;
+    Asked::of(&matches).map_err(|error| line(&error))
+}

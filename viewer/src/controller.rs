@@ -1,0 +1,118 @@
+//! How coarse a picture is while things move: what fits the time of a frame.
+
+use std::time::Duration;
+
+/// What a frame may take while the camera or a transfer function moves.
+pub(crate) const WANTED: Duration = Duration::from_millis(33);
+
+/// The loosest tolerance that is drawn, in linear colour: beyond it pictures of motion no longer resemble those at rest.
+const LOOSEST: f32 = 0.05;
+
+/// The least share of the pixels.
+const LEAST: f32 = 1.0 / 16.0;
+
+/// How coarse a picture is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Coarseness {
+    /// The share of the picture's pixels that are drawn, 1 for all.
+    pub(crate) share: f32,
+    /// The tolerance in linear colour.
+    pub(crate) tolerance: f32,
+}
+
+impl Coarseness {
+    /// The picture that is asked for.
+    pub(crate) fn none(tolerance: f32) -> Self {
+        Self {
+            share: 1.0,
+            tolerance,
+        }
+    }
+
+    /// Width and height of what is drawn of a picture of this size.
+    pub(crate) fn size(self, size: [usize; 2]) -> [usize; 2] {
+        let side = self.share.sqrt();
+        size.map(|n| {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "no larger than the window"
+            )]
+            let shorter = (n as f32 * side).round() as usize;
+            shorter.clamp(1, n.max(1))
+        })
+    }
+}
+
+/// Finds the finest picture that fits the time, from how long the last ones took.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Controller {
+    share: f32,
+}
+
+impl Default for Controller {
+    fn default() -> Self {
+        Self { share: 0.5 }
+    }
+}
+
+impl Controller {
+    /// How coarse the next picture of a motion is to be.
+    pub(crate) fn next(&self, tolerance: f32) -> Coarseness {
+        // Fewer pixels hide errors as they hide details: both loosen together.
+        let looser = tolerance / self.share;
+        Coarseness {
+            share: self.share,
+            tolerance: looser.min(LOOSEST.max(tolerance)),
+        }
+    }
+
+    /// Learns what the last one took.
+    pub(crate) fn took(&mut self, time: Duration) {
+        let ratio = WANTED.as_secs_f32() / time.as_secs_f32().max(1e-4);
+        // Costs grow less than the pixels do: half of the way, so that it settles; down faster than up.
+        let factor = ratio.powf(if ratio < 1.0 { 0.8 } else { 0.4 });
+        self.share = (self.share * factor.clamp(0.25, 1.5)).clamp(LEAST, 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture that takes a fixed time and one for each pixel.
+    fn settled(fixed_ms: f32, all_ms: f32) -> f32 {
+        let mut controller = Controller::default();
+        for _ in 0..40 {
+            let share = controller.next(0.004).share;
+            controller.took(Duration::from_secs_f32((fixed_ms + all_ms * share) / 1e3));
+        }
+        fixed_ms + all_ms * controller.next(0.004).share
+    }
+
+    #[test]
+    fn it_settles_at_the_time_that_is_wanted() {
+        assert!((settled(5.0, 100.0) - 33.0).abs() < 3.0);
+        assert!((settled(20.0, 60.0) - 33.0).abs() < 3.0);
+        // All of a light scene, the least of a heavy one.
+        assert!((settled(1.0, 10.0) - 11.0).abs() < 0.1);
+        assert!((settled(40.0, 160.0) - 50.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn tolerances_loosen_with_the_pixels_and_never_tighten() {
+        let heavy = Controller { share: LEAST };
+        assert_eq!(heavy.next(0.004).tolerance, LOOSEST);
+        assert_eq!(heavy.next(0.2).tolerance, 0.2);
+        let light = Controller { share: 1.0 };
+        assert_eq!(light.next(0.004), Coarseness::none(0.004));
+        assert_eq!(
+            Coarseness {
+                share: 0.25,
+                tolerance: 0.0
+            }
+            .size([1024, 640]),
+            [512, 320]
+        );
+    }
+}

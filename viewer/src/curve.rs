@@ -1,0 +1,414 @@
+//! A transfer function as it is edited: opacity points and colour stops over a range of values.
+//!
+//! What is drawn is read from the JSON of the curve, which `--transfer-function` reads: a window and a command that are given one
+//! file show one picture.
+
+use std::path::Path;
+
+use ewa_splat::Result;
+use ewa_splat::scene::{ScaleName, TransferDefaults, TransferFunction};
+use serde_json::{Value, json};
+
+/// How far opacities and colours may be from the points that are left out of those of a file.
+const SIMPLER: f32 = 0.01;
+
+/// A transfer function as it is edited.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Curve {
+    /// Where the table lies.
+    pub(crate) range: [f32; 2],
+    scale: Scale,
+    unit_distance: f64,
+    /// Whether colours are linear, and are mixed so; sRGB otherwise.
+    is_linear: bool,
+    /// Values, not decreasing, and opacities from 0 to 1.
+    pub(crate) opacities: Vec<(f32, f32)>,
+    /// Values, not decreasing, and colours.
+    pub(crate) colours: Vec<(f32, [f32; 3])>,
+}
+
+/// Where values lie between the ends of the range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Scale {
+    Linear,
+    Logarithmic,
+    /// Linear within this distance of 0.
+    Symmetric(f32),
+}
+
+impl Scale {
+    fn position(self, value: f32) -> f32 {
+        match self {
+            Self::Linear => value,
+            Self::Logarithmic => value.max(f32::MIN_POSITIVE).ln(),
+            Self::Symmetric(within) => (value / within).asinh(),
+        }
+    }
+
+    fn value(self, position: f32) -> f32 {
+        match self {
+            Self::Linear => position,
+            Self::Logarithmic => position.exp(),
+            Self::Symmetric(within) => position.sinh() * within,
+        }
+    }
+}
+
+impl Curve {
+    /// The points of a function's file, without those that the others say.
+    pub(crate) fn of(function: &TransferFunction) -> Option<Self> {
+        let file: Value = serde_json::from_str(&function.to_json()).ok()?;
+        let number = |value: &Value| value.as_f64().map(narrowed);
+        let range = file.get("range")?.as_array()?;
+        let range = [number(range.first()?)?, number(range.get(1)?)?];
+        let scale = match file.get("scale").and_then(Value::as_str) {
+            Some("log") => Scale::Logarithmic,
+            Some("symlog") => {
+                let within = file.get("linear_within").and_then(number);
+                let farthest = range[0].abs().max(range[1].abs());
+                Scale::Symmetric(within.unwrap_or(farthest * 1e-3))
+            }
+            _ => Scale::Linear,
+        };
+        let (mut opacities, mut colours) = (Vec::new(), Vec::new());
+        for point in file.get("points")?.as_array()? {
+            let value = number(point.get("value")?)?;
+            if let Some(opacity) = point.get("opacity").and_then(number) {
+                opacities.push((value, opacity));
+            }
+            if let Some(colour) = point.get("color").and_then(Value::as_array) {
+                let mut channels = colour.iter().filter_map(number);
+                colours.push((
+                    value,
+                    [channels.next()?, channels.next()?, channels.next()?],
+                ));
+            }
+        }
+        let place = |value: f32| scale.position(value);
+        let opacities = simplified(
+            &opacities,
+            place,
+            |a, b, t| a + (b - a) * t,
+            |a, b| (a - b).abs(),
+        );
+        let colours = simplified(
+            &colours,
+            place,
+            |a, b, t| std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t),
+            |a: [f32; 3], b| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max),
+        );
+        Some(Self {
+            range,
+            scale,
+            unit_distance: function.unit_distance(),
+            is_linear: file.get("color_space").and_then(Value::as_str) == Some("linear"),
+            opacities,
+            colours,
+        })
+    }
+
+    /// The file that `--transfer-function` reads.
+    pub(crate) fn to_json(&self) -> String {
+        let opacities = self
+            .opacities
+            .iter()
+            .map(|&(value, opacity)| (value, json!({ "value": value, "opacity": opacity })));
+        let colours = self
+            .colours
+            .iter()
+            .map(|&(value, colour)| (value, json!({ "value": value, "color": colour })));
+        let mut points: Vec<(f32, Value)> = opacities.chain(colours).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let points: Vec<Value> = points.into_iter().map(|(_, point)| point).collect();
+        let mut file = json!({
+            "range": self.range,
+            "unit_distance": self.unit_distance,
+            "color_space": if self.is_linear { "linear" } else { "srgb" },
+            "points": points,
+        });
+        match self.scale {
+            Scale::Linear => {}
+            Scale::Logarithmic => file["scale"] = json!("log"),
+            Scale::Symmetric(within) => {
+                file["scale"] = json!("symlog");
+                file["linear_within"] = json!(within);
+            }
+        }
+        format!("{file:#}\n")
+    }
+
+    /// The function that a command makes of the file.
+    ///
+    /// # Errors
+    /// Points that are no function.
+    pub(crate) fn function(&self) -> Result<TransferFunction> {
+        let defaults = TransferDefaults {
+            range: self.range,
+            unit_distance: self.unit_distance,
+        };
+        TransferFunction::from_json(Path::new("the edited function"), &self.to_json(), &defaults)
+    }
+
+    /// What the scale is called.
+    pub(crate) fn scale_name(&self) -> ScaleName {
+        match self.scale {
+            Scale::Linear => ScaleName::Linear,
+            Scale::Logarithmic => ScaleName::Log,
+            Scale::Symmetric(_) => ScaleName::Symlog,
+        }
+    }
+
+    /// Where a value lies between the ends of the range, 0 to 1.
+    pub(crate) fn share(&self, value: f32) -> f32 {
+        let [lo, hi] = self.range.map(|end| self.scale.position(end));
+        (self.scale.position(value) - lo) / (hi - lo)
+    }
+
+    /// The value at a share of the range.
+    pub(crate) fn value(&self, share: f32) -> f32 {
+        let [lo, hi] = self.range.map(|end| self.scale.position(end));
+        let value = self.scale.value(lo + (hi - lo) * share.clamp(0.0, 1.0));
+        value.clamp(self.range[0], self.range[1])
+    }
+
+    /// Moves an opacity point, between its neighbours.
+    pub(crate) fn move_opacity(&mut self, i: usize, share: f32, opacity: f32) {
+        let value = self.between(&self.opacities, i, self.value(share));
+        self.opacities[i] = (value, opacity.clamp(0.0, 1.0));
+    }
+
+    /// Moves a colour stop, between its neighbours.
+    pub(crate) fn move_colour(&mut self, i: usize, share: f32) {
+        let value = self.between(&self.colours, i, self.value(share));
+        self.colours[i].0 = value;
+    }
+
+    fn between<T>(&self, points: &[(f32, T)], i: usize, value: f32) -> f32 {
+        let before = i.checked_sub(1).map_or(self.range[0], |i| points[i].0);
+        let after = points.get(i + 1).map_or(self.range[1], |point| point.0);
+        value.clamp(before, after.max(before))
+    }
+
+    /// Puts in an opacity point.
+    pub(crate) fn add_opacity(&mut self, share: f32, opacity: f32) {
+        let value = self.value(share);
+        let at = self.opacities.partition_point(|point| point.0 <= value);
+        self.opacities.insert(at, (value, opacity.clamp(0.0, 1.0)));
+    }
+
+    /// Puts in a colour stop of the colour that is there.
+    pub(crate) fn add_colour(&mut self, share: f32) {
+        let value = self.value(share);
+        let at = self.colours.partition_point(|stop| stop.0 <= value);
+        let colour = match (
+            at.checked_sub(1).map(|i| self.colours[i]),
+            self.colours.get(at),
+        ) {
+            (Some((a, below)), Some(&(b, above))) => {
+                let [a, b, t] = [a, b, value].map(|v| self.share(v));
+                let t = if b > a { (t - a) / (b - a) } else { 0.0 };
+                std::array::from_fn(|i| below[i] + (above[i] - below[i]) * t)
+            }
+            (Some((_, only)), None) => only,
+            (None, Some(&(_, only))) => only,
+            (None, None) => [1.0; 3],
+        };
+        self.colours.insert(at, (value, colour));
+    }
+
+    /// The colour of a stop as displays take it.
+    pub(crate) fn srgb(&self, colour: [f32; 3]) -> [f32; 3] {
+        match self.is_linear {
+            true => colour.map(ewa_splat::image::srgb_from_linear),
+            false => colour,
+        }
+    }
+
+    /// A stop's colour from one as displays take it.
+    pub(crate) fn set_srgb(&mut self, i: usize, srgb: [f32; 3]) {
+        let colour = match self.is_linear {
+            true => srgb.map(ewa_splat::image::linear_from_srgb),
+            false => srgb,
+        };
+        self.colours[i].1 = colour.map(|c| c.clamp(0.0, 1.0));
+    }
+}
+
+fn narrowed(x: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "files hold what f32 does")]
+    {
+        x as f32
+    }
+}
+
+/// Points of which none is farther than [`SIMPLER`] from the line between those that stay (Douglas and Peucker 1973).
+fn simplified<T: Copy>(
+    points: &[(f32, T)],
+    place: impl Fn(f32) -> f32,
+    mix: impl Fn(T, T, f32) -> T,
+    distance: impl Fn(T, T) -> f32,
+) -> Vec<(f32, T)> {
+    let mut kept = vec![false; points.len()];
+    let mut left = Vec::new();
+    if let Some(last) = points.len().checked_sub(1) {
+        kept[0] = true;
+        kept[last] = true;
+        left.push((0, last));
+    }
+    while let Some((first, last)) = left.pop() {
+        let [a, b] = [first, last].map(|i| place(points[i].0));
+        let error = |i: usize| {
+            let t = if b > a {
+                (place(points[i].0) - a) / (b - a)
+            } else {
+                0.0
+            };
+            distance(points[i].1, mix(points[first].1, points[last].1, t))
+        };
+        let worst = (first + 1..last).map(|i| (error(i), i));
+        let worst = worst.max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((error, i)) = worst
+            && error > SIMPLER
+        {
+            kept[i] = true;
+            left.push((first, i));
+            left.push((i, last));
+        }
+    }
+    let all = points.iter().zip(kept);
+    all.filter_map(|(point, is_kept)| is_kept.then_some(*point))
+        .collect()
+}
+
+/// A function and its earlier and later states.
+#[derive(Debug, Clone)]
+pub(crate) struct History {
+    states: Vec<(TransferFunction, Curve)>,
+    now: usize,
+}
+
+impl History {
+    /// More steps back than anybody takes.
+    const MOST: usize = 200;
+
+    pub(crate) fn new(function: TransferFunction) -> Option<Self> {
+        let curve = Curve::of(&function)?;
+        Some(Self {
+            states: vec![(function, curve)],
+            now: 0,
+        })
+    }
+
+    pub(crate) fn function(&self) -> &TransferFunction {
+        &self.states[self.now].0
+    }
+
+    pub(crate) fn curve(&self) -> &Curve {
+        &self.states[self.now].1
+    }
+
+    /// A new state; later ones are forgotten. One that `goes_on` takes the place of the last, as a drag does.
+    pub(crate) fn push(&mut self, function: TransferFunction, curve: Curve, goes_on: bool) {
+        self.states.truncate(self.now + 1);
+        if goes_on && self.now > 0 {
+            self.states.pop();
+        }
+        self.states.push((function, curve));
+        if self.states.len() > Self::MOST {
+            self.states.remove(1);
+        }
+        self.now = self.states.len() - 1;
+    }
+
+    pub(crate) fn can_undo(&self) -> bool {
+        self.now > 0
+    }
+
+    pub(crate) fn can_redo(&self) -> bool {
+        self.now + 1 < self.states.len()
+    }
+
+    pub(crate) fn undo(&mut self) {
+        self.now = self.now.saturating_sub(1);
+    }
+
+    pub(crate) fn redo(&mut self) {
+        self.now = (self.now + 1).min(self.states.len() - 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ewa_splat::scene::{AutomaticOptions, ValueSample, Values};
+
+    use super::*;
+
+    fn automatic(values: Vec<f32>) -> TransferFunction {
+        let positions: Vec<glam::DVec3> = (0..values.len())
+            .map(|i| glam::DVec3::X * i as f64)
+            .collect();
+        let volumes = vec![1.0; values.len()];
+        let sample = ValueSample::of_body(&Values::F32(values), &volumes, &positions);
+        TransferFunction::automatic(&sample, &AutomaticOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn curves_are_near_their_functions() {
+        for values in [
+            (0..500).map(|i| i as f32).collect::<Vec<_>>(),
+            (0..500).map(|i| (i as f32 / 40.0).exp()).collect(),
+            (0..500).map(|i| (i as f32 - 250.0).powi(3)).collect(),
+        ] {
+            let function = automatic(values);
+            let curve = Curve::of(&function).unwrap();
+            let again = curve.function().unwrap();
+            assert_eq!(again.value_scale(), function.value_scale());
+            let greatest = function.table().iter().map(|e| e[3]).fold(0.0, f32::max);
+            for (a, b) in function.table().iter().zip(again.table()) {
+                assert!((0..3).all(|i| (a[i] - b[i]).abs() < 0.02), "{a:?} {b:?}");
+                assert!(
+                    (a[3] - b[3]).abs() < 0.05 * greatest.max(0.05),
+                    "{a:?} {b:?}"
+                );
+            }
+            assert!(curve.opacities.len() < 40, "{}", curve.opacities.len());
+        }
+    }
+
+    #[test]
+    fn points_stay_between_their_neighbours() {
+        let mut curve = Curve {
+            range: [1.0, 100.0],
+            scale: Scale::Logarithmic,
+            unit_distance: 1.0,
+            is_linear: false,
+            opacities: vec![(1.0, 0.0), (10.0, 0.5), (100.0, 1.0)],
+            colours: vec![(1.0, [0.0; 3]), (100.0, [1.0; 3])],
+        };
+        curve.move_opacity(1, 0.25, 2.0);
+        assert!((curve.opacities[1].0 - 10_f32.sqrt()).abs() < 1e-4);
+        assert_eq!(curve.opacities[1].1, 1.0);
+        curve.move_opacity(0, 0.9, 0.1);
+        assert_eq!(curve.opacities[0].0, curve.opacities[1].0);
+        curve.add_colour(0.5);
+        assert!((curve.colours[1].1[0] - 0.5).abs() < 1e-4);
+        assert!(curve.function().is_ok());
+    }
+
+    #[test]
+    fn undo_restores_the_exact_function() {
+        let first = automatic((0..500).map(|i| i as f32).collect());
+        let mut history = History::new(first.clone()).unwrap();
+        let mut curve = history.curve().clone();
+        curve.add_opacity(0.3, 0.9);
+        history.push(curve.function().unwrap(), curve.clone(), false);
+        curve.add_opacity(0.4, 0.1);
+        history.push(curve.function().unwrap(), curve.clone(), true);
+        assert_ne!(*history.function(), first);
+        history.undo();
+        assert_eq!(*history.function(), first);
+        assert!(!history.can_undo() && history.can_redo());
+        history.redo();
+        assert_eq!(*history.curve(), curve);
+    }
+}

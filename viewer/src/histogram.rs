@@ -1,0 +1,68 @@
+//! How often values occur, along the range of a transfer function.
+
+use ewa_splat::scene::{TransferFunction, Values};
+
+use crate::curve::Curve;
+
+/// Bars of a histogram.
+const BARS: usize = 128;
+
+/// How often values occur in equal parts of a transfer function's range.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Histogram {
+    pub(crate) counts: Vec<u32>,
+}
+
+impl Histogram {
+    /// Of all values; those beyond the range are in its outermost bars, and NaN in none.
+    pub(crate) fn of(values: &Values, function: &TransferFunction) -> Self {
+        let mut counts = vec![0_u32; BARS];
+        let Some(curve) = Curve::of(function) else {
+            return Self { counts };
+        };
+        for i in 0..values.len() {
+            let share = curve.share(values.get(i));
+            if share.is_finite() {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "from 0 to the number of bars"
+                )]
+                let bar = (share.clamp(0.0, 1.0) * BARS as f32) as usize;
+                let count = &mut counts[bar.min(BARS - 1)];
+                *count = count.saturating_add(1);
+            }
+        }
+        Self { counts }
+    }
+
+    /// The heights of the bars, the greatest 1.
+    pub(crate) fn heights(&self, is_logarithmic: bool) -> Vec<f32> {
+        let height = |count: &u32| {
+            let count = *count as f32;
+            if is_logarithmic { count.ln_1p() } else { count }
+        };
+        let heights: Vec<f32> = self.counts.iter().map(height).collect();
+        let greatest = heights.iter().copied().fold(0.0, f32::max);
+        heights.iter().map(|h| h / greatest.max(1e-9)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_counted_along_the_range() {
+        let function =
+            TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 128.0], 1.0).unwrap();
+        let values = Values::F32(vec![-5.0, 0.5, 64.5, 64.6, 127.9, 500.0, f32::NAN]);
+        let histogram = Histogram::of(&values, &function);
+        assert_eq!(histogram.counts[0], 2);
+        assert_eq!(histogram.counts[64], 2);
+        assert_eq!(histogram.counts[127], 2);
+        assert_eq!(histogram.counts.iter().sum::<u32>(), 6);
+        assert_eq!(histogram.heights(false)[64], 1.0);
+        assert_eq!(histogram.heights(true)[1], 0.0);
+    }
+}

@@ -1,0 +1,49 @@
+//! A window on `ewa-splat`: what was asked for in the words of `ewa-splat render` can be turned, classified and measured.
+//!
+//! [`worker`] reads and draws on a thread of its own; [`app`] has the window's state and hands it what is wanted; `panel/` has
+//! one file per part of the window.
+
+mod app;
+mod arguments;
+mod controller;
+mod curve;
+mod histogram;
+mod orbit;
+mod panel;
+mod screenshot;
+mod worker;
+
+use std::process::ExitCode;
+
+use app::App;
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(text) => {
+            eprintln!("error: {text}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), String> {
+    let arguments = arguments::parse(std::env::args_os())?;
+    if let Some(path) = &arguments.screenshot {
+        return screenshot::write(arguments.asked, path);
+    }
+    let size = arguments.asked.size().unwrap_or([1280, 800]);
+    let options = eframe::NativeOptions {
+        viewport: egui::ViewportBuilder::default()
+            .with_title("ewa-splat")
+            .with_inner_size([size[0] as f32, size[1] as f32])
+            .with_drag_and_drop(true),
+        ..eframe::NativeOptions::default()
+    };
+    eframe::run_native(
+        "ewa-splat",
+        options,
+        Box::new(|context| Ok(Box::new(App::new(arguments.asked, &context.egui_ctx)))),
+    )
+    .map_err(|error| format!("opening a window: {error}; --screenshot needs no display"))
+}

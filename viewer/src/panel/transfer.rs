@@ -1,0 +1,294 @@
+//! The transfer function: opacity points over a histogram, colour stops, maps, undo.
+
+use egui::{
+    CollapsingHeader, Color32, ComboBox, Pos2, Rect, Response, Sense, Shape, Stroke, Ui, Vec2,
+};
+use ewa_splat::scene::{AutomaticOptions, COLOUR_MAP_NAMES, TransferFunction, ValueSample};
+
+use crate::app::App;
+use crate::curve::Curve;
+
+const HEIGHT: f32 = 140.0;
+const STRIP: f32 = 18.0;
+const RADIUS: f32 = 5.0;
+
+pub(crate) fn show(app: &mut App, ui: &mut Ui) {
+    CollapsingHeader::new("Transfer function")
+        .default_open(true)
+        .show(ui, |ui| {
+            volumes(app, ui);
+            let Some(history) = app.histories.get(app.edited).and_then(Option::as_ref) else {
+                ui.label("colours of their own");
+                return;
+            };
+            let mut curve = history.curve().clone();
+            let before = curve.clone();
+            let goes_on = opacities(app, &mut curve, ui);
+            let goes_on = colours(app, &mut curve, ui) || goes_on;
+            buttons(app, &mut curve, ui);
+            if curve != before {
+                match curve.function() {
+                    Ok(function) => {
+                        if let Some(history) = app.history() {
+                            history.push(function, curve, goes_on);
+                        }
+                    }
+                    Err(error) => app.fail(ewa_splat::command::line(&error)),
+                }
+            }
+        });
+}
+
+/// Which volume's function is edited, where several have one.
+fn volumes(app: &mut App, ui: &mut Ui) {
+    let Some(loaded) = &app.loaded else {
+        return;
+    };
+    let with: Vec<usize> = (0..app.histories.len())
+        .filter(|&i| app.histories[i].is_some())
+        .collect();
+    if with.len() < 2 {
+        return;
+    }
+    let name = |i: usize| format!("{}: {}", i + 1, loaded.volumes[i].title);
+    ComboBox::from_label("volume")
+        .selected_text(name(app.edited))
+        .show_ui(ui, |ui| {
+            for i in with {
+                ui.selectable_value(&mut app.edited, i, name(i));
+            }
+        });
+}
+
+/// The curve of opacities over the histogram; whether a drag goes on.
+fn opacities(app: &App, curve: &mut Curve, ui: &mut Ui) -> bool {
+    let size = Vec2::new(ui.available_width(), HEIGHT);
+    let (response, painter) = ui.allocate_painter(size, Sense::click());
+    let rect = response.rect.shrink(RADIUS);
+    painter.rect_filled(response.rect, 3.0, Color32::from_gray(20));
+    let volume = app
+        .loaded
+        .as_ref()
+        .and_then(|loaded| loaded.volumes.get(app.edited));
+    if let Some(histogram) = volume.and_then(|volume| volume.histogram.as_ref()) {
+        let heights = histogram.heights(app.logarithmic_counts);
+        let width = rect.width() / heights.len() as f32;
+        for (i, height) in heights.iter().enumerate() {
+            let left = rect.left() + i as f32 * width;
+            let top = rect.bottom() - height * rect.height();
+            let bar =
+                Rect::from_min_max(Pos2::new(left, top), Pos2::new(left + width, rect.bottom()));
+            painter.rect_filled(bar, 0.0, Color32::from_gray(60));
+        }
+    }
+    let place = |value: f32, opacity: f32, curve: &Curve| {
+        Pos2::new(
+            rect.left() + curve.share(value) * rect.width(),
+            rect.bottom() - opacity * rect.height(),
+        )
+    };
+    let at = |pos: Pos2| {
+        [
+            (pos.x - rect.left()) / rect.width(),
+            (rect.bottom() - pos.y) / rect.height(),
+        ]
+    };
+    let mut line: Vec<Pos2> = curve
+        .opacities
+        .iter()
+        .map(|&(v, o)| place(v, o, curve))
+        .collect();
+    if let (Some(first), Some(last)) = (line.first().copied(), line.last().copied()) {
+        line.insert(0, Pos2::new(rect.left(), first.y));
+        line.push(Pos2::new(rect.right(), last.y));
+    }
+    painter.add(Shape::line(line, Stroke::new(1.5, Color32::WHITE)));
+    let mut goes_on = false;
+    let mut left_out = None;
+    for i in 0..curve.opacities.len() {
+        let (value, opacity) = curve.opacities[i];
+        let point = handle(ui, &response, ("opacity", i), place(value, opacity, curve));
+        let label = format!("opacity {opacity:.3} at {value:.4}");
+        point.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, &label));
+        if point.dragged()
+            && let Some(pos) = point.interact_pointer_pos()
+        {
+            let [share, opacity] = at(pos);
+            curve.move_opacity(i, share, opacity);
+            goes_on = !point.drag_started();
+        }
+        if point.secondary_clicked() && curve.opacities.len() > 2 {
+            left_out = Some(i);
+        }
+        painter.circle_filled(
+            place(curve.opacities[i].0, curve.opacities[i].1, curve),
+            RADIUS,
+            Color32::WHITE,
+        );
+        point.on_hover_text(label);
+    }
+    if let Some(i) = left_out {
+        curve.opacities.remove(i);
+    }
+    if response.double_clicked()
+        && let Some(pos) = response.interact_pointer_pos()
+    {
+        let [share, opacity] = at(pos);
+        curve.add_opacity(share, opacity);
+    }
+    goes_on
+}
+
+fn handle(ui: &Ui, of: &Response, name: (&str, usize), at: Pos2) -> Response {
+    let rect = Rect::from_center_size(at, Vec2::splat(2.0 * RADIUS + 2.0));
+    ui.interact(rect, of.id.with(name), Sense::click_and_drag())
+}
+
+/// The strip of colours with its stops; whether a drag goes on.
+fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
+    let size = Vec2::new(ui.available_width(), STRIP + 2.0 * RADIUS);
+    let (response, painter) = ui.allocate_painter(size, Sense::click());
+    let rect = response.rect.shrink2(Vec2::new(RADIUS, 0.0));
+    let strip = Rect::from_min_size(rect.min, Vec2::new(rect.width(), STRIP));
+    if let Some(history) = app.histories.get(app.edited).and_then(Option::as_ref) {
+        const PARTS: u16 = 128;
+        let width = strip.width() / f32::from(PARTS);
+        for i in 0..PARTS {
+            let value = curve.value((f32::from(i) + 0.5) / f32::from(PARTS));
+            let position = history.function().value_scale().position(value);
+            let [r, g, b, _] = history.function().classify(position);
+            let byte = |c: f32| {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a colour from 0 to 1"
+                )]
+                {
+                    (ewa_splat::image::srgb_from_linear(c).clamp(0.0, 1.0) * 255.0).round() as u8
+                }
+            };
+            let left = strip.left() + f32::from(i) * width;
+            let part =
+                Rect::from_min_size(Pos2::new(left, strip.top()), Vec2::new(width + 0.5, STRIP));
+            painter.rect_filled(part, 0.0, Color32::from_rgb(byte(r), byte(g), byte(b)));
+        }
+    }
+    let mut goes_on = false;
+    let mut left_out = None;
+    for i in 0..curve.colours.len() {
+        let at = |curve: &Curve| {
+            let x = strip.left() + curve.share(curve.colours[i].0) * strip.width();
+            Pos2::new(x, strip.bottom() + RADIUS)
+        };
+        let stop = handle(ui, &response, ("stop", i), at(curve));
+        let label = format!("colour at {:.4}", curve.colours[i].0);
+        stop.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, &label));
+        if stop.dragged()
+            && let Some(pos) = stop.interact_pointer_pos()
+        {
+            curve.move_colour(i, (pos.x - strip.left()) / strip.width());
+            goes_on = !stop.drag_started();
+        }
+        if stop.clicked() {
+            app.stop = Some(i);
+        }
+        if stop.secondary_clicked() && curve.colours.len() > 1 {
+            left_out = Some(i);
+        }
+        let is_chosen = app.stop == Some(i);
+        let edge = if is_chosen {
+            Color32::YELLOW
+        } else {
+            Color32::WHITE
+        };
+        painter.circle_stroke(at(curve), RADIUS - 1.0, Stroke::new(2.0, edge));
+        stop.on_hover_text(label);
+    }
+    if let Some(i) = left_out {
+        curve.colours.remove(i);
+        app.stop = None;
+    }
+    if response.double_clicked()
+        && let Some(pos) = response.interact_pointer_pos()
+    {
+        curve.add_colour((pos.x - strip.left()) / strip.width());
+    }
+    if let Some(i) = app.stop
+        && let Some(&(value, colour)) = curve.colours.get(i)
+    {
+        ui.horizontal(|ui| {
+            let mut srgb = curve.srgb(colour);
+            if ui.color_edit_button_rgb(&mut srgb).changed() {
+                curve.set_srgb(i, srgb);
+            }
+            ui.label(format!("at {value:.5}"));
+        });
+    }
+    goes_on
+}
+
+/// Undo, maps, and the way to files.
+fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
+    ui.label(format!("{:.5} to {:.5}", curve.range[0], curve.range[1]));
+    ui.horizontal(|ui| {
+        let (can_undo, can_redo) = app
+            .history()
+            .map_or((false, false), |h| (h.can_undo(), h.can_redo()));
+        if ui
+            .add_enabled(can_undo, egui::Button::new("Undo"))
+            .clicked()
+            && let Some(history) = app.history()
+        {
+            history.undo();
+            *curve = history.curve().clone();
+        }
+        if ui
+            .add_enabled(can_redo, egui::Button::new("Redo"))
+            .clicked()
+            && let Some(history) = app.history()
+        {
+            history.redo();
+            *curve = history.curve().clone();
+        }
+        if ui
+            .button("Copy")
+            .on_hover_text("as JSON that --transfer-function reads")
+            .clicked()
+        {
+            ui.ctx().copy_text(curve.to_json());
+            app.say("the transfer function is on the clipboard".into());
+        }
+        ui.checkbox(&mut app.logarithmic_counts, "log counts");
+    });
+    let mut chosen = None;
+    ComboBox::from_label("colours")
+        .selected_text("map")
+        .show_ui(ui, |ui| {
+            for name in COLOUR_MAP_NAMES {
+                if ui.selectable_label(false, name).clicked() {
+                    chosen = Some(name);
+                }
+            }
+        });
+    if let Some(name) = chosen
+        && let Some(function) = of_map(name, curve)
+        && let Some(mapped) = Curve::of(&function)
+    {
+        curve.colours = mapped.colours;
+        app.stop = None;
+    }
+}
+
+/// The colours of a map over the range of a curve.
+fn of_map(name: &str, curve: &Curve) -> Option<TransferFunction> {
+    let ends = ewa_splat::scene::Values::F32(curve.range.to_vec());
+    let places = [glam::DVec3::ZERO, glam::DVec3::X];
+    let sample = ValueSample::of_body(&ends, &[1.0; 2], &places);
+    let options = AutomaticOptions {
+        colour_map: Some(name),
+        range: Some(curve.range),
+        scale: Some(curve.scale_name()),
+        ..AutomaticOptions::default()
+    };
+    TransferFunction::automatic(&sample, &options).ok()
+}

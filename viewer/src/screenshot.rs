@@ -1,0 +1,204 @@
+//! A picture of the window without one.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use egui::{Context, Event, RawInput, Rect};
+use egui_wgpu::wgpu;
+use ewa_splat::command::Asked;
+use ewa_splat::io::write_bytes_atomically;
+
+use crate::app::App;
+
+/// Width and height of the picture where none is asked for.
+const SIZE: [u32; 2] = [1280, 800];
+
+/// Longer than any scene takes to be read and refined on a slow machine.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// Draws the window as it is once nothing is left to be done, and writes it.
+///
+/// # Errors
+/// What the window shows as an error; no adapter, not even a software one; a file that cannot be written.
+pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
+    let size = asked.size().map_or(SIZE, |size| {
+        size.map(|n| u32::try_from(n).unwrap_or(u32::MAX))
+    });
+    let context = Context::default();
+    let mut app = App::new(asked, &context);
+    let begun = Instant::now();
+    let mut painter = Painter::new(size)?;
+    let mut passes_at_rest = 0;
+    loop {
+        let input = RawInput {
+            screen_rect: Some(Rect::from_min_size(
+                egui::Pos2::ZERO,
+                egui::vec2(size[0] as f32, size[1] as f32),
+            )),
+            time: Some(begun.elapsed().as_secs_f64()),
+            events: vec![Event::PointerGone],
+            ..RawInput::default()
+        };
+        let mut output = context.run_ui(input, |ui| app.ui(ui));
+        let shapes = context.tessellate(output.shapes, output.pixels_per_point);
+        painter.update(&output.textures_delta);
+        output.textures_delta.clear();
+        // A pass after the last picture lays out what it changed.
+        passes_at_rest = if app.is_at_rest() {
+            passes_at_rest + 1
+        } else {
+            0
+        };
+        if passes_at_rest > 2 {
+            if let Some(message) = app.message.as_ref().filter(|message| message.is_error) {
+                return Err(message.text.clone());
+            }
+            let pixels = painter.draw(&shapes, output.pixels_per_point)?;
+            let bytes = png(&pixels, size)?;
+            return write_bytes_atomically(path, &bytes).map_err(|error| error.to_string());
+        }
+        if begun.elapsed() > LONGEST {
+            return Err("the picture is not finished after ten minutes".into());
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn png(pixels: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    let written = encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(pixels));
+    written.map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
+/// Draws the interface into a texture.
+struct Painter {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    renderer: egui_wgpu::Renderer,
+    size: [u32; 2],
+}
+
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+impl Painter {
+    fn new(size: [u32; 2]) -> Result<Self, String> {
+        let instance = wgpu::Instance::default();
+        let adapter =
+            pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()));
+        let adapter = adapter.map_err(|error| {
+            format!("drawing the window: {error}; install a graphics driver (a software one: Mesa's lavapipe)")
+        })?;
+        let device = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()));
+        let (device, queue) = device.map_err(|error| format!("drawing the window: {error}"))?;
+        let renderer =
+            egui_wgpu::Renderer::new(&device, FORMAT, egui_wgpu::RendererOptions::default());
+        Ok(Self {
+            device,
+            queue,
+            renderer,
+            size,
+        })
+    }
+
+    fn update(&mut self, textures: &egui::TexturesDelta) {
+        for (id, deltas) in &textures.set {
+            for delta in deltas {
+                self.renderer
+                    .update_texture(&self.device, &self.queue, *id, delta);
+            }
+        }
+        for id in &textures.free {
+            self.renderer.free_texture(id);
+        }
+    }
+
+    /// The pixels, four bytes each.
+    fn draw(
+        &mut self,
+        shapes: &[egui::ClippedPrimitive],
+        pixels_per_point: f32,
+    ) -> Result<Vec<u8>, String> {
+        let [width, height] = self.size;
+        let extent = wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        };
+        let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("window"),
+            size: extent,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let screen = egui_wgpu::ScreenDescriptor {
+            size_in_pixels: self.size,
+            pixels_per_point,
+        };
+        let mut encoder = self
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        self.renderer
+            .update_buffers(&self.device, &self.queue, &mut encoder, shapes, &screen);
+        {
+            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("window"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            self.renderer
+                .render(&mut pass.forget_lifetime(), shapes, &screen);
+        }
+        let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("window"),
+            size: u64::from(row) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row),
+                    rows_per_image: None,
+                },
+            },
+            extent,
+        );
+        self.queue.submit([encoder.finish()]);
+        let slice = buffer.slice(..);
+        slice.map_async(wgpu::MapMode::Read, |_| ());
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|error| format!("drawing the window: {error}"))?;
+        let mapped = slice
+            .get_mapped_range()
+            .map_err(|error| error.to_string())?;
+        let rows = mapped.chunks(row as usize);
+        Ok(rows
+            .flat_map(|r| &r[..4 * width as usize])
+            .copied()
+            .collect())
+    }
+}

@@ -1,0 +1,478 @@
+//! The thread that reads and draws, so that the window never waits.
+//!
+//! It is told what is wanted, not what to do: the last word counts, and what is out of date is cancelled. A change is drawn
+//! at once, as coarse as the time of a frame asks; when nothing has changed for a while the picture is refined, and its error
+//! is measured. Then the thread sleeps.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ewa_splat::command::{Asked, Shown, line};
+use ewa_splat::measure::{ErrorSample, SampledError};
+use ewa_splat::render::{FrameCounts, Picked, StageTimes};
+use ewa_splat::scene::TransferFunction;
+use ewa_splat::view::{Bounds, Camera};
+use ewa_splat::{Backend, Error, Image, Renderer, SceneOptions, Settings, Task};
+
+use crate::controller::{Coarseness, Controller};
+use crate::histogram::Histogram;
+
+/// How long nothing must change before a picture is refined.
+const REST: Duration = Duration::from_millis(120);
+
+/// How much looser than the asked tolerance the first whole picture is.
+const FIRST_STEP: f32 = 4.0;
+
+/// What a picture is to show.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct View {
+    /// Of which scene: the number of its [`Load`].
+    pub(crate) scene: u64,
+    pub(crate) camera: Camera,
+    pub(crate) settings: Settings,
+    /// The transfer function of each volume that has one.
+    pub(crate) functions: Vec<Option<TransferFunction>>,
+}
+
+/// What is to be read.
+#[derive(Debug, Clone)]
+pub(crate) struct Load {
+    /// Its number.
+    pub(crate) scene: u64,
+    pub(crate) asked: Arc<Asked>,
+    pub(crate) field: Option<String>,
+    pub(crate) chosen: Vec<bool>,
+}
+
+/// What is known of a scene once it is read.
+#[derive(Debug, Clone)]
+pub(crate) struct Loaded {
+    pub(crate) scene: u64,
+    pub(crate) camera: Camera,
+    pub(crate) settings: Settings,
+    pub(crate) world_up: glam::DVec3,
+    pub(crate) bounds: Option<Bounds>,
+    pub(crate) volumes: Vec<Volume>,
+    pub(crate) particle_count: usize,
+    pub(crate) bytes_per_particle: f64,
+    /// What draws: the adapter's name, or the processor.
+    pub(crate) device: String,
+    pub(crate) seconds: f64,
+}
+
+/// What is known of a volume.
+#[derive(Debug, Clone)]
+pub(crate) struct Volume {
+    pub(crate) title: String,
+    pub(crate) function: Option<TransferFunction>,
+    pub(crate) histogram: Option<Histogram>,
+}
+
+/// A picture, and how it came about.
+#[derive(Debug, Clone)]
+pub(crate) struct Drawn {
+    pub(crate) image: Image,
+    pub(crate) camera: Camera,
+    pub(crate) coarseness: Coarseness,
+    /// Whether nothing is left to be refined.
+    pub(crate) is_final: bool,
+    pub(crate) error: Option<SampledError>,
+    pub(crate) counts: FrameCounts,
+    pub(crate) times: StageTimes,
+}
+
+/// What the thread tells.
+#[derive(Debug)]
+pub(crate) enum News {
+    Progress(String),
+    Loaded(Box<Loaded>),
+    Drawn(Box<Drawn>),
+    Picked(Vec<Picked>),
+    /// In the words of the command line; what was there stays.
+    Failed(String),
+}
+
+#[derive(Default)]
+struct Mailbox {
+    load: Option<Load>,
+    view: Option<View>,
+    pick: Option<[usize; 2]>,
+    ends: bool,
+    /// Whether what is being read is no longer wanted.
+    ends_reading: bool,
+    /// What is being done, and whether it is a picture, which a newer wish ends.
+    task: Option<(Task, bool)>,
+    news: Vec<News>,
+}
+
+struct Shared {
+    mailbox: Mutex<Mailbox>,
+    wake: Condvar,
+    /// Tells the window that there is news.
+    tell: Box<dyn Fn() + Send + Sync>,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Mailbox> {
+        self.mailbox.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn tell(&self, news: News) {
+        self.lock().news.push(news);
+        (self.tell)();
+    }
+}
+
+/// The window's end of the thread.
+pub(crate) struct Worker {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl std::fmt::Debug for Worker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Worker").finish_non_exhaustive()
+    }
+}
+
+impl Worker {
+    /// Starts the thread; `tell` is called from it whenever there is news.
+    pub(crate) fn new(tell: impl Fn() + Send + Sync + 'static) -> Self {
+        let shared = Arc::new(Shared {
+            mailbox: Mutex::default(),
+            wake: Condvar::new(),
+            tell: Box::new(tell),
+        });
+        let own = Arc::clone(&shared);
+        let thread = std::thread::spawn(move || work(&own));
+        Self {
+            shared,
+            thread: Some(thread),
+        }
+    }
+
+    fn wish(&self, note: impl FnOnce(&mut Mailbox)) {
+        let mut mailbox = self.shared.lock();
+        note(&mut mailbox);
+        let ends = mailbox.ends || mailbox.ends_reading;
+        match &mailbox.task {
+            Some((task, is_picture)) if *is_picture || ends => task.cancel(),
+            _ => {}
+        }
+        mailbox.ends_reading = false;
+        drop(mailbox);
+        self.shared.wake.notify_one();
+    }
+
+    /// Reads something else.
+    pub(crate) fn load(&self, load: Load) {
+        self.wish(|mailbox| {
+            mailbox.load = Some(load);
+            mailbox.view = None;
+            mailbox.ends_reading = true;
+        });
+    }
+
+    /// Shows something else.
+    pub(crate) fn show(&self, view: View) {
+        self.wish(|mailbox| mailbox.view = Some(view));
+    }
+
+    /// Asks what lies under a pixel of the last view.
+    pub(crate) fn pick(&self, pixel: [usize; 2]) {
+        self.wish(|mailbox| mailbox.pick = Some(pixel));
+    }
+
+    /// Ends what is being done.
+    pub(crate) fn cancel(&self) {
+        self.wish(|mailbox| {
+            mailbox.load = None;
+            mailbox.ends_reading = true;
+        });
+    }
+
+    /// What has happened since it was last asked.
+    pub(crate) fn news(&self) -> Vec<News> {
+        std::mem::take(&mut self.shared.lock().news)
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.wish(|mailbox| mailbox.ends = true);
+        if let Some(thread) = self.thread.take() {
+            // One that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What is to be done next.
+enum Job {
+    Load(Load),
+    Show(View),
+    Pick([usize; 2]),
+    /// Nothing new for a while.
+    Refine,
+    End,
+}
+
+/// Waits for something to do.
+fn next(shared: &Shared, is_unfinished: bool) -> Job {
+    let mut mailbox = shared.lock();
+    let since = Instant::now();
+    loop {
+        mailbox.task = None;
+        if mailbox.ends {
+            return Job::End;
+        }
+        if let Some(load) = mailbox.load.take() {
+            return Job::Load(load);
+        }
+        if let Some(view) = mailbox.view.take() {
+            return Job::Show(view);
+        }
+        if let Some(pixel) = mailbox.pick.take() {
+            return Job::Pick(pixel);
+        }
+        let left = REST.saturating_sub(since.elapsed());
+        mailbox = match is_unfinished {
+            true if left.is_zero() => return Job::Refine,
+            true => {
+                let waited = shared.wake.wait_timeout(mailbox, left);
+                waited.unwrap_or_else(PoisonError::into_inner).0
+            }
+            false => shared
+                .wake
+                .wait(mailbox)
+                .unwrap_or_else(PoisonError::into_inner),
+        };
+    }
+}
+
+fn work(shared: &Arc<Shared>) {
+    let mut stage: Option<Stage> = None;
+    loop {
+        let is_unfinished = stage.as_ref().is_some_and(|stage| stage.left > 0);
+        let result = match (next(shared, is_unfinished), &mut stage) {
+            (Job::End, _) => return,
+            (Job::Load(load), stage) => read(shared, &load).map(|read| *stage = Some(read)),
+            (Job::Show(view), Some(stage)) => stage.show(shared, view),
+            (Job::Pick(pixel), Some(stage)) => stage.pick(shared, pixel),
+            (Job::Refine, Some(stage)) => stage.refine(shared),
+            (_, None) => Ok(()),
+        };
+        match result {
+            Ok(()) | Err(Error::Cancelled) => {}
+            Err(error) => {
+                if let Some(stage) = &mut stage {
+                    stage.left = 0;
+                }
+                shared.tell(News::Failed(line(&error)));
+            }
+        }
+    }
+}
+
+/// A task that a newer wish ends.
+fn begin(shared: &Arc<Shared>, tells: bool) -> Task {
+    let own = Arc::clone(shared);
+    let task = match tells {
+        true => Task::observed(move |progress| own.tell(News::Progress(progress.to_string()))),
+        false => Task::new(),
+    };
+    shared.lock().task = Some((task.clone(), !tells));
+    task
+}
+
+fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
+    let begun = Instant::now();
+    let task = begin(shared, true);
+    let asked = &load.asked;
+    let mut shown = asked.read(load.field.as_deref(), &load.chosen, &task)?;
+    let volumes = volumes_of(&shown);
+    let options = SceneOptions {
+        keep_indices: true,
+        task: Some(task),
+        ..SceneOptions::default()
+    };
+    let scene = std::mem::take(&mut shown.volumes);
+    let renderer = Renderer::with_options(scene, &options)?.on_backend(Backend::Auto)?;
+    let size = asked.size().unwrap_or([1024, 640]);
+    let camera = asked.camera(&shown, renderer.visible_boxes(), size)?;
+    let settings = asked.settings(renderer.suitable_low_pass_px2());
+    let loaded = Loaded {
+        scene: load.scene,
+        camera,
+        settings,
+        world_up: shown.up(),
+        bounds: shown.bounds,
+        particle_count: renderer.particle_count(),
+        bytes_per_particle: renderer.bytes_per_particle(),
+        device: renderer.adapter().unwrap_or_else(|| "processor".into()),
+        volumes,
+        seconds: begun.elapsed().as_secs_f64(),
+    };
+    shared.tell(News::Loaded(Box::new(loaded)));
+    Ok(Stage {
+        scene: load.scene,
+        renderer,
+        controller: Controller::default(),
+        view: None,
+        drawn: None,
+        left: 0,
+    })
+}
+
+fn volumes_of(shown: &Shown) -> Vec<Volume> {
+    let described = shown.volumes.iter().zip(&shown.titles);
+    described
+        .map(|(volume, title)| {
+            let function = volume.transfer_function.clone();
+            let values = volume.values.as_ref();
+            Volume {
+                title: title.clone().unwrap_or_else(|| "value".into()),
+                histogram: function
+                    .as_ref()
+                    .zip(values)
+                    .map(|(function, values)| Histogram::of(values, function)),
+                function,
+            }
+        })
+        .collect()
+}
+
+/// A scene and the picture of it that is being made.
+struct Stage {
+    scene: u64,
+    renderer: Renderer,
+    controller: Controller,
+    view: Option<View>,
+    drawn: Option<Drawn>,
+    /// Steps of refinement that are left.
+    left: u32,
+}
+
+impl Stage {
+    /// Draws a new view as coarse as it has to be.
+    fn show(&mut self, shared: &Arc<Shared>, view: View) -> ewa_splat::Result<()> {
+        if view.scene != self.scene {
+            return Ok(());
+        }
+        for (i, function) in view.functions.iter().enumerate() {
+            let old = self.view.as_ref().and_then(|old| old.functions.get(i));
+            if let Some(function) = function
+                && old != Some(&Some(function.clone()))
+            {
+                self.renderer.set_transfer_function(i, function.clone())?;
+            }
+        }
+        let coarseness = self.controller.next(view.settings.tolerance);
+        self.view = Some(view);
+        self.left = 3;
+        let begun = Instant::now();
+        // Finished in any case, so that a motion is seen: it takes no longer than a frame.
+        self.draw(shared, coarseness, None, None)?;
+        self.controller.took(begun.elapsed());
+        Ok(())
+    }
+
+    /// The next step from a coarse picture to the one that is asked for, and to its error.
+    fn refine(&mut self, shared: &Arc<Shared>) -> ewa_splat::Result<()> {
+        let Some(view) = &self.view else {
+            self.left = 0;
+            return Ok(());
+        };
+        let asked = view.settings.tolerance;
+        let task = begin(shared, false);
+        match self.left {
+            3 => {
+                // Worth its time only where the last step takes several frames.
+                let looser = Coarseness::none(asked * FIRST_STEP);
+                self.draw(shared, looser, Some(task), None)?;
+            }
+            2 => self.draw(shared, Coarseness::none(asked), Some(task), None)?,
+            _ => {
+                let settings = Settings {
+                    task: Some(task),
+                    ..view.settings.clone()
+                };
+                let camera = view.camera.clone();
+                // Layers err as a whole; counts and choices do not.
+                let is_measured = matches!(settings.composite, ewa_splat::Composite::Over)
+                    && matches!(settings.show, ewa_splat::Show::Scene);
+                if let (Some(mut drawn), true) = (self.drawn.clone(), is_measured) {
+                    let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
+                    drawn.error = Some(sample.error_of(&drawn.image));
+                    drawn.is_final = true;
+                    self.tell(shared, drawn);
+                } else if let Some(mut drawn) = self.drawn.clone() {
+                    drawn.is_final = true;
+                    self.tell(shared, drawn);
+                }
+            }
+        }
+        self.left -= 1;
+        Ok(())
+    }
+
+    fn draw(
+        &mut self,
+        shared: &Arc<Shared>,
+        coarseness: Coarseness,
+        task: Option<Task>,
+        error: Option<SampledError>,
+    ) -> ewa_splat::Result<()> {
+        let Some(view) = &self.view else {
+            return Ok(());
+        };
+        let size = coarseness.size([view.camera.width, view.camera.height]);
+        let camera = scaled(&view.camera, size);
+        let settings = Settings {
+            tolerance: coarseness.tolerance,
+            task,
+            ..view.settings.clone()
+        };
+        let image = self.renderer.render(&camera, &settings)?.clone();
+        let drawn = Drawn {
+            image,
+            camera: view.camera.clone(),
+            coarseness,
+            is_final: false,
+            error,
+            counts: self.renderer.counts(),
+            times: self.renderer.times(),
+        };
+        self.tell(shared, drawn);
+        Ok(())
+    }
+
+    fn tell(&mut self, shared: &Shared, drawn: Drawn) {
+        self.drawn = Some(drawn.clone());
+        shared.tell(News::Drawn(Box::new(drawn)));
+    }
+
+    fn pick(&mut self, shared: &Shared, pixel: [usize; 2]) -> ewa_splat::Result<()> {
+        if let Some(view) = &self.view {
+            let picked = self.renderer.pick(&view.camera, &view.settings, pixel)?;
+            shared.tell(News::Picked(picked));
+        }
+        Ok(())
+    }
+}
+
+/// The same view in a picture of another size.
+fn scaled(camera: &Camera, size: [usize; 2]) -> Camera {
+    let scale = glam::DVec2::new(
+        size[0] as f64 / camera.width as f64,
+        size[1] as f64 / camera.height as f64,
+    );
+    Camera {
+        focal_px: camera.focal_px * scale,
+        centre_px: camera.centre_px * scale,
+        width: size[0],
+        height: size[1],
+        ..camera.clone()
+    }
+}
