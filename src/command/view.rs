@@ -6,7 +6,6 @@ use std::process::Command as Process;
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
-use glam::DVec3;
 use indicatif::ProgressBar;
 
 use super::render;
@@ -81,7 +80,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// What a window was asked to show, in the words of `render`.
-pub struct Asked(Box<render::Arguments>);
+pub struct Asked {
+    arguments: Box<render::Arguments>,
+    given: Vec<(String, Option<String>)>,
+}
 
 /// What was read for a window.
 pub struct Shown {
@@ -93,14 +95,8 @@ pub struct Shown {
     pub titles: Vec<Option<String>>,
     /// The box of all data; `None` where nothing has a place.
     pub bounds: Option<Bounds>,
-    up: Up,
-}
-
-impl Shown {
     /// What points up.
-    pub fn up(&self) -> DVec3 {
-        self.up.direction
-    }
+    pub up: Up,
 }
 
 impl std::fmt::Debug for Asked {
@@ -144,15 +140,22 @@ impl Asked {
                 "leave it out, or use `ewa-splat render`",
             ));
         }
-        match render::Arguments::from_arg_matches(matches) {
-            Ok(arguments) => Ok(Self(Box::new(arguments))),
-            Err(error) => error.exit(),
-        }
+        let arguments = render::Arguments::from_arg_matches(matches);
+        let arguments = arguments.unwrap_or_else(|error| error.exit());
+        Ok(Self {
+            arguments: Box::new(arguments),
+            given: given(matches),
+        })
+    }
+
+    /// The options that were given, without dashes, and the value of each that has one.
+    pub fn given(&self) -> &[(String, Option<String>)] {
+        &self.given
     }
 
     /// The size of the picture, where one was asked for.
     pub fn size(&self) -> Option<[usize; 2]> {
-        self.0.size
+        self.arguments.size
     }
 
     /// The files that were named, with what is said of each: `FILE@FIELD@FUNCTION`.
@@ -168,7 +171,7 @@ impl Asked {
             }
             text
         };
-        self.0.inputs.iter().map(text).collect()
+        self.arguments.inputs.iter().map(text).collect()
     }
 
     /// Reads and samples what was asked for.
@@ -180,7 +183,7 @@ impl Asked {
     /// # Errors
     /// Those of `render`.
     pub fn read(&self, field: Option<&str>, chosen: &[bool], task: &Task) -> Result<Shown> {
-        let arguments = &*self.0;
+        let arguments = &*self.arguments;
         arguments.method.check()?;
         let named = arguments.inputs.iter().enumerate();
         let named = named.filter(|(i, _)| chosen.get(*i) != Some(&false));
@@ -223,23 +226,48 @@ impl Asked {
 
     /// The camera that `render` would take.
     ///
+    /// - `up`: what points up in the data.
     /// - `boxes`: of what is visible.
     ///
     /// # Errors
     /// Those of `render`.
-    pub fn camera(&self, shown: &Shown, boxes: Vec<Bounds>, size: [usize; 2]) -> Result<Camera> {
-        let boxes = left_of(boxes, &self.0.clip_planes());
-        self.0
+    pub fn camera(&self, up: Up, boxes: Vec<Bounds>, size: [usize; 2]) -> Result<Camera> {
+        let boxes = left_of(boxes, &self.arguments.clip_planes());
+        self.arguments
             .camera
-            .camera(&boxes, shown.up, &Canvas::of(Some(size)))
+            .camera(&boxes, up, &Canvas::of(Some(size)))
     }
 
     /// How `render` would draw.
     ///
     /// - `suitable`: the variance of the low-pass filter where none was asked for, px².
     pub fn settings(&self, suitable: f32) -> Settings {
-        self.0.settings(self.0.method.low_pass.unwrap_or(suitable))
+        self.arguments
+            .settings(self.arguments.method.low_pass.unwrap_or(suitable))
     }
+}
+
+/// The options of a line, in the order of the help.
+fn given(matches: &ArgMatches) -> Vec<(String, Option<String>)> {
+    let command = Asked::options(Command::new(PROGRAM));
+    let mut given = Vec::new();
+    for option in command.get_arguments() {
+        let id = option.get_id().as_str();
+        let (Some(name), Some(ValueSource::CommandLine)) =
+            (option.get_long(), matches.value_source(id))
+        else {
+            continue;
+        };
+        if !option.get_action().takes_values() {
+            given.push((name.to_owned(), None));
+            continue;
+        }
+        for values in matches.get_raw_occurrences(id).into_iter().flatten() {
+            let texts: Vec<String> = values.map(|v| v.to_string_lossy().into_owned()).collect();
+            given.push((name.to_owned(), Some(texts.join(","))));
+        }
+    }
+    given
 }
 
 /// An error in the words of the command line.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
 use ewa_splat::Settings;
-use ewa_splat::command::Asked;
+use ewa_splat::command::{Asked, line};
 use glam::DVec3;
 
 use crate::curve::History;
@@ -53,6 +53,7 @@ pub(crate) struct App {
     /// Width and height of the picture in pixels.
     pub(crate) size: [usize; 2],
     pub(crate) flies: bool,
+    pub(crate) output: panel::output::Output,
 }
 
 /// A line for people.
@@ -94,6 +95,7 @@ impl App {
             view: None,
             size: [0, 0],
             flies: false,
+            output: panel::output::Output::default(),
         };
         app.load();
         app
@@ -151,6 +153,29 @@ impl App {
         self.worker.pick(pixel);
     }
 
+    /// Width and height of the pictures that are written.
+    pub(crate) fn picture_size(&self) -> [usize; 2] {
+        match self.output.size {
+            [0, _] | [_, 0] => self.size,
+            size => size,
+        }
+    }
+
+    /// Draws the view and writes it.
+    pub(crate) fn write(&mut self, path: PathBuf) {
+        let Some(view) = &self.view else {
+            return self.fail("nothing is shown".into());
+        };
+        let Some(orbit) = &self.orbit else {
+            return;
+        };
+        let view = View {
+            camera: orbit.camera(self.picture_size()),
+            ..view.clone()
+        };
+        self.worker.write(view, path);
+    }
+
     /// Whether nothing is left to be done.
     pub(crate) fn is_at_rest(&self) -> bool {
         let is_final = self.drawn.as_ref().is_some_and(|drawn| drawn.is_final);
@@ -187,6 +212,7 @@ impl App {
                     self.progress = None;
                     self.fail(text);
                 }
+                News::Written(path) => self.say(format!("{} is written", path.display())),
                 News::Loaded(_) => {}
             }
         }
@@ -198,14 +224,6 @@ impl App {
             background: loaded.settings.background.or(Some(BACKGROUND)),
             ..loaded.settings.clone()
         };
-        let distance = loaded.bounds.map_or(1.0, |(centre, half)| {
-            let ahead = (centre - loaded.camera.eye).dot(loaded.camera.forward());
-            if ahead > 0.0 { ahead } else { half.length() }
-        });
-        let orbit = Orbit::of(&loaded.camera, loaded.world_up, distance);
-        self.home = Some(orbit.clone());
-        // Another field of the same data is seen from where they were.
-        self.orbit.get_or_insert(orbit);
         let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
         self.histories = functions.map(|f| f.and_then(History::new)).collect();
         let first = self.histories.iter().position(Option::is_some);
@@ -215,8 +233,32 @@ impl App {
         self.view = None;
     }
 
+    /// The camera that a command would take for a picture of this size.
+    fn place(&mut self) {
+        let Some(loaded) = &self.loaded else {
+            return;
+        };
+        let boxes = loaded.boxes.clone();
+        let camera = match self.asked.camera(loaded.up, boxes, self.size) {
+            Ok(camera) => camera,
+            Err(error) => return self.fail(line(&error)),
+        };
+        let distance = loaded.bounds.map_or(1.0, |(centre, half)| {
+            let ahead = (centre - camera.eye).dot(camera.forward());
+            if ahead > 0.0 { ahead } else { half.length() }
+        });
+        let orbit = Orbit::of(&camera, loaded.up.direction, distance);
+        self.home = Some(orbit.clone());
+        self.orbit = Some(orbit);
+    }
+
     /// Tells the worker what is to be seen, where that has changed.
     fn show_view(&mut self) {
+        // Another field of the same data is seen from where they were.
+        let is_new = self.loaded.as_ref().is_some_and(|l| l.scene == self.scene);
+        if self.orbit.is_none() && is_new && !self.size.contains(&0) {
+            self.place();
+        }
         let (Some(orbit), Some(loaded)) = (&self.orbit, &self.loaded) else {
             return;
         };
@@ -243,9 +285,7 @@ impl App {
         self.hear(&context);
         let dropped: Vec<PathBuf> = context.input(|input| {
             let files = input.raw.dropped_files.iter();
-            files
-                .map(|file| file.path().to_path_buf())
-                .collect()
+            files.map(|file| file.path().to_path_buf()).collect()
         });
         if !dropped.is_empty() {
             self.open(dropped);

@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use ewa_splat::Result;
+use ewa_splat::image::srgb_from_linear;
 use ewa_splat::scene::{ScaleName, TransferDefaults, TransferFunction};
 use serde_json::{Value, json};
 
@@ -19,11 +20,9 @@ pub(crate) struct Curve {
     pub(crate) range: [f32; 2],
     scale: Scale,
     unit_distance: f64,
-    /// Whether colours are linear, and are mixed so; sRGB otherwise.
-    is_linear: bool,
     /// Values, not decreasing, and opacities from 0 to 1.
     pub(crate) opacities: Vec<(f32, f32)>,
-    /// Values, not decreasing, and colours.
+    /// Values, not decreasing, and colours as displays take them.
     pub(crate) colours: Vec<(f32, [f32; 3])>,
 }
 
@@ -70,6 +69,7 @@ impl Curve {
             }
             _ => Scale::Linear,
         };
+        let is_linear = file.get("color_space").and_then(Value::as_str) == Some("linear");
         let (mut opacities, mut colours) = (Vec::new(), Vec::new());
         for point in file.get("points")?.as_array()? {
             let value = number(point.get("value")?)?;
@@ -78,10 +78,10 @@ impl Curve {
             }
             if let Some(colour) = point.get("color").and_then(Value::as_array) {
                 let mut channels = colour.iter().filter_map(number);
-                colours.push((
-                    value,
-                    [channels.next()?, channels.next()?, channels.next()?],
-                ));
+                let colour = [channels.next()?, channels.next()?, channels.next()?];
+                // As displays take them colours are mixed, and maps have few points so.
+                let encode = |c| if is_linear { srgb_from_linear(c) } else { c };
+                colours.push((value, colour.map(encode)));
             }
         }
         let place = |value: f32| scale.position(value);
@@ -101,7 +101,6 @@ impl Curve {
             range,
             scale,
             unit_distance: function.unit_distance(),
-            is_linear: file.get("color_space").and_then(Value::as_str) == Some("linear"),
             opacities,
             colours,
         })
@@ -123,7 +122,7 @@ impl Curve {
         let mut file = json!({
             "range": self.range,
             "unit_distance": self.unit_distance,
-            "color_space": if self.is_linear { "linear" } else { "srgb" },
+            "color_space": "srgb",
             "points": points,
         });
         match self.scale {
@@ -214,23 +213,6 @@ impl Curve {
             (None, None) => [1.0; 3],
         };
         self.colours.insert(at, (value, colour));
-    }
-
-    /// The colour of a stop as displays take it.
-    pub(crate) fn srgb(&self, colour: [f32; 3]) -> [f32; 3] {
-        match self.is_linear {
-            true => colour.map(ewa_splat::image::srgb_from_linear),
-            false => colour,
-        }
-    }
-
-    /// A stop's colour from one as displays take it.
-    pub(crate) fn set_srgb(&mut self, i: usize, srgb: [f32; 3]) {
-        let colour = match self.is_linear {
-            true => srgb.map(ewa_splat::image::linear_from_srgb),
-            false => srgb,
-        };
-        self.colours[i].1 = colour.map(|c| c.clamp(0.0, 1.0));
     }
 }
 
@@ -381,7 +363,6 @@ mod tests {
             range: [1.0, 100.0],
             scale: Scale::Logarithmic,
             unit_distance: 1.0,
-            is_linear: false,
             opacities: vec![(1.0, 0.0), (10.0, 0.5), (100.0, 1.0)],
             colours: vec![(1.0, [0.0; 3]), (100.0, [1.0; 3])],
         };

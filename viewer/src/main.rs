@@ -11,6 +11,9 @@ mod histogram;
 mod orbit;
 mod panel;
 mod screenshot;
+#[cfg(test)]
+mod tests;
+mod words;
 mod worker;
 
 use std::process::ExitCode;

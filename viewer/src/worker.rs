@@ -4,11 +4,13 @@
 //! at once, as coarse as the time of a frame asks; when nothing has changed for a while the picture is refined, and its error
 //! is measured. Then the thread sleeps.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ewa_splat::command::{Asked, Shown, line};
+use ewa_splat::io::{Up, write_image};
 use ewa_splat::measure::{ErrorSample, SampledError};
 use ewa_splat::render::{FrameCounts, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
@@ -49,9 +51,10 @@ pub(crate) struct Load {
 #[derive(Debug, Clone)]
 pub(crate) struct Loaded {
     pub(crate) scene: u64,
-    pub(crate) camera: Camera,
     pub(crate) settings: Settings,
-    pub(crate) world_up: glam::DVec3,
+    pub(crate) up: Up,
+    /// Around what is visible.
+    pub(crate) boxes: Vec<Bounds>,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) volumes: Vec<Volume>,
     pub(crate) particle_count: usize,
@@ -73,7 +76,6 @@ pub(crate) struct Volume {
 #[derive(Debug, Clone)]
 pub(crate) struct Drawn {
     pub(crate) image: Image,
-    pub(crate) camera: Camera,
     pub(crate) coarseness: Coarseness,
     /// Whether nothing is left to be refined.
     pub(crate) is_final: bool,
@@ -89,6 +91,7 @@ pub(crate) enum News {
     Loaded(Box<Loaded>),
     Drawn(Box<Drawn>),
     Picked(Vec<Picked>),
+    Written(PathBuf),
     /// In the words of the command line; what was there stays.
     Failed(String),
 }
@@ -98,6 +101,7 @@ struct Mailbox {
     load: Option<Load>,
     view: Option<View>,
     pick: Option<[usize; 2]>,
+    write: Option<(View, PathBuf)>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
@@ -184,7 +188,12 @@ impl Worker {
         self.wish(|mailbox| mailbox.pick = Some(pixel));
     }
 
-    /// Ends what is being done.
+    /// Draws a view as it is asked for, and writes the picture.
+    pub(crate) fn write(&self, view: View, path: PathBuf) {
+        self.wish(|mailbox| mailbox.write = Some((view, path)));
+    }
+
+    /// Ends what is being read.
     pub(crate) fn cancel(&self) {
         self.wish(|mailbox| {
             mailbox.load = None;
@@ -213,6 +222,7 @@ enum Job {
     Load(Load),
     Show(View),
     Pick([usize; 2]),
+    Write(View, PathBuf),
     /// Nothing new for a while.
     Refine,
     End,
@@ -235,6 +245,9 @@ fn next(shared: &Shared, is_unfinished: bool) -> Job {
         }
         if let Some(pixel) = mailbox.pick.take() {
             return Job::Pick(pixel);
+        }
+        if let Some((view, path)) = mailbox.write.take() {
+            return Job::Write(view, path);
         }
         let left = REST.saturating_sub(since.elapsed());
         mailbox = match is_unfinished {
@@ -260,6 +273,7 @@ fn work(shared: &Arc<Shared>) {
             (Job::Load(load), stage) => read(shared, &load).map(|read| *stage = Some(read)),
             (Job::Show(view), Some(stage)) => stage.show(shared, view),
             (Job::Pick(pixel), Some(stage)) => stage.pick(shared, pixel),
+            (Job::Write(view, path), Some(stage)) => stage.write(shared, &view, path),
             (Job::Refine, Some(stage)) => stage.refine(shared),
             (_, None) => Ok(()),
         };
@@ -299,14 +313,12 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     };
     let scene = std::mem::take(&mut shown.volumes);
     let renderer = Renderer::with_options(scene, &options)?.on_backend(Backend::Auto)?;
-    let size = asked.size().unwrap_or([1024, 640]);
-    let camera = asked.camera(&shown, renderer.visible_boxes(), size)?;
     let settings = asked.settings(renderer.suitable_low_pass_px2());
     let loaded = Loaded {
         scene: load.scene,
-        camera,
         settings,
-        world_up: shown.up(),
+        up: shown.up,
+        boxes: renderer.visible_boxes(),
         bounds: shown.bounds,
         particle_count: renderer.particle_count(),
         bytes_per_particle: renderer.bytes_per_particle(),
@@ -437,7 +449,6 @@ impl Stage {
         let image = self.renderer.render(&camera, &settings)?.clone();
         let drawn = Drawn {
             image,
-            camera: view.camera.clone(),
             coarseness,
             is_final: false,
             error,
@@ -457,6 +468,17 @@ impl Stage {
         if let Some(view) = &self.view {
             let picked = self.renderer.pick(&view.camera, &view.settings, pixel)?;
             shared.tell(News::Picked(picked));
+        }
+        Ok(())
+    }
+}
+
+impl Stage {
+    fn write(&mut self, shared: &Shared, view: &View, path: PathBuf) -> ewa_splat::Result<()> {
+        if view.scene == self.scene {
+            let image = self.renderer.render(&view.camera, &view.settings)?;
+            write_image(&path, image)?;
+            shared.tell(News::Written(path));
         }
         Ok(())
     }

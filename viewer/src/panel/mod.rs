@@ -4,6 +4,7 @@ pub(crate) mod camera;
 pub(crate) mod inputs;
 pub(crate) mod keys;
 pub(crate) mod method;
+pub(crate) mod output;
 pub(crate) mod picture;
 pub(crate) mod probe;
 pub(crate) mod statistics;
@@ -21,6 +22,7 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
             inputs::show(app, ui);
             method::show(app, ui);
             camera::show(app, ui);
+            output::show(app, ui);
         });
     });
 }

@@ -3,6 +3,7 @@
 use egui::{
     CollapsingHeader, Color32, ComboBox, Pos2, Rect, Response, Sense, Shape, Stroke, Ui, Vec2,
 };
+use ewa_splat::image::srgb_from_linear;
 use ewa_splat::scene::{AutomaticOptions, COLOUR_MAP_NAMES, TransferFunction, ValueSample};
 
 use crate::app::App;
@@ -157,20 +158,11 @@ fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
             let value = curve.value((f32::from(i) + 0.5) / f32::from(PARTS));
             let position = history.function().value_scale().position(value);
             let [r, g, b, _] = history.function().classify(position);
-            let byte = |c: f32| {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a colour from 0 to 1"
-                )]
-                {
-                    (ewa_splat::image::srgb_from_linear(c).clamp(0.0, 1.0) * 255.0).round() as u8
-                }
-            };
+            let [r, g, b] = [r, g, b].map(|c| byte(srgb_from_linear(c)));
             let left = strip.left() + f32::from(i) * width;
             let part =
                 Rect::from_min_size(Pos2::new(left, strip.top()), Vec2::new(width + 0.5, STRIP));
-            painter.rect_filled(part, 0.0, Color32::from_rgb(byte(r), byte(g), byte(b)));
+            painter.rect_filled(part, 0.0, Color32::from_rgb(r, g, b));
         }
     }
     let mut goes_on = false;
@@ -214,17 +206,30 @@ fn colours(app: &mut App, curve: &mut Curve, ui: &mut Ui) -> bool {
         curve.add_colour((pos.x - strip.left()) / strip.width());
     }
     if let Some(i) = app.stop
-        && let Some(&(value, colour)) = curve.colours.get(i)
+        && let Some((value, colour)) = curve.colours.get_mut(i)
     {
         ui.horizontal(|ui| {
-            let mut srgb = curve.srgb(colour);
-            if ui.color_edit_button_rgb(&mut srgb).changed() {
-                curve.set_srgb(i, srgb);
+            let [r, g, b] = colour.map(byte);
+            let mut bytes = [r, g, b];
+            if ui.color_edit_button_srgb(&mut bytes).changed() {
+                *colour = bytes.map(|c| f32::from(c) / 255.0);
             }
             ui.label(format!("at {value:.5}"));
         });
     }
     goes_on
+}
+
+/// A share of 1 as a byte.
+fn byte(share: f32) -> u8 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "held to what a byte holds"
+    )]
+    {
+        (share.clamp(0.0, 1.0) * 255.0).round() as u8
+    }
 }
 
 /// Undo, maps, and the way to files.

@@ -1,0 +1,141 @@
+//! What is written: the picture, the function, the command that makes the picture again.
+
+use std::path::{Path, PathBuf};
+
+use egui::{CollapsingHeader, TextEdit, Ui};
+use ewa_splat::io::{check_image_path, write_bytes_atomically};
+
+use crate::app::App;
+use crate::words::{self, State};
+
+/// Where pictures and functions are written.
+#[derive(Debug, Clone)]
+pub(crate) struct Output {
+    pub(crate) picture: String,
+    pub(crate) function: String,
+    /// Width and height in pixels; those of the window where they are 0.
+    pub(crate) size: [usize; 2],
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self {
+            picture: "picture.png".into(),
+            function: "function.json".into(),
+            size: [0, 0],
+        }
+    }
+}
+
+pub(crate) fn show(app: &mut App, ui: &mut Ui) {
+    CollapsingHeader::new("Output").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            ui.add(TextEdit::singleline(&mut app.output.picture).desired_width(110.0));
+            if ui
+                .button("Save picture")
+                .on_hover_text("png, exr, pfm or npy")
+                .clicked()
+            {
+                save_picture(app);
+            }
+        });
+        ui.horizontal(|ui| {
+            ui.label("size");
+            for n in &mut app.output.size {
+                ui.add(egui::DragValue::new(n).range(0..=65_535));
+            }
+            ui.label("0: the window's");
+        });
+        ui.horizontal(|ui| {
+            ui.add(TextEdit::singleline(&mut app.output.function).desired_width(110.0));
+            if ui
+                .button("Save")
+                .on_hover_text("the transfer function")
+                .clicked()
+            {
+                save_function(app);
+            }
+            if ui.button("Load").clicked() {
+                load_function(app);
+            }
+        });
+        let tip = "the line that makes this picture; a function that was edited is saved first";
+        if ui.button("Copy command").on_hover_text(tip).clicked()
+            && let Some(line) = command(app)
+        {
+            ui.ctx().copy_text(line);
+            app.say("the command is on the clipboard".into());
+        }
+    });
+}
+
+/// Draws the picture at the size that is asked for, by the tolerance that is asked for.
+fn save_picture(app: &mut App) {
+    let path = PathBuf::from(&app.output.picture);
+    match check_image_path(&path) {
+        Ok(()) => app.write(path),
+        Err(error) => app.fail(ewa_splat::command::line(&error)),
+    }
+}
+
+fn save_function(app: &mut App) {
+    let path = PathBuf::from(&app.output.function);
+    let Some(history) = app.history() else {
+        return app.fail("no transfer function".into());
+    };
+    let text = history.curve().to_json();
+    match write_bytes_atomically(&path, text.as_bytes()) {
+        Ok(()) => app.say(format!("{} is written", path.display())),
+        Err(error) => app.fail(ewa_splat::command::line(&error)),
+    }
+}
+
+fn load_function(app: &mut App) {
+    use ewa_splat::scene::{TransferDefaults, TransferFunction};
+    let path = app.output.function.clone();
+    let path = Path::new(&path);
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) => return app.fail(format!("{}: {error}", path.display())),
+    };
+    let Some(history) = app.history() else {
+        return app.fail("no transfer function".into());
+    };
+    let defaults = TransferDefaults {
+        range: history.curve().range,
+        unit_distance: history.function().unit_distance(),
+    };
+    let read = TransferFunction::from_json(path, &text, &defaults);
+    match read {
+        Ok(function) => {
+            if let Some(curve) = crate::curve::Curve::of(&function) {
+                history.push(function, curve, false);
+            }
+        }
+        Err(error) => app.fail(ewa_splat::command::line(&error)),
+    }
+}
+
+/// The command that makes the picture of the window; a function that was edited is saved first.
+pub(crate) fn command(app: &mut App) -> Option<String> {
+    let is_edited = app.history().is_some_and(|history| history.can_undo());
+    if is_edited {
+        save_function(app);
+    }
+    let size = app.picture_size();
+    let loaded = app.loaded.as_ref()?;
+    let chosen = app.inputs.iter().zip(&app.chosen);
+    let state = State {
+        asked: &app.asked,
+        inputs: chosen
+            .filter_map(|(input, is_chosen)| is_chosen.then_some(input.as_str()))
+            .collect(),
+        field: app.field.as_deref(),
+        function: is_edited.then_some(app.output.function.as_str()),
+        orbit: app.orbit.as_ref()?,
+        settings: [&loaded.settings, &app.settings],
+        size,
+        out: &app.output.picture,
+    };
+    Some(words::line(&words::words(&state)))
+}

@@ -1,0 +1,244 @@
+//! The window as hands use it, without one.
+
+use std::time::{Duration, Instant};
+
+use egui::{Event, PointerButton, Pos2, Vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+
+use crate::app::App;
+
+const LONGEST: Duration = Duration::from_secs(120);
+
+fn fixture(name: &str) -> String {
+    format!("{}/../fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn window(words: &[&str]) -> Harness<'static, App> {
+    let words = std::iter::once("ewa-splat-view").chain(words.iter().copied());
+    let asked = crate::arguments::parse(words.map(Into::into))
+        .unwrap()
+        .asked;
+    let app = App::new(asked, &egui::Context::default());
+    let size = Vec2::new(960.0, 640.0);
+    let mut window = Harness::builder()
+        .with_size(size)
+        .build_ui_state(|ui, app: &mut App| app.ui(ui), app);
+    rest(&mut window);
+    window
+}
+
+/// A window on the fixture of the README.
+fn wake() -> Harness<'static, App> {
+    let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    window(&[&grid, "--transfer-function", &function])
+}
+
+/// Steps until nothing is left to be done.
+fn rest(window: &mut Harness<'_, App>) {
+    let begun = Instant::now();
+    let mut passes = 0;
+    while passes < 3 {
+        window.step();
+        passes = if window.state().is_at_rest() {
+            passes + 1
+        } else {
+            0
+        };
+        assert!(
+            begun.elapsed() < LONGEST,
+            "no rest: {:?}",
+            window.state().message
+        );
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2, button: PointerButton) {
+    let press = |pos, pressed| Event::PointerButton {
+        pos,
+        button,
+        pressed,
+        modifiers: egui::Modifiers::NONE,
+    };
+    window.event(Event::PointerMoved(from));
+    window.step();
+    window.event(press(from, true));
+    window.step();
+    for i in 1..=4 {
+        window.event(Event::PointerMoved(from + (to - from) * (i as f32 / 4.0)));
+        window.step();
+    }
+    window.event(press(to, false));
+    window.step();
+}
+
+fn pixels(window: &Harness<'_, App>) -> Vec<u8> {
+    let drawn = window.state().drawn.as_ref().unwrap();
+    assert_eq!([drawn.image.width, drawn.image.height], window.state().size);
+    drawn.image.to_srgb8()
+}
+
+/// The picture that the command of a window makes.
+fn of_command(window: &mut Harness<'_, App>) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).display().to_string();
+    let output = &mut window.state_mut().output;
+    output.picture = name("a.png");
+    output.function = name("f.json");
+    let line = crate::panel::output::command(window.state_mut()).unwrap();
+    let program = ewa_splat_program();
+    let words = line.split(' ').skip(1).map(|word| word.trim_matches('\''));
+    let status = std::process::Command::new(program)
+        .args(words)
+        .args(["--backend", "cpu"])
+        .status();
+    assert!(status.unwrap().success(), "{line}");
+    let file = std::fs::File::open(folder.path().join("a.png")).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgba);
+    pixels
+}
+
+/// The command line of this build: cargo builds it beside this test's own program.
+fn ewa_splat_program() -> std::path::PathBuf {
+    let own = std::env::current_exe().unwrap();
+    let folder = own.parent().unwrap().parent().unwrap();
+    let program = folder.join(format!("ewa-splat{}", std::env::consts::EXE_SUFFIX));
+    assert!(program.is_file(), "build it first: cargo build");
+    program
+}
+
+#[test]
+fn pictures_are_those_of_the_command_line() {
+    let mut window = wake();
+    assert_eq!(pixels(&window), of_command(&mut window));
+    // An opacity point that is dragged, seen from elsewhere.
+    let point = window
+        .get_by_label_contains("opacity 0.350")
+        .rect()
+        .center();
+    let centre = Pos2::new(450.0, 250.0);
+    drag(
+        &mut window,
+        point,
+        point + Vec2::new(12.0, -40.0),
+        PointerButton::Primary,
+    );
+    drag(
+        &mut window,
+        centre,
+        centre + Vec2::new(90.0, -35.0),
+        PointerButton::Primary,
+    );
+    rest(&mut window);
+    assert!(window.state_mut().history().unwrap().can_undo());
+    assert_eq!(pixels(&window), of_command(&mut window));
+}
+
+#[test]
+fn turns_lead_back_and_undo_restores() {
+    let mut window = wake();
+    let before = pixels(&window);
+    let step = |window: &mut Harness<'_, App>, degrees: f64| {
+        window
+            .state_mut()
+            .orbit
+            .as_mut()
+            .unwrap()
+            .turn(degrees.to_radians(), 0.0);
+        window.step();
+    };
+    for _ in 0..8 {
+        step(&mut window, 45.0);
+    }
+    rest(&mut window);
+    let apart = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max();
+    // What eight turns round.
+    assert!(apart(&before, &pixels(&window)) <= Some(1));
+    step(&mut window, 45.0);
+    rest(&mut window);
+    assert!(apart(&before, &pixels(&window)) > Some(30));
+    step(&mut window, -45.0);
+
+    let point = window
+        .get_by_label_contains("opacity 0.350")
+        .rect()
+        .center();
+    drag(
+        &mut window,
+        point,
+        point - Vec2::new(0.0, 60.0),
+        PointerButton::Primary,
+    );
+    rest(&mut window);
+    assert!(apart(&before, &pixels(&window)) > Some(30));
+    window.get_by_label("Undo").click();
+    window.step();
+    rest(&mut window);
+    assert!(apart(&before, &pixels(&window)) <= Some(1));
+}
+
+#[test]
+fn what_cannot_be_read_is_told_and_leaves_the_scene() {
+    let mut window = wake();
+    let before = pixels(&window);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("broken.vtu");
+    std::fs::write(&path, "<VTKFile type=\"UnstructuredGrid\">").unwrap();
+    window.state_mut().open(vec![path]);
+    rest(&mut window);
+    let message = window.state().message.clone().unwrap();
+    assert!(
+        message.is_error && message.text.contains("broken.vtu"),
+        "{message:?}"
+    );
+    assert_eq!(before, pixels(&window));
+}
+
+#[test]
+fn a_click_tells_what_is_there() {
+    let mut window = wake();
+    let centre = Pos2::new(450.0, 300.0);
+    for pressed in [true, false] {
+        window.event(Event::PointerMoved(centre));
+        window.event(Event::PointerButton {
+            pos: centre,
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: egui::Modifiers::NONE,
+        });
+        window.step();
+    }
+    let begun = Instant::now();
+    while window.query_by_label_contains("of the pixel").is_none() {
+        window.step();
+        assert!(begun.elapsed() < LONGEST);
+    }
+}
+
+#[test]
+fn every_panel_opens() {
+    let mut window = wake();
+    for name in [
+        "Data",
+        "Method",
+        "Clip",
+        "Camera",
+        "Output",
+        "Transfer function",
+        "Probe",
+        "Cost",
+    ] {
+        window.get_by_label(name).click();
+        window.step();
+        window.step();
+        window.get_by_label(name).click();
+        window.step();
+    }
+    rest(&mut window);
+}

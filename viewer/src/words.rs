@@ -1,0 +1,185 @@
+//! The command that makes the picture of the window.
+
+use ewa_splat::command::Asked;
+use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
+use ewa_splat::{Filter, Settings};
+
+use crate::orbit::{Lens, Orbit};
+
+/// Options that the window's state takes the place of.
+const REPLACED: [&str; 24] = [
+    "eye",
+    "target",
+    "up",
+    "fov",
+    "ortho",
+    "azimuth",
+    "elevation",
+    "zoom",
+    "fit",
+    "camera",
+    "size",
+    "tolerance",
+    "filter",
+    "composite",
+    "slab-thickness",
+    "post-classification",
+    "classify",
+    "level-of-detail",
+    "clip",
+    "show",
+    "background",
+    "lit",
+    "unlit",
+    "light",
+];
+
+/// What a window shows.
+pub(crate) struct State<'a> {
+    pub(crate) asked: &'a Asked,
+    /// The inputs that are chosen.
+    pub(crate) inputs: Vec<&'a str>,
+    pub(crate) field: Option<&'a str>,
+    /// The file of a function that was edited.
+    pub(crate) function: Option<&'a str>,
+    pub(crate) orbit: &'a Orbit,
+    /// The settings that were asked for, and those in force.
+    pub(crate) settings: [&'a Settings; 2],
+    pub(crate) size: [usize; 2],
+    pub(crate) out: &'a str,
+}
+
+/// The words of the command, each as it is without a shell.
+pub(crate) fn words(state: &State<'_>) -> Vec<String> {
+    let mut words = vec!["ewa-splat".to_owned(), "render".to_owned()];
+    words.extend(state.inputs.iter().map(|input| (*input).to_owned()));
+    let mut say = |name: &str, value: Option<String>| {
+        // With = a value may begin with a dash.
+        words.push(match value {
+            Some(value) => format!("--{name}={value}"),
+            None => format!("--{name}"),
+        });
+    };
+    let [asked, now] = state.settings;
+    let keeps_light = asked.lighting == now.lighting;
+    for (name, value) in state.asked.given() {
+        let is_light = ["lit", "unlit", "light"].contains(&name.as_str());
+        let is_replaced = REPLACED.contains(&name.as_str()) && !(is_light && keeps_light);
+        let is_field = name == "field" && state.field.is_some();
+        let is_function = [
+            "transfer-function",
+            "range",
+            "scale",
+            "opacity-scale",
+            "unit-distance",
+        ]
+        .contains(&name.as_str())
+            && state.function.is_some();
+        if !(is_replaced || is_field || is_function) {
+            say(name, value.clone());
+        }
+    }
+    if let Some(field) = state.field {
+        say("field", Some(field.to_owned()));
+    }
+    if let Some(function) = state.function {
+        say("transfer-function", Some(function.to_owned()));
+    }
+    let vector = |v: glam::DVec3| Some(format!("{},{},{}", v.x, v.y, v.z));
+    say("eye", vector(state.orbit.eye));
+    say("target", vector(state.orbit.target));
+    say("up", vector(state.orbit.up));
+    match state.orbit.lens {
+        Lens::Perspective(fov) => say("fov", Some(fov.to_string())),
+        Lens::Orthographic(height) => say("ortho", Some(height.to_string())),
+    }
+    say("size", Some(format!("{}x{}", state.size[0], state.size[1])));
+    settings(asked, now, &mut say);
+    say("out", Some(state.out.to_owned()));
+    words
+}
+
+/// What is drawn otherwise than by default.
+fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<String>)) {
+    let default = Settings::default();
+    let text = |text: &str| Some(text.to_owned());
+    if now.tolerance != default.tolerance {
+        say("tolerance", Some(now.tolerance.to_string()));
+    }
+    match now.filter {
+        Filter::Adaptive => {}
+        Filter::Exact => say("filter", text("exact")),
+        Filter::Ewa => say("filter", text("ewa")),
+        Filter::Reconstruction => say("filter", text("reconstruction")),
+        Filter::LowPass => say("filter", text("low-pass")),
+        Filter::Isotropic => say("filter", text("isotropic")),
+        Filter::UniformScaling => say("filter", text("uniform-scaling")),
+    }
+    let name = match now.composite {
+        Composite::Sheets { .. } => Some("sheets"),
+        Composite::AxisSheets { .. } => Some("axis-sheets"),
+        Composite::Slabs { .. } => Some("slabs"),
+        Composite::Maximum { .. } => Some("maximum"),
+        _ => None,
+    };
+    if let Some(name) = name {
+        say("composite", text(name));
+    }
+    if let Composite::Slabs {
+        classify: ClassifyAt::Slab,
+        ..
+    } = now.composite
+    {
+        say("post-classification", None);
+    }
+    if let Some(thickness) = now.composite.thickness() {
+        say("slab-thickness", Some(thickness.to_string()));
+    }
+    if now.classify == Classification::Particle {
+        say("classify", text("particle"));
+    }
+    if !now.level_of_detail {
+        say("level-of-detail", text("off"));
+    }
+    for plane in &now.clip {
+        let n = plane.normal;
+        say(
+            "clip",
+            Some(format!("{},{},{},{}", n.x, n.y, n.z, plane.distance)),
+        );
+    }
+    match now.show {
+        Show::Scene => {}
+        Show::Choice => say("show", text("choice")),
+        Show::Count => say("show", text("count")),
+    }
+    match now.background {
+        _ if now.background == asked.background => {}
+        Some([r, g, b]) => say("background", Some(format!("{r},{g},{b}"))),
+        None => say("background", text("none")),
+    }
+    if asked.lighting != now.lighting && now.lighting.is_none() {
+        say("unlit", None);
+    }
+}
+
+/// The words as a shell reads them.
+pub(crate) fn line(words: &[String]) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:+@%".contains(c);
+    let quoted = words.iter().map(|word| match word.chars().all(is_plain) {
+        true => word.clone(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    });
+    quoted.collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_with_blanks_and_quotes_stay_one() {
+        let words = ["a", "b c", "it's", "x@y"].map(str::to_owned);
+        assert_eq!(line(&words), r"a 'b c' 'it'\''s' x@y");
+    }
+}
