@@ -470,7 +470,7 @@ static FORMATS: &[Format] = &[
         family: Family::Clouds,
         endings: &["las"],
         reads: "versions 1.0 to 1.4, formats of points 0 to 10, extra bytes; colours of bytes and words. Points that are \
-                flagged as withheld are left out. LAZ is refused by name",
+                flagged as withheld are left out. LAZ is refused by name, with the commands that unpack it",
         begins: |p| p.head.starts_with(las::MAGIC),
         is_named: |p| p.ends_in(&["laz"]),
         read: |input, _| las::read(input),

@@ -47,6 +47,12 @@ const DESCRIPTION: usize = 192;
 /// Bytes of a point in each format.
 const SIZES: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
+/// What to do about LAZ. Its times of GPS may switch to another sequence any number of times within a point, and the decoder
+/// `laz` 0.13 calls itself at each switch: some damaged bytes overflow the stack, which no check of the file's lengths
+/// foresees and which ends the program.
+const UNPACK: &str = "unpack them: `las2las -i in.laz -o out.las`, `pdal translate in.laz out.las`, or `laspy decompress in.laz` \
+                      (of the Python package `laspy[cli,lazrs]`)";
+
 /// Reads a cloud.
 ///
 /// # Errors
@@ -127,7 +133,7 @@ impl<'a> Las<'a> {
                 "points",
                 "LAS, which is not compressed",
                 "points that are packed by LAZ, which are not read",
-                "unpack them: `las2las -i in.laz -o out.las`, `pdal translate in.laz out.las`, or laspy",
+                UNPACK,
             ));
         }
         let format = head[104];
