@@ -50,6 +50,8 @@ pub(crate) struct App {
     pub(crate) shows_panels: bool,
     /// The last view that the worker was told of.
     view: Option<View>,
+    /// How many views there were.
+    views: u64,
     /// Width and height of the picture in pixels.
     pub(crate) size: [usize; 2],
     pub(crate) flies: bool,
@@ -93,6 +95,7 @@ impl App {
             probe: None,
             shows_panels: true,
             view: None,
+            views: 0,
             size: [0, 0],
             flies: false,
             output: panel::output::Output::default(),
@@ -178,7 +181,10 @@ impl App {
 
     /// Whether nothing is left to be done.
     pub(crate) fn is_at_rest(&self) -> bool {
-        let is_final = self.drawn.as_ref().is_some_and(|drawn| drawn.is_final);
+        let is_final = match (&self.drawn, &self.view) {
+            (Some(drawn), Some(view)) => drawn.is_final && drawn.number == view.number,
+            _ => false,
+        };
         let is_failed = self
             .message
             .as_ref()
@@ -269,11 +275,15 @@ impl App {
         let functions = functions.map(|h| h.as_ref().map(|h| h.function().clone()));
         let view = View {
             scene: self.scene,
+            number: self.view.as_ref().map_or(0, |view| view.number),
             camera: orbit.camera(self.size),
             settings: self.settings.clone(),
             functions: functions.collect(),
         };
         if self.view.as_ref() != Some(&view) {
+            self.views += 1;
+            let number = self.views;
+            let view = View { number, ..view };
             self.worker.show(view.clone());
             self.view = Some(view);
         }

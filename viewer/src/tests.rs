@@ -100,8 +100,9 @@ fn of_command(window: &mut Harness<'_, App>) -> Vec<u8> {
         .unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut pixels).unwrap();
-    assert_eq!(info.color_type, png::ColorType::Rgba);
-    pixels
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    let opaque = |rgb: &[u8]| [rgb[0], rgb[1], rgb[2], 255];
+    pixels.chunks(3).flat_map(opaque).collect()
 }
 
 /// The command line of this build: cargo builds it beside this test's own program.

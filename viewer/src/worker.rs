@@ -31,6 +31,8 @@ const FIRST_STEP: f32 = 4.0;
 pub(crate) struct View {
     /// Of which scene: the number of its [`Load`].
     pub(crate) scene: u64,
+    /// Its own number.
+    pub(crate) number: u64,
     pub(crate) camera: Camera,
     pub(crate) settings: Settings,
     /// The transfer function of each volume that has one.
@@ -75,6 +77,8 @@ pub(crate) struct Volume {
 /// A picture, and how it came about.
 #[derive(Debug, Clone)]
 pub(crate) struct Drawn {
+    /// Of which view: its number.
+    pub(crate) number: u64,
     pub(crate) image: Image,
     pub(crate) coarseness: Coarseness,
     /// Whether nothing is left to be refined.
@@ -448,6 +452,7 @@ impl Stage {
         };
         let image = self.renderer.render(&camera, &settings)?.clone();
         let drawn = Drawn {
+            number: view.number,
             image,
             coarseness,
             is_final: false,
