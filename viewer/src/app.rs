@@ -32,6 +32,8 @@ pub(crate) struct App {
     pub(crate) orbit: Option<Orbit>,
     /// The camera that the data were first seen by.
     pub(crate) home: Option<Orbit>,
+    /// The size of the picture that it is fitted to.
+    placed_in: [usize; 2],
     pub(crate) saved: Vec<Orbit>,
     /// The functions of the volumes, where they have any.
     pub(crate) histories: Vec<Option<History>>,
@@ -83,6 +85,7 @@ impl App {
             settings: Settings::default(),
             orbit: None,
             home: None,
+            placed_in: [0, 0],
             saved: Vec::new(),
             histories: Vec::new(),
             edited: 0,
@@ -256,13 +259,16 @@ impl App {
         let orbit = Orbit::of(&camera, loaded.up.direction, distance);
         self.home = Some(orbit.clone());
         self.orbit = Some(orbit);
+        self.placed_in = self.size;
     }
 
     /// Tells the worker what is to be seen, where that has changed.
     fn show_view(&mut self) {
-        // Another field of the same data is seen from where they were.
-        let is_new = self.loaded.as_ref().is_some_and(|l| l.scene == self.scene);
-        if self.orbit.is_none() && is_new && !self.size.contains(&0) {
+        // Another field of the same data is seen from where they were; who has not moved sees all of them in a window of any
+        // size.
+        let is_read = self.loaded.as_ref().is_some_and(|l| l.scene == self.scene);
+        let is_home = self.orbit == self.home && self.placed_in != self.size;
+        if (self.orbit.is_none() || is_home) && is_read && !self.size.contains(&0) {
             self.place();
         }
         let (Some(orbit), Some(loaded)) = (&self.orbit, &self.loaded) else {

@@ -189,11 +189,11 @@ impl Orbit {
         serde_json::to_string(&file).unwrap_or_default()
     }
 
-    /// A camera from the JSON of [`Self::to_json`].
+    /// This camera placed by the JSON of [`Self::to_json`].
     ///
     /// # Errors
     /// Why it is none, in a line.
-    pub(crate) fn from_json(&self, text: &str) -> Result<Self, String> {
+    pub(crate) fn as_in_json(&self, text: &str) -> Result<Self, String> {
         let file: File = serde_json::from_str(text).map_err(|e| format!("no camera: {e}"))?;
         let [eye, target, up] = [file.eye, file.target, file.up].map(DVec3::from_array);
         let lens = match (file.fov_deg, file.ortho_height) {
@@ -285,13 +285,13 @@ mod tests {
         let read = ewa_splat::view::read_camera(&path, Some([640, 480]));
         std::fs::remove_file(&path).unwrap();
         assert!(is_near(&read.unwrap(), &orbit.camera([640, 480])));
-        assert_eq!(orbit.from_json(&orbit.to_json()).unwrap().eye, orbit.eye);
+        assert_eq!(orbit.as_in_json(&orbit.to_json()).unwrap().eye, orbit.eye);
         for text in [
             "",
             "{}",
             r#"{"eye":[0,0,0],"target":[0,0,0],"up":[0,0,1],"fov_deg":3}"#,
         ] {
-            assert!(orbit.from_json(text).is_err(), "{text}");
+            assert!(orbit.as_in_json(text).is_err(), "{text}");
         }
     }
 }

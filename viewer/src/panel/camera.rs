@@ -102,7 +102,7 @@ pub(crate) fn paste(app: &mut App, text: &str) {
     let Some(orbit) = &app.orbit else {
         return;
     };
-    match orbit.from_json(text) {
+    match orbit.as_in_json(text) {
         Ok(orbit) => app.orbit = Some(orbit),
         Err(why) => app.fail(why),
     }
