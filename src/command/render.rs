@@ -68,7 +68,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) legend: LegendOptions,
     #[command(flatten)]
-    sequence: SequenceOptions,
+    pub(super) sequence: SequenceOptions,
     #[command(flatten)]
     annotations: AnnotationOptions,
 }

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command as Process;
+use std::sync::OnceLock;
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
@@ -10,8 +11,10 @@ use indicatif::ProgressBar;
 
 use super::render;
 use super::scene::Scene;
+use super::source::Input;
 use super::viewpoint::{Canvas, left_of};
 use crate::io::Up;
+use crate::sample::{SampleOptions, TransferChoice};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
 use crate::{Error, Result, Settings, Task};
@@ -20,7 +23,7 @@ use crate::{Error, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Options of `render` that say what is written, of which a window writes nothing: by their identifiers.
-const OF_FILES: [&str; 20] = [
+const OF_FILES: [&str; 19] = [
     "out",
     "stats",
     "depth",
@@ -32,7 +35,6 @@ const OF_FILES: [&str; 20] = [
     "column_mean",
     "turntable",
     "camera_path",
-    "series",
     "rate",
     "measure_error",
     "calibrate",
@@ -83,6 +85,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 pub struct Asked {
     arguments: Box<render::Arguments>,
     given: Vec<(String, Option<String>)>,
+    /// What the steps of a series share.
+    series: OnceLock<TransferChoice>,
 }
 
 /// What was read for a window.
@@ -145,6 +149,7 @@ impl Asked {
         Ok(Self {
             arguments: Box::new(arguments),
             given: given(matches),
+            series: OnceLock::new(),
         })
     }
 
@@ -160,7 +165,7 @@ impl Asked {
 
     /// The files that were named, with what is said of each: `FILE@FIELD@FUNCTION`.
     pub fn inputs(&self) -> Vec<String> {
-        let text = |input: &super::source::Input| {
+        let text = |input: &Input| {
             let parts = [&input.field, &input.function];
             let said = parts.iter().rposition(|part| part.is_some());
             let said = said.map_or(&parts[..0], |last| &parts[..=last]);
@@ -174,26 +179,60 @@ impl Asked {
         self.arguments.inputs.iter().map(text).collect()
     }
 
+    /// The inputs that are chosen, as steps of time where they are a series.
+    fn chosen(&self, chosen: &[bool]) -> Result<Vec<Input>> {
+        let arguments = &*self.arguments;
+        let named = arguments.inputs.iter().enumerate();
+        let named = named.filter(|(i, _)| chosen.get(*i) != Some(&false));
+        let named = named.map(|(_, input)| input.clone()).collect();
+        arguments.data.inputs(named, arguments.sequence.is_series())
+    }
+
+    /// The steps of a series (`--series`), each with its time where a file states it; none of one picture.
+    ///
+    /// # Errors
+    /// Collections that cannot be read.
+    pub fn steps(&self) -> Result<Vec<Option<f64>>> {
+        if !self.arguments.sequence.is_series() {
+            return Ok(Vec::new());
+        }
+        let inputs = self.chosen(&[])?;
+        let steps = inputs.chunk_by(|a, b| a.step == b.step);
+        Ok(steps.map(|step| step[0].time).collect())
+    }
+
     /// Reads and samples what was asked for.
     ///
     /// - `field`: shown instead of the one that was asked for.
     /// - `chosen`: which of the inputs, all of them where it says nothing of one.
+    /// - `step`: of a series.
     /// - `task`: watches the work, and ends it.
     ///
     /// # Errors
     /// Those of `render`.
-    pub fn read(&self, field: Option<&str>, chosen: &[bool], task: &Task) -> Result<Shown> {
+    pub fn read(
+        &self,
+        field: Option<&str>,
+        chosen: &[bool],
+        step: usize,
+        task: &Task,
+    ) -> Result<Shown> {
         let arguments = &*self.arguments;
         arguments.method.check()?;
-        let named = arguments.inputs.iter().enumerate();
-        let named = named.filter(|(i, _)| chosen.get(*i) != Some(&false));
-        let named = named.map(|(_, input)| input.clone()).collect();
-        let inputs = arguments.data.inputs(named, false)?;
-        let options = arguments.sample_options(Some(task.clone()));
-        let options = crate::sample::SampleOptions {
-            field: field.map(str::to_owned).or(options.field.clone()),
-            ..options
-        };
+        let mut inputs = self.chosen(chosen)?;
+        let mut options = arguments.sample_options(Some(task.clone()));
+        if let Some(field) = field {
+            options.field = Some(field.to_owned());
+        }
+        if arguments.sequence.is_series() {
+            options.transfer = self.of_all_steps(&inputs, &options, field)?;
+            let steps: Vec<usize> = inputs
+                .chunk_by(|a, b| a.step == b.step)
+                .map(|step| step[0].step)
+                .collect();
+            let wanted = steps.get(step).copied();
+            inputs.retain(|input| Some(input.step) == wanted);
+        }
         let silent = ProgressBar::hidden();
         let planes = arguments.clip_planes();
         let canvas = Canvas::of(arguments.size);
@@ -222,6 +261,24 @@ impl Asked {
             bounds,
             up,
         })
+    }
+
+    /// The function of the values of all steps; that of the field that was asked for is found once.
+    fn of_all_steps(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        field: Option<&str>,
+    ) -> Result<TransferChoice> {
+        if let (Some(found), None) = (self.series.get(), field) {
+            return Ok(found.clone());
+        }
+        let silent = ProgressBar::hidden();
+        let series = self.arguments.data.series(inputs, options, &silent)?;
+        if field.is_none() {
+            return Ok(self.series.get_or_init(|| series.transfer).clone());
+        }
+        Ok(series.transfer)
     }
 
     /// The camera that `render` would take.

@@ -57,7 +57,10 @@ pub(crate) struct App {
     /// Width and height of the picture in pixels.
     pub(crate) size: [usize; 2],
     pub(crate) flies: bool,
+    /// Whether the error of the picture is shown in its place.
+    pub(crate) shows_error: bool,
     pub(crate) output: panel::output::Output,
+    pub(crate) time: panel::time::Time,
 }
 
 /// A line for people.
@@ -101,8 +104,11 @@ impl App {
             views: 0,
             size: [0, 0],
             flies: false,
+            shows_error: false,
             output: panel::output::Output::default(),
+            time: panel::time::Time::default(),
         };
+        panel::time::begin(&mut app);
         app.load();
         app
     }
@@ -117,6 +123,7 @@ impl App {
             asked: Arc::clone(&self.asked),
             field: self.field.clone(),
             chosen: self.chosen.clone(),
+            step: self.time.step,
         });
     }
 
@@ -130,6 +137,7 @@ impl App {
                 self.field = None;
                 self.asked = Arc::new(asked);
                 self.orbit = None;
+                panel::time::begin(self);
                 self.load();
             }
             Err(text) => self.fail(text),
@@ -195,6 +203,11 @@ impl App {
         self.progress.is_none() && (is_final || is_failed)
     }
 
+    /// Whether the view that is wanted has been drawn, however coarsely.
+    pub(crate) fn has_drawn(&self) -> bool {
+        matches!((&self.drawn, &self.view), (Some(drawn), Some(view)) if drawn.number == view.number)
+    }
+
     /// Takes what the worker tells.
     fn hear(&mut self, context: &Context) {
         for news in self.worker.news() {
@@ -229,15 +242,20 @@ impl App {
 
     fn loaded(&mut self, loaded: Loaded) {
         self.progress = None;
-        self.settings = Settings {
-            background: loaded.settings.background.or(Some(BACKGROUND)),
-            ..loaded.settings.clone()
-        };
-        let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
-        self.histories = functions.map(|f| f.and_then(History::new)).collect();
-        let first = self.histories.iter().position(Option::is_some);
-        self.edited = first.unwrap_or(0);
-        self.stop = None;
+        if self.loaded.is_none() || self.orbit.is_none() {
+            self.settings = Settings {
+                background: loaded.settings.background.or(Some(BACKGROUND)),
+                ..loaded.settings.clone()
+            };
+        }
+        // Steps of a series share their functions, and what was made of them.
+        if !self.time.keeps(self.histories.len(), loaded.volumes.len()) {
+            let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
+            self.histories = functions.map(|f| f.and_then(History::new)).collect();
+            let first = self.histories.iter().position(Option::is_some);
+            self.edited = first.unwrap_or(0);
+            self.stop = None;
+        }
         self.loaded = Some(loaded);
         self.view = None;
     }
@@ -284,6 +302,7 @@ impl App {
             number: self.view.as_ref().map_or(0, |view| view.number),
             camera: orbit.camera(self.size),
             settings: self.settings.clone(),
+            shows_error: self.shows_error,
             functions: functions.collect(),
         };
         if self.view.as_ref() != Some(&view) {
@@ -307,6 +326,7 @@ impl App {
             self.open(dropped);
         }
         panel::keys::answer(self, &context);
+        panel::time::play(self, &context);
         panel::status::show(self, ui);
         if self.shows_panels {
             panel::left(self, ui);

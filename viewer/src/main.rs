@@ -7,6 +7,7 @@ mod app;
 mod arguments;
 mod controller;
 mod curve;
+mod error;
 mod histogram;
 mod orbit;
 mod panel;

@@ -229,6 +229,7 @@ fn every_panel_opens() {
         "Data",
         "Method",
         "Clip",
+        "Light",
         "Camera",
         "Output",
         "Transfer function",
@@ -242,4 +243,76 @@ fn every_panel_opens() {
         window.step();
     }
     rest(&mut window);
+}
+
+/// Surfaces are lit from where the light is dragged to, as `--light` lights them.
+#[test]
+fn lights_are_dragged() {
+    let vase = fixture("vase.glb");
+    let mut window = window(&[&vase, "--count", "20000"]);
+    let before = pixels(&window);
+    window.get_by_label("Light").click();
+    window.step();
+    window.step();
+    let ball = window.get_by_label_contains("light from").rect().center();
+    drag(
+        &mut window,
+        ball,
+        ball + Vec2::new(25.0, 10.0),
+        PointerButton::Primary,
+    );
+    rest(&mut window);
+    let after = pixels(&window);
+    assert_ne!(before, after);
+    assert_eq!(after, of_command(&mut window));
+}
+
+/// The picture of errors is dark where pictures are near the truth, and none of a thousand pixels is worse than the tolerance.
+#[test]
+fn errors_are_shown() {
+    let mut window = wake();
+    window.state_mut().shows_error = true;
+    window.step();
+    rest(&mut window);
+    let drawn = window.state().drawn.as_ref().unwrap();
+    // Yellow is the tolerance, and red what is beyond it.
+    let is_bad = |p: &&[f32; 4]| p[0] > 0.91 || (p[0] > 0.8 && p[1] < 0.6);
+    let bad = drawn.image.pixels.iter().filter(is_bad).count();
+    assert!(1000 * bad <= drawn.image.pixels.len(), "{bad}");
+    let is_seen = |p: &&[f32; 4]| p[0] + p[1] + p[2] > 0.05;
+    assert!(drawn.image.pixels.iter().any(|p| is_seen(&p)));
+    assert!(drawn.error.unwrap().percentile_999 < 1.0 / 255.0);
+}
+
+/// Steps of time share one function, and each is the picture of its command.
+#[test]
+fn steps_of_time_are_gone_through() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = Vec::new();
+    for factor in [1.0, 3.0] {
+        let value = |i: i32| f64::from(i % 4 + i / 4 % 4 + i / 16) * factor;
+        let values: Vec<String> = (0..64).map(|i| value(i).to_string()).collect();
+        let text = format!(
+            "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 3 0 3 0 3\" Origin=\"0 0 0\" Spacing=\"1 1 1\">\
+             <Piece Extent=\"0 3 0 3 0 3\"><PointData><DataArray type=\"Float32\" Name=\"a\" format=\"ascii\">{}\
+             </DataArray></PointData></Piece></ImageData></VTKFile>",
+            values.join(" ")
+        );
+        let path = folder.path().join(format!("{factor}.vti"));
+        std::fs::write(&path, text).unwrap();
+        files.push(path.display().to_string());
+    }
+    let mut window = window(&[&files[0], &files[1], "--series"]);
+    let function =
+        |window: &mut Harness<'_, App>| window.state_mut().history().unwrap().function().clone();
+    let (first, of_first) = (pixels(&window), function(&mut window));
+    assert!(of_first.range()[1] > 20.0, "{:?}", of_first.range());
+    crate::panel::time::go(window.state_mut(), 1);
+    rest(&mut window);
+    assert_eq!(of_first, function(&mut window));
+    let second = pixels(&window);
+    assert_ne!(first, second);
+    // The file of a function that was not edited is near it.
+    let again = of_command(&mut window);
+    assert!(second.iter().zip(&again).all(|(a, b)| a.abs_diff(*b) <= 2));
 }

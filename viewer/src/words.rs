@@ -2,12 +2,13 @@
 
 use ewa_splat::command::Asked;
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
+use ewa_splat::scene::LightFrame;
 use ewa_splat::{Filter, Settings};
 
 use crate::orbit::{Lens, Orbit};
 
 /// Options that the window's state takes the place of.
-const REPLACED: [&str; 24] = [
+const REPLACED: [&str; 25] = [
     "eye",
     "target",
     "up",
@@ -32,6 +33,7 @@ const REPLACED: [&str; 24] = [
     "lit",
     "unlit",
     "light",
+    "series",
 ];
 
 /// What a window shows.
@@ -158,8 +160,19 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
         Some([r, g, b]) => say("background", Some(format!("{r},{g},{b}"))),
         None => say("background", text("none")),
     }
-    if asked.lighting != now.lighting && now.lighting.is_none() {
-        say("unlit", None);
+    match &now.lighting {
+        _ if asked.lighting == now.lighting => {}
+        None => say("unlit", None),
+        Some(lighting) => {
+            let lights = lighting.lights.iter();
+            for light in lights.filter(|light| light.frame == LightFrame::World) {
+                let (d, [r, g, b]) = (light.direction, light.colour);
+                say(
+                    "light",
+                    Some(format!("{},{},{},{r},{g},{b}", d.x, d.y, d.z)),
+                );
+            }
+        }
     }
 }
 

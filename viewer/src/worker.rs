@@ -11,13 +11,14 @@ use std::time::{Duration, Instant};
 
 use ewa_splat::command::{Asked, Shown, line};
 use ewa_splat::io::{Up, write_image};
-use ewa_splat::measure::{ErrorSample, SampledError};
+use ewa_splat::measure::{ErrorSample, SampledError, accurate};
 use ewa_splat::render::{FrameCounts, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Bounds, Camera};
-use ewa_splat::{Backend, Error, Image, Renderer, SceneOptions, Settings, Task};
+use ewa_splat::{Backend, Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task};
 
 use crate::controller::{Coarseness, Controller};
+use crate::error;
 use crate::histogram::Histogram;
 
 /// How long nothing must change before a picture is refined.
@@ -35,6 +36,8 @@ pub(crate) struct View {
     pub(crate) number: u64,
     pub(crate) camera: Camera,
     pub(crate) settings: Settings,
+    /// Whether its error is shown in place of the picture, once that is at rest.
+    pub(crate) shows_error: bool,
     /// The transfer function of each volume that has one.
     pub(crate) functions: Vec<Option<TransferFunction>>,
 }
@@ -47,6 +50,8 @@ pub(crate) struct Load {
     pub(crate) asked: Arc<Asked>,
     pub(crate) field: Option<String>,
     pub(crate) chosen: Vec<bool>,
+    /// Of a series.
+    pub(crate) step: usize,
 }
 
 /// What is known of a scene once it is read.
@@ -308,7 +313,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let begun = Instant::now();
     let task = begin(shared, true);
     let asked = &load.asked;
-    let mut shown = asked.read(load.field.as_deref(), &load.chosen, &task)?;
+    let mut shown = asked.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
     let volumes = volumes_of(&shown);
     let options = SceneOptions {
         keep_indices: true,
@@ -416,11 +421,17 @@ impl Stage {
                 };
                 let camera = view.camera.clone();
                 // Layers err as a whole; counts and choices do not.
-                let is_measured = matches!(settings.composite, ewa_splat::Composite::Over)
-                    && matches!(settings.show, ewa_splat::Show::Scene);
+                let is_measured = matches!(settings.composite, Composite::Over)
+                    && matches!(settings.show, Show::Scene);
+                let shows_error = view.shows_error;
                 if let (Some(mut drawn), true) = (self.drawn.clone(), is_measured) {
                     let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
                     drawn.error = Some(sample.error_of(&drawn.image));
+                    if shows_error {
+                        let exact = accurate(&settings);
+                        let truth = self.renderer.render(&camera, &exact)?;
+                        drawn.image = error::shown(&drawn.image, truth, settings.tolerance);
+                    }
                     drawn.is_final = true;
                     self.tell(shared, drawn);
                 } else if let Some(mut drawn) = self.drawn.clone() {

@@ -3,12 +3,14 @@
 pub(crate) mod camera;
 pub(crate) mod inputs;
 pub(crate) mod keys;
+pub(crate) mod light;
 pub(crate) mod method;
 pub(crate) mod output;
 pub(crate) mod picture;
 pub(crate) mod probe;
 pub(crate) mod statistics;
 pub(crate) mod status;
+pub(crate) mod time;
 pub(crate) mod transfer;
 
 use egui::{Panel, ScrollArea, Ui};
@@ -20,7 +22,9 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
     Panel::left("left").default_size(230.0).show(ui, |ui| {
         ScrollArea::vertical().show(ui, |ui| {
             inputs::show(app, ui);
+            time::show(app, ui);
             method::show(app, ui);
+            light::show(app, ui);
             camera::show(app, ui);
             output::show(app, ui);
         });

@@ -83,7 +83,11 @@ fn save_function(app: &mut App) {
     let Some(history) = app.history() else {
         return app.fail("no transfer function".into());
     };
-    let text = history.curve().to_json();
+    // What was not edited is written as it is, not as the points that stand for it here.
+    let text = match history.can_undo() {
+        true => history.curve().to_json(),
+        false => history.function().to_json(),
+    };
     match write_bytes_atomically(&path, text.as_bytes()) {
         Ok(()) => app.say(format!("{} is written", path.display())),
         Err(error) => app.fail(ewa_splat::command::line(&error)),
@@ -118,7 +122,11 @@ fn load_function(app: &mut App) {
 
 /// The command that makes the picture of the window; a function that was edited is saved first.
 pub(crate) fn command(app: &mut App) -> Option<String> {
-    let is_edited = app.history().is_some_and(|history| history.can_undo());
+    // A step by itself would have a function of its own.
+    let is_step = app.time.count() > 1;
+    let is_edited = app
+        .history()
+        .is_some_and(|history| history.can_undo() || is_step);
     if is_edited {
         save_function(app);
     }
@@ -127,9 +135,12 @@ pub(crate) fn command(app: &mut App) -> Option<String> {
     let chosen = app.inputs.iter().zip(&app.chosen);
     let state = State {
         asked: &app.asked,
-        inputs: chosen
-            .filter_map(|(input, is_chosen)| is_chosen.then_some(input.as_str()))
-            .collect(),
+        inputs: match is_step && app.inputs.len() == app.time.count() {
+            true => vec![app.inputs[app.time.step].as_str()],
+            false => chosen
+                .filter_map(|(input, is_chosen)| is_chosen.then_some(input.as_str()))
+                .collect(),
+        },
         field: app.field.as_deref(),
         function: is_edited.then_some(app.output.function.as_str()),
         orbit: app.orbit.as_ref()?,
