@@ -1,16 +1,20 @@
-//! What the window shows and how it answers: its state, and the frame of its panels.
+//! What the window shows: its state, which panels change, and what the worker is told of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
+use egui::{ColorImage, Context, TextureHandle, TextureOptions};
 use ewa_splat::Settings;
 use ewa_splat::command::{Asked, line};
+use ewa_splat::io::{FieldSource, OpenOptions, open};
+use ewa_splat::render::Picked;
 use glam::DVec3;
 
 use crate::curve::History;
 use crate::orbit::Orbit;
-use crate::panel;
+use crate::output::Output;
+use crate::probe::Probe;
+use crate::time::Time;
 use crate::worker::{Drawn, Load, Loaded, News, View, Worker};
 
 /// What stands behind pictures without a background, linear.
@@ -48,7 +52,7 @@ pub(crate) struct App {
     pub(crate) message: Option<Message>,
     /// What is being read, and how far it is.
     pub(crate) progress: Option<String>,
-    pub(crate) probe: Option<panel::probe::Probe>,
+    pub(crate) probe: Option<Probe>,
     pub(crate) shows_panels: bool,
     /// The last view that the worker was told of.
     view: Option<View>,
@@ -59,8 +63,8 @@ pub(crate) struct App {
     pub(crate) flies: bool,
     /// Whether the error of the picture is shown in its place.
     pub(crate) shows_error: bool,
-    pub(crate) output: panel::output::Output,
-    pub(crate) time: panel::time::Time,
+    pub(crate) output: Output,
+    pub(crate) time: Time,
 }
 
 /// A line for people.
@@ -78,7 +82,7 @@ impl App {
         let inputs = asked.inputs();
         let mut app = Self {
             chosen: vec![true; inputs.len()],
-            fields: panel::inputs::fields_of(&inputs),
+            fields: fields_of(&inputs),
             inputs,
             field: None,
             asked: Arc::new(asked),
@@ -105,10 +109,10 @@ impl App {
             size: [0, 0],
             flies: false,
             shows_error: false,
-            output: panel::output::Output::default(),
-            time: panel::time::Time::default(),
+            output: Output::default(),
+            time: Time::default(),
         };
-        panel::time::begin(&mut app);
+        app.begin();
         app.load();
         app
     }
@@ -133,11 +137,11 @@ impl App {
             Ok(asked) => {
                 self.inputs = asked.inputs();
                 self.chosen = vec![true; self.inputs.len()];
-                self.fields = panel::inputs::fields_of(&self.inputs);
+                self.fields = fields_of(&self.inputs);
                 self.field = None;
                 self.asked = Arc::new(asked);
                 self.orbit = None;
-                panel::time::begin(self);
+                self.begin();
                 self.load();
             }
             Err(text) => self.fail(text),
@@ -163,7 +167,7 @@ impl App {
 
     /// Asks what lies under a pixel.
     pub(crate) fn pick(&mut self, pixel: [usize; 2], recentres: bool) {
-        self.probe = Some(panel::probe::Probe::asked(pixel, recentres));
+        self.probe = Some(Probe::asked(pixel, recentres));
         self.worker.pick(pixel);
     }
 
@@ -208,8 +212,33 @@ impl App {
         matches!((&self.drawn, &self.view), (Some(drawn), Some(view)) if drawn.number == view.number)
     }
 
+    /// Takes what lies under a pixel, and looks at it where that was asked for.
+    fn found(&mut self, picked: &[Picked]) {
+        let Some(probe) = &mut self.probe else {
+            return;
+        };
+        probe.answer(picked);
+        match (&probe.found, &mut self.orbit) {
+            (None, _) => self.say("nothing is there".into()),
+            (Some(found), Some(orbit)) if probe.recentres => orbit.recentre(found.position),
+            _ => {}
+        }
+    }
+
+    /// Takes the steps of what was asked for.
+    fn begin(&mut self) {
+        // What cannot be read says so where it is read.
+        self.time = Time::of(self.asked.steps().unwrap_or_default());
+    }
+
+    /// Shows another step of a series.
+    pub(crate) fn go(&mut self, step: usize) {
+        self.time.go(step);
+        self.load();
+    }
+
     /// Takes what the worker tells.
-    fn hear(&mut self, context: &Context) {
+    pub(crate) fn hear(&mut self, context: &Context) {
         for news in self.worker.news() {
             match news {
                 News::Progress(text) => {
@@ -229,7 +258,7 @@ impl App {
                     }
                     self.drawn = Some(*drawn);
                 }
-                News::Picked(picked) => panel::probe::found(self, &picked),
+                News::Picked(picked) => self.found(&picked),
                 News::Failed(text) => {
                     self.progress = None;
                     self.fail(text);
@@ -248,8 +277,16 @@ impl App {
                 ..loaded.settings.clone()
             };
         }
-        // Steps of a series share their functions, and what was made of them.
-        if !self.time.keeps(self.histories.len(), loaded.volumes.len()) {
+        // Steps of a series share their functions, and what was made of them; so do files that are read again.
+        let titles = |loaded: &Loaded| {
+            let volumes = loaded.volumes.iter();
+            volumes
+                .map(|volume| volume.title.clone())
+                .collect::<Vec<_>>()
+        };
+        let is_alike = self.loaded.as_ref().map(titles) == Some(titles(&loaded));
+        let is_edited = self.histories.iter().flatten().any(History::can_undo);
+        if !(is_alike && self.orbit.is_some() && (self.time.keeps() || is_edited)) {
             let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
             self.histories = functions.map(|f| f.and_then(History::new)).collect();
             let first = self.histories.iter().position(Option::is_some);
@@ -281,7 +318,7 @@ impl App {
     }
 
     /// Tells the worker what is to be seen, where that has changed.
-    fn show_view(&mut self) {
+    pub(crate) fn show_view(&mut self) {
         // Another field of the same data is seen from where they were; who has not moved sees all of them in a window of any
         // size.
         let is_read = self.loaded.as_ref().is_some_and(|l| l.scene == self.scene);
@@ -314,28 +351,6 @@ impl App {
         }
     }
 
-    /// Lays out the window and answers what was done in it.
-    pub(crate) fn ui(&mut self, ui: &mut Ui) {
-        let context = ui.ctx().clone();
-        self.hear(&context);
-        let dropped: Vec<PathBuf> = context.input(|input| {
-            let files = input.raw.dropped_files.iter();
-            files.map(|file| file.path().to_path_buf()).collect()
-        });
-        if !dropped.is_empty() {
-            self.open(dropped);
-        }
-        panel::keys::answer(self, &context);
-        panel::time::play(self, &context);
-        panel::status::show(self, ui);
-        if self.shows_panels {
-            panel::left(self, ui);
-            panel::right(self, ui);
-        }
-        panel::picture::show(self, ui);
-        self.show_view();
-    }
-
     /// Moves the camera of a standard view.
     pub(crate) fn look_along(&mut self, forward: DVec3) {
         if let Some(orbit) = &mut self.orbit {
@@ -349,12 +364,31 @@ impl App {
     }
 }
 
-impl eframe::App for App {
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        self.ui(ui);
-    }
-}
-
 fn texels(image: &ewa_splat::Image) -> ColorImage {
     ColorImage::from_rgba_unmultiplied([image.width, image.height], &image.to_srgb8())
+}
+
+/// The fields of the first input, if it is quickly read.
+fn fields_of(inputs: &[String]) -> Vec<String> {
+    /// Files that are read in a moment.
+    const SMALL: u64 = 64 << 20;
+    let Some(path) = inputs.first().map(Path::new) else {
+        return Vec::new();
+    };
+    let is_small = std::fs::metadata(path).is_ok_and(|meta| meta.len() <= SMALL);
+    if !is_small {
+        return Vec::new();
+    }
+    // What cannot be read here says so where it is read to be drawn.
+    let data = open(path, &OpenOptions::default());
+    let fields = data.map(|data| data.fields).unwrap_or_default();
+    let mut names = Vec::new();
+    for field in fields {
+        names.push(field.name.clone());
+        if let FieldSource::Vector(components) = &field.source {
+            let axes = ["x", "y", "z"].iter().take(components.len());
+            names.extend(axes.map(|axis| format!("{}:{axis}", field.name)));
+        }
+    }
+    names
 }

@@ -1,7 +1,7 @@
 //! A window on `ewa-splat`: what was asked for in the words of `ewa-splat render` can be turned, classified and measured.
 //!
-//! [`worker`] reads and draws on a thread of its own; [`app`] has the window's state and hands it what is wanted; `panel/` has
-//! one file per part of the window.
+//! [`worker`] reads and draws on a thread of its own; [`app`] has the window's state and hands it what is wanted; [`window`] lays out
+//! `panel/`, which has one file per part of the window.
 
 mod app;
 mod arguments;
@@ -10,16 +10,21 @@ mod curve;
 mod error;
 mod histogram;
 mod orbit;
+mod output;
 mod panel;
+mod probe;
 mod screenshot;
 #[cfg(test)]
 mod tests;
+mod time;
+mod window;
 mod words;
 mod worker;
 
 use std::process::ExitCode;
 
 use app::App;
+use window::Window;
 
 fn main() -> ExitCode {
     match run() {
@@ -47,7 +52,12 @@ fn run() -> Result<(), String> {
     eframe::run_native(
         "ewa-splat",
         options,
-        Box::new(|context| Ok(Box::new(App::new(arguments.asked, &context.egui_ctx)))),
+        Box::new(|context| {
+            Ok(Box::new(Window(App::new(
+                arguments.asked,
+                &context.egui_ctx,
+            ))))
+        }),
     )
     .map_err(|error| format!("opening a window: {error}; --screenshot needs no display"))
 }

@@ -39,7 +39,7 @@ pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
             events: vec![Event::PointerGone],
             ..RawInput::default()
         };
-        let mut output = context.run_ui(input, |ui| app.ui(ui));
+        let mut output = context.run_ui(input, |ui| crate::window::show(&mut app, ui));
         let shapes = context.tessellate(output.shapes, output.pixels_per_point);
         painter.update(&output.textures_delta);
         output.textures_delta.clear();

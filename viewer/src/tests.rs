@@ -23,7 +23,7 @@ fn window(words: &[&str]) -> Harness<'static, App> {
     let size = Vec2::new(960.0, 640.0);
     let mut window = Harness::builder()
         .with_size(size)
-        .build_ui_state(|ui, app: &mut App| app.ui(ui), app);
+        .build_ui_state(|ui, app: &mut App| crate::window::show(app, ui), app);
     rest(&mut window);
     window
 }
@@ -307,7 +307,7 @@ fn steps_of_time_are_gone_through() {
         |window: &mut Harness<'_, App>| window.state_mut().history().unwrap().function().clone();
     let (first, of_first) = (pixels(&window), function(&mut window));
     assert!(of_first.range()[1] > 20.0, "{:?}", of_first.range());
-    crate::panel::time::go(window.state_mut(), 1);
+    window.state_mut().go(1);
     rest(&mut window);
     assert_eq!(of_first, function(&mut window));
     let second = pixels(&window);

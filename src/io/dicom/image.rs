@@ -8,12 +8,12 @@ use flate2::read::DeflateDecoder;
 use glam::DVec3;
 
 use super::data_set::{Coding, DAMAGED, DataSet, Fault, is_vr, read_group, read_into};
+use super::groups::Groups;
 use super::pixels::{self, Layout};
 use super::scale::Scale;
 use super::syntax::{Syntax, UNPACK};
-use super::tags::{self, Tag};
+use super::tags;
 use crate::error::{Error, Result};
-use crate::io::scalars::ScalarType;
 use crate::scene::Values;
 
 /// Bytes before the first element, and the letters at their end.
@@ -312,41 +312,6 @@ fn unit(set: &DataSet<'_>, class: &str) -> Option<String> {
     is_unit.then(|| unit.to_owned())
 }
 
-/// What is stated of one frame: by itself, of all frames, or of the file.
-pub(super) struct Groups<'s, 'b> {
-    sets: [Option<&'s DataSet<'b>>; 2],
-    pub(super) root: &'s DataSet<'b>,
-}
-
-impl<'s, 'b> Groups<'s, 'b> {
-    fn of(root: &'s DataSet<'b>, frame: usize) -> Self {
-        let own = root.items(tags::PER_FRAME_GROUPS).get(frame);
-        let shared = root.item(tags::SHARED_GROUPS);
-        Self {
-            sets: [own, shared],
-            root,
-        }
-    }
-
-    fn find<T>(&self, group: Tag, of: impl Fn(&'s DataSet<'b>) -> Option<T>) -> Option<T> {
-        let sets = self.sets.into_iter().flatten();
-        let grouped = sets.filter_map(|set| set.item(group)).find_map(&of);
-        grouped.or_else(|| of(self.root))
-    }
-
-    pub(super) fn number(&self, group: Tag, tag: Tag) -> Option<f64> {
-        self.find(group, |set| set.number(tag))
-    }
-
-    fn text(&self, group: Tag, tag: Tag) -> Option<&'b str> {
-        self.find(group, |set| set.text(tag))
-    }
-
-    fn numbers_of<const N: usize>(&self, group: Tag, tag: Tag) -> Option<[f64; N]> {
-        self.find(group, |set| set.numbers_of(tag))
-    }
-}
-
 /// Where each frame lies.
 fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
     let offsets = set.numbers(tags::FRAME_OFFSETS);
@@ -403,22 +368,6 @@ fn places(set: &DataSet<'_>, layout: &Layout) -> Vec<Place> {
         place
     };
     (0..layout.frames).map(place).collect()
-}
-
-/// Slope, intercept and padding of a data set's own elements, for [`Scale`].
-pub(super) fn padding(root: &DataSet<'_>, layout: &Layout) -> Option<[f64; 2]> {
-    let float = [
-        (tags::FLOAT_PADDING, ScalarType::F32),
-        (tags::DOUBLE_PADDING, ScalarType::F64),
-    ];
-    if layout.is_float() {
-        let float = float.into_iter().find_map(|(tag, of)| root.float(tag, of));
-        return float.map(|x| [x, x]);
-    }
-    let first = layout.padding_of(root.short(tags::PADDING)?);
-    let last = root.short(tags::PADDING_LIMIT);
-    let last = last.map_or(first, |word| layout.padding_of(word));
-    Some([first.min(last), first.max(last)])
 }
 
 /// Why a file without pixels is no image.

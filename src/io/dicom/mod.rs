@@ -15,6 +15,7 @@
 
 mod data_set;
 mod geometry;
+mod groups;
 mod image;
 mod packed;
 mod pixels;

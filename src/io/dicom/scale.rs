@@ -1,9 +1,10 @@
 //! Stored numbers to what they mean: a slope, an intercept, and numbers that stand for no value.
 
-use super::image::{self, Groups};
+use super::data_set::DataSet;
+use super::groups::Groups;
 use super::pixels::Layout;
 use super::tags;
-use crate::io::scalars::narrow;
+use crate::io::scalars::{ScalarType, narrow};
 use crate::scene::Values;
 
 /// What is done to the numbers of a frame.
@@ -24,7 +25,7 @@ impl Scale {
             // 0 in headers that were never filled in.
             slope: slope.filter(|slope| *slope != 0.0).unwrap_or(1.0),
             intercept: number(tags::RESCALE_INTERCEPT).unwrap_or(0.0),
-            padding: image::padding(groups.root, layout),
+            padding: padding(groups.root, layout),
         }
     }
 
@@ -82,4 +83,20 @@ impl Scale {
         let numbers = (0..values.len()).map(|i| (f64::from(values.get(i)) + self.intercept) as i16);
         Some(Values::I16(numbers.collect()))
     }
+}
+
+/// The numbers that stand for none, by a data set's own elements: from the first to the last.
+fn padding(root: &DataSet<'_>, layout: &Layout) -> Option<[f64; 2]> {
+    let float = [
+        (tags::FLOAT_PADDING, ScalarType::F32),
+        (tags::DOUBLE_PADDING, ScalarType::F64),
+    ];
+    if layout.is_float() {
+        let float = float.into_iter().find_map(|(tag, of)| root.float(tag, of));
+        return float.map(|x| [x, x]);
+    }
+    let first = layout.padding_of(root.short(tags::PADDING)?);
+    let last = root.short(tags::PADDING_LIMIT);
+    let last = last.map_or(first, |word| layout.padding_of(word));
+    Some([first.min(last), first.max(last)])
 }

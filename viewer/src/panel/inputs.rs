@@ -3,34 +3,8 @@
 use std::path::Path;
 
 use egui::{CollapsingHeader, ComboBox, Ui};
-use ewa_splat::io::{FieldSource, OpenOptions, open};
 
 use crate::app::App;
-
-/// The fields of the first input, if it is quickly read.
-pub(crate) fn fields_of(inputs: &[String]) -> Vec<String> {
-    /// Files that are read in a moment.
-    const SMALL: u64 = 64 << 20;
-    let Some(path) = inputs.first().map(Path::new) else {
-        return Vec::new();
-    };
-    let is_small = std::fs::metadata(path).is_ok_and(|meta| meta.len() <= SMALL);
-    if !is_small {
-        return Vec::new();
-    }
-    // What cannot be read here says so where it is read to be drawn.
-    let data = open(path, &OpenOptions::default());
-    let fields = data.map(|data| data.fields).unwrap_or_default();
-    let mut names = Vec::new();
-    for field in fields {
-        names.push(field.name.clone());
-        if let FieldSource::Vector(components) = &field.source {
-            let axes = ["x", "y", "z"].iter().take(components.len());
-            names.extend(axes.map(|axis| format!("{}:{axis}", field.name)));
-        }
-    }
-    names
-}
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     CollapsingHeader::new("Data")

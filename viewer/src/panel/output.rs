@@ -8,25 +8,6 @@ use ewa_splat::io::{check_image_path, write_bytes_atomically};
 use crate::app::App;
 use crate::words::{self, State};
 
-/// Where pictures and functions are written.
-#[derive(Debug, Clone)]
-pub(crate) struct Output {
-    pub(crate) picture: String,
-    pub(crate) function: String,
-    /// Width and height in pixels; those of the window where they are 0.
-    pub(crate) size: [usize; 2],
-}
-
-impl Default for Output {
-    fn default() -> Self {
-        Self {
-            picture: "picture.png".into(),
-            function: "function.json".into(),
-            size: [0, 0],
-        }
-    }
-}
-
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     CollapsingHeader::new("Output").show(ui, |ui| {
         ui.horizontal(|ui| {

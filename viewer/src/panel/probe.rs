@@ -1,61 +1,8 @@
 //! What lies under a pixel.
 
 use egui::{CollapsingHeader, Ui};
-use ewa_splat::render::Picked;
-use glam::DVec3;
 
 use crate::app::App;
-
-/// A pixel that was asked about, and what lies under it.
-#[derive(Debug, Clone)]
-pub(crate) struct Probe {
-    pixel: [usize; 2],
-    /// Whether the camera is to look at it.
-    recentres: bool,
-    found: Option<Found>,
-}
-
-/// The particle that a pixel shows most of, and where half of its light is gone.
-#[derive(Debug, Clone)]
-struct Found {
-    volume: usize,
-    particle: usize,
-    position: DVec3,
-    share: f32,
-    count: usize,
-}
-
-impl Probe {
-    pub(crate) fn asked(pixel: [usize; 2], recentres: bool) -> Self {
-        Self {
-            pixel,
-            recentres,
-            found: None,
-        }
-    }
-}
-
-/// Takes what the worker found.
-pub(crate) fn found(app: &mut App, picked: &[Picked]) {
-    let most = picked.iter().max_by(|a, b| a.share.total_cmp(&b.share));
-    let Some(probe) = &mut app.probe else {
-        return;
-    };
-    probe.found = most.map(|most| Found {
-        volume: most.volume,
-        particle: most.particle,
-        position: most.position,
-        share: most.share,
-        count: picked.len(),
-    });
-    let target = probe.found.as_ref().map(|found| found.position);
-    if let (true, Some(target), Some(orbit)) = (probe.recentres, target, &mut app.orbit) {
-        orbit.recentre(target);
-    }
-    if target.is_none() {
-        app.say("nothing is there".into());
-    }
-}
 
 pub(crate) fn show(app: &App, ui: &mut Ui) {
     CollapsingHeader::new("Probe")

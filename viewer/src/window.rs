@@ -1,0 +1,39 @@
+//! The frame of the panels: each pass hears the worker, lays out the window, answers, and tells the worker what is wanted.
+
+use std::path::PathBuf;
+
+use egui::Ui;
+
+use crate::app::App;
+use crate::panel;
+
+/// The window, as eframe asks for it.
+pub(crate) struct Window(pub(crate) App);
+
+impl eframe::App for Window {
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        show(&mut self.0, ui);
+    }
+}
+
+/// Lays out the window and answers what was done in it.
+pub(crate) fn show(app: &mut App, ui: &mut Ui) {
+    let context = ui.ctx().clone();
+    app.hear(&context);
+    let dropped: Vec<PathBuf> = context.input(|input| {
+        let files = input.raw.dropped_files.iter();
+        files.map(|file| file.path().to_path_buf()).collect()
+    });
+    if !dropped.is_empty() {
+        app.open(dropped);
+    }
+    panel::keys::answer(app, &context);
+    panel::time::play(app, &context);
+    panel::status::show(app, ui);
+    if app.shows_panels {
+        panel::left(app, ui);
+        panel::right(app, ui);
+    }
+    panel::picture::show(app, ui);
+    app.show_view();
+}
