@@ -15,6 +15,8 @@ pub(crate) struct Arguments {
     pub(crate) asked: Asked,
     /// The picture of the window to write instead of opening one.
     pub(crate) screenshot: Option<PathBuf>,
+    /// How many pictures to time instead of opening a window.
+    pub(crate) replay: Option<u32>,
 }
 
 fn command() -> Command {
@@ -28,6 +30,14 @@ fn command() -> Command {
                 .value_name("FILE.png")
                 .value_parser(value_parser!(PathBuf))
                 .help("Write a picture of the whole window once nothing is left to be refined, and exit; needs no display"),
+        )
+        .arg(
+            Arg::new("replay")
+                .long("replay")
+                .value_name("N")
+                .value_parser(value_parser!(u32).range(2..=10_000))
+                .conflicts_with("screenshot")
+                .help("Turn once around the data in N pictures and edit the transfer function in N more, say how long they take, and exit; needs no display"),
         );
     Asked::options(command)
 }
@@ -38,6 +48,7 @@ pub(crate) fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, 
     Ok(Arguments {
         asked: Asked::of(&matches).map_err(|error| line(&error))?,
         screenshot: matches.get_one("screenshot").cloned(),
+        replay: matches.get_one("replay").copied(),
     })
 }
 

@@ -13,6 +13,7 @@ mod orbit;
 mod output;
 mod panel;
 mod probe;
+mod replay;
 mod screenshot;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,10 @@ fn run() -> Result<(), String> {
     let arguments = arguments::parse(std::env::args_os())?;
     if let Some(path) = &arguments.screenshot {
         return screenshot::write(arguments.asked, path);
+    }
+    if let Some(count) = arguments.replay {
+        print!("{}", replay::play(arguments.asked, count)?);
+        return Ok(());
     }
     let size = arguments.asked.size().unwrap_or([1280, 800]);
     let options = eframe::NativeOptions {

@@ -98,3 +98,18 @@ fn what_a_window_does_not_do_is_refused() {
         assert!(!Path::new("a.png").exists());
     }
 }
+
+/// Times of a turn and an edit, without a display.
+#[test]
+fn a_replay_says_how_long_pictures_take() {
+    let output = Command::new(PROGRAM)
+        .arg(fixture("wake.xyz"))
+        .args(["--replay", "3"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", errors(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    for part in ["turn: ", "edit: ", "of the pixels at a tolerance of", "rest, "] {
+        assert!(text.contains(part), "{text}");
+    }
+}

@@ -1,0 +1,135 @@
+//! How long pictures take while things move: one turn around the data, and an edit of the transfer function, without a window.
+
+use std::time::{Duration, Instant};
+
+use egui::{Context, RawInput, Rect};
+use ewa_splat::command::Asked;
+
+use crate::app::App;
+use crate::window;
+
+/// Width and height of the window where none is asked for: the panels leave about 1024 x 640 of it.
+const SIZE: [usize; 2] = [1620, 660];
+
+/// Longer than any scene takes to be read.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// A window that nobody sees.
+struct Replay {
+    app: App,
+    context: Context,
+    size: [usize; 2],
+    begun: Instant,
+}
+
+impl Replay {
+    fn pass(&mut self) {
+        let [width, height] = self.size.map(|n| n as f32);
+        let input = RawInput {
+            screen_rect: Some(Rect::from_min_size(
+                egui::Pos2::ZERO,
+                egui::vec2(width, height),
+            )),
+            time: Some(self.begun.elapsed().as_secs_f64()),
+            ..RawInput::default()
+        };
+        let app = &mut self.app;
+        let mut output = self.context.run_ui(input, |ui| window::show(app, ui));
+        output.textures_delta.clear();
+    }
+
+    /// Passes until something holds: how long that took.
+    fn until(&mut self, holds: impl Fn(&App) -> bool) -> Result<Duration, String> {
+        let begun = Instant::now();
+        self.pass();
+        while !holds(&self.app) {
+            let message = self.app.message.as_ref();
+            if let Some(message) = message.filter(|message| message.is_error) {
+                return Err(message.text.clone());
+            }
+            if begun.elapsed() > LONGEST {
+                return Err("nothing was drawn in ten minutes".into());
+            }
+            std::thread::sleep(Duration::from_micros(500));
+            self.pass();
+        }
+        Ok(begun.elapsed())
+    }
+}
+
+/// Plays the turn and the edit, each of so many pictures, and says how long they took.
+///
+/// # Errors
+/// What the window shows as an error.
+pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
+    let size = asked.size().unwrap_or(SIZE);
+    let context = Context::default();
+    let mut replay = Replay {
+        app: App::new(asked, &context),
+        context,
+        size,
+        begun: Instant::now(),
+    };
+    let first = replay.until(App::has_drawn)?;
+    let mut rest = vec![replay.until(App::is_at_rest)?];
+    let [width, height] = replay.app.size;
+    let mut text = format!("{width} x {height} pixels\nread and first drawn in {first:.2?}\n");
+    let turn = std::f64::consts::TAU / f64::from(count);
+    let mut turned = Vec::new();
+    for _ in 0..count {
+        if let Some(orbit) = &mut replay.app.orbit {
+            orbit.turn(turn, 0.0);
+        }
+        turned.push(replay.until(App::has_drawn)?);
+    }
+    text += &said("turn", &mut turned, &replay.app);
+    rest.push(replay.until(App::is_at_rest)?);
+    if replay.app.history().is_some() {
+        let mut edited = Vec::new();
+        for i in 0..count {
+            if let Some(history) = replay.app.history() {
+                let mut curve = history.curve().clone();
+                let middle = curve.opacities.len() / 2;
+                let (value, opacity) = curve.opacities[middle];
+                let share = curve.share(value);
+                let step = if i % 2 == 0 { 0.05 } else { -0.05 };
+                curve.move_opacity(middle, share, opacity + step);
+                let function = curve.function().map_err(|error| error.to_string())?;
+                history.push(function, curve, true);
+            }
+            edited.push(replay.until(App::has_drawn)?);
+        }
+        text += &said("edit", &mut edited, &replay.app);
+        rest.push(replay.until(App::is_at_rest)?);
+    }
+    let longest = rest.iter().max().copied().unwrap_or_default();
+    text += &format!("rest, whole and measured: {longest:.2?} at the longest\n");
+    Ok(text)
+}
+
+/// The distribution of times, and how coarse the last picture was.
+fn said(what: &str, times: &mut [Duration], app: &App) -> String {
+    times.sort();
+    let at = |share: f64| {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a place among them"
+        )]
+        let i = (share * (times.len() - 1) as f64).round() as usize;
+        times[i]
+    };
+    let sum: Duration = times.iter().sum();
+    let rate = times.len() as f64 / sum.as_secs_f64();
+    let coarse = app.drawn.as_ref().map(|drawn| drawn.coarseness);
+    let (share, tolerance) = coarse.map_or((1.0, 0.0), |c| (c.share, c.tolerance));
+    format!(
+        "{what}: {rate:.1} pictures a second; least {:.1?}, half {:.1?}, 95 % {:.1?}, greatest {:.1?}; \
+         {:.0} % of the pixels at a tolerance of {tolerance:.1e}\n",
+        times[0],
+        at(0.5),
+        at(0.95),
+        at(1.0),
+        100.0 * share
+    )
+}
