@@ -1589,9 +1589,12 @@ mod command_line {
         for (arguments, expected) in [
             (
                 &["a.ply", "--out", "b.obj"][..],
-                ".ply, .splat, .spz, .glb or .vtu",
+                ".ply, .splat, .spz, .sog, .glb or .vtu",
             ),
-            (&["a.ply", "--out", "b"], ".ply, .splat, .spz, .glb or .vtu"),
+            (
+                &["a.ply", "--out", "b"],
+                ".ply, .splat, .spz, .sog, .glb or .vtu",
+            ),
             (&["a.ply", "--out", "none/b.ply"], "folder"),
             (&["a.ply", "--out", "a.ply"], "an input"),
             (&["b.ply", "--out", "c.ply"], "opening"),

@@ -27,6 +27,9 @@ const REST: Duration = Duration::from_millis(120);
 /// How much looser than the asked tolerance the first whole picture is.
 const FIRST_STEP: f32 = 4.0;
 
+/// Seconds within which a whole picture needs no step before it.
+const SOON: f32 = 0.25;
+
 /// What a picture is to show.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct View {
@@ -238,7 +241,9 @@ enum Job {
 }
 
 /// Waits for something to do.
-fn next(shared: &Shared, is_unfinished: bool) -> Job {
+///
+/// - `patience`: after which a picture is refined, where one can be.
+fn next(shared: &Shared, patience: Option<Duration>) -> Job {
     let mut mailbox = shared.lock();
     let since = Instant::now();
     loop {
@@ -258,14 +263,14 @@ fn next(shared: &Shared, is_unfinished: bool) -> Job {
         if let Some((view, path)) = mailbox.write.take() {
             return Job::Write(view, path);
         }
-        let left = REST.saturating_sub(since.elapsed());
-        mailbox = match is_unfinished {
-            true if left.is_zero() => return Job::Refine,
-            true => {
+        let left = patience.map(|patience| patience.saturating_sub(since.elapsed()));
+        mailbox = match left {
+            Some(Duration::ZERO) => return Job::Refine,
+            Some(left) => {
                 let waited = shared.wake.wait_timeout(mailbox, left);
                 waited.unwrap_or_else(PoisonError::into_inner).0
             }
-            false => shared
+            None => shared
                 .wake
                 .wait(mailbox)
                 .unwrap_or_else(PoisonError::into_inner),
@@ -276,8 +281,8 @@ fn next(shared: &Shared, is_unfinished: bool) -> Job {
 fn work(shared: &Arc<Shared>) {
     let mut stage: Option<Stage> = None;
     loop {
-        let is_unfinished = stage.as_ref().is_some_and(|stage| stage.left > 0);
-        let result = match (next(shared, is_unfinished), &mut stage) {
+        let patience = stage.as_ref().and_then(Stage::patience);
+        let result = match (next(shared, patience), &mut stage) {
             (Job::End, _) => return,
             (Job::Load(load), stage) => read(shared, &load).map(|read| *stage = Some(read)),
             (Job::Show(view), Some(stage)) => stage.show(shared, view),
@@ -343,6 +348,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         view: None,
         drawn: None,
         left: 0,
+        is_moving: false,
     })
 }
 
@@ -373,6 +379,8 @@ struct Stage {
     drawn: Option<Drawn>,
     /// Steps of refinement that are left.
     left: u32,
+    /// Whether the last picture was of a motion.
+    is_moving: bool,
 }
 
 impl Stage {
@@ -391,12 +399,32 @@ impl Stage {
         }
         let coarseness = self.controller.next(view.settings.tolerance);
         self.view = Some(view);
-        self.left = 3;
         let begun = Instant::now();
         // Finished in any case, so that a motion is seen: it takes no longer than a frame.
         self.draw(shared, coarseness, None, None)?;
-        self.controller.took(begun.elapsed());
+        let time = begun.elapsed();
+        self.controller.took(time);
+        // A picture that is whole already is not drawn again, and one that soon will be has no step before it.
+        let is_whole = self
+            .view
+            .as_ref()
+            .is_some_and(|view| coarseness == Coarseness::none(view.settings.tolerance));
+        self.left = match time.as_secs_f32() / coarseness.share {
+            _ if is_whole => 1,
+            whole if whole < SOON => 2,
+            _ => 3,
+        };
+        self.is_moving = true;
         Ok(())
+    }
+
+    /// How long nothing must change until the next step of refinement; `None` where none is left.
+    fn patience(&self) -> Option<Duration> {
+        match self.left {
+            0 => None,
+            _ if self.is_moving => Some(REST),
+            _ => Some(Duration::ZERO),
+        }
     }
 
     /// The next step from a coarse picture to the one that is asked for, and to its error.
@@ -406,10 +434,10 @@ impl Stage {
             return Ok(());
         };
         let asked = view.settings.tolerance;
+        self.is_moving = false;
         let task = begin(shared, false);
         match self.left {
             3 => {
-                // Worth its time only where the last step takes several frames.
                 let looser = Coarseness::none(asked * FIRST_STEP);
                 self.draw(shared, looser, Some(task), None)?;
             }

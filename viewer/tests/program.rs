@@ -109,7 +109,12 @@ fn a_replay_says_how_long_pictures_take() {
         .unwrap();
     assert!(output.status.success(), "{}", errors(&output));
     let text = String::from_utf8(output.stdout).unwrap();
-    for part in ["turn: ", "edit: ", "of the pixels at a tolerance of", "rest, "] {
+    for part in [
+        "turn: ",
+        "edit: ",
+        "of the pixels at a tolerance of",
+        "rest, ",
+    ] {
         assert!(text.contains(part), "{text}");
     }
 }
