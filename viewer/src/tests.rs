@@ -271,8 +271,10 @@ fn lights_are_dragged() {
 #[test]
 fn errors_are_shown() {
     let mut window = wake();
-    window.state_mut().shows_error = true;
+    window.get_by_label("error at rest").click();
     window.step();
+    window.step();
+    assert!(window.state().shows_error);
     rest(&mut window);
     let drawn = window.state().drawn.as_ref().unwrap();
     // Yellow is the tolerance, and red what is beyond it.
@@ -315,4 +317,32 @@ fn steps_of_time_are_gone_through() {
     // The file of a function that was not edited is near it.
     let again = of_command(&mut window);
     assert!(second.iter().zip(&again).all(|(a, b)| a.abs_diff(*b) <= 2));
+}
+
+/// Keys change the lens, the view, the panels.
+#[test]
+fn keys_are_answered() {
+    use crate::orbit::Lens;
+    use egui::Key;
+
+    let mut window = wake();
+    let press = |window: &mut Harness<'_, App>, key| {
+        window.key_press(key);
+        window.step();
+        window.step();
+    };
+    let home = window.state().orbit.clone();
+    press(&mut window, Key::O);
+    let lens = window.state().orbit.as_ref().unwrap().lens;
+    assert!(matches!(lens, Lens::Orthographic(_)));
+    press(&mut window, Key::Num5);
+    let orbit = window.state().orbit.clone().unwrap();
+    let forward = (orbit.target - orbit.eye).normalize();
+    assert!((forward - glam::DVec3::Z).length() < 1e-9);
+    press(&mut window, Key::H);
+    assert_eq!(window.state().orbit, home);
+    press(&mut window, Key::F);
+    assert!(window.state().flies);
+    press(&mut window, Key::Tab);
+    assert!(!window.state().shows_panels);
 }

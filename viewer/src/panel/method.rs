@@ -3,7 +3,6 @@
 use egui::{CollapsingHeader, ComboBox, Slider, Ui};
 use ewa_splat::Filter;
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
-use ewa_splat::scene::Lighting;
 use ewa_splat::view::ClipPlane;
 use glam::DVec3;
 
@@ -75,11 +74,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 };
             }
             ui.checkbox(&mut settings.level_of_detail, "level of detail");
-            let mut is_lit = settings.lighting.is_some();
-            if ui.checkbox(&mut is_lit, "light on surfaces").changed() {
-                settings.lighting = is_lit.then(Lighting::default);
-            }
             choose(ui, "show", &mut settings.show, &SHOWN);
+            ui.checkbox(&mut app.shows_error, "error at rest").on_hover_text(
+                "black: a hundredth of the tolerance; yellow: the tolerance; red: ten times as much",
+            );
             if let Some(background) = &mut settings.background {
                 ui.horizontal(|ui| {
                     ui.color_edit_button_rgb(background);
