@@ -4,9 +4,11 @@
 use std::path::{Path, PathBuf};
 
 use super::super::file::Input;
+use super::super::scalars::narrow;
 use super::layout::{Contents, Kind, Layout, describe_dims};
 use super::text;
 use crate::error::{Error, Hint, Result};
+use crate::scene::Values;
 
 /// A file with numbers at the nodes of a grid.
 #[derive(Debug, Clone, Copy)]
@@ -44,6 +46,33 @@ pub(super) fn beside(input: Input<'_>, ending: &str) -> Option<PathBuf> {
     (len > 0).then_some(beside)
 }
 
+/// The numbers of a companion, found to agree with its grid.
+pub(super) struct Body<'a> {
+    pub(super) of: Companion<'a>,
+    contents: Contents<'a>,
+    pub(super) layout: Layout,
+    /// Where each grid's numbers begin, and how many nodes it has.
+    grids: Vec<(usize, usize)>,
+}
+
+impl Body<'_> {
+    /// One number of each node, of one grid after another.
+    ///
+    /// # Errors
+    /// Fewer than the layout says.
+    pub(super) fn values(&self, number: usize) -> Result<Values> {
+        let form = self.layout.form;
+        let mut all = Vec::with_capacity(self.grids.iter().map(|(_, count)| count).sum());
+        for &(start, count) in &self.grids {
+            let at = start + number * count * form.real_size();
+            let part = self.contents.numbers(form, true, at, count);
+            let part = part.ok_or_else(|| self.of.broken())?;
+            all.extend(part.into_iter().map(narrow));
+        }
+        Ok(Values::F32(all))
+    }
+}
+
 impl<'a> Companion<'a> {
     pub(super) fn new(path: &'a Path, grid: &'a Path, kind: Kind) -> Self {
         Self { path, grid, kind }
@@ -60,12 +89,54 @@ impl<'a> Companion<'a> {
         format!("PLOT3D {} of {}", self.name(), self.grid.display())
     }
 
+    /// Whether the bytes agree with the grid as this kind of file.
+    pub(super) fn fits(&self, bytes: &[u8], grid_layout: &Layout) -> bool {
+        let numbers = self.numbers(bytes, grid_layout);
+        numbers.is_ok_and(|numbers| {
+            let contents = Contents::of(bytes, numbers.as_deref());
+            self.layout(contents, grid_layout).is_ok()
+        })
+    }
+
+    /// Has the numbers read that agree with the grid.
+    ///
+    /// # Errors
+    /// The file is of another grid, or of no readable size; those of `read`.
+    pub(super) fn read<T>(
+        &self,
+        bytes: &[u8],
+        grid_layout: &Layout,
+        read: impl FnOnce(&Body<'_>) -> Result<T>,
+    ) -> Result<T> {
+        let numbers = self.numbers(bytes, grid_layout)?;
+        let contents = Contents::of(bytes, numbers.as_deref());
+        let layout = self.layout(contents, grid_layout)?;
+        let bodies = layout.bodies(self.kind).map(|(starts, _)| starts);
+        let starts = bodies.ok_or_else(|| self.broken())?;
+        let counts = layout.node_counts().ok_or_else(|| self.broken())?;
+        read(&Body {
+            of: *self,
+            contents,
+            layout,
+            grids: starts.into_iter().zip(counts).collect(),
+        })
+    }
+
+    /// That there are fewer numbers than the layout says.
+    fn broken(&self) -> Error {
+        let (expected, advice) = match self.kind {
+            Kind::Functions => ("the functions of each node", "write the file again"),
+            _ => ("five variables per node", "write the solution again"),
+        };
+        Error::format(self.path, self.place(), expected, "fewer", advice)
+    }
+
     /// The numbers of a file of text. Where some are repeated by a count they may be more than its bytes: no more than a
     /// solution of the grid has.
     ///
     /// # Errors
     /// A word is no number, or the numbers are more.
-    pub(super) fn numbers(&self, bytes: &[u8], grid_layout: &Layout) -> Result<Option<Vec<f64>>> {
+    fn numbers(&self, bytes: &[u8], grid_layout: &Layout) -> Result<Option<Vec<f64>>> {
         if !text::looks_like_text(bytes) {
             return Ok(None);
         }
@@ -79,7 +150,7 @@ impl<'a> Companion<'a> {
     ///
     /// # Errors
     /// The file is of another grid, or of no readable size.
-    pub(super) fn layout(&self, contents: Contents<'_>, grid_layout: &Layout) -> Result<Layout> {
+    fn layout(&self, contents: Contents<'_>, grid_layout: &Layout) -> Result<Layout> {
         let mut found_dims = None;
         let mut sizes = Vec::new();
         let mut fitting: Vec<Layout> = Vec::new();

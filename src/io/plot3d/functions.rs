@@ -5,12 +5,10 @@ use std::path::Path;
 use super::super::dataset::{Field, FieldSource};
 use super::super::extension;
 use super::super::file::Input;
-use super::super::scalars::narrow;
-use super::companion::Companion;
-use super::layout::{Contents, Kind, Layout};
+use super::companion::{Body, Companion};
+use super::layout::{Kind, Layout};
 use super::{node_field, text};
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 /// Endings of such files.
 pub(super) const ENDINGS: [&str; 2] = ["f", "fun"];
@@ -39,15 +37,7 @@ pub(super) fn is_given(path: &Path, grid: Input<'_>, grid_layout: &Layout) -> Re
         return Ok(ending != "q");
     }
     let bytes = grid.read_beside(path)?;
-    let fits = |kind: Kind| {
-        let companion = Companion::new(path, grid.path, kind);
-        let numbers = companion.numbers(&bytes, grid_layout);
-        let fitting = numbers.and_then(|numbers| {
-            let contents = Contents::of(&bytes, numbers.as_deref());
-            companion.layout(contents, grid_layout)
-        });
-        fitting.is_ok()
-    };
+    let fits = |kind: Kind| Companion::new(path, grid.path, kind).fits(&bytes, grid_layout);
     Ok(!fits(Kind::Solution) && fits(Kind::Functions))
 }
 
@@ -62,26 +52,17 @@ pub(super) fn read(
 ) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
     let companion = Companion::new(path, grid.path, Kind::Functions);
-    let numbers = companion.numbers(&bytes, grid_layout)?;
-    let contents = Contents::of(&bytes, numbers.as_deref());
-    let layout = companion.layout(contents, grid_layout)?;
-    let broken = || {
-        Error::format(
-            path,
-            companion.place(),
-            "the functions of each node",
-            "fewer",
-            "write the file again",
-        )
-    };
-    let (starts, _) = layout.bodies(Kind::Functions).ok_or_else(broken)?;
-    let node_counts = layout.node_counts().ok_or_else(broken)?;
-    let shared = layout.functions.iter().copied().min().unwrap_or(0);
-    let most = layout.functions.iter().copied().max().unwrap_or(0);
+    companion.read(&bytes, grid_layout, |body| of_body(path, grid, body))
+}
+
+fn of_body(path: &Path, grid: Input<'_>, body: &Body<'_>) -> Result<(Vec<Field>, Vec<String>)> {
+    let functions = &body.layout.functions;
+    let shared = functions.iter().copied().min().unwrap_or(0);
+    let most = functions.iter().copied().max().unwrap_or(0);
     if most > MOST {
         return Err(Error::format(
             path,
-            companion.place(),
+            body.of.place(),
             format!("at most {MOST} functions"),
             most.to_string(),
             "write those that are looked at to a file of their own",
@@ -98,13 +79,7 @@ pub(super) fn read(
     notes.extend(about_names);
     let mut fields = Vec::new();
     for (i, name) in names.iter().enumerate().take(shared) {
-        let mut values = Vec::new();
-        for (&start, &count) in starts.iter().zip(&node_counts) {
-            let at = start + i * count * layout.form.real_size();
-            let part = contents.numbers(layout.form, true, at, count);
-            values.extend(part.ok_or_else(broken)?.into_iter().map(narrow));
-        }
-        fields.push(node_field(name, FieldSource::Scalar(Values::F32(values))));
+        fields.push(node_field(name, FieldSource::Scalar(body.values(i)?)));
     }
     Ok((fields, notes))
 }

@@ -7,11 +7,10 @@ use std::path::Path;
 
 use super::super::dataset::{Dataset, Field, FieldSource};
 use super::super::file::Input;
-use super::super::scalars::narrow;
-use super::companion::Companion;
-use super::layout::{Contents, Kind, Layout};
+use super::companion::{Body, Companion};
+use super::layout::{Kind, Layout};
 use super::node_field;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::Values;
 
 /// Ratio of specific heats of air.
@@ -28,31 +27,11 @@ pub(super) fn read(
 ) -> Result<(Vec<Field>, Vec<String>)> {
     let bytes = grid.read_beside(path)?;
     let companion = Companion::new(path, grid.path, Kind::Solution);
-    let numbers = companion.numbers(&bytes, grid_layout)?;
-    let contents = Contents::of(&bytes, numbers.as_deref());
-    let layout = companion.layout(contents, grid_layout)?;
-    let node_counts = grid_layout.node_counts().unwrap_or_default();
-    let node_count: usize = node_counts.iter().sum();
+    companion.read(&bytes, grid_layout, of_body)
+}
 
-    let broken = || {
-        Error::format(
-            path,
-            companion.place(),
-            "five variables per node",
-            "fewer",
-            "write the solution again",
-        )
-    };
-    let (starts, _) = layout.bodies(Kind::Solution).ok_or_else(broken)?;
-    let variable = |v: usize| -> Result<Values> {
-        let mut all = Vec::with_capacity(node_count);
-        for (&start, &count) in starts.iter().zip(&node_counts) {
-            let at = start + v * count * layout.form.real_size();
-            let part = contents.numbers(layout.form, true, at, count);
-            all.extend(part.ok_or_else(broken)?.into_iter().map(narrow));
-        }
-        Ok(Values::F32(all))
-    };
+fn of_body(body: &Body<'_>) -> Result<(Vec<Field>, Vec<String>)> {
+    let variable = |v: usize| body.values(v);
     let (density, energy) = (variable(0)?, variable(4)?);
     // What is nowhere above 0 was not stored, and nothing follows from it.
     let is_stored = |values: &Values| values.finite_range().is_some_and(|[_, most]| most > 0.0);
