@@ -24,6 +24,8 @@ pub(crate) struct Scene {
     pub(crate) fields: Vec<Option<String>>,
     /// What legends call these: with their units, where they are known.
     pub(crate) titles: Vec<Option<String>>,
+    /// What can be shown of the first input: [`Dataset::selectors`].
+    pub(crate) selectors: Vec<String>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
     /// What points up: [`Up::of_scene`].
@@ -45,6 +47,7 @@ impl Scene {
 struct Read {
     volumes: Vec<PointVolume>,
     report: SampleReport,
+    selectors: Vec<String>,
     kind: Kind,
     up: Up,
     /// The least and the greatest coordinates.
@@ -134,6 +137,7 @@ impl DataOptions {
             volumes: Vec::new(),
             fields: Vec::new(),
             titles: Vec::new(),
+            selectors: Vec::new(),
             grids_only: reads
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
@@ -141,7 +145,10 @@ impl DataOptions {
             corners: reads.iter().filter_map(|read| read.corners).collect(),
         };
         let mut ups = Vec::new();
-        for read in reads {
+        for (i, read) in reads.into_iter().enumerate() {
+            if i == 0 {
+                scene.selectors = read.selectors;
+            }
             ups.push(read.up);
             scene.volumes.extend(read.volumes);
             let (field, unit) = (read.report.field, read.report.unit);
@@ -328,10 +335,12 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
 fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
     let kind = Kind::of(&dataset);
     let (up, corners) = (dataset.up(), dataset.bounds());
+    let selectors = dataset.selectors();
     let SampledScene { volumes, report } = crate::sample::scene(dataset, options)?;
     Ok(Read {
         volumes,
         report,
+        selectors,
         kind,
         up,
         corners,

@@ -97,6 +97,8 @@ pub struct Shown {
     pub fields: Vec<Option<String>>,
     /// What legends call these.
     pub titles: Vec<Option<String>>,
+    /// What can be shown of the first input: its fields, and components of vectors.
+    pub selectors: Vec<String>,
     /// The box of all data; `None` where nothing has a place.
     pub bounds: Option<Bounds>,
     /// What points up.
@@ -248,6 +250,7 @@ impl Asked {
             mut volumes,
             fields,
             titles,
+            selectors,
             up,
             ..
         } = scene;
@@ -258,6 +261,7 @@ impl Asked {
             volumes,
             fields,
             titles,
+            selectors,
             bounds,
             up,
         })

@@ -345,4 +345,19 @@ impl Dataset {
     pub fn field_names(&self) -> Vec<&str> {
         self.fields.iter().map(|f| f.name.as_str()).collect()
     }
+
+    /// What [`Dataset::scalar`] takes: the names of the fields, and those of the first three components of vectors.
+    pub fn selectors(&self) -> Vec<String> {
+        let of_field = |field: &Field| {
+            let count = match &field.source {
+                FieldSource::Vector(components) => components.len(),
+                _ => 0,
+            };
+            let axes = ["x", "y", "z"].into_iter().take(count);
+            let components: Vec<String> =
+                axes.map(|axis| format!("{}:{axis}", field.name)).collect();
+            std::iter::once(field.name.clone()).chain(components)
+        };
+        self.fields.iter().flat_map(of_field).collect()
+    }
 }

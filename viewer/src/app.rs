@@ -1,12 +1,11 @@
 //! What the window shows: its state, which panels change, and what the worker is told of it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use egui::{ColorImage, Context, TextureHandle, TextureOptions};
 use ewa_splat::Settings;
 use ewa_splat::command::{Asked, line};
-use ewa_splat::io::{FieldSource, OpenOptions, open};
 use ewa_splat::render::Picked;
 use glam::DVec3;
 
@@ -27,7 +26,6 @@ pub(crate) struct App {
     /// Which inputs are shown.
     pub(crate) chosen: Vec<bool>,
     pub(crate) field: Option<String>,
-    pub(crate) fields: Vec<String>,
     worker: Worker,
     /// The number of the last [`Load`].
     scene: u64,
@@ -79,11 +77,9 @@ impl App {
     pub(crate) fn new(asked: Asked, context: &Context) -> Self {
         let told = context.clone();
         let worker = Worker::new(move || told.request_repaint());
-        let inputs = asked.inputs();
         let mut app = Self {
-            chosen: vec![true; inputs.len()],
-            fields: fields_of(&inputs),
-            inputs,
+            inputs: Vec::new(),
+            chosen: Vec::new(),
             field: None,
             asked: Arc::new(asked),
             worker,
@@ -101,7 +97,7 @@ impl App {
             drawn: None,
             texture: None,
             message: None,
-            progress: Some("reading".into()),
+            progress: None,
             probe: None,
             shows_panels: true,
             view: None,
@@ -113,7 +109,6 @@ impl App {
             time: Time::default(),
         };
         app.begin();
-        app.load();
         app
     }
 
@@ -135,14 +130,8 @@ impl App {
     pub(crate) fn open(&mut self, paths: Vec<PathBuf>) {
         match crate::arguments::of_files(paths) {
             Ok(asked) => {
-                self.inputs = asked.inputs();
-                self.chosen = vec![true; self.inputs.len()];
-                self.fields = fields_of(&self.inputs);
-                self.field = None;
                 self.asked = Arc::new(asked);
-                self.orbit = None;
                 self.begin();
-                self.load();
             }
             Err(text) => self.fail(text),
         }
@@ -196,10 +185,7 @@ impl App {
 
     /// Whether nothing is left to be done.
     pub(crate) fn is_at_rest(&self) -> bool {
-        let is_final = match (&self.drawn, &self.view) {
-            (Some(drawn), Some(view)) => drawn.is_final && drawn.number == view.number,
-            _ => false,
-        };
+        let is_final = self.has_drawn() && self.drawn.as_ref().is_some_and(|d| d.is_final);
         let is_failed = self
             .message
             .as_ref()
@@ -225,10 +211,15 @@ impl App {
         }
     }
 
-    /// Takes the steps of what was asked for.
+    /// Begins to read what was asked for, all of it and its first step.
     fn begin(&mut self) {
+        self.inputs = self.asked.inputs();
+        self.chosen = vec![true; self.inputs.len()];
+        self.field = None;
+        self.orbit = None;
         // What cannot be read says so where it is read.
         self.time = Time::of(self.asked.steps().unwrap_or_default());
+        self.load();
     }
 
     /// Shows another step of a series.
@@ -366,29 +357,4 @@ impl App {
 
 fn texels(image: &ewa_splat::Image) -> ColorImage {
     ColorImage::from_rgba_unmultiplied([image.width, image.height], &image.to_srgb8())
-}
-
-/// The fields of the first input, if it is quickly read.
-fn fields_of(inputs: &[String]) -> Vec<String> {
-    /// Files that are read in a moment.
-    const SMALL: u64 = 64 << 20;
-    let Some(path) = inputs.first().map(Path::new) else {
-        return Vec::new();
-    };
-    let is_small = std::fs::metadata(path).is_ok_and(|meta| meta.len() <= SMALL);
-    if !is_small {
-        return Vec::new();
-    }
-    // What cannot be read here says so where it is read to be drawn.
-    let data = open(path, &OpenOptions::default());
-    let fields = data.map(|data| data.fields).unwrap_or_default();
-    let mut names = Vec::new();
-    for field in fields {
-        names.push(field.name.clone());
-        if let FieldSource::Vector(components) = &field.source {
-            let axes = ["x", "y", "z"].iter().take(components.len());
-            names.extend(axes.map(|axis| format!("{}:{axis}", field.name)));
-        }
-    }
-    names
 }

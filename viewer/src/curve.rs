@@ -7,7 +7,7 @@ use std::path::Path;
 
 use ewa_splat::Result;
 use ewa_splat::image::srgb_from_linear;
-use ewa_splat::scene::{ScaleName, TransferDefaults, TransferFunction};
+use ewa_splat::scene::{ScaleName, TransferDefaults, TransferFunction, ValueScale};
 use serde_json::{Value, json};
 
 /// How far opacities and colours may be from the points that are left out of those of a file.
@@ -18,39 +18,12 @@ const SIMPLER: f32 = 0.01;
 pub(crate) struct Curve {
     /// Where the table lies.
     pub(crate) range: [f32; 2],
-    scale: Scale,
+    scale: ValueScale,
     unit_distance: f64,
     /// Values, not decreasing, and opacities from 0 to 1.
     pub(crate) opacities: Vec<(f32, f32)>,
     /// Values, not decreasing, and colours as displays take them.
     pub(crate) colours: Vec<(f32, [f32; 3])>,
-}
-
-/// Where values lie between the ends of the range.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Scale {
-    Linear,
-    Logarithmic,
-    /// Linear within this distance of 0.
-    Symmetric(f32),
-}
-
-impl Scale {
-    fn position(self, value: f32) -> f32 {
-        match self {
-            Self::Linear => value,
-            Self::Logarithmic => value.max(f32::MIN_POSITIVE).ln(),
-            Self::Symmetric(within) => (value / within).asinh(),
-        }
-    }
-
-    fn value(self, position: f32) -> f32 {
-        match self {
-            Self::Linear => position,
-            Self::Logarithmic => position.exp(),
-            Self::Symmetric(within) => position.sinh() * within,
-        }
-    }
 }
 
 impl Curve {
@@ -60,15 +33,7 @@ impl Curve {
         let number = |value: &Value| value.as_f64().map(narrowed);
         let range = file.get("range")?.as_array()?;
         let range = [number(range.first()?)?, number(range.get(1)?)?];
-        let scale = match file.get("scale").and_then(Value::as_str) {
-            Some("log") => Scale::Logarithmic,
-            Some("symlog") => {
-                let within = file.get("linear_within").and_then(number);
-                let farthest = range[0].abs().max(range[1].abs());
-                Scale::Symmetric(within.unwrap_or(farthest * 1e-3))
-            }
-            _ => Scale::Linear,
-        };
+        let scale = function.value_scale();
         let is_linear = file.get("color_space").and_then(Value::as_str) == Some("linear");
         let (mut opacities, mut colours) = (Vec::new(), Vec::new());
         for point in file.get("points")?.as_array()? {
@@ -126,11 +91,11 @@ impl Curve {
             "points": points,
         });
         match self.scale {
-            Scale::Linear => {}
-            Scale::Logarithmic => file["scale"] = json!("log"),
-            Scale::Symmetric(within) => {
+            ValueScale::Linear => {}
+            ValueScale::Log => file["scale"] = json!("log"),
+            ValueScale::Symlog { linear } => {
                 file["scale"] = json!("symlog");
-                file["linear_within"] = json!(within);
+                file["linear_within"] = json!(linear);
             }
         }
         format!("{file:#}\n")
@@ -151,9 +116,9 @@ impl Curve {
     /// What the scale is called.
     pub(crate) fn scale_name(&self) -> ScaleName {
         match self.scale {
-            Scale::Linear => ScaleName::Linear,
-            Scale::Logarithmic => ScaleName::Log,
-            Scale::Symmetric(_) => ScaleName::Symlog,
+            ValueScale::Linear => ScaleName::Linear,
+            ValueScale::Log => ScaleName::Log,
+            ValueScale::Symlog { .. } => ScaleName::Symlog,
         }
     }
 
@@ -361,7 +326,7 @@ mod tests {
     fn points_stay_between_their_neighbours() {
         let mut curve = Curve {
             range: [1.0, 100.0],
-            scale: Scale::Logarithmic,
+            scale: ValueScale::Log,
             unit_distance: 1.0,
             opacities: vec![(1.0, 0.0), (10.0, 0.5), (100.0, 1.0)],
             colours: vec![(1.0, [0.0; 3]), (100.0, [1.0; 3])],

@@ -2,8 +2,6 @@
 
 use ewa_splat::scene::{TransferFunction, Values};
 
-use crate::curve::Curve;
-
 /// Bars of a histogram.
 const BARS: usize = 128;
 
@@ -14,14 +12,13 @@ pub(crate) struct Histogram {
 }
 
 impl Histogram {
-    /// Of all values; those beyond the range are in its outermost bars, and NaN in none.
+    /// Of all values of a volume, which are positions on its function's scale; those beyond the range are in its outermost bars,
+    /// and NaN in none.
     pub(crate) fn of(values: &Values, function: &TransferFunction) -> Self {
         let mut counts = vec![0_u32; BARS];
-        let Some(curve) = Curve::of(function) else {
-            return Self { counts };
-        };
+        let [lo, hi] = function.range();
         for i in 0..values.len() {
-            let share = curve.share(values.get(i));
+            let share = (values.get(i) - lo) / (hi - lo);
             if share.is_finite() {
                 #[expect(
                     clippy::cast_possible_truncation,
@@ -50,6 +47,8 @@ impl Histogram {
 
 #[cfg(test)]
 mod tests {
+    use ewa_splat::scene::{AutomaticOptions, ScaleName, ValueSample};
+
     use super::*;
 
     #[test]
@@ -64,5 +63,28 @@ mod tests {
         assert_eq!(histogram.counts.iter().sum::<u32>(), 6);
         assert_eq!(histogram.heights(false)[64], 1.0);
         assert_eq!(histogram.heights(true)[1], 0.0);
+    }
+
+    /// Values of a field over decades reach a volume as their logarithms.
+    #[test]
+    fn logarithms_are_not_taken_twice() {
+        let values = Values::F32((0..128).map(|i| 10_f32.powi(i / 32)).collect());
+        let positions: Vec<glam::DVec3> = (0..128).map(|i| glam::DVec3::X * f64::from(i)).collect();
+        let sample = ValueSample::of_body(&values, &[1.0; 128], &positions);
+        let options = AutomaticOptions {
+            range: Some([1.0, 1e4]),
+            scale: Some(ScaleName::Log),
+            ..AutomaticOptions::default()
+        };
+        let function = TransferFunction::automatic(&sample, &options).unwrap();
+        let positions = function.value_scale().positions(values);
+        let counts = Histogram::of(&positions, &function).counts;
+        // 1, 10, 100 and 1000 stand at quarters of the range.
+        let high: Vec<usize> = (0..128).filter(|&i| counts[i] > 0).collect();
+        assert_eq!(high.len(), 4);
+        for (bar, quarter) in high.iter().zip([0, 32, 64, 96]) {
+            assert!(bar.abs_diff(quarter) <= 1, "{high:?}");
+            assert_eq!(counts[*bar], 32);
+        }
     }
 }

@@ -8,6 +8,7 @@ mod arguments;
 mod controller;
 mod curve;
 mod error;
+mod headless;
 mod histogram;
 mod orbit;
 mod output;

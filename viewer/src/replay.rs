@@ -1,60 +1,22 @@
 //! How long pictures take while things move: one turn around the data, and an edit of the transfer function, without a window.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use egui::{Context, RawInput, Rect};
 use ewa_splat::command::Asked;
 
 use crate::app::App;
-use crate::window;
+use crate::headless::Headless;
 
 /// Width and height of the window where none is asked for: the panels leave about 1024 x 640 of it.
 const SIZE: [usize; 2] = [1620, 660];
 
-/// Longer than any scene takes to be read.
-const LONGEST: Duration = Duration::from_secs(600);
+/// Between two looks at whether a picture is there: a small part of what one takes.
+const PAUSE: Duration = Duration::from_micros(500);
 
-/// A window that nobody sees.
-struct Replay {
-    app: App,
-    context: Context,
-    size: [usize; 2],
-    begun: Instant,
-}
-
-impl Replay {
-    fn pass(&mut self) {
-        let [width, height] = self.size.map(|n| n as f32);
-        let input = RawInput {
-            screen_rect: Some(Rect::from_min_size(
-                egui::Pos2::ZERO,
-                egui::vec2(width, height),
-            )),
-            time: Some(self.begun.elapsed().as_secs_f64()),
-            ..RawInput::default()
-        };
-        let app = &mut self.app;
-        let mut output = self.context.run_ui(input, |ui| window::show(app, ui));
-        output.textures_delta.clear();
-    }
-
-    /// Passes until something holds: how long that took.
-    fn until(&mut self, holds: impl Fn(&App) -> bool) -> Result<Duration, String> {
-        let begun = Instant::now();
-        self.pass();
-        while !holds(&self.app) {
-            let message = self.app.message.as_ref();
-            if let Some(message) = message.filter(|message| message.is_error) {
-                return Err(message.text.clone());
-            }
-            if begun.elapsed() > LONGEST {
-                return Err("nothing was drawn in ten minutes".into());
-            }
-            std::thread::sleep(Duration::from_micros(500));
-            self.pass();
-        }
-        Ok(begun.elapsed())
-    }
+/// Passes until something holds: how long that took.
+fn until(window: &mut Headless, holds: impl Fn(&App) -> bool) -> Result<Duration, String> {
+    // Nothing is drawn of the interface.
+    window.until(holds, |mut output| output.textures_delta.clear())
 }
 
 /// Plays the turn and the edit, each of so many pictures, and says how long they took.
@@ -63,31 +25,25 @@ impl Replay {
 /// What the window shows as an error.
 pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
     let size = asked.size().unwrap_or(SIZE);
-    let context = Context::default();
-    let mut replay = Replay {
-        app: App::new(asked, &context),
-        context,
-        size,
-        begun: Instant::now(),
-    };
-    let first = replay.until(App::has_drawn)?;
-    let mut rest = vec![replay.until(App::is_at_rest)?];
-    let [width, height] = replay.app.size;
+    let mut window = Headless::new(asked, size, PAUSE);
+    let first = until(&mut window, App::has_drawn)?;
+    let mut rest = vec![until(&mut window, App::is_at_rest)?];
+    let [width, height] = window.app.size;
     let mut text = format!("{width} x {height} pixels\nread and first drawn in {first:.2?}\n");
     let turn = std::f64::consts::TAU / f64::from(count);
     let mut turned = Vec::new();
     for _ in 0..count {
-        if let Some(orbit) = &mut replay.app.orbit {
+        if let Some(orbit) = &mut window.app.orbit {
             orbit.turn(turn, 0.0);
         }
-        turned.push(replay.until(App::has_drawn)?);
+        turned.push(until(&mut window, App::has_drawn)?);
     }
-    text += &said("turn", &mut turned, &replay.app);
-    rest.push(replay.until(App::is_at_rest)?);
-    if replay.app.history().is_some() {
+    text += &said("turn", &mut turned, &window.app);
+    rest.push(until(&mut window, App::is_at_rest)?);
+    if window.app.history().is_some() {
         let mut edited = Vec::new();
         for i in 0..count {
-            if let Some(history) = replay.app.history() {
+            if let Some(history) = window.app.history() {
                 let mut curve = history.curve().clone();
                 let middle = curve.opacities.len() / 2;
                 let (value, opacity) = curve.opacities[middle];
@@ -97,10 +53,10 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
                 let function = curve.function().map_err(|error| error.to_string())?;
                 history.push(function, curve, true);
             }
-            edited.push(replay.until(App::has_drawn)?);
+            edited.push(until(&mut window, App::has_drawn)?);
         }
-        text += &said("edit", &mut edited, &replay.app);
-        rest.push(replay.until(App::is_at_rest)?);
+        text += &said("edit", &mut edited, &window.app);
+        rest.push(until(&mut window, App::is_at_rest)?);
     }
     let longest = rest.iter().max().copied().unwrap_or_default();
     text += &format!("rest, whole and measured: {longest:.2?} at the longest\n");

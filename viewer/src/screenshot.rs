@@ -1,20 +1,20 @@
 //! A picture of the window without one.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use egui::{Context, Event, RawInput, Rect};
 use egui_wgpu::wgpu;
 use ewa_splat::command::Asked;
 use ewa_splat::io::write_bytes_atomically;
 
 use crate::app::App;
+use crate::headless::Headless;
 
 /// Width and height of the picture where none is asked for.
 const SIZE: [u32; 2] = [1280, 800];
 
-/// Longer than any scene takes to be read and refined on a slow machine.
-const LONGEST: Duration = Duration::from_secs(600);
+/// Between two looks at whether all is drawn.
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// Draws the window as it is once nothing is left to be done, and writes it.
 ///
@@ -24,44 +24,19 @@ pub(crate) fn write(asked: Asked, path: &Path) -> Result<(), String> {
     let size = asked.size().map_or(SIZE, |size| {
         size.map(|n| u32::try_from(n).unwrap_or(u32::MAX))
     });
-    let context = Context::default();
-    let mut app = App::new(asked, &context);
-    let begun = Instant::now();
+    let mut window = Headless::new(asked, size.map(|n| n as usize), PAUSE);
     let mut painter = Painter::new(size)?;
-    let mut passes_at_rest = 0;
-    loop {
-        let input = RawInput {
-            screen_rect: Some(Rect::from_min_size(
-                egui::Pos2::ZERO,
-                egui::vec2(size[0] as f32, size[1] as f32),
-            )),
-            time: Some(begun.elapsed().as_secs_f64()),
-            events: vec![Event::PointerGone],
-            ..RawInput::default()
-        };
-        let mut output = context.run_ui(input, |ui| crate::window::show(&mut app, ui));
-        let shapes = context.tessellate(output.shapes, output.pixels_per_point);
-        painter.update(&output.textures_delta);
-        output.textures_delta.clear();
-        // A pass after the last picture lays out what it changed.
-        passes_at_rest = if app.is_at_rest() {
-            passes_at_rest + 1
-        } else {
-            0
-        };
-        if passes_at_rest > 2 {
-            if let Some(message) = app.message.as_ref().filter(|message| message.is_error) {
-                return Err(message.text.clone());
-            }
-            let pixels = painter.draw(&shapes, output.pixels_per_point)?;
-            let bytes = png(&pixels, size)?;
-            return write_bytes_atomically(path, &bytes).map_err(|error| error.to_string());
-        }
-        if begun.elapsed() > LONGEST {
-            return Err("the picture is not finished after ten minutes".into());
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    window.until(App::is_at_rest, |output| {
+        painter.update(output.textures_delta)
+    })?;
+    // Passes after the last picture lay out what it changed.
+    painter.update(window.pass().textures_delta);
+    let output = window.pass();
+    painter.update(output.textures_delta);
+    let scale = output.pixels_per_point;
+    let shapes = window.context.tessellate(output.shapes, scale);
+    let bytes = png(&painter.draw(&shapes, scale)?, size)?;
+    write_bytes_atomically(path, &bytes).map_err(|error| error.to_string())
 }
 
 fn png(pixels: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, String> {
@@ -106,7 +81,7 @@ impl Painter {
         })
     }
 
-    fn update(&mut self, textures: &egui::TexturesDelta) {
+    fn update(&mut self, mut textures: egui::TexturesDelta) {
         for (id, deltas) in &textures.set {
             for delta in deltas {
                 self.renderer
@@ -116,6 +91,7 @@ impl Painter {
         for id in &textures.free {
             self.renderer.free_texture(id);
         }
+        textures.clear();
     }
 
     /// The pixels, four bytes each.

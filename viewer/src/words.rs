@@ -1,9 +1,9 @@
 //! The command that makes the picture of the window.
 
+use ewa_splat::Settings;
 use ewa_splat::command::Asked;
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
 use ewa_splat::scene::LightFrame;
-use ewa_splat::{Filter, Settings};
 
 use crate::orbit::{Lens, Orbit};
 
@@ -108,24 +108,11 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
     if now.tolerance != default.tolerance {
         say("tolerance", Some(now.tolerance.to_string()));
     }
-    match now.filter {
-        Filter::Adaptive => {}
-        Filter::Exact => say("filter", text("exact")),
-        Filter::Ewa => say("filter", text("ewa")),
-        Filter::Reconstruction => say("filter", text("reconstruction")),
-        Filter::LowPass => say("filter", text("low-pass")),
-        Filter::Isotropic => say("filter", text("isotropic")),
-        Filter::UniformScaling => say("filter", text("uniform-scaling")),
+    if now.filter != default.filter {
+        say("filter", text(now.filter.name()));
     }
-    let name = match now.composite {
-        Composite::Sheets { .. } => Some("sheets"),
-        Composite::AxisSheets { .. } => Some("axis-sheets"),
-        Composite::Slabs { .. } => Some("slabs"),
-        Composite::Maximum { .. } => Some("maximum"),
-        _ => None,
-    };
-    if let Some(name) = name {
-        say("composite", text(name));
+    if now.composite != Composite::Over {
+        say("composite", text(now.composite.name()));
     }
     if let Composite::Slabs {
         classify: ClassifyAt::Slab,

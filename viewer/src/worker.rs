@@ -67,6 +67,8 @@ pub(crate) struct Loaded {
     pub(crate) boxes: Vec<Bounds>,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) volumes: Vec<Volume>,
+    /// What can be shown of the first input.
+    pub(crate) fields: Vec<String>,
     pub(crate) particle_count: usize,
     pub(crate) bytes_per_particle: f64,
     /// What draws: the adapter's name, or the processor.
@@ -87,7 +89,7 @@ pub(crate) struct Volume {
 pub(crate) struct Drawn {
     /// Of which view: its number.
     pub(crate) number: u64,
-    pub(crate) image: Image,
+    pub(crate) image: Arc<Image>,
     pub(crate) coarseness: Coarseness,
     /// Whether nothing is left to be refined.
     pub(crate) is_final: bool,
@@ -320,6 +322,8 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let asked = &load.asked;
     let mut shown = asked.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
     let volumes = volumes_of(&shown);
+    let functions = volumes.iter().map(|volume| volume.function.clone());
+    let functions = functions.collect();
     let options = SceneOptions {
         keep_indices: true,
         task: Some(task),
@@ -338,6 +342,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         bytes_per_particle: renderer.bytes_per_particle(),
         device: renderer.adapter().unwrap_or_else(|| "processor".into()),
         volumes,
+        fields: shown.selectors,
         seconds: begun.elapsed().as_secs_f64(),
     };
     shared.tell(News::Loaded(Box::new(loaded)));
@@ -345,6 +350,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         scene: load.scene,
         renderer,
         controller: Controller::default(),
+        functions,
         view: None,
         drawn: None,
         left: 0,
@@ -375,6 +381,8 @@ struct Stage {
     scene: u64,
     renderer: Renderer,
     controller: Controller,
+    /// The functions that it is classified by.
+    functions: Vec<Option<TransferFunction>>,
     view: Option<View>,
     drawn: Option<Drawn>,
     /// Steps of refinement that are left.
@@ -389,19 +397,19 @@ impl Stage {
         if view.scene != self.scene {
             return Ok(());
         }
-        for (i, function) in view.functions.iter().enumerate() {
-            let old = self.view.as_ref().and_then(|old| old.functions.get(i));
-            if let Some(function) = function
-                && old != Some(&Some(function.clone()))
+        for (i, (function, old)) in view.functions.iter().zip(&mut self.functions).enumerate() {
+            if let Some(new) = function
+                && function != old
             {
-                self.renderer.set_transfer_function(i, function.clone())?;
+                self.renderer.set_transfer_function(i, new.clone())?;
+                old.clone_from(function);
             }
         }
         let coarseness = self.controller.next(view.settings.tolerance);
         self.view = Some(view);
         let begun = Instant::now();
         // Finished in any case, so that a motion is seen: it takes no longer than a frame.
-        self.draw(shared, coarseness, None, None)?;
+        self.draw(shared, coarseness, None)?;
         let time = begun.elapsed();
         self.controller.took(time);
         // A picture that is whole already is not drawn again, and one that soon will be has no step before it.
@@ -439,9 +447,9 @@ impl Stage {
         match self.left {
             3 => {
                 let looser = Coarseness::none(asked * FIRST_STEP);
-                self.draw(shared, looser, Some(task), None)?;
+                self.draw(shared, looser, Some(task))?;
             }
-            2 => self.draw(shared, Coarseness::none(asked), Some(task), None)?,
+            2 => self.draw(shared, Coarseness::none(asked), Some(task))?,
             _ => {
                 let settings = Settings {
                     task: Some(task),
@@ -452,20 +460,22 @@ impl Stage {
                 let is_measured = matches!(settings.composite, Composite::Over)
                     && matches!(settings.show, Show::Scene);
                 let shows_error = view.shows_error;
-                if let (Some(mut drawn), true) = (self.drawn.clone(), is_measured) {
+                let Some(mut drawn) = self.drawn.clone() else {
+                    self.left = 0;
+                    return Ok(());
+                };
+                if is_measured {
                     let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
                     drawn.error = Some(sample.error_of(&drawn.image));
                     if shows_error {
                         let exact = accurate(&settings);
                         let truth = self.renderer.render(&camera, &exact)?;
-                        drawn.image = error::shown(&drawn.image, truth, settings.tolerance);
+                        drawn.image =
+                            Arc::new(error::shown(&drawn.image, truth, settings.tolerance));
                     }
-                    drawn.is_final = true;
-                    self.tell(shared, drawn);
-                } else if let Some(mut drawn) = self.drawn.clone() {
-                    drawn.is_final = true;
-                    self.tell(shared, drawn);
                 }
+                drawn.is_final = true;
+                self.tell(shared, drawn);
             }
         }
         self.left -= 1;
@@ -477,7 +487,6 @@ impl Stage {
         shared: &Arc<Shared>,
         coarseness: Coarseness,
         task: Option<Task>,
-        error: Option<SampledError>,
     ) -> ewa_splat::Result<()> {
         let Some(view) = &self.view else {
             return Ok(());
@@ -489,13 +498,13 @@ impl Stage {
             task,
             ..view.settings.clone()
         };
-        let image = self.renderer.render(&camera, &settings)?.clone();
+        let image = Arc::new(self.renderer.render(&camera, &settings)?.clone());
         let drawn = Drawn {
             number: view.number,
             image,
             coarseness,
             is_final: false,
-            error,
+            error: None,
             counts: self.renderer.counts(),
             times: self.renderer.times(),
         };
@@ -515,9 +524,7 @@ impl Stage {
         }
         Ok(())
     }
-}
 
-impl Stage {
     fn write(&mut self, shared: &Shared, view: &View, path: PathBuf) -> ewa_splat::Result<()> {
         if view.scene == self.scene {
             let image = self.renderer.render(&view.camera, &view.settings)?;

@@ -18,12 +18,14 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             }
             let titles = app.loaded.iter().flat_map(|loaded| &loaded.volumes);
             let shown = titles.map(|volume| volume.title.clone()).next();
-            if !app.fields.is_empty() {
+            let fields = app.loaded.as_ref().map(|loaded| loaded.fields.as_slice());
+            let fields = fields.unwrap_or_default();
+            if !fields.is_empty() {
                 let shown = app.field.clone().or(shown).unwrap_or_default();
                 ComboBox::from_label("field")
                     .selected_text(shown)
                     .show_ui(ui, |ui| {
-                        for name in &app.fields {
+                        for name in fields {
                             let value = Some(name.clone());
                             changed |= ui.selectable_value(&mut app.field, value, name).changed();
                         }

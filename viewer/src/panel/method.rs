@@ -8,16 +8,6 @@ use glam::DVec3;
 
 use crate::app::App;
 
-const FILTERS: [(&str, Filter); 7] = [
-    ("adaptive", Filter::Adaptive),
-    ("exact", Filter::Exact),
-    ("EWA", Filter::Ewa),
-    ("reconstruction", Filter::Reconstruction),
-    ("low-pass", Filter::LowPass),
-    ("isotropic", Filter::Isotropic),
-    ("uniform scaling", Filter::UniformScaling),
-];
-
 const SHOWN: [(&str, Show); 3] = [
     ("picture", Show::Scene),
     ("choice of filters", Show::Choice),
@@ -63,7 +53,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                     .text("tolerance"),
             )
             .on_hover_text("error in linear colour that 99.9 % of the pixels may have");
-            choose(ui, "filter", &mut settings.filter, &FILTERS);
+            choose(ui, "filter", &mut settings.filter, &Filter::ALL.map(|filter| (filter.name(), filter)));
             choose(ui, "composite", &mut settings.composite, &composites());
             let mut by_extent = settings.classify == Classification::Extent;
             let whole = "classify over extents";

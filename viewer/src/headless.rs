@@ -1,0 +1,77 @@
+//! The window without a display: passes of its interface, one after another.
+
+use std::time::{Duration, Instant};
+
+use egui::{Context, Event, FullOutput, RawInput, Rect};
+use ewa_splat::command::Asked;
+
+use crate::app::App;
+use crate::window;
+
+/// Longer than any scene takes to be read and refined on a slow machine.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// A window that nobody sees.
+pub(crate) struct Headless {
+    pub(crate) app: App,
+    pub(crate) context: Context,
+    size: [usize; 2],
+    /// Between two passes.
+    pause: Duration,
+    begun: Instant,
+}
+
+impl Headless {
+    pub(crate) fn new(asked: Asked, size: [usize; 2], pause: Duration) -> Self {
+        let context = Context::default();
+        Self {
+            app: App::new(asked, &context),
+            context,
+            size,
+            pause,
+            begun: Instant::now(),
+        }
+    }
+
+    /// One pass. Textures that it asks for are the caller's to take or to clear.
+    pub(crate) fn pass(&mut self) -> FullOutput {
+        let [width, height] = self.size.map(|n| n as f32);
+        let input = RawInput {
+            screen_rect: Some(Rect::from_min_size(
+                egui::Pos2::ZERO,
+                egui::vec2(width, height),
+            )),
+            time: Some(self.begun.elapsed().as_secs_f64()),
+            events: vec![Event::PointerGone],
+            ..RawInput::default()
+        };
+        let app = &mut self.app;
+        self.context.run_ui(input, |ui| window::show(app, ui))
+    }
+
+    /// Passes until something holds, each of which is handed to `take`: how long that took.
+    ///
+    /// # Errors
+    /// What the window shows as an error; nothing in ten minutes.
+    pub(crate) fn until(
+        &mut self,
+        holds: impl Fn(&App) -> bool,
+        mut take: impl FnMut(FullOutput),
+    ) -> Result<Duration, String> {
+        let begun = Instant::now();
+        loop {
+            take(self.pass());
+            let message = self.app.message.as_ref();
+            if let Some(message) = message.filter(|message| message.is_error) {
+                return Err(message.text.clone());
+            }
+            if holds(&self.app) {
+                return Ok(begun.elapsed());
+            }
+            if begun.elapsed() > LONGEST {
+                return Err("the picture is not finished after ten minutes".into());
+            }
+            std::thread::sleep(self.pause);
+        }
+    }
+}
