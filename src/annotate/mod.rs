@@ -12,6 +12,7 @@ mod triad;
 
 use glam::DVec3;
 
+pub use self::outline::{BoxEdge, box_edges};
 use self::scale_bar::ScaleBar;
 use self::triad::Triad;
 use crate::error::{Error, Result};

@@ -12,17 +12,18 @@ const GREY: [f32; 3] = [0.75; 3];
 /// Of edges that the box itself hides.
 const HIDDEN_OPACITY: f32 = 0.35;
 
-/// An edge as a camera sees it.
+/// An edge of a box as a camera sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Edge {
-    /// Its ends, pixel coordinates; where the plane of the eye cuts it, just before that.
-    ends: [DVec2; 2],
+pub struct BoxEdge {
+    /// Its ends, pixel coordinates: [`Camera::project_segment`].
+    pub ends: [DVec2; 2],
     /// Whether neither of the two faces that meet in it is turned to the eye.
-    is_hidden: bool,
+    pub is_hidden: bool,
 }
 
-/// The edges of a box of which anything lies before a camera.
-fn edges(camera: &Camera, (middle, half): Bounds) -> Vec<Edge> {
+/// The edges of a box, world units, of which anything lies before a camera: what an
+/// [`outline`](super::Annotations::outline) draws.
+pub fn box_edges(camera: &Camera, (middle, half): Bounds) -> Vec<BoxEdge> {
     // Whether the face across an axis, at its lower or its upper end, is turned to the eye.
     let is_turned = |axis: usize, is_upper: bool| {
         let sign = if is_upper { 1.0 } else { -1.0 };
@@ -42,49 +43,18 @@ fn edges(camera: &Camera, (middle, half): Bounds) -> Vec<Edge> {
             (at[u], at[v]) = (i & 1 == 1, i & 2 == 2);
             let from = corner(at);
             at[along] = true;
-            if let Some(ends) = seen(camera, [from, corner(at)]) {
+            if let Some(ends) = camera.project_segment([from, corner(at)]) {
                 let is_hidden = !is_turned(u, at[u]) && !is_turned(v, at[v]);
-                edges.push(Edge { ends, is_hidden });
+                edges.push(BoxEdge { ends, is_hidden });
             }
         }
     }
     edges
 }
 
-/// The ends of a line on the picture, cut before the plane of the eye; none of a line behind it.
-fn seen(camera: &Camera, ends: [DVec3; 2]) -> Option<[DVec2; 2]> {
-    let [a, b] = ends.map(|end| camera.camera_point(end));
-    // Under perspective a point in the plane has no place: what is nearer than a millionth of the line's
-    // reach is left out, which lies far outside any picture.
-    let near = match camera.projection {
-        Projection::Perspective => 1e-6 * a.abs().max(b.abs()).max_element(),
-        Projection::Orthographic => 0.0,
-    };
-    let is_before = |p: DVec3| p.z >= near;
-    if !is_before(a) && !is_before(b) {
-        return None;
-    }
-    let cut = |p: DVec3, other: DVec3| {
-        if is_before(p) {
-            p
-        } else {
-            p + (other - p) * ((near - p.z) / (other.z - p.z))
-        }
-    };
-    let project = |p: DVec3| {
-        let slope = match camera.projection {
-            Projection::Perspective => p.truncate() / p.z,
-            Projection::Orthographic => p.truncate(),
-        };
-        camera.focal_px * slope + camera.centre_px
-    };
-    let ends = [project(cut(a, b)), project(cut(b, a))];
-    ends.iter().all(|end| end.is_finite()).then_some(ends)
-}
-
 /// Draws them, hidden ones dimmer and first.
 pub(super) fn draw(image: &mut Image, camera: &Camera, bounds: Bounds, font: Font) {
-    let edges = edges(camera, bounds);
+    let edges = box_edges(camera, bounds);
     for (is_hidden, opacity) in [(true, HIDDEN_OPACITY), (false, 1.0)] {
         let strokes: Vec<Stroke> = edges
             .iter()
@@ -110,7 +80,7 @@ mod tests {
     #[test]
     fn edges_join_the_corners_where_the_camera_sees_them() {
         for camera in cameras([400, 300]) {
-            let edges = edges(&camera, BOX);
+            let edges = box_edges(&camera, BOX);
             assert_eq!(edges.len(), 12);
             for i in 0..8 {
                 let sign = |axis: usize| if i >> axis & 1 == 0 { -1.0 } else { 1.0 };
@@ -121,7 +91,7 @@ mod tests {
                 assert_eq!(meeting, 3, "{corner}");
             }
             // A box seen at a corner hides the three edges that meet in the farthest one.
-            let hidden: Vec<&Edge> = edges.iter().filter(|edge| edge.is_hidden).collect();
+            let hidden: Vec<&BoxEdge> = edges.iter().filter(|edge| edge.is_hidden).collect();
             assert_eq!(hidden.len(), 3);
             let farthest = BOX.0 + BOX.1 * DVec3::new(-1.0, 1.0, -1.0);
             let place = camera.project(farthest).unwrap();
@@ -137,7 +107,7 @@ mod tests {
         for camera in cameras([400, 300]) {
             let mut image = Image::new(400, 300);
             draw(&mut image, &camera, BOX, font_of([400, 300]));
-            for edge in edges(&camera, BOX) {
+            for edge in box_edges(&camera, BOX) {
                 for share in [0.2, 0.5, 0.8] {
                     let at = edge.ends[0].lerp(edge.ends[1], share);
                     if !(at.cmpge(DVec2::ZERO).all() && at.x < 400.0 && at.y < 300.0) {
@@ -161,7 +131,7 @@ mod tests {
     #[test]
     fn a_view_from_inside_has_the_edges_before_it() {
         let camera = Camera::perspective(BOX.0, BOX.0 + DVec3::Y, DVec3::Z, 60.0, [300, 200]);
-        let edges = edges(&camera, BOX);
+        let edges = box_edges(&camera, BOX);
         assert_eq!(edges.len(), 8);
         assert!(edges.iter().all(|edge| edge.is_hidden));
         let beyond = camera.project(BOX.0 + BOX.1).unwrap();
@@ -181,6 +151,6 @@ mod tests {
             60.0,
             [300, 200],
         );
-        assert_eq!(super::edges(&away, BOX), []);
+        assert_eq!(super::box_edges(&away, BOX), []);
     }
 }

@@ -39,6 +39,10 @@ pub(crate) struct AnnotationOptions {
 }
 
 impl AnnotationOptions {
+    pub(crate) fn has_axes(&self) -> bool {
+        self.axes
+    }
+
     pub(crate) fn has_outline(&self) -> bool {
         self.outline
     }

@@ -1,12 +1,10 @@
 //! `ewa-splat render --legend`
 
 use crate::legend::{ColourBar, name_without_unit};
-use crate::scene::Colour;
 use crate::{Error, Result};
 use clap::Args;
 
 use super::scene::Scene;
-use super::usage::is_surface;
 
 /// What a field without a name is called.
 const UNNAMED: &str = "value";
@@ -25,16 +23,11 @@ pub(crate) fn bars(scene: &Scene) -> Result<Vec<ColourBar>> {
     let mut bars = Vec::new();
     let titles = scene.volumes.iter().zip(&scene.titles);
     for (volume, title) in titles {
-        if let (Colour::Classified, Some(transfer)) = (&volume.colour, &volume.transfer_function) {
-            let title = title.as_deref().unwrap_or(UNNAMED);
-            // An opaque surface has the function's colours alone.
-            let bar = match is_surface(volume) {
-                true => ColourBar::of_column(title, transfer),
-                false => ColourBar::of_transfer_function(title, transfer),
-            };
-            if !bars.contains(&bar) {
-                bars.push(bar);
-            }
+        let title = title.as_deref().unwrap_or(UNNAMED);
+        if let Some(bar) = ColourBar::of_volume(title, volume)
+            && !bars.contains(&bar)
+        {
+            bars.push(bar);
         }
     }
     if bars.is_empty() {

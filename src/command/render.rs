@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(super) sequence: SequenceOptions,
     #[command(flatten)]
-    annotations: AnnotationOptions,
+    pub(crate) annotations: AnnotationOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]

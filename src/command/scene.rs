@@ -28,6 +28,8 @@ pub(crate) struct Scene {
     pub(crate) selectors: Vec<String>,
     /// Whether all are grids, whose kernels follow the spacing.
     pub(crate) grids_only: bool,
+    /// Whether any of the data can end sharply: grids, unless options make them end softly.
+    pub(crate) has_boundary: bool,
     /// What points up: [`Up::of_scene`].
     pub(crate) up: Up,
     /// The least and the greatest coordinates of each input's data.
@@ -141,6 +143,9 @@ impl DataOptions {
             grids_only: reads
                 .iter()
                 .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
+            has_boundary: self.flatten.is_none()
+                && self.shepard == 0
+                && reads.iter().any(|read| read.kind.is_grid()),
             up: Up::of_scene([]),
             corners: reads.iter().filter_map(|read| read.corners).collect(),
         };

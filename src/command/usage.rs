@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    fn is_grid(self) -> bool {
+    pub(crate) fn is_grid(self) -> bool {
         matches!(self, Self::Raw | Self::Plot3d | Self::Grid)
     }
 }

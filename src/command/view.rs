@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command as Process;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
@@ -14,7 +14,7 @@ use super::scene::Scene;
 use super::source::Input;
 use super::viewpoint::{Canvas, left_of};
 use crate::io::Up;
-use crate::sample::{SampleOptions, TransferChoice};
+use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
 use crate::{Error, Result, Settings, Task};
@@ -23,7 +23,7 @@ use crate::{Error, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Options of `render` that say what is written, of which a window writes nothing: by their identifiers.
-const OF_FILES: [&str; 19] = [
+const OF_FILES: [&str; 17] = [
     "out",
     "stats",
     "depth",
@@ -38,11 +38,9 @@ const OF_FILES: [&str; 19] = [
     "rate",
     "measure_error",
     "calibrate",
-    "legend",
     "scale_bar",
     "title",
     "time_stamp",
-    "axes",
 ];
 
 #[derive(Args)]
@@ -83,10 +81,33 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 
 /// What a window was asked to show, in the words of `render`.
 pub struct Asked {
-    arguments: Box<render::Arguments>,
+    arguments: Arc<render::Arguments>,
     given: Vec<(String, Option<String>)>,
     /// What the steps of a series share.
     series: OnceLock<TransferChoice>,
+    boundary: BoundaryChoice,
+}
+
+/// What is drawn over the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Over {
+    /// A colour bar for each transfer function.
+    pub legend: bool,
+    /// The directions of x, y and z.
+    pub axes: bool,
+    /// The box of the data.
+    pub outline: bool,
+}
+
+/// A picture that a camera is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+    /// Columns at the right that are left free for a [legend](crate::legend::legend_width).
+    pub legend_px: usize,
+    /// A box that is seen whole, whatever planes cut off.
+    pub outline: Option<Bounds>,
 }
 
 /// What was read for a window.
@@ -101,6 +122,8 @@ pub struct Shown {
     pub selectors: Vec<String>,
     /// The box of all data; `None` where nothing has a place.
     pub bounds: Option<Bounds>,
+    /// Whether any of the data can end sharply at its boundary.
+    pub has_boundary: bool,
     /// What points up.
     pub up: Up,
 }
@@ -149,7 +172,8 @@ impl Asked {
         let arguments = render::Arguments::from_arg_matches(matches);
         let arguments = arguments.unwrap_or_else(|error| error.exit());
         Ok(Self {
-            arguments: Box::new(arguments),
+            boundary: arguments.data.sample_options().boundary,
+            arguments: Arc::new(arguments),
             given: given(matches),
             series: OnceLock::new(),
         })
@@ -158,6 +182,39 @@ impl Asked {
     /// The options that were given, without dashes, and the value of each that has one.
     pub fn given(&self) -> &[(String, Option<String>)] {
         &self.given
+    }
+
+    /// What was asked for over the picture.
+    pub fn over(&self) -> Over {
+        let annotations = &self.arguments.annotations;
+        Over {
+            legend: self.arguments.legend.legend,
+            axes: annotations.has_axes(),
+            outline: annotations.has_outline(),
+        }
+    }
+
+    /// How the data end at their boundary.
+    pub fn boundary(&self) -> BoundaryChoice {
+        self.boundary
+    }
+
+    /// The same with another end of the data, among the options that were given, too.
+    #[must_use]
+    pub fn with_boundary(&self, boundary: BoundaryChoice) -> Self {
+        let name = match boundary {
+            BoundaryChoice::Automatic => None,
+            BoundaryChoice::Sharp => Some("sharp"),
+            BoundaryChoice::Soft => Some("soft"),
+        };
+        let others = self.given.iter().filter(|(name, _)| name != "boundary");
+        let own = name.map(|name| ("boundary".to_owned(), Some(name.to_owned())));
+        Self {
+            arguments: Arc::clone(&self.arguments),
+            given: others.cloned().chain(own).collect(),
+            series: OnceLock::new(),
+            boundary,
+        }
     }
 
     /// The size of the picture, where one was asked for.
@@ -223,6 +280,7 @@ impl Asked {
         arguments.method.check()?;
         let mut inputs = self.chosen(chosen)?;
         let mut options = arguments.sample_options(Some(task.clone()));
+        options.boundary = self.boundary;
         if let Some(field) = field {
             options.field = Some(field.to_owned());
         }
@@ -252,6 +310,7 @@ impl Asked {
             titles,
             selectors,
             up,
+            has_boundary,
             ..
         } = scene;
         if arguments.cut.cut_faces {
@@ -263,6 +322,7 @@ impl Asked {
             titles,
             selectors,
             bounds,
+            has_boundary,
             up,
         })
     }
@@ -292,11 +352,14 @@ impl Asked {
     ///
     /// # Errors
     /// Those of `render`.
-    pub fn camera(&self, up: Up, boxes: Vec<Bounds>, size: [usize; 2]) -> Result<Camera> {
-        let boxes = left_of(boxes, &self.arguments.clip_planes());
-        self.arguments
-            .camera
-            .camera(&boxes, up, &Canvas::of(Some(size)))
+    pub fn camera(&self, up: Up, boxes: Vec<Bounds>, frame: &Frame) -> Result<Camera> {
+        let mut boxes = left_of(boxes, &self.arguments.clip_planes());
+        boxes.extend(frame.outline);
+        let canvas = Canvas {
+            room_px: frame.legend_px,
+            ..Canvas::of(Some(frame.size))
+        };
+        self.arguments.camera.camera(&boxes, up, &canvas)
     }
 
     /// How `render` would draw.

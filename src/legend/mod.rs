@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::io::name_and_unit;
 use crate::overlay::{Font, Line, PLATE_OPACITY, Rect, fill, font_of, share};
-use crate::scene::{TransferFunction, ValueScale};
+use crate::scene::{Colour, PointVolume, Strength, TransferFunction, ValueScale};
 
 /// A scale of colours and what it is called.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,6 +85,44 @@ impl ColourBar {
         }
     }
 
+    /// The colours by which a volume is seen; `None` of one that has colours of its own.
+    pub fn of_volume(title: &str, volume: &PointVolume) -> Option<Self> {
+        let transfer = volume.transfer_function.as_ref();
+        let transfer = transfer.filter(|_| matches!(volume.colour, Colour::Classified))?;
+        // An opaque surface has the function's colours alone.
+        Some(match volume.strength {
+            Strength::Surface(_) => Self::of_column(title, transfer),
+            _ => Self::of_transfer_function(title, transfer),
+        })
+    }
+
+    /// The same bar of another function.
+    #[must_use]
+    pub fn with_transfer_function(&self, transfer: &TransferFunction) -> Self {
+        let transfer = transfer.clone();
+        Self {
+            title: self.title.clone(),
+            colours: match &self.colours {
+                Colours::Transfer(_) => Colours::Transfer(transfer),
+                Colours::Column(_) => Colours::Column(transfer),
+            },
+        }
+    }
+
+    /// What it is called.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
+    /// Round numbers on the bar's scale: how far up the bar each lies, 0 to 1, and its label.
+    ///
+    /// - `most`: how many there may be, 5 or more.
+    pub fn labels(&self, most: usize) -> Vec<(f64, String)> {
+        let ticks = self.ticks(most);
+        let fractions = ticks.iter().map(|tick| self.fraction(tick.value()));
+        fractions.zip(ticks::labels(&ticks)).collect()
+    }
+
     fn transfer(&self) -> &TransferFunction {
         match &self.colours {
             Colours::Transfer(transfer) | Colours::Column(transfer) => transfer,
@@ -129,7 +167,7 @@ impl ColourBar {
 
     /// The linear colour at a fraction of the bar's length, and the opacity there as a share of the
     /// greatest; `None` where all is opaque.
-    fn at(&self, fraction: f64) -> ([f32; 3], Option<f32>) {
+    pub fn at(&self, fraction: f64) -> ([f32; 3], Option<f32>) {
         match &self.colours {
             Colours::Transfer(transfer) => {
                 let [low, high] = transfer.range().map(f64::from);

@@ -130,6 +130,38 @@ impl Camera {
         }
     }
 
+    /// Where the two ends of a straight line, world units, lie on the picture, pixel coordinates; what
+    /// runs behind the plane of the eye is cut off just before it, and `None` of a line behind it.
+    pub fn project_segment(&self, ends: [DVec3; 2]) -> Option<[DVec2; 2]> {
+        let [a, b] = ends.map(|end| self.camera_point(end));
+        // Under perspective a point in the plane has no place: what is nearer than a millionth of the line's
+        // reach is left out, which lies far outside any picture.
+        let near = match self.projection {
+            Projection::Perspective => 1e-6 * a.abs().max(b.abs()).max_element(),
+            Projection::Orthographic => 0.0,
+        };
+        let is_before = |p: DVec3| p.z >= near;
+        if !is_before(a) && !is_before(b) {
+            return None;
+        }
+        let cut = |p: DVec3, other: DVec3| {
+            if is_before(p) {
+                p
+            } else {
+                p + (other - p) * ((near - p.z) / (other.z - p.z))
+            }
+        };
+        let place = |p: DVec3| {
+            let slope = match self.projection {
+                Projection::Perspective => p.truncate() / p.z,
+                Projection::Orthographic => p.truncate(),
+            };
+            self.focal_px * slope + self.centre_px
+        };
+        let ends = [place(cut(a, b)), place(cut(b, a))];
+        ends.iter().all(|end| end.is_finite()).then_some(ends)
+    }
+
     /// The direction of view in the world, unit length.
     pub fn forward(&self) -> DVec3 {
         self.camera_from_world.row(2)
@@ -176,6 +208,30 @@ mod tests {
         let right_and_up = camera.project(DVec3::new(1.0, 2.0, 0.5)).unwrap();
         assert!((right_and_up - DVec2::new(125.0, 37.5)).length() < 1e-12);
         assert!((camera.camera_from_world.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn lines_are_cut_before_the_eye() {
+        let eye = DVec3::new(0.0, -2.0, 0.0);
+        let perspective = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 90.0, [200, 100]);
+        let flat = Camera::orthographic(eye, DVec3::ZERO, DVec3::Z, 4.0, [200, 100]);
+        let (before, behind) = (DVec3::new(1.0, 0.0, 0.0), DVec3::new(1.0, -4.0, 1.0));
+        for camera in [&perspective, &flat] {
+            let [from, to] = camera.project_segment([before, behind]).unwrap();
+            assert_eq!(Some(from), camera.project(before));
+            // Cut where y = -2, half of the way up.
+            let at_eye = (to - camera.centre_px) / camera.focal_px;
+            match camera.projection {
+                Projection::Orthographic => {
+                    assert!((at_eye - DVec2::new(1.0, -0.5)).length() < 1e-9)
+                }
+                Projection::Perspective => assert!(to.is_finite() && to.x > 1e6),
+            }
+            assert_eq!(camera.project_segment([behind, behind - DVec3::Y]), None);
+            let beyond = before + DVec3::Y;
+            let ends = camera.project_segment([before, beyond]).unwrap();
+            assert_eq!(ends.map(Some), [before, beyond].map(|p| camera.project(p)));
+        }
     }
 
     #[test]

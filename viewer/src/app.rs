@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use egui::{ColorImage, Context, TextureHandle, TextureOptions};
 use ewa_splat::Settings;
-use ewa_splat::command::{Asked, line};
+use ewa_splat::command::{Asked, Frame, Over, line};
+use ewa_splat::legend::legend_width;
 use ewa_splat::render::Picked;
 use glam::DVec3;
 
 use crate::curve::History;
 use crate::orbit::Orbit;
 use crate::output::Output;
+use crate::panel::handles::Handles;
 use crate::probe::Probe;
 use crate::time::Time;
 use crate::worker::{Drawn, Load, Loaded, News, View, Worker};
@@ -63,6 +65,9 @@ pub(crate) struct App {
     pub(crate) shows_error: bool,
     pub(crate) output: Output,
     pub(crate) time: Time,
+    /// What is switched on over the picture.
+    pub(crate) over: Over,
+    pub(crate) handles: Handles,
 }
 
 /// A line for people.
@@ -79,6 +84,8 @@ impl App {
         let worker = Worker::new(move || told.request_repaint());
         let mut app = Self {
             inputs: Vec::new(),
+            over: asked.over(),
+            handles: Handles::default(),
             chosen: Vec::new(),
             field: None,
             asked: Arc::new(asked),
@@ -180,7 +187,7 @@ impl App {
             camera: orbit.camera(self.picture_size()),
             ..view.clone()
         };
-        self.worker.write(view, path);
+        self.worker.write(view, self.overlay(), path);
     }
 
     /// Whether nothing is left to be done.
@@ -294,7 +301,16 @@ impl App {
             return;
         };
         let boxes = loaded.boxes.clone();
-        let camera = match self.asked.camera(loaded.up, boxes, self.size) {
+        let over = self.shown_over();
+        let frame = Frame {
+            size: self.size,
+            legend_px: match over.legend {
+                true => legend_width(&self.bars(), self.size),
+                false => 0,
+            },
+            outline: loaded.bounds.filter(|_| over.outline),
+        };
+        let camera = match self.asked.camera(loaded.up, boxes, &frame) {
             Ok(camera) => camera,
             Err(error) => return self.fail(line(&error)),
         };

@@ -5,6 +5,7 @@
 
 mod app;
 mod arguments;
+mod clip;
 mod controller;
 mod curve;
 mod error;
@@ -12,9 +13,11 @@ mod headless;
 mod histogram;
 mod orbit;
 mod output;
+mod over;
 mod panel;
 mod probe;
 mod replay;
+mod screen;
 mod screenshot;
 #[cfg(test)]
 mod tests;

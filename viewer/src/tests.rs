@@ -1,5 +1,7 @@
 //! The window as hands use it, without one.
 
+mod over;
+
 use std::time::{Duration, Instant};
 
 use egui::{Event, PointerButton, Pos2, Vec2};
@@ -229,6 +231,7 @@ fn every_panel_opens() {
         "Data",
         "Method",
         "Clip",
+        "Over the picture",
         "Light",
         "Camera",
         "Output",

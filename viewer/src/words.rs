@@ -1,14 +1,14 @@
 //! The command that makes the picture of the window.
 
 use ewa_splat::Settings;
-use ewa_splat::command::Asked;
+use ewa_splat::command::{Asked, Over};
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
 use ewa_splat::scene::LightFrame;
 
 use crate::orbit::{Lens, Orbit};
 
 /// Options that the window's state takes the place of.
-const REPLACED: [&str; 25] = [
+const REPLACED: [&str; 28] = [
     "eye",
     "target",
     "up",
@@ -34,6 +34,9 @@ const REPLACED: [&str; 25] = [
     "unlit",
     "light",
     "series",
+    "legend",
+    "axes",
+    "outline",
 ];
 
 /// What a window shows.
@@ -47,6 +50,8 @@ pub(crate) struct State<'a> {
     pub(crate) orbit: &'a Orbit,
     /// The settings that were asked for, and those in force.
     pub(crate) settings: [&'a Settings; 2],
+    /// What is over the picture.
+    pub(crate) over: Over,
     pub(crate) size: [usize; 2],
     pub(crate) out: &'a str,
 }
@@ -97,6 +102,15 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     }
     say("size", Some(format!("{}x{}", state.size[0], state.size[1])));
     settings(asked, now, &mut say);
+    let over = state.over;
+    let annotations = [
+        ("legend", over.legend),
+        ("axes", over.axes),
+        ("outline", over.outline),
+    ];
+    for (name, _) in annotations.into_iter().filter(|(_, is_on)| *is_on) {
+        say(name, None);
+    }
     say("out", Some(state.out.to_owned()));
     words
 }

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use ewa_splat::command::{Asked, Shown, line};
 use ewa_splat::io::{Up, write_image};
+use ewa_splat::legend::ColourBar;
 use ewa_splat::measure::{ErrorSample, SampledError, accurate};
 use ewa_splat::render::{FrameCounts, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
@@ -20,6 +21,7 @@ use ewa_splat::{Backend, Composite, Error, Image, Renderer, SceneOptions, Settin
 use crate::controller::{Coarseness, Controller};
 use crate::error;
 use crate::histogram::Histogram;
+use crate::over::Overlay;
 
 /// How long nothing must change before a picture is refined.
 const REST: Duration = Duration::from_millis(120);
@@ -66,6 +68,8 @@ pub(crate) struct Loaded {
     /// Around what is visible.
     pub(crate) boxes: Vec<Bounds>,
     pub(crate) bounds: Option<Bounds>,
+    /// Whether any of the data can end sharply.
+    pub(crate) has_boundary: bool,
     pub(crate) volumes: Vec<Volume>,
     /// What can be shown of the first input.
     pub(crate) fields: Vec<String>,
@@ -82,6 +86,8 @@ pub(crate) struct Volume {
     pub(crate) title: String,
     pub(crate) function: Option<TransferFunction>,
     pub(crate) histogram: Option<Histogram>,
+    /// Its legend, where a function gives its colours.
+    pub(crate) bar: Option<ColourBar>,
 }
 
 /// A picture, and how it came about.
@@ -115,7 +121,7 @@ struct Mailbox {
     load: Option<Load>,
     view: Option<View>,
     pick: Option<[usize; 2]>,
-    write: Option<(View, PathBuf)>,
+    write: Option<(View, Overlay, PathBuf)>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
@@ -202,9 +208,9 @@ impl Worker {
         self.wish(|mailbox| mailbox.pick = Some(pixel));
     }
 
-    /// Draws a view as it is asked for, and writes the picture.
-    pub(crate) fn write(&self, view: View, path: PathBuf) {
-        self.wish(|mailbox| mailbox.write = Some((view, path)));
+    /// Draws a view as it is asked for, and writes the picture with what is over it.
+    pub(crate) fn write(&self, view: View, over: Overlay, path: PathBuf) {
+        self.wish(|mailbox| mailbox.write = Some((view, over, path)));
     }
 
     /// Ends what is being read.
@@ -236,7 +242,7 @@ enum Job {
     Load(Load),
     Show(View),
     Pick([usize; 2]),
-    Write(View, PathBuf),
+    Write(View, Overlay, PathBuf),
     /// Nothing new for a while.
     Refine,
     End,
@@ -262,8 +268,8 @@ fn next(shared: &Shared, patience: Option<Duration>) -> Job {
         if let Some(pixel) = mailbox.pick.take() {
             return Job::Pick(pixel);
         }
-        if let Some((view, path)) = mailbox.write.take() {
-            return Job::Write(view, path);
+        if let Some((view, over, path)) = mailbox.write.take() {
+            return Job::Write(view, over, path);
         }
         let left = patience.map(|patience| patience.saturating_sub(since.elapsed()));
         mailbox = match left {
@@ -289,7 +295,7 @@ fn work(shared: &Arc<Shared>) {
             (Job::Load(load), stage) => read(shared, &load).map(|read| *stage = Some(read)),
             (Job::Show(view), Some(stage)) => stage.show(shared, view),
             (Job::Pick(pixel), Some(stage)) => stage.pick(shared, pixel),
-            (Job::Write(view, path), Some(stage)) => stage.write(shared, &view, path),
+            (Job::Write(view, over, path), Some(stage)) => stage.write(shared, &view, &over, path),
             (Job::Refine, Some(stage)) => stage.refine(shared),
             (_, None) => Ok(()),
         };
@@ -338,6 +344,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         up: shown.up,
         boxes: renderer.visible_boxes(),
         bounds: shown.bounds,
+        has_boundary: shown.has_boundary,
         particle_count: renderer.particle_count(),
         bytes_per_particle: renderer.bytes_per_particle(),
         device: renderer.adapter().unwrap_or_else(|| "processor".into()),
@@ -364,8 +371,10 @@ fn volumes_of(shown: &Shown) -> Vec<Volume> {
         .map(|(volume, title)| {
             let function = volume.transfer_function.clone();
             let values = volume.values.as_ref();
+            let title = title.clone().unwrap_or_else(|| "value".into());
             Volume {
-                title: title.clone().unwrap_or_else(|| "value".into()),
+                bar: ColourBar::of_volume(&title, volume),
+                title,
                 histogram: function
                     .as_ref()
                     .zip(values)
@@ -525,10 +534,16 @@ impl Stage {
         Ok(())
     }
 
-    fn write(&mut self, shared: &Shared, view: &View, path: PathBuf) -> ewa_splat::Result<()> {
+    fn write(
+        &mut self,
+        shared: &Shared,
+        view: &View,
+        over: &Overlay,
+        path: PathBuf,
+    ) -> ewa_splat::Result<()> {
         if view.scene == self.scene {
             let image = self.renderer.render(&view.camera, &view.settings)?;
-            write_image(&path, image)?;
+            write_image(&path, &*over.drawn(image, &view.camera)?)?;
             shared.tell(News::Written(path));
         }
         Ok(())

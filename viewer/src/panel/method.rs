@@ -1,10 +1,11 @@
-//! How it is drawn: tolerance, filter, compositing, light, clipping, what is shown.
+//! How it is drawn: tolerance, filter, compositing, what is shown.
+
+use std::sync::Arc;
 
 use egui::{CollapsingHeader, ComboBox, Slider, Ui};
 use ewa_splat::Filter;
 use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
-use ewa_splat::view::ClipPlane;
-use glam::DVec3;
+use ewa_splat::sample::BoundaryChoice;
 
 use crate::app::App;
 
@@ -64,6 +65,8 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 };
             }
             ui.checkbox(&mut settings.level_of_detail, "level of detail");
+            boundary(app, ui);
+            let settings = &mut app.settings;
             choose(ui, "show", &mut settings.show, &SHOWN);
             ui.checkbox(&mut app.shows_error, "error at rest").on_hover_text(
                 "black: a hundredth of the tolerance; yellow: the tolerance; red: ten times as much",
@@ -75,72 +78,28 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 });
             }
         });
-    CollapsingHeader::new("Clip").show(ui, |ui| clip(app, ui));
 }
 
-/// A box that clips: its faces as shares of the data's.
-fn clip(app: &mut App, ui: &mut Ui) {
-    let Some((centre, half)) = app.loaded.as_ref().and_then(|loaded| loaded.bounds) else {
-        ui.label("no data");
-        return;
-    };
-    let (lower, upper) = (centre - half, centre + half);
-    let mut faces = faces(&app.settings.clip).unwrap_or([lower, upper]);
-    let mut changed = false;
-    for axis in 0..3 {
-        let range = lower[axis]..=upper[axis];
-        let [low, high] = &mut faces;
-        let name = ["x", "y", "z"][axis];
-        ui.horizontal(|ui| {
-            ui.label(name);
-            ui.spacing_mut().slider_width = 62.0;
-            changed |= ui.add(Slider::new(&mut low[axis], range.clone())).changed();
-        });
-        ui.horizontal(|ui| {
-            ui.label("  ");
-            ui.spacing_mut().slider_width = 62.0;
-            changed |= ui.add(Slider::new(&mut high[axis], range)).changed();
-        });
-        high[axis] = high[axis].max(low[axis]);
-    }
-    if changed {
-        app.settings.clip = ClipPlane::of_box(faces[0], faces[1]).to_vec();
-    }
-    if !app.settings.clip.is_empty() && ui.button("All").clicked() {
-        app.settings.clip.clear();
-    }
-}
-
-/// The corners of a box whose faces clip; `None` where other planes do.
-fn faces(planes: &[ClipPlane]) -> Option<[DVec3; 2]> {
-    if planes.len() != 6 {
-        return None;
-    }
-    let mut corners = [DVec3::NAN; 2];
-    for plane in planes {
-        let axis = (0..3).find(|&axis| plane.normal[axis].abs() == 1.0)?;
-        // What is kept of n x + d >= 0: from -d on, or to d.
-        let (corner, place) = match plane.normal[axis] > 0.0 {
-            true => (0, -plane.distance),
-            false => (1, plane.distance),
-        };
-        corners[corner][axis] = place;
-    }
-    corners
-        .iter()
-        .all(|corner| corner.is_finite())
-        .then_some(corners)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_box_of_planes_is_found_again() {
-        let corners = [DVec3::new(-1.0, 2.0, -3.0), DVec3::new(4.0, 5.0, 6.0)];
-        let planes = ClipPlane::of_box(corners[0], corners[1]);
-        assert_eq!(faces(&planes), Some(corners));
-        assert_eq!(faces(&planes[..5]), None);
+/// How data end, which they do where they are read.
+fn boundary(app: &mut App, ui: &mut Ui) {
+    const CHOICES: [(&str, BoundaryChoice); 3] = [
+        ("automatic", BoundaryChoice::Automatic),
+        ("sharp", BoundaryChoice::Sharp),
+        ("soft", BoundaryChoice::Soft),
+    ];
+    let has_boundary = app
+        .loaded
+        .as_ref()
+        .is_some_and(|loaded| loaded.has_boundary);
+    let before = app.asked.boundary();
+    let mut after = before;
+    let row = ui.add_enabled_ui(has_boundary, |ui| {
+        choose(ui, "boundary", &mut after, &CHOICES)
+    });
+    row.response
+        .on_disabled_hover_text("only grids end sharply, but not as a surface nor with --shepard");
+    if after != before {
+        app.asked = Arc::new(app.asked.with_boundary(after));
+        app.load();
     }
 }

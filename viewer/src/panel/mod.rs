@@ -1,11 +1,14 @@
 //! The parts of the window, one file each.
 
 pub(crate) mod camera;
+pub(crate) mod clip;
+pub(crate) mod handles;
 pub(crate) mod inputs;
 pub(crate) mod keys;
 pub(crate) mod light;
 pub(crate) mod method;
 pub(crate) mod output;
+pub(crate) mod over;
 pub(crate) mod picture;
 pub(crate) mod probe;
 pub(crate) mod statistics;
@@ -24,6 +27,8 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
             inputs::show(app, ui);
             time::show(app, ui);
             method::show(app, ui);
+            clip::show(app, ui);
+            over::show(app, ui);
             light::show(app, ui);
             camera::show(app, ui);
             output::show(app, ui);

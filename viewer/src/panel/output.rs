@@ -126,6 +126,7 @@ pub(crate) fn command(app: &mut App) -> Option<String> {
         function: is_edited.then_some(app.output.function.as_str()),
         orbit: app.orbit.as_ref()?,
         settings: [&loaded.settings, &app.settings],
+        over: app.shown_over(),
         size,
         out: &app.output.picture,
     };

@@ -1,10 +1,11 @@
 //! The picture, and what the mouse does in it.
 
-use egui::{CentralPanel, Color32, Frame, PointerButton, Pos2, Rect, Sense, Stroke, Ui};
-use ewa_splat::view::Camera;
-use glam::{DVec2, DVec3};
+use egui::{CentralPanel, Color32, Frame, PointerButton, Pos2, Rect, Sense, Ui};
+use glam::DVec2;
 
+use super::{handles, over};
 use crate::app::App;
+use crate::screen::Screen;
 
 /// Radians for a picture's height of movement.
 const TURN: f64 = 3.0;
@@ -25,11 +26,11 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
             painter.image(texture.id(), rect, whole, Color32::WHITE);
         }
-        if let (Some(orbit), Some(loaded)) = (&app.orbit, &app.loaded) {
+        if let Some(orbit) = &app.orbit {
             let camera = orbit.camera(app.size);
-            if loaded.bounds.is_some() {
-                triad(&painter, &camera, rect);
-            }
+            let screen = Screen { camera, rect };
+            over::draw(app, &painter, &screen);
+            handles::show(app, ui, &painter, &screen);
         }
         if let Some(text) = &app.progress {
             let at = rect.center();
@@ -108,27 +109,4 @@ fn pixel(at: Pos2, rect: Rect, scale: f32, size: [usize; 2]) -> [usize; 2] {
         pixel.min(most.saturating_sub(1))
     };
     [place(from.x, size[0]), place(from.y, size[1])]
-}
-
-/// The directions of x, y and z, as the camera sees them, in the lower left corner.
-fn triad(painter: &egui::Painter, camera: &Camera, rect: Rect) {
-    const LENGTH: f32 = 28.0;
-    let origin = rect.left_bottom() + egui::vec2(44.0, -44.0);
-    let axes = [
-        ("x", DVec3::X, Color32::from_rgb(235, 90, 80)),
-        ("y", DVec3::Y, Color32::from_rgb(110, 200, 90)),
-        ("z", DVec3::Z, Color32::from_rgb(100, 150, 250)),
-    ];
-    for (name, axis, colour) in axes {
-        let seen = camera.camera_from_world * axis;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "components of a unit vector"
-        )]
-        let tip = origin + egui::vec2(seen.x as f32, seen.y as f32) * LENGTH;
-        painter.line_segment([origin, tip], Stroke::new(2.0, colour));
-        let font = egui::FontId::proportional(12.0);
-        let at = origin + (tip - origin) * 1.3;
-        painter.text(at, egui::Align2::CENTER_CENTER, name, font, colour);
-    }
 }

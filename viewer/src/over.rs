@@ -1,0 +1,99 @@
+//! What is drawn over pictures, in the window and in files.
+
+use std::borrow::Cow;
+
+use ewa_splat::annotate::{Annotations, draw};
+use ewa_splat::command::Over;
+use ewa_splat::legend::{ColourBar, columns_beside_legend, draw_legend};
+use ewa_splat::render::Show;
+use ewa_splat::view::Camera;
+use ewa_splat::{Image, Result};
+
+use crate::app::App;
+use crate::curve::History;
+
+/// What the library draws over a picture that is written.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Overlay {
+    pub(crate) annotations: Annotations,
+    pub(crate) bars: Vec<ColourBar>,
+}
+
+impl Overlay {
+    /// A picture with all of it, as `ewa-splat render` draws it.
+    ///
+    /// # Errors
+    /// A picture that has no room for it.
+    pub(crate) fn drawn<'a>(&self, image: &'a Image, camera: &Camera) -> Result<Cow<'a, Image>> {
+        if *self == Self::default() {
+            return Ok(Cow::Borrowed(image));
+        }
+        let mut image = image.clone();
+        let size = [image.width, image.height];
+        let annotations = Annotations {
+            title_columns: Some(columns_beside_legend(&self.bars, size)?),
+            ..self.annotations.clone()
+        };
+        draw(&mut image, camera, &annotations)?;
+        draw_legend(&self.bars, &mut image)?;
+        Ok(Cow::Owned(image))
+    }
+}
+
+impl App {
+    /// The colour bar of each volume that has one, by the functions in force; those of one field and one function share
+    /// theirs.
+    pub(crate) fn bars(&self) -> Vec<ColourBar> {
+        let mut bars = Vec::new();
+        let volumes = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
+        for (i, volume) in volumes.enumerate() {
+            let history = self.histories.get(i).and_then(Option::as_ref);
+            let function = history.map(History::function);
+            let bar = volume.bar.as_ref().map(|bar| match function {
+                Some(function) => bar.with_transfer_function(function),
+                None => bar.clone(),
+            });
+            if let Some(bar) = bar
+                && !bars.contains(&bar)
+            {
+                bars.push(bar);
+            }
+        }
+        bars
+    }
+
+    /// What is switched on and says something of what is shown: a legend of colours, the rest of any picture, nothing of
+    /// numbers.
+    pub(crate) fn shown_over(&self) -> Over {
+        let has_legend = self.loaded.iter().flat_map(|loaded| &loaded.volumes);
+        let has_legend = has_legend.into_iter().any(|volume| volume.bar.is_some());
+        let bounds = self.loaded.as_ref().and_then(|loaded| loaded.bounds);
+        let (is_scene, is_count) = match self.settings.show {
+            Show::Scene => (true, false),
+            Show::Choice => (false, false),
+            Show::Count => (false, true),
+        };
+        Over {
+            legend: self.over.legend && has_legend && is_scene,
+            axes: self.over.axes && !is_count,
+            outline: self.over.outline && bounds.is_some() && !is_count,
+        }
+    }
+
+    /// What is drawn over a picture that is written.
+    pub(crate) fn overlay(&self) -> Overlay {
+        let over = self.shown_over();
+        let bounds = self.loaded.as_ref().and_then(|loaded| loaded.bounds);
+        Overlay {
+            annotations: Annotations {
+                axes: over.axes,
+                outline: bounds.filter(|_| over.outline),
+                ..Annotations::default()
+            },
+            bars: match over.legend {
+                true => self.bars(),
+                false => Vec::new(),
+            },
+        }
+    }
+}

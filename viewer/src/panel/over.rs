@@ -1,0 +1,231 @@
+//! What is drawn over the picture: the box of the data, the directions of the axes, legends.
+
+use egui::{
+    Align2, CollapsingHeader, Color32, FontId, Mesh, Painter, Pos2, Rect, Rgba, Shape, Stroke, Ui,
+    Vec2,
+};
+use ewa_splat::annotate::box_edges;
+use ewa_splat::legend::ColourBar;
+use ewa_splat::render::Show;
+use ewa_splat::view::{Bounds, Camera};
+use glam::DVec3;
+
+use crate::app::App;
+use crate::screen::Screen;
+
+/// Behind text.
+const PLATE: Color32 = Color32::from_black_alpha(170);
+/// Of lines that the box itself hides.
+const HIDDEN: f32 = 0.35;
+const FONT_SIZE: f32 = 12.0;
+
+/// The switches.
+pub(crate) fn show(app: &mut App, ui: &mut Ui) {
+    CollapsingHeader::new("Over the picture").show(ui, |ui| {
+        let loaded = app.loaded.as_ref();
+        let has_bars = loaded.is_some_and(|l| l.volumes.iter().any(|volume| volume.bar.is_some()));
+        let has_bounds = loaded.is_some_and(|loaded| loaded.bounds.is_some());
+        let is_count = app.settings.show == Show::Count;
+        let numbers = "numbers are shown, not a picture";
+        let why = |is_possible: bool, why: &'static str| match is_count {
+            true => Err(numbers),
+            false if is_possible => Ok(()),
+            false => Err(why),
+        };
+        let is_scene = app.settings.show == Show::Scene;
+        let no_bars = match is_scene {
+            true => "nothing is coloured by a transfer function",
+            false => "colours of filters are shown",
+        };
+        let rows = [
+            ("axes", &mut app.over.axes, why(true, "")),
+            (
+                "outline of the data",
+                &mut app.over.outline,
+                why(has_bounds, "no data"),
+            ),
+            (
+                "legend",
+                &mut app.over.legend,
+                why(has_bars && is_scene, no_bars),
+            ),
+        ];
+        for (name, is_on, possible) in rows {
+            let row = egui::Checkbox::new(is_on, name);
+            let row = ui.add_enabled(possible.is_ok(), row);
+            if let Err(why) = possible {
+                row.on_disabled_hover_text(why);
+            }
+        }
+    });
+}
+
+/// Draws what is switched on.
+pub(crate) fn draw(app: &App, painter: &Painter, screen: &Screen) {
+    let over = app.shown_over();
+    let bounds = app.loaded.as_ref().and_then(|loaded| loaded.bounds);
+    if let Some(bounds) = bounds.filter(|_| over.outline) {
+        outline(painter, screen, bounds, Color32::from_gray(225));
+    }
+    if over.axes {
+        triad(painter, &screen.camera, screen.rect);
+    }
+    if over.legend {
+        legends(painter, screen.rect, &app.bars());
+    }
+}
+
+/// The edges of a box: those that it hides itself are dimmer.
+pub(crate) fn outline(painter: &Painter, screen: &Screen, bounds: Bounds, colour: Color32) {
+    let mut edges = box_edges(&screen.camera, bounds);
+    edges.sort_by_key(|edge| !edge.is_hidden);
+    for edge in edges {
+        let strength = if edge.is_hidden { HIDDEN } else { 1.0 };
+        if let Some(ends) = screen.line(edge.ends) {
+            rimmed(painter, ends, 1.2, colour, strength);
+        }
+    }
+}
+
+/// A line with a dark rim, which is seen on bright pictures and on dark ones.
+pub(crate) fn rimmed(
+    painter: &Painter,
+    ends: [Pos2; 2],
+    width: f32,
+    colour: Color32,
+    strength: f32,
+) {
+    let rim = Color32::from_black_alpha(140).gamma_multiply(strength);
+    painter.line_segment(ends, Stroke::new(width + 2.0, rim));
+    painter.line_segment(ends, Stroke::new(width, colour.gamma_multiply(strength)));
+}
+
+/// The colours of x, y and z.
+pub(crate) const AXES: [(&str, Color32); 3] = [
+    ("x", Color32::from_rgb(235, 90, 80)),
+    ("y", Color32::from_rgb(110, 200, 90)),
+    ("z", Color32::from_rgb(100, 150, 250)),
+];
+
+/// The directions of x, y and z, as the camera sees them, in the lower left corner.
+fn triad(painter: &Painter, camera: &Camera, rect: Rect) {
+    const LENGTH: f32 = 28.0;
+    let origin = rect.left_bottom() + Vec2::new(46.0, -46.0);
+    let mut axes: Vec<_> = AXES
+        .iter()
+        .zip(DVec3::AXES)
+        .map(|(named, axis)| (named, camera.camera_from_world * axis))
+        .collect();
+    // Those nearer to the eye over the others.
+    axes.sort_by(|a, b| b.1.z.total_cmp(&a.1.z));
+    for ((name, colour), seen) in axes {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "components of a unit vector"
+        )]
+        let tip = origin + Vec2::new(seen.x as f32, seen.y as f32) * LENGTH;
+        rimmed(painter, [origin, tip], 2.0, *colour, 1.0);
+        let at = origin + (tip - origin) * 1.35;
+        painter.circle_filled(at, 7.0, PLATE);
+        painter.text(
+            at,
+            Align2::CENTER_CENTER,
+            name,
+            FontId::proportional(FONT_SIZE),
+            *colour,
+        );
+    }
+}
+
+/// A colour bar for each function, side by side in the upper right corner.
+fn legends(painter: &Painter, rect: Rect, bars: &[ColourBar]) {
+    const GAP: f32 = 8.0;
+    let mut right = rect.right() - GAP;
+    for bar in bars.iter().rev() {
+        let left = legend(painter, rect, right, bar);
+        right = left - GAP;
+        if right < rect.left() {
+            return;
+        }
+    }
+}
+
+/// Draws a bar whose plate ends at `right`: where it begins.
+fn legend(painter: &Painter, rect: Rect, right: f32, bar: &ColourBar) -> f32 {
+    const WIDTH: f32 = 22.0;
+    const PAD: f32 = 7.0;
+    const TITLE: f32 = 110.0;
+    let font = FontId::proportional(FONT_SIZE);
+    let length = (0.35 * rect.height()).clamp(80.0, 240.0);
+    // What the library draws into pictures has as many at most.
+    let most = if length < 7.0 * 18.0 { 5 } else { 7 };
+    let text = |text: String| painter.layout(text, font.clone(), Color32::WHITE, TITLE);
+    let title = text(bar.title().to_owned());
+    let labels: Vec<_> = bar
+        .labels(most)
+        .into_iter()
+        .map(|(at, label)| (at, text(label)))
+        .collect();
+    let longest = labels
+        .iter()
+        .map(|(_, label)| label.size().x)
+        .fold(0.0, f32::max);
+    let inner = (WIDTH + 8.0 + longest).max(title.size().x);
+    let size = Vec2::new(inner + 2.0 * PAD, title.size().y + length + 3.5 * PAD);
+    let plate = Rect::from_min_size(Pos2::new(right - size.x, rect.top() + 8.0), size);
+    painter.rect_filled(plate, 3.0, PLATE);
+    let corner = plate.min + Vec2::splat(PAD);
+    let strip = Rect::from_min_size(
+        corner + Vec2::new(0.0, title.size().y + PAD),
+        Vec2::new(WIDTH, length),
+    );
+    painter.galley(corner, title, Color32::WHITE);
+    painter.rect_filled(strip.expand(1.0), 0.0, Color32::from_gray(110));
+    painter.add(Shape::mesh(colours(strip, bar)));
+    for (at, label) in labels {
+        #[expect(clippy::cast_possible_truncation, reason = "a place on the screen")]
+        let y = strip.bottom() - at as f32 * length;
+        let ends = [
+            Pos2::new(strip.right() + 1.0, y),
+            Pos2::new(strip.right() + 5.0, y),
+        ];
+        painter.line_segment(ends, Stroke::new(1.0, Color32::WHITE));
+        let at = Pos2::new(strip.right() + 8.0, y - label.size().y / 2.0);
+        painter.galley(at, label, Color32::WHITE);
+    }
+    plate.left()
+}
+
+/// The colours of a bar: at the right as they are, at the left as opaque as they are, over a checker.
+fn colours(strip: Rect, bar: &ColourBar) -> Mesh {
+    const ROWS: u16 = 140;
+    /// Squares of the checker across a half.
+    const SQUARES: u16 = 2;
+    const GROUND: [f32; 2] = [0.03, 0.2];
+    let mut mesh = Mesh::default();
+    let half = strip.width() / 2.0;
+    let square = half / f32::from(SQUARES);
+    let height = strip.height() / f32::from(ROWS);
+    for row in 0..ROWS {
+        let fraction = 1.0 - (f64::from(row) + 0.5) / f64::from(ROWS);
+        let (colour, opacity) = bar.at(fraction);
+        let colour = colour.map(|c| c.clamp(0.0, 1.0));
+        let top = strip.top() + f32::from(row) * height;
+        let mut fill = |left: f32, width: f32, [r, g, b]: [f32; 3]| {
+            let area = Rect::from_min_size(Pos2::new(left, top), Vec2::new(width, height));
+            mesh.add_colored_rect(area, Rgba::from_rgb(r, g, b).into());
+        };
+        let Some(opacity) = opacity else {
+            fill(strip.left(), strip.width(), colour);
+            continue;
+        };
+        for column in 0..SQUARES {
+            let is_odd = ((top - strip.top()) / square + f32::from(column)).rem_euclid(2.0) >= 1.0;
+            let ground = GROUND[usize::from(is_odd)];
+            let seen = colour.map(|c| ground + (c - ground) * opacity);
+            fill(strip.left() + f32::from(column) * square, square, seen);
+        }
+        fill(strip.left() + half, half, colour);
+    }
+    mesh
+}

@@ -1,0 +1,297 @@
+//! What is over the picture, and handles in it.
+
+use egui_kittest::kittest::NodeT as _;
+use glam::DVec3;
+
+use super::*;
+use crate::clip::Clip;
+use crate::panel::output::command;
+
+/// The picture that the window writes.
+fn saved(window: &mut Harness<'_, App>) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("saved.png");
+    window.state_mut().message = None;
+    window.state_mut().write(path.clone());
+    let begun = Instant::now();
+    while window.state().message.is_none() {
+        window.step();
+        assert!(begun.elapsed() < LONGEST);
+    }
+    let file = std::fs::File::open(path).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    let opaque = |rgb: &[u8]| [rgb[0], rgb[1], rgb[2], 255];
+    pixels.chunks(3).flat_map(opaque).collect()
+}
+
+/// Where a point of the world is in the window, by the camera's own projection.
+fn place(window: &Harness<'_, App>, world: DVec3) -> Pos2 {
+    let app = window.state();
+    let camera = app.orbit.as_ref().unwrap().camera(app.size);
+    let pixel = camera.project(world).unwrap();
+    let left = window.root().rect().min + Vec2::new(picture_left(window), 0.0);
+    #[expect(clippy::cast_possible_truncation, reason = "within the window")]
+    let from = Vec2::new(pixel.x as f32, pixel.y as f32);
+    left + from
+}
+
+/// Where the picture begins: the panels and the picture fill the width.
+fn picture_left(window: &Harness<'_, App>) -> f32 {
+    let handle = window.get_by_label("upper x face").rect().center();
+    let app = window.state();
+    let [low, high] = Clip::of(&app.settings.clip).corners.unwrap();
+    let centre = DVec3::new(high.x, (low.y + high.y) / 2.0, (low.z + high.z) / 2.0);
+    let camera = app.orbit.as_ref().unwrap().camera(app.size);
+    let pixel = camera.project(centre).unwrap();
+    #[expect(clippy::cast_possible_truncation, reason = "within the window")]
+    let (x, y) = (pixel.x as f32, pixel.y as f32);
+    // The picture begins at the top of the window.
+    assert!((handle.y - y).abs() < 0.01, "{handle} {pixel}");
+    handle.x - x
+}
+
+fn corners(window: &Harness<'_, App>) -> [DVec3; 2] {
+    Clip::of(&window.state().settings.clip).corners.unwrap()
+}
+
+fn click(window: &mut Harness<'_, App>, name: &str) {
+    window.get_by_label(name).click();
+    window.step();
+    window.step();
+}
+
+#[test]
+fn saved_pictures_have_what_is_over_them() {
+    let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let words = [
+        &grid,
+        "--transfer-function",
+        &function,
+        "--legend",
+        "--axes",
+        "--outline",
+    ];
+    let mut window = window(&words);
+    let over = window.state().shown_over();
+    assert!(over.legend && over.axes && over.outline);
+    let with_all = saved(&mut window);
+    assert_eq!(with_all, of_command(&mut window));
+    let changed = { with_all.iter().zip(pixels(&window)) }
+        .filter(|(a, b)| **a != *b)
+        .count();
+    assert!(changed > 5000, "{changed}");
+    // Another lens, an edited function, two of the three.
+    window.state_mut().orbit.as_mut().unwrap().change_lens();
+    let point = window
+        .get_by_label_contains("opacity 0.350")
+        .rect()
+        .center();
+    drag(
+        &mut window,
+        point,
+        point + Vec2::new(9.0, -30.0),
+        PointerButton::Primary,
+    );
+    window.state_mut().over.axes = false;
+    rest(&mut window);
+    assert_eq!(saved(&mut window), of_command(&mut window));
+    // Numbers have none of it.
+    window.state_mut().settings.show = ewa_splat::Show::Count;
+    rest(&mut window);
+    let line = command(window.state_mut()).unwrap();
+    assert!(
+        !line.contains("--legend") && !line.contains("--outline"),
+        "{line}"
+    );
+    assert_eq!(saved(&mut window), pixels(&window));
+}
+
+/// The camera leaves room for what is asked for, as that of `render` does.
+#[test]
+fn the_first_view_is_that_of_render_with_a_legend() {
+    let (grid, function) = (fixture("wake.xyz"), fixture("wake_transfer.json"));
+    let words = [
+        &grid,
+        "--transfer-function",
+        &function,
+        "--legend",
+        "--outline",
+    ];
+    let mut window = window(&words);
+    let [width, height] = window.state().size;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let status = std::process::Command::new(ewa_splat_program())
+        .arg("render")
+        .args(words)
+        .args(["--size", &format!("{width}x{height}"), "--backend", "cpu"])
+        // That of the window, where none is asked for.
+        .args(["--background", &background(&window), "--out"])
+        .arg(&path)
+        .status();
+    assert!(status.unwrap().success());
+    let file = std::fs::File::open(path).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+        .read_info()
+        .unwrap();
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut rgb).unwrap();
+    let own = saved(&mut window);
+    let rgb: Vec<u8> = rgb
+        .chunks(3)
+        .flat_map(|p| [p[0], p[1], p[2], 255])
+        .collect();
+    assert_eq!(own, rgb);
+}
+
+fn background(window: &Harness<'_, App>) -> String {
+    let [r, g, b] = window.state().settings.background.unwrap();
+    format!("{r},{g},{b}")
+}
+
+#[test]
+fn what_is_over_the_picture_is_switched() {
+    let mut window = wake();
+    click(&mut window, "Over the picture");
+    for (name, is_on) in [
+        ("axes", (|app| app.over.axes) as fn(&App) -> bool),
+        ("outline of the data", |app| app.over.outline),
+        ("legend", |app| app.over.legend),
+    ] {
+        assert!(!is_on(window.state()), "{name}");
+        click(&mut window, name);
+        assert!(is_on(window.state()), "{name}");
+    }
+    rest(&mut window);
+    let vase = fixture("vase.glb");
+    let mut window = super::window(&[&vase, "--count", "5000", "--legend"]);
+    click(&mut window, "Over the picture");
+    assert!(window.get_by_label("legend").accesskit_node().is_disabled());
+    assert!(!window.state().shown_over().legend);
+}
+
+/// A face that is dragged by the projection of a displacement moves by that displacement, and the camera does not.
+#[test]
+fn faces_of_the_clip_box_are_dragged() {
+    let mut window = wake();
+    click(&mut window, "Clip");
+    click(&mut window, "box");
+    rest(&mut window);
+    for is_flat in [false, true] {
+        if is_flat {
+            window.state_mut().orbit.as_mut().unwrap().change_lens();
+            rest(&mut window);
+        }
+        let before = window.state().orbit.clone();
+        for (name, axis, is_upper) in [("upper x face", 0, true), ("lower y face", 1, false)] {
+            let old = corners(&window);
+            let mut from = (old[0] + old[1]) / 2.0;
+            from[axis] = old[usize::from(is_upper)][axis];
+            let step = (old[1][axis] - old[0][axis]) * if is_upper { -0.3 } else { 0.25 };
+            let to = from + DVec3::AXES[axis] * step;
+            let at = place(&window, from);
+            assert!((window.get_by_label(name).rect().center() - at).length() < 0.01);
+            let to = place(&window, to);
+            drag(&mut window, at, to, PointerButton::Primary);
+            rest(&mut window);
+            let new = corners(&window);
+            let mut wanted = old;
+            wanted[usize::from(is_upper)][axis] += step;
+            // Points of the window are of single precision.
+            let off = (new[0] - wanted[0]).length() + (new[1] - wanted[1]).length();
+            assert!(off < 1e-3 * step.abs(), "{name}: {new:?} {wanted:?}");
+        }
+        assert_eq!(window.state().orbit, before);
+        assert_eq!(pixels(&window), of_command(&mut window));
+    }
+    // Beside the handles the camera turns.
+    let before = window.state().orbit.clone();
+    let beside = place(&window, corners(&window)[1]) + Vec2::new(0.0, -40.0);
+    drag(
+        &mut window,
+        beside,
+        beside + Vec2::new(40.0, 0.0),
+        PointerButton::Primary,
+    );
+    assert_ne!(window.state().orbit, before);
+    click(&mut window, "All");
+    assert!(window.state().settings.clip.is_empty());
+}
+
+/// A plane is moved along its normal and turned, and its command makes its picture.
+#[test]
+fn the_clip_plane_is_dragged() {
+    let mut window = wake();
+    click(&mut window, "Clip");
+    click(&mut window, "plane");
+    rest(&mut window);
+    let camera = window.state().orbit.clone();
+    let plane = |window: &Harness<'_, App>| window.state().settings.clip[0];
+    let first = plane(&window);
+    let at = window.get_by_label("clip plane").rect().center();
+    let tip = window
+        .get_by_label("normal of the clip plane")
+        .rect()
+        .center();
+    let along = (tip - at).normalized();
+    drag(&mut window, at, at + along * 25.0, PointerButton::Primary);
+    let moved = plane(&window);
+    assert_eq!(moved.normal, first.normal);
+    // Towards what is kept: less of it is.
+    assert!(moved.distance < first.distance, "{first:?} {moved:?}");
+    let now = window.get_by_label("clip plane").rect().center();
+    assert!((now - (at + along * 25.0)).length() < 0.5, "{now}");
+    let tip = window
+        .get_by_label("normal of the clip plane")
+        .rect()
+        .center();
+    let aside = tip + Vec2::new(12.0, -18.0);
+    drag(&mut window, tip, aside, PointerButton::Primary);
+    rest(&mut window);
+    let turned = plane(&window);
+    assert!((turned.normal.length() - 1.0).abs() < 1e-12);
+    assert!(turned.normal.dot(moved.normal) < 0.999, "{turned:?}");
+    let found = window
+        .get_by_label("normal of the clip plane")
+        .rect()
+        .center();
+    assert!((found - aside).length() < 0.5, "{found} {aside}");
+    // It turned around the handle.
+    let still = window.get_by_label("clip plane").rect().center();
+    assert!((still - now).length() < 0.5, "{still} {now}");
+    assert_eq!(window.state().orbit, camera);
+    assert_eq!(pixels(&window), of_command(&mut window));
+}
+
+#[test]
+fn boundaries_are_chosen_where_there_are_any() {
+    use egui::accesskit::Role;
+    use ewa_splat::sample::BoundaryChoice;
+
+    let mut window = wake();
+    let first = pixels(&window);
+    for choice in ["soft", "sharp"] {
+        let row = window.get_by_role_and_label(Role::ComboBox, "boundary");
+        row.click();
+        window.step();
+        window.step();
+        click(&mut window, choice);
+        rest(&mut window);
+        let line = command(window.state_mut()).unwrap();
+        assert!(line.contains(&format!("--boundary={choice}")), "{line}");
+        let now = pixels(&window);
+        assert_eq!(now, of_command(&mut window));
+        if choice == "sharp" {
+            assert_eq!(window.state().asked.boundary(), BoundaryChoice::Sharp);
+            assert_ne!(now, first);
+        }
+    }
+    let vase = fixture("vase.glb");
+    let window = super::window(&[&vase, "--count", "5000"]);
+    let row = window.get_by_role_and_label(Role::ComboBox, "boundary");
+    assert!(row.accesskit_node().is_disabled());
+}
