@@ -302,6 +302,7 @@ impl App {
         };
         let boxes = loaded.boxes.clone();
         let over = self.shown_over();
+        // The data stay in the middle, where they are turned, and are as small as beside a legend.
         let frame = Frame {
             size: self.size,
             legend_px: match over.legend {

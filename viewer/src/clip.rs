@@ -328,7 +328,7 @@ mod tests {
                 assert!((found - turn * normal).length() < 1e-9, "{found}");
             }
             // Beside the sphere: across the view, in the direction of the pointer.
-            let far = camera.project(centre).unwrap() + DVec2::new(900.0, 0.0);
+            let far = camera.project(centre).unwrap() + DVec2::new(120.0, 0.0);
             let found = turned(&camera, centre, (normal.normalize(), 1.5), far).unwrap();
             let seen = camera.camera_from_world * found;
             assert!(seen.x > 0.5, "{seen}");
