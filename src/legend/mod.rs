@@ -455,6 +455,28 @@ mod tests {
         ColourBar::of_transfer_function(title, &transfer)
     }
 
+    #[test]
+    fn labels_lie_on_the_scale_and_functions_are_exchanged() {
+        let bar = viridis_bar("density", [0.0, 10.0]);
+        let labels = bar.labels(6);
+        for (at, label) in &labels {
+            let value: f64 = label.parse().unwrap();
+            assert!((at - value / 10.0).abs() < 1e-12, "{at} {label}");
+        }
+        assert_eq!(labels.len(), 6);
+        let other = viridis_bar("pressure", [1.0, 2.0]);
+        let exchanged = bar.with_transfer_function(other.transfer());
+        assert_eq!(
+            (exchanged.title(), exchanged.labels(6)),
+            ("density", other.labels(6))
+        );
+        let column = ColourBar::of_column("density", bar.transfer());
+        assert_eq!(
+            column.with_transfer_function(other.transfer()).at(0.3).1,
+            None
+        );
+    }
+
     fn column_bar(values: Vec<f32>) -> ColourBar {
         let column = ColumnImage {
             width: values.len(),

@@ -121,7 +121,7 @@ struct Mailbox {
     load: Option<Load>,
     view: Option<View>,
     pick: Option<[usize; 2]>,
-    write: Option<(View, Overlay, PathBuf)>,
+    write: Option<(View, Box<Overlay>, PathBuf)>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
@@ -210,7 +210,7 @@ impl Worker {
 
     /// Draws a view as it is asked for, and writes the picture with what is over it.
     pub(crate) fn write(&self, view: View, over: Overlay, path: PathBuf) {
-        self.wish(|mailbox| mailbox.write = Some((view, over, path)));
+        self.wish(|mailbox| mailbox.write = Some((view, Box::new(over), path)));
     }
 
     /// Ends what is being read.
@@ -242,7 +242,7 @@ enum Job {
     Load(Load),
     Show(View),
     Pick([usize; 2]),
-    Write(View, Overlay, PathBuf),
+    Write(View, Box<Overlay>, PathBuf),
     /// Nothing new for a while.
     Refine,
     End,
