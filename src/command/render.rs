@@ -52,7 +52,7 @@ pub(crate) struct Arguments {
     pub(super) size: Option<[usize; 2]>,
     /// What renders
     #[arg(long, value_enum, default_value = "auto")]
-    backend: BackendName,
+    pub(super) backend: BackendName,
     #[command(flatten)]
     pub(super) camera: CameraOptions,
     #[command(flatten)]
@@ -74,7 +74,7 @@ pub(crate) struct Arguments {
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum BackendName {
+pub(super) enum BackendName {
     /// A hardware GPU where there is one or EWA_ADAPTER names one; the CPU otherwise, and for scenes that it
     /// draws before a driver is loaded
     Auto,

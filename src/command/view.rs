@@ -9,7 +9,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
 use indicatif::ProgressBar;
 
-use super::render;
+use super::render::{self, BackendName};
 use super::scene::Scene;
 use super::source::Input;
 use super::viewpoint::{Canvas, left_of};
@@ -17,7 +17,7 @@ use crate::io::Up;
 use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
-use crate::{Error, Result, Settings, Task};
+use crate::{Backend, Error, Result, Settings, Task};
 
 /// The window's program.
 const PROGRAM: &str = "ewa-splat-view";
@@ -360,6 +360,15 @@ impl Asked {
             ..Canvas::of(Some(frame.size))
         };
         self.arguments.camera.camera(&boxes, up, &canvas)
+    }
+
+    /// What draws, as `--backend` says.
+    pub fn backend(&self) -> Backend {
+        match self.arguments.backend {
+            BackendName::Auto => Backend::Auto,
+            BackendName::Gpu => Backend::Gpu,
+            BackendName::Cpu => Backend::Cpu,
+        }
     }
 
     /// How `render` would draw.

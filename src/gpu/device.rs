@@ -259,6 +259,22 @@ impl Gpu {
         describe(&self.info)
     }
 
+    /// The device, to make textures on that frames are drawn into.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// The device's queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+
+    /// Whether the environment variable `EWA_ADAPTER` asks for this adapter.
+    pub fn is_named(&self) -> bool {
+        let own = self.adapter().to_lowercase();
+        Self::adapter_name().is_some_and(|name| own.contains(&name.to_lowercase()))
+    }
+
     /// Whether the adapter is a program on the processor.
     pub fn is_software(&self) -> bool {
         is_software(&self.info)

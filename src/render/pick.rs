@@ -23,6 +23,8 @@ pub struct Picked {
     pub position: DVec3,
     /// The depth z of its centre in camera space, world units.
     pub depth: f64,
+    /// Its value, where a transfer function gives it its colour.
+    pub value: Option<f32>,
     /// Its share of the pixel: what it would add to each channel were it white. All shares add up to the
     /// pixel's opacity.
     pub share: f32,
@@ -121,6 +123,7 @@ impl Renderer {
                 Some(Picked {
                     volume: families.position(|family| family.contains(&found.volume))?,
                     particle: blocked.number(index),
+                    value: blocked.values.as_ref().map(|values| values.get(index)),
                     position,
                     depth: camera.camera_point(position).z,
                     share: found.share,

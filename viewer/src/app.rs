@@ -3,14 +3,16 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use egui::{ColorImage, Context, TextureHandle, TextureOptions};
+use egui::Context;
 use ewa_splat::Settings;
 use ewa_splat::command::{Asked, Frame, Over, line};
 use ewa_splat::legend::legend_width;
 use ewa_splat::render::Picked;
 use glam::DVec3;
 
+use crate::canvas::Canvas;
 use crate::curve::History;
+use crate::instead::Instead;
 use crate::orbit::Orbit;
 use crate::output::Output;
 use crate::panel::handles::Handles;
@@ -31,6 +33,12 @@ pub(crate) struct App {
     worker: Worker,
     /// The number of the last [`Load`].
     scene: u64,
+    /// How many there were.
+    scenes: u64,
+    /// Whether it is of other data than what was shown.
+    is_new: bool,
+    /// What is shown while another is read, and stays where that cannot be.
+    good: Option<Source>,
     pub(crate) loaded: Option<Loaded>,
     pub(crate) settings: Settings,
     pub(crate) orbit: Option<Orbit>,
@@ -47,7 +55,7 @@ pub(crate) struct App {
     pub(crate) stop: Option<usize>,
     pub(crate) logarithmic_counts: bool,
     pub(crate) drawn: Option<Drawn>,
-    pub(crate) texture: Option<TextureHandle>,
+    pub(crate) canvas: Canvas,
     /// What is wrong, or what was done.
     pub(crate) message: Option<Message>,
     /// What is being read, and how far it is.
@@ -61,13 +69,24 @@ pub(crate) struct App {
     /// Width and height of the picture in pixels.
     pub(crate) size: [usize; 2],
     pub(crate) flies: bool,
-    /// Whether the error of the picture is shown in its place.
-    pub(crate) shows_error: bool,
+    /// What is shown in place of the picture.
+    pub(crate) instead: Option<Instead>,
     pub(crate) output: Output,
     pub(crate) time: Time,
     /// What is switched on over the picture.
     pub(crate) over: Over,
     pub(crate) handles: Handles,
+}
+
+/// What was read.
+#[derive(Debug, Clone)]
+struct Source {
+    scene: u64,
+    asked: Arc<Asked>,
+    inputs: Vec<String>,
+    chosen: Vec<bool>,
+    field: Option<String>,
+    time: Time,
 }
 
 /// A line for people.
@@ -79,7 +98,9 @@ pub(crate) struct Message {
 
 impl App {
     /// A window that begins to read what was asked for.
-    pub(crate) fn new(asked: Asked, context: &Context) -> Self {
+    ///
+    /// - `canvas`: where its pictures lie.
+    pub(crate) fn new(asked: Asked, context: &Context, canvas: Canvas) -> Self {
         let told = context.clone();
         let worker = Worker::new(move || told.request_repaint());
         let mut app = Self {
@@ -91,6 +112,7 @@ impl App {
             asked: Arc::new(asked),
             worker,
             scene: 0,
+            scenes: 0,
             loaded: None,
             settings: Settings::default(),
             orbit: None,
@@ -102,7 +124,9 @@ impl App {
             stop: None,
             logarithmic_counts: true,
             drawn: None,
-            texture: None,
+            canvas,
+            is_new: true,
+            good: None,
             message: None,
             progress: None,
             probe: None,
@@ -111,7 +135,7 @@ impl App {
             views: 0,
             size: [0, 0],
             flies: false,
-            shows_error: false,
+            instead: None,
             output: Output::default(),
             time: Time::default(),
         };
@@ -121,16 +145,32 @@ impl App {
 
     /// Reads what is chosen.
     pub(crate) fn load(&mut self) {
-        self.scene += 1;
+        self.scenes += 1;
+        self.scene = self.scenes;
         self.progress = Some("reading".into());
         self.message = None;
-        self.worker.load(Load {
+        self.worker.load(self.wanted());
+    }
+
+    /// What is to be read for what is chosen.
+    fn wanted(&self) -> Load {
+        Load {
             scene: self.scene,
             asked: Arc::clone(&self.asked),
             field: self.field.clone(),
             chosen: self.chosen.clone(),
             step: self.time.step,
-        });
+            gpu: self.canvas.device(self.asked.backend()),
+        }
+    }
+
+    /// Asks for the integral of the kernels in place of the picture.
+    pub(crate) fn ask_truth(&mut self) {
+        if self.settings.lighting.is_some() {
+            return self.fail("the true picture has no light: switch it off".into());
+        }
+        self.progress = Some("the true picture".into());
+        self.worker.ask_truth(self.wanted());
     }
 
     /// Reads other files in place of these.
@@ -144,11 +184,32 @@ impl App {
         }
     }
 
-    /// Ends what is being read.
+    /// Ends what is being read, or the true picture.
     pub(crate) fn cancel(&mut self) {
         self.worker.cancel();
+    }
+
+    /// Goes back to what is shown, as nothing else can be or is wanted.
+    fn stay(&mut self, why: Option<String>) {
         self.progress = None;
-        self.say("cancelled".into());
+        self.is_new = false;
+        if let Some(good) = self.good.clone() {
+            let Source {
+                scene,
+                asked,
+                inputs,
+                chosen,
+                field,
+                time,
+            } = good;
+            (self.scene, self.asked, self.inputs) = (scene, asked, inputs);
+            (self.chosen, self.field, self.time) = (chosen, field, time);
+            self.view = None;
+        }
+        match why {
+            Some(text) => self.fail(text),
+            None => self.say("cancelled".into()),
+        }
     }
 
     pub(crate) fn say(&mut self, text: String) {
@@ -223,7 +284,7 @@ impl App {
         self.inputs = self.asked.inputs();
         self.chosen = vec![true; self.inputs.len()];
         self.field = None;
-        self.orbit = None;
+        self.is_new = true;
         // What cannot be read says so where it is read.
         self.time = Time::of(self.asked.steps().unwrap_or_default());
         self.load();
@@ -246,15 +307,21 @@ impl App {
                 }
                 News::Loaded(loaded) if loaded.scene == self.scene => self.loaded(*loaded),
                 News::Drawn(drawn) => {
-                    let image = texels(&drawn.image);
-                    match &mut self.texture {
-                        Some(texture) => texture.set(image, TextureOptions::LINEAR),
-                        None => {
-                            let options = TextureOptions::LINEAR;
-                            self.texture = Some(context.load_texture("picture", image, options));
-                        }
-                    }
+                    self.canvas.show(context, &drawn.picture);
                     self.drawn = Some(*drawn);
+                }
+                News::NotLoaded(scene, why) if scene == self.scene => self.stay(why),
+                News::True(errors) => {
+                    self.progress = None;
+                    self.say(format!(
+                        "the true picture; the one before is off by {:.1e}, {:.1e} at the worst",
+                        errors.p999, errors.max
+                    ));
+                }
+                News::NotTrue => {
+                    if self.loaded.as_ref().is_some_and(|l| l.scene == self.scene) {
+                        self.progress = None;
+                    }
                 }
                 News::Picked(picked) => self.found(&picked),
                 News::Failed(text) => {
@@ -262,14 +329,16 @@ impl App {
                     self.fail(text);
                 }
                 News::Written(path) => self.say(format!("{} is written", path.display())),
-                News::Loaded(_) => {}
+                News::Loaded(_) | News::NotLoaded(..) => {}
             }
         }
     }
 
     fn loaded(&mut self, loaded: Loaded) {
         self.progress = None;
-        if self.loaded.is_none() || self.orbit.is_none() {
+        let is_new = std::mem::take(&mut self.is_new);
+        if is_new {
+            self.orbit = None;
             self.settings = Settings {
                 background: loaded.settings.background.or(Some(BACKGROUND)),
                 ..loaded.settings.clone()
@@ -284,13 +353,21 @@ impl App {
         };
         let is_alike = self.loaded.as_ref().map(titles) == Some(titles(&loaded));
         let is_edited = self.histories.iter().flatten().any(History::can_undo);
-        if !(is_alike && self.orbit.is_some() && (self.time.keeps() || is_edited)) {
+        if !(is_alike && !is_new && (self.time.keeps() || is_edited)) {
             let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
             self.histories = functions.map(|f| f.and_then(History::new)).collect();
             let first = self.histories.iter().position(Option::is_some);
             self.edited = first.unwrap_or(0);
             self.stop = None;
         }
+        self.good = Some(Source {
+            scene: loaded.scene,
+            asked: Arc::clone(&self.asked),
+            inputs: self.inputs.clone(),
+            chosen: self.chosen.clone(),
+            field: self.field.clone(),
+            time: self.time.clone(),
+        });
         self.loaded = Some(loaded);
         self.view = None;
     }
@@ -347,7 +424,7 @@ impl App {
             number: self.view.as_ref().map_or(0, |view| view.number),
             camera: orbit.camera(self.size),
             settings: self.settings.clone(),
-            shows_error: self.shows_error,
+            instead: self.instead,
             functions: functions.collect(),
         };
         if self.view.as_ref() != Some(&view) {
@@ -370,8 +447,4 @@ impl App {
     pub(crate) fn history(&mut self) -> Option<&mut History> {
         self.histories.get_mut(self.edited)?.as_mut()
     }
-}
-
-fn texels(image: &ewa_splat::Image) -> ColorImage {
-    ColorImage::from_rgba_unmultiplied([image.width, image.height], &image.to_srgb8())
 }

@@ -6,6 +6,7 @@ use egui::{Context, Event, FullOutput, RawInput, Rect};
 use ewa_splat::command::Asked;
 
 use crate::app::App;
+use crate::canvas::Canvas;
 use crate::window;
 
 /// Longer than any scene takes to be read and refined on a slow machine.
@@ -25,7 +26,7 @@ impl Headless {
     pub(crate) fn new(asked: Asked, size: [usize; 2], pause: Duration) -> Self {
         let context = Context::default();
         Self {
-            app: App::new(asked, &context),
+            app: App::new(asked, &context, Canvas::default()),
             context,
             size,
             pause,

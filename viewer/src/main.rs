@@ -5,12 +5,13 @@
 
 mod app;
 mod arguments;
+mod canvas;
 mod clip;
 mod controller;
 mod curve;
-mod error;
 mod headless;
 mod histogram;
+mod instead;
 mod orbit;
 mod output;
 mod over;
@@ -29,6 +30,7 @@ mod worker;
 use std::process::ExitCode;
 
 use app::App;
+use canvas::Canvas;
 use window::Window;
 
 fn main() -> ExitCode {
@@ -56,16 +58,16 @@ fn run() -> Result<(), String> {
             .with_title("ewa-splat")
             .with_inner_size([size[0] as f32, size[1] as f32])
             .with_drag_and_drop(true),
+        wgpu_options: canvas::options(),
         ..eframe::NativeOptions::default()
     };
     eframe::run_native(
         "ewa-splat",
         options,
         Box::new(|context| {
-            Ok(Box::new(Window(App::new(
-                arguments.asked,
-                &context.egui_ctx,
-            ))))
+            let canvas = Canvas::new(context.wgpu_render_state.clone());
+            let app = App::new(arguments.asked, &context.egui_ctx, canvas);
+            Ok(Box::new(Window(app)))
         }),
     )
     .map_err(|error| format!("opening a window: {error}; --screenshot needs no display"))

@@ -18,6 +18,7 @@ pub(crate) struct Found {
     pub(crate) volume: usize,
     pub(crate) particle: usize,
     pub(crate) position: DVec3,
+    pub(crate) value: Option<f32>,
     pub(crate) share: f32,
     pub(crate) count: usize,
 }
@@ -38,6 +39,7 @@ impl Probe {
             volume: most.volume,
             particle: most.particle,
             position: most.position,
+            value: most.value,
             share: most.share,
             count: picked.len(),
         });

@@ -1,7 +1,9 @@
 //! The window as hands use it, without one.
 
+mod device;
 mod over;
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use egui::{Event, PointerButton, Pos2, Vec2};
@@ -9,6 +11,9 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 
 use crate::app::App;
+use crate::canvas::Canvas;
+use crate::instead::Instead;
+use crate::worker::Picture;
 
 const LONGEST: Duration = Duration::from_secs(120);
 
@@ -21,7 +26,7 @@ fn window(words: &[&str]) -> Harness<'static, App> {
     let asked = crate::arguments::parse(words.map(Into::into))
         .unwrap()
         .asked;
-    let app = App::new(asked, &egui::Context::default());
+    let app = App::new(asked, &egui::Context::default(), Canvas::default());
     let size = Vec2::new(960.0, 640.0);
     let mut window = Harness::builder()
         .with_size(size)
@@ -56,6 +61,12 @@ fn rest(window: &mut Harness<'_, App>) {
     }
 }
 
+/// The same, whatever was said last.
+fn rest_in_spite_of_errors(window: &mut Harness<'_, App>) {
+    window.state_mut().message = None;
+    rest(window);
+}
+
 fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2, button: PointerButton) {
     let press = |pos, pressed| Event::PointerButton {
         pos,
@@ -75,10 +86,17 @@ fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2, button: PointerButt
     window.step();
 }
 
+fn image(window: &Harness<'_, App>) -> Arc<ewa_splat::Image> {
+    match &window.state().drawn.as_ref().unwrap().picture {
+        Picture::Pixels(image) => Arc::clone(image),
+        Picture::Texture(_) => panic!("no device was given"),
+    }
+}
+
 fn pixels(window: &Harness<'_, App>) -> Vec<u8> {
-    let drawn = window.state().drawn.as_ref().unwrap();
-    assert_eq!([drawn.image.width, drawn.image.height], window.state().size);
-    drawn.image.to_srgb8()
+    let image = image(window);
+    assert_eq!([image.width, image.height], window.state().size);
+    image.to_srgb8()
 }
 
 /// The picture that the command of a window makes.
@@ -201,6 +219,80 @@ fn what_cannot_be_read_is_told_and_leaves_the_scene() {
         "{message:?}"
     );
     assert_eq!(before, pixels(&window));
+    // The old scene is still that of the window: named, and turned.
+    assert!(window.state().inputs[0].ends_with("wake.xyz"));
+    let orbit = window.state_mut().orbit.as_mut().unwrap();
+    orbit.turn(0.7, 0.0);
+    window.step();
+    rest_in_spite_of_errors(&mut window);
+    assert_ne!(before, pixels(&window));
+    assert_eq!(pixels(&window), of_command(&mut window));
+}
+
+/// What is being read is cancelled, and the old scene stays.
+#[test]
+fn reading_is_cancelled() {
+    let mut window = wake();
+    let before = pixels(&window);
+    let other = fixture("vase.glb");
+    window.state_mut().open(vec![other.into()]);
+    window.state_mut().cancel();
+    let begun = Instant::now();
+    while window.state().progress.is_some() {
+        window.step();
+        assert!(begun.elapsed() < LONGEST);
+    }
+    // Who cancels too late has the other scene whole.
+    if window.state().inputs[0].ends_with("wake.xyz") {
+        rest(&mut window);
+        assert_eq!(before, pixels(&window));
+    }
+}
+
+/// Depths and normals are those of the command line's frames.
+#[test]
+fn depths_and_normals_are_shown() {
+    let vase = fixture("vase.glb");
+    let mut window = window(&[&vase, "--count", "20000"]);
+    let is_black = |p: &&[f32; 4]| p[0] == 0.0 && p[1] == 0.0 && p[2] == 0.0;
+    let mut counts = Vec::new();
+    for instead in [Instead::Depth, Instead::Normals] {
+        window.state_mut().instead = Some(instead);
+        window.step();
+        rest(&mut window);
+        let image = image(&window);
+        assert!(image.pixels.iter().any(|p| p[0] > 0.9), "{instead:?}");
+        counts.push(image.pixels.iter().filter(is_black).count());
+    }
+    let all = image(&window).pixels.len();
+    assert!(
+        counts[0] > all / 4 && counts[0] < all * 9 / 10,
+        "{counts:?} of {all}"
+    );
+    // Both are of the same surface, whose rim has normals and too little light for a depth.
+    assert!(
+        counts[1] <= counts[0] && counts[0] - counts[1] < all / 25,
+        "{counts:?} of {all}"
+    );
+}
+
+/// The true picture is near the one that is splatted, and is said to be.
+#[test]
+fn truth_is_drawn() {
+    let mut window = wake();
+    window.set_size(Vec2::new(700.0, 240.0));
+    window.step();
+    rest(&mut window);
+    let before = pixels(&window);
+    window.state_mut().ask_truth();
+    assert!(window.state().progress.is_some());
+    rest(&mut window);
+    let message = window.state().message.clone().unwrap();
+    assert!(message.text.starts_with("the true picture"), "{message:?}");
+    let after = pixels(&window);
+    let apart = before.iter().zip(&after).map(|(a, b)| a.abs_diff(*b)).max();
+    // Kernels that overlap in depth do not mix when they are composited one by one.
+    assert!(apart > Some(0) && apart < Some(100), "{apart:?}");
 }
 
 #[test]
@@ -222,6 +314,11 @@ fn a_click_tells_what_is_there() {
         window.step();
         assert!(begun.elapsed() < LONGEST);
     }
+    let app = window.state_mut();
+    let found = app.probe.clone().unwrap().found.unwrap();
+    let range = app.history().unwrap().function().range();
+    let value = found.value.unwrap();
+    assert!(value > range[0] && value < range[1], "{value} of {range:?}");
 }
 
 #[test]
@@ -274,18 +371,17 @@ fn lights_are_dragged() {
 #[test]
 fn errors_are_shown() {
     let mut window = wake();
-    window.get_by_label("error at rest").click();
+    window.state_mut().instead = Some(Instead::Error);
     window.step();
-    window.step();
-    assert!(window.state().shows_error);
     rest(&mut window);
     let drawn = window.state().drawn.as_ref().unwrap();
     // Yellow is the tolerance, and red what is beyond it.
     let is_bad = |p: &&[f32; 4]| p[0] > 0.91 || (p[0] > 0.8 && p[1] < 0.6);
-    let bad = drawn.image.pixels.iter().filter(is_bad).count();
-    assert!(1000 * bad <= drawn.image.pixels.len(), "{bad}");
+    let image = image(&window);
+    let bad = image.pixels.iter().filter(is_bad).count();
+    assert!(1000 * bad <= image.pixels.len(), "{bad}");
     let is_seen = |p: &&[f32; 4]| p[0] + p[1] + p[2] > 0.05;
-    assert!(drawn.image.pixels.iter().any(|p| is_seen(&p)));
+    assert!(image.pixels.iter().any(|p| is_seen(&p)));
     assert!(drawn.error.unwrap().percentile_999 < 1.0 / 255.0);
 }
 

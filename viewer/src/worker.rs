@@ -12,15 +12,16 @@ use std::time::{Duration, Instant};
 use ewa_splat::command::{Asked, Shown, line};
 use ewa_splat::io::{Up, write_image};
 use ewa_splat::legend::ColourBar;
-use ewa_splat::measure::{ErrorSample, SampledError, accurate};
-use ewa_splat::render::{FrameCounts, Picked, StageTimes};
+use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
+use ewa_splat::reference::{Integrator, ReferenceSettings};
+use ewa_splat::render::{Backend, FrameCounts, Gpu, Picked, StageTimes};
 use ewa_splat::scene::TransferFunction;
 use ewa_splat::view::{Bounds, Camera};
-use ewa_splat::{Backend, Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task};
+use ewa_splat::{Composite, Error, Image, Renderer, SceneOptions, Settings, Show, Task, wgpu};
 
 use crate::controller::{Coarseness, Controller};
-use crate::error;
 use crate::histogram::Histogram;
+use crate::instead::{self, Instead};
 use crate::over::Overlay;
 
 /// How long nothing must change before a picture is refined.
@@ -41,8 +42,8 @@ pub(crate) struct View {
     pub(crate) number: u64,
     pub(crate) camera: Camera,
     pub(crate) settings: Settings,
-    /// Whether its error is shown in place of the picture, once that is at rest.
-    pub(crate) shows_error: bool,
+    /// What is shown in place of the picture.
+    pub(crate) instead: Option<Instead>,
     /// The transfer function of each volume that has one.
     pub(crate) functions: Vec<Option<TransferFunction>>,
 }
@@ -57,6 +58,8 @@ pub(crate) struct Load {
     pub(crate) chosen: Vec<bool>,
     /// Of a series.
     pub(crate) step: usize,
+    /// The window's device, where that draws.
+    pub(crate) gpu: Option<Gpu>,
 }
 
 /// What is known of a scene once it is read.
@@ -90,12 +93,21 @@ pub(crate) struct Volume {
     pub(crate) bar: Option<ColourBar>,
 }
 
+/// A picture, as the window takes it.
+#[derive(Debug, Clone)]
+pub(crate) enum Picture {
+    /// In memory.
+    Pixels(Arc<Image>),
+    /// On the window's device: sRGB code values times alpha.
+    Texture(Arc<wgpu::Texture>),
+}
+
 /// A picture, and how it came about.
 #[derive(Debug, Clone)]
 pub(crate) struct Drawn {
     /// Of which view: its number.
     pub(crate) number: u64,
-    pub(crate) image: Arc<Image>,
+    pub(crate) picture: Picture,
     pub(crate) coarseness: Coarseness,
     /// Whether nothing is left to be refined.
     pub(crate) is_final: bool,
@@ -111,7 +123,13 @@ pub(crate) enum News {
     Loaded(Box<Loaded>),
     Drawn(Box<Drawn>),
     Picked(Vec<Picked>),
+    /// The true picture is drawn: how far the one before is off.
+    True(ImageErrors),
     Written(PathBuf),
+    /// A scene that is not read, by its number, and why; cancelled where nothing is said. What was there stays.
+    NotLoaded(u64, Option<String>),
+    /// The true picture is no longer wanted.
+    NotTrue,
     /// In the words of the command line; what was there stays.
     Failed(String),
 }
@@ -122,6 +140,8 @@ struct Mailbox {
     view: Option<View>,
     pick: Option<[usize; 2]>,
     write: Option<(View, Box<Overlay>, PathBuf)>,
+    /// What the true picture is of, read anew.
+    truth: Option<Load>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
@@ -213,12 +233,25 @@ impl Worker {
         self.wish(|mailbox| mailbox.write = Some((view, Box::new(over), path)));
     }
 
-    /// Ends what is being read.
+    /// Draws the true picture of the last view.
+    ///
+    /// - `load`: what was read for it, which is read anew.
+    pub(crate) fn ask_truth(&self, load: Load) {
+        self.wish(|mailbox| mailbox.truth = Some(load));
+    }
+
+    /// Ends what is being read, or the true picture.
     pub(crate) fn cancel(&self) {
         self.wish(|mailbox| {
-            mailbox.load = None;
+            if let Some(load) = mailbox.load.take() {
+                mailbox.news.push(News::NotLoaded(load.scene, None));
+            }
+            if mailbox.truth.take().is_some() {
+                mailbox.news.push(News::NotTrue);
+            }
             mailbox.ends_reading = true;
         });
+        (self.shared.tell)();
     }
 
     /// What has happened since it was last asked.
@@ -243,6 +276,7 @@ enum Job {
     Show(View),
     Pick([usize; 2]),
     Write(View, Box<Overlay>, PathBuf),
+    Truth(Load),
     /// Nothing new for a while.
     Refine,
     End,
@@ -271,6 +305,9 @@ fn next(shared: &Shared, patience: Option<Duration>) -> Job {
         if let Some((view, over, path)) = mailbox.write.take() {
             return Job::Write(view, over, path);
         }
+        if let Some(load) = mailbox.truth.take() {
+            return Job::Truth(load);
+        }
         let left = patience.map(|patience| patience.saturating_sub(since.elapsed()));
         mailbox = match left {
             Some(Duration::ZERO) => return Job::Refine,
@@ -292,10 +329,28 @@ fn work(shared: &Arc<Shared>) {
         let patience = stage.as_ref().and_then(Stage::patience);
         let result = match (next(shared, patience), &mut stage) {
             (Job::End, _) => return,
-            (Job::Load(load), stage) => read(shared, &load).map(|read| *stage = Some(read)),
+            (Job::Load(load), stage) => match read(shared, &load) {
+                Ok(read) => {
+                    *stage = Some(read);
+                    Ok(())
+                }
+                Err(error) => {
+                    let is_wanted = !matches!(error, Error::Cancelled);
+                    let why = is_wanted.then(|| line(&error));
+                    shared.tell(News::NotLoaded(load.scene, why));
+                    Ok(())
+                }
+            },
             (Job::Show(view), Some(stage)) => stage.show(shared, view),
             (Job::Pick(pixel), Some(stage)) => stage.pick(shared, pixel),
             (Job::Write(view, over, path), Some(stage)) => stage.write(shared, &view, &over, path),
+            (Job::Truth(load), Some(stage)) => {
+                let drawn = stage.draw_truth(shared, &load);
+                if drawn.is_err() {
+                    shared.tell(News::NotTrue);
+                }
+                drawn
+            }
             (Job::Refine, Some(stage)) => stage.refine(shared),
             (_, None) => Ok(()),
         };
@@ -311,20 +366,30 @@ fn work(shared: &Arc<Shared>) {
     }
 }
 
-/// A task that a newer wish ends.
-fn begin(shared: &Arc<Shared>, tells: bool) -> Task {
+/// What a task is for, and so what ends it and whether people are told how far it is.
+#[derive(Clone, Copy, PartialEq)]
+enum Purpose {
+    /// Reading: told, and ended by other reading alone.
+    Reading,
+    /// A picture: ended by any newer wish.
+    Picture,
+    /// The true picture: told, and ended by any newer wish.
+    Truth,
+}
+
+fn begin(shared: &Arc<Shared>, purpose: Purpose) -> Task {
     let own = Arc::clone(shared);
-    let task = match tells {
-        true => Task::observed(move |progress| own.tell(News::Progress(progress.to_string()))),
-        false => Task::new(),
+    let task = match purpose {
+        Purpose::Picture => Task::new(),
+        _ => Task::observed(move |progress| own.tell(News::Progress(progress.to_string()))),
     };
-    shared.lock().task = Some((task.clone(), !tells));
+    shared.lock().task = Some((task.clone(), purpose != Purpose::Reading));
     task
 }
 
 fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     let begun = Instant::now();
-    let task = begin(shared, true);
+    let task = begin(shared, Purpose::Reading);
     let asked = &load.asked;
     let mut shown = asked.read(load.field.as_deref(), &load.chosen, load.step, &task)?;
     let volumes = volumes_of(&shown);
@@ -336,7 +401,14 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         ..SceneOptions::default()
     };
     let scene = std::mem::take(&mut shown.volumes);
-    let renderer = Renderer::with_options(scene, &options)?.on_backend(Backend::Auto)?;
+    let renderer = Renderer::with_options(scene, &options)?;
+    let renderer = match &load.gpu {
+        Some(gpu) if asked.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
+        Some(gpu) => renderer.on_if_it_can(gpu.clone()),
+        None => renderer.on_backend(asked.backend())?,
+    };
+    let has_window = load.gpu.is_some() && renderer.adapter().is_some();
+    let window = load.gpu.clone().filter(|_| has_window);
     let settings = asked.settings(renderer.suitable_low_pass_px2());
     let loaded = Loaded {
         scene: load.scene,
@@ -356,6 +428,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
     Ok(Stage {
         scene: load.scene,
         renderer,
+        window,
         controller: Controller::default(),
         functions,
         view: None,
@@ -389,6 +462,8 @@ fn volumes_of(shown: &Shown) -> Vec<Volume> {
 struct Stage {
     scene: u64,
     renderer: Renderer,
+    /// The window's device, where the pictures stay on it.
+    window: Option<Gpu>,
     controller: Controller,
     /// The functions that it is classified by.
     functions: Vec<Option<TransferFunction>>,
@@ -452,7 +527,7 @@ impl Stage {
         };
         let asked = view.settings.tolerance;
         self.is_moving = false;
-        let task = begin(shared, false);
+        let task = begin(shared, Purpose::Picture);
         match self.left {
             3 => {
                 let looser = Coarseness::none(asked * FIRST_STEP);
@@ -468,19 +543,26 @@ impl Stage {
                 // Layers err as a whole; counts and choices do not.
                 let is_measured = matches!(settings.composite, Composite::Over)
                     && matches!(settings.show, Show::Scene);
-                let shows_error = view.shows_error;
+                let shows_error = view.instead == Some(Instead::Error);
                 let Some(mut drawn) = self.drawn.clone() else {
                     self.left = 0;
                     return Ok(());
                 };
                 if is_measured {
                     let sample = ErrorSample::draw(&mut self.renderer, &camera, &settings)?;
-                    drawn.error = Some(sample.error_of(&drawn.image));
+                    // What stands in place of a picture or never left the device is drawn once more.
+                    let image = match &drawn.picture {
+                        Picture::Pixels(image) if view.instead.is_none() || shows_error => {
+                            Arc::clone(image)
+                        }
+                        _ => Arc::new(self.renderer.render(&camera, &settings)?.clone()),
+                    };
+                    drawn.error = Some(sample.error_of(&image));
                     if shows_error {
                         let exact = accurate(&settings);
                         let truth = self.renderer.render(&camera, &exact)?;
-                        drawn.image =
-                            Arc::new(error::shown(&drawn.image, truth, settings.tolerance));
+                        let errors = instead::errors(&image, truth, settings.tolerance);
+                        drawn.picture = Picture::Pixels(Arc::new(errors));
                     }
                 }
                 drawn.is_final = true;
@@ -504,13 +586,31 @@ impl Stage {
         let camera = scaled(&view.camera, size);
         let settings = Settings {
             tolerance: coarseness.tolerance,
+            depth: view.instead == Some(Instead::Depth),
+            normals: view.instead == Some(Instead::Normals),
             task,
             ..view.settings.clone()
         };
-        let image = Arc::new(self.renderer.render(&camera, &settings)?.clone());
+        let picture = match (view.instead, &self.window) {
+            (None | Some(Instead::Error), Some(gpu)) => {
+                let texture = texture(gpu, size);
+                self.renderer
+                    .render_to_texture(&camera, &settings, &texture)?;
+                Picture::Texture(Arc::new(texture))
+            }
+            (instead, _) => {
+                let image = self.renderer.render(&camera, &settings)?.clone();
+                let image = match instead {
+                    Some(Instead::Depth) => self.renderer.depth().map(instead::depths),
+                    Some(Instead::Normals) => self.renderer.normals().map(instead::normals),
+                    _ => Some(image),
+                };
+                Picture::Pixels(Arc::new(image.unwrap_or_default()))
+            }
+        };
         let drawn = Drawn {
             number: view.number,
-            image,
+            picture,
             coarseness,
             is_final: false,
             error: None,
@@ -518,6 +618,52 @@ impl Stage {
             times: self.renderer.times(),
         };
         self.tell(shared, drawn);
+        Ok(())
+    }
+
+    /// Draws the integral of the kernels in place of the picture, and says how far that is off.
+    fn draw_truth(&mut self, shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<()> {
+        let Some(view) = self.view.clone().filter(|view| view.scene == load.scene) else {
+            return Err(Error::Cancelled);
+        };
+        let task = begin(shared, Purpose::Truth);
+        let (chosen, field) = (&load.chosen, load.field.as_deref());
+        let mut shown = load.asked.read(field, chosen, load.step, &task)?;
+        for (volume, function) in shown.volumes.iter_mut().zip(&view.functions) {
+            if let Some(function) = function {
+                volume.transfer_function = Some(function.clone());
+            }
+        }
+        let settings = Settings {
+            task: Some(task.clone()),
+            ..view.settings.clone()
+        };
+        let image = self.renderer.render(&view.camera, &settings)?.clone();
+        let truth = Integrator::classified(&shown.volumes, settings.classify)?
+            .clipped(&settings.clip)
+            .render(
+                &view.camera,
+                &ReferenceSettings {
+                    low_pass_variance_px2: settings.low_pass_variance_px2.into(),
+                    background: settings.background,
+                    task: Some(task),
+                    ..ReferenceSettings::default()
+                },
+            )?
+            .image;
+        let errors = compare(&image, &truth)?;
+        self.left = 0;
+        let drawn = Drawn {
+            number: view.number,
+            picture: Picture::Pixels(Arc::new(truth)),
+            coarseness: Coarseness::none(view.settings.tolerance),
+            is_final: true,
+            error: None,
+            counts: self.renderer.counts(),
+            times: self.renderer.times(),
+        };
+        self.tell(shared, drawn);
+        shared.tell(News::True(errors));
         Ok(())
     }
 
@@ -548,6 +694,28 @@ impl Stage {
         }
         Ok(())
     }
+}
+
+/// A texture of the window's device that a picture of this size is drawn into.
+fn texture(gpu: &Gpu, [width, height]: [usize; 2]) -> wgpu::Texture {
+    #[expect(clippy::cast_possible_truncation, reason = "no larger than a screen")]
+    let size = wgpu::Extent3d {
+        width: width as u32,
+        height: height as u32,
+        depth_or_array_layers: 1,
+    };
+    gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("picture"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    })
 }
 
 /// The same view in a picture of another size.

@@ -8,11 +8,15 @@ use ewa_splat::render::{Classification, ClassifyAt, Composite, Show};
 use ewa_splat::sample::BoundaryChoice;
 
 use crate::app::App;
+use crate::instead::Instead;
 
-const SHOWN: [(&str, Show); 3] = [
-    ("picture", Show::Scene),
-    ("choice of filters", Show::Choice),
-    ("kernels per pixel", Show::Count),
+const SHOWN: [(&str, (Show, Option<Instead>)); 6] = [
+    ("picture", (Show::Scene, None)),
+    ("choice of filters", (Show::Choice, None)),
+    ("kernels per pixel", (Show::Count, None)),
+    ("error at rest", (Show::Scene, Some(Instead::Error))),
+    ("depth", (Show::Scene, Some(Instead::Depth))),
+    ("normals", (Show::Scene, Some(Instead::Normals))),
 ];
 
 fn composites() -> [(&'static str, Composite); 6] {
@@ -54,7 +58,12 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                     .text("tolerance"),
             )
             .on_hover_text("error in linear colour that 99.9 % of the pixels may have");
-            choose(ui, "filter", &mut settings.filter, &Filter::ALL.map(|filter| (filter.name(), filter)));
+            choose(
+                ui,
+                "filter",
+                &mut settings.filter,
+                &Filter::ALL.map(|filter| (filter.name(), filter)),
+            );
             choose(ui, "composite", &mut settings.composite, &composites());
             let mut by_extent = settings.classify == Classification::Extent;
             let whole = "classify over extents";
@@ -67,15 +76,25 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             ui.checkbox(&mut settings.level_of_detail, "level of detail");
             boundary(app, ui);
             let settings = &mut app.settings;
-            choose(ui, "show", &mut settings.show, &SHOWN);
-            ui.checkbox(&mut app.shows_error, "error at rest").on_hover_text(
-                "black: a hundredth of the tolerance; yellow: the tolerance; red: ten times as much",
-            );
+            let mut shown = (settings.show, app.instead);
+            choose(ui, "show", &mut shown, &SHOWN);
+            (settings.show, app.instead) = shown;
+            if app.instead == Some(Instead::Error) {
+                ui.label(
+                    "black: a hundredth of the tolerance, yellow: the tolerance, red: ten times it",
+                );
+            }
+            let settings = &mut app.settings;
             if let Some(background) = &mut settings.background {
                 ui.horizontal(|ui| {
                     ui.color_edit_button_rgb(background);
                     ui.label("background");
                 });
+            }
+            let tip =
+                "the integral of the kernels along every ray, which takes its time; Escape cancels";
+            if ui.button("Truth").on_hover_text(tip).clicked() {
+                app.ask_truth();
             }
         });
 }

@@ -22,9 +22,9 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         )]
         let pixels = |length: f32| (length * scale).round().max(1.0) as usize;
         app.size = [pixels(rect.width()), pixels(rect.height())];
-        if let Some(texture) = &app.texture {
+        if let Some(texture) = app.canvas.texture() {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
-            painter.image(texture.id(), rect, whole, Color32::WHITE);
+            painter.image(texture, rect, whole, Color32::WHITE);
         }
         if let Some(orbit) = &app.orbit {
             let camera = orbit.camera(app.size);

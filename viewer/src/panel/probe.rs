@@ -23,7 +23,9 @@ pub(crate) fn show(app: &App, ui: &mut Ui) {
             let volumes = app.loaded.as_ref().map(|loaded| &loaded.volumes);
             let title = volumes.and_then(|volumes| volumes.get(found.volume));
             let title = title.map_or("particle", |volume| &volume.title);
-            ui.label(format!("{title}: particle {}", found.particle));
+            let value = found.value.map(|value| format!(" {value}"));
+            let value = value.unwrap_or_default();
+            ui.label(format!("{title}{value}: particle {}", found.particle));
             ui.label(format!(
                 "{:.1} % of the pixel, which shows {} particles",
                 100.0 * found.share,

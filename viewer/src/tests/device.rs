@@ -1,0 +1,143 @@
+//! Pictures that stay on a device, which the window draws from.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use ewa_splat::render::{AdapterChoice, Gpu};
+use ewa_splat::{Settings, wgpu};
+use glam::DVec3;
+
+use super::{LONGEST, fixture};
+use crate::orbit::{Lens, Orbit};
+use crate::worker::{Drawn, Load, Loaded, News, Picture, View, Worker};
+
+const SIZE: [usize; 2] = [150, 100];
+
+/// The finished picture of the vase, drawn by the device or by the processor.
+fn drawn(gpu: Option<Gpu>) -> (Box<Loaded>, Drawn) {
+    let words = ["ewa-splat-view", &fixture("vase.glb"), "--count", "5000"];
+    let backend = match gpu {
+        Some(_) => "gpu",
+        None => "cpu",
+    };
+    let words = words.into_iter().chain(["--backend", backend]);
+    let asked = crate::arguments::parse(words.map(Into::into))
+        .unwrap()
+        .asked;
+    let worker = Worker::new(|| ());
+    worker.load(Load {
+        scene: 1,
+        asked: Arc::new(asked),
+        field: None,
+        chosen: vec![true],
+        step: 0,
+        gpu,
+    });
+    let begun = Instant::now();
+    let mut loaded = None;
+    loop {
+        for news in worker.news() {
+            match news {
+                News::Loaded(read) => {
+                    worker.show(view(&read));
+                    loaded = Some(read);
+                }
+                News::Drawn(drawn) if drawn.is_final => return (loaded.unwrap(), *drawn),
+                News::NotLoaded(_, why) => panic!("{why:?}"),
+                News::Failed(why) => panic!("{why}"),
+                _ => {}
+            }
+        }
+        assert!(begun.elapsed() < LONGEST);
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}
+
+fn view(loaded: &Loaded) -> View {
+    let (centre, half) = loaded.bounds.unwrap();
+    let orbit = Orbit {
+        eye: centre + DVec3::new(1.0, 0.4, 2.5) * half.length(),
+        target: centre,
+        up: DVec3::Y,
+        world_up: DVec3::Y,
+        lens: Lens::Perspective(35.0),
+    };
+    View {
+        scene: 1,
+        number: 1,
+        camera: orbit.camera(SIZE),
+        settings: Settings {
+            background: Some([0.1, 0.2, 0.4]),
+            ..loaded.settings.clone()
+        },
+        instead: None,
+        functions: vec![None; loaded.volumes.len()],
+    }
+}
+
+/// The texels of a texture, four bytes each.
+fn texels(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<u8> {
+    let [width, height] = [texture.width(), texture.height()];
+    let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: u64::from(row) * u64::from(height),
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row),
+                rows_per_image: None,
+            },
+        },
+        texture.size(),
+    );
+    gpu.queue().submit([encoder.finish()]);
+    buffer.slice(..).map_async(wgpu::MapMode::Read, |_| ());
+    gpu.device()
+        .poll(wgpu::PollType::wait_indefinitely())
+        .unwrap();
+    let mapped = buffer.slice(..).get_mapped_range().unwrap();
+    let rows = mapped.chunks(row as usize);
+    rows.flat_map(|r| &r[..4 * width as usize])
+        .copied()
+        .collect()
+}
+
+/// What a device draws into the window's texture is the picture of the processor, its error is measured all the same, and
+/// nothing but the picture in the texture tells them apart.
+#[test]
+fn devices_draw_into_the_windows_texture() {
+    let gpu = match Gpu::open(AdapterChoice::Any) {
+        Ok(gpu) => gpu,
+        Err(error) => {
+            let is_required = std::env::var_os("EWA_REQUIRE_GPU").is_some_and(|v| v == "1");
+            assert!(!is_required, "{error}");
+            println!("skipped: {error}");
+            return;
+        }
+    };
+    let (loaded, on_device) = drawn(Some(gpu.clone()));
+    assert_eq!(loaded.device, gpu.adapter());
+    let Picture::Texture(texture) = &on_device.picture else {
+        panic!("it has left the device");
+    };
+    let (_, on_processor) = drawn(None);
+    let Picture::Pixels(image) = &on_processor.picture else {
+        panic!("no device was asked for");
+    };
+    let (a, b) = (texels(&gpu, texture), image.to_srgb8());
+    assert_eq!(a.len(), b.len());
+    // The vase is seen, and what is behind it.
+    assert!(b.chunks(4).filter(|p| *p != &b[..4]).count() > 1000);
+    // Both round what differs by 2e-5.
+    let apart = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(apart <= Some(1), "{apart:?}");
+    assert!(on_device.error.unwrap().percentile_999 < 1.0 / 255.0);
+}
