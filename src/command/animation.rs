@@ -8,11 +8,21 @@ use std::rc::Rc;
 use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image};
 use crate::{Error, Image, Result};
 
-/// What the pictures of a sequence go to.
-pub(crate) struct Animation {
+/// What the pictures of a sequence go to: numbered files, an APNG or a GIF.
+pub struct Animation {
     path: PathBuf,
     kind: Kind,
+    rate: u16,
     written: usize,
+}
+
+impl std::fmt::Debug for Animation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Animation")
+            .field("path", &self.path)
+            .field("written", &self.written)
+            .finish_non_exhaustive()
+    }
 }
 
 enum Kind {
@@ -54,32 +64,6 @@ fn number_in(name: &str) -> Option<(&str, usize, &str)> {
     Some((before, digits, after))
 }
 
-/// Whether a file may hold a sequence, asked before the work of making it.
-pub(crate) fn check_path(path: &Path) -> Result<()> {
-    let name = path.file_name().and_then(|name| name.to_str());
-    match extension(path).as_str() {
-        "apng" | "gif" => check_folder(path),
-        "mp4" | "mov" | "mkv" | "webm" | "avi" => {
-            let stem = path.with_extension("");
-            let stem = stem.display();
-            Err(refused(
-                path,
-                "a film, which is not encoded here",
-                format!(
-                    "write --out {stem}_%04d.png, then ffmpeg -framerate 25 -i {stem}_%04d.png -pix_fmt yuv420p {}",
-                    path.display()
-                ),
-            ))
-        }
-        _ if name.and_then(number_in).is_some() => check_image_path(path),
-        _ => Err(refused(
-            path,
-            "a name for one picture",
-            "put a number into it, such as turn_%04d.png".into(),
-        )),
-    }
-}
-
 fn refused(path: &Path, found: &str, advice: String) -> Error {
     let expected = "NAME_%04d.png (exr, pfm, npy), an .apng or a .gif for a sequence";
     Error::format(path, "output", expected, found, advice)
@@ -96,10 +80,44 @@ fn extension(path: &Path) -> String {
 }
 
 impl Animation {
+    /// Whether a file may hold a sequence, asked before the work of making it.
+    ///
+    /// # Errors
+    /// A name that has no number and is no APNG or GIF, a film, a folder that is not there.
+    pub fn check_path(path: &Path) -> Result<()> {
+        let name = path.file_name().and_then(|name| name.to_str());
+        match extension(path).as_str() {
+            "apng" | "gif" => check_folder(path),
+            "mp4" | "mov" | "mkv" | "webm" | "avi" => {
+                let stem = path.with_extension("");
+                let stem = stem.display();
+                Err(refused(
+                    path,
+                    "a film, which is not encoded here",
+                    format!(
+                        "write --out {stem}_%04d.png, then ffmpeg -framerate 25 -i {stem}_%04d.png -pix_fmt yuv420p {}",
+                        path.display()
+                    ),
+                ))
+            }
+            _ if name.and_then(number_in).is_some() => check_image_path(path),
+            _ => Err(refused(
+                path,
+                "a name for one picture",
+                "put a number into it, such as turn_%04d.png".into(),
+            )),
+        }
+    }
+
+    /// Files for pictures to come.
+    ///
     /// - `size`: width and height in pixels.
     /// - `count`: pictures to come, all of which must.
     /// - `rate`: pictures per second, 1 to 100.
-    pub(crate) fn new(path: &Path, size: [usize; 2], count: usize, rate: u16) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Those of [`Self::check_path`], and sizes that the format does not hold.
+    pub fn new(path: &Path, size: [usize; 2], count: usize, rate: u16) -> Result<Self> {
         let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         let kind = match extension(path).as_str() {
             "apng" => {
@@ -140,6 +158,7 @@ impl Animation {
         Ok(Self {
             path: path.into(),
             kind,
+            rate: rate.max(1),
             written: 0,
         })
     }
@@ -160,8 +179,12 @@ impl Animation {
         }
     }
 
-    /// Adds a picture. `rate` as in [`Animation::new`].
-    pub(crate) fn push(&mut self, image: &Image, rate: u16) -> Result<()> {
+    /// Adds a picture.
+    ///
+    /// # Errors
+    /// A file that cannot be written, another size than that of the first.
+    pub fn push(&mut self, image: &Image) -> Result<()> {
+        let rate = self.rate;
         let file = self.file();
         match &mut self.kind {
             Kind::Files { .. } => write_image(&file, image)?,
@@ -188,7 +211,10 @@ impl Animation {
     }
 
     /// Writes what is one file, whole.
-    pub(crate) fn finish(mut self) -> Result<()> {
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn finish(mut self) -> Result<()> {
         let path = self.path.clone();
         let bytes = match &mut self.kind {
             Kind::Files { .. } => return Ok(()),

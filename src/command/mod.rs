@@ -48,7 +48,8 @@ mod words;
 
 use std::process::ExitCode;
 
-pub use self::view::{Asked, Frame, Over, Shown, line};
+pub use self::animation::Animation;
+pub use self::view::{Asked, Automatic, Frame, Over, Shown, line};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.

@@ -402,12 +402,11 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let mut settings = arguments.settings(low_pass);
     if arguments.sequence.is_asked_for() {
         let mut animation = arguments.animation(&cameras)?;
-        let rate = arguments.sequence.rate();
         let bar = bar(cameras.len() as u64).with_message("rendering");
         for camera in &cameras {
             let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
             let image = renderer.render(camera, &settings)?;
-            animation.push(&*over.drawn(image)?, rate)?;
+            animation.push(&*over.drawn(image)?)?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -575,7 +574,7 @@ impl Arguments {
             true if self.output.stats.is_some() => {
                 fault("--stats", "one picture", "a sequence of them")
             }
-            true => animation::check_path(&self.out),
+            true => Animation::check_path(&self.out),
             false => check_image_path(&self.out),
         }
     }
@@ -641,7 +640,7 @@ impl Arguments {
             let image = renderer.render(camera, &settings)?;
             let annotations = self.annotations.at(step);
             let over = Overlays::new(&annotations, legend, bounds, camera)?;
-            animation.push(&*over.drawn(image)?, self.sequence.rate())?;
+            animation.push(&*over.drawn(image)?)?;
             bar.inc(1);
         }
         bar.finish_and_clear();

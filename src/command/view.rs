@@ -15,7 +15,7 @@ use super::source::Input;
 use super::viewpoint::{Canvas, left_of};
 use crate::io::Up;
 use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
-use crate::scene::PointVolume;
+use crate::scene::{PointVolume, ScaleName};
 use crate::view::{Bounds, Camera};
 use crate::{Backend, Error, Result, Settings, Task};
 
@@ -86,6 +86,19 @@ pub struct Asked {
     /// What the steps of a series share.
     series: OnceLock<TransferChoice>,
     boundary: BoundaryChoice,
+    /// What the window asked for in place of the options.
+    automatic: Option<Automatic>,
+}
+
+/// How a transfer function is found from the values: `--transfer-function NAME`, `--range`, `--scale`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Automatic {
+    /// The name of a colour map; `None` chooses one.
+    pub map: Option<String>,
+    /// The range of values; `None` looks at them.
+    pub range: Option<[f32; 2]>,
+    /// Where values lie between its ends; `None` looks at them.
+    pub scale: Option<ScaleName>,
 }
 
 /// What is drawn over the picture.
@@ -176,6 +189,7 @@ impl Asked {
             arguments: Arc::new(arguments),
             given: given(matches),
             series: OnceLock::new(),
+            automatic: None,
         })
     }
 
@@ -214,6 +228,46 @@ impl Asked {
             given: others.cloned().chain(own).collect(),
             series: OnceLock::new(),
             boundary,
+            automatic: self.automatic.clone(),
+        }
+    }
+
+    /// How functions are found from the values.
+    pub fn automatic(&self) -> Automatic {
+        if let Some(automatic) = &self.automatic {
+            return automatic.clone();
+        }
+        let options = self.arguments.data.sample_options();
+        Automatic {
+            map: match options.transfer {
+                TransferChoice::Named(name) => Some(name),
+                _ => None,
+            },
+            range: options.range,
+            scale: options.scale,
+        }
+    }
+
+    /// The same with functions that are found so, among the options that were given, too. Inputs that name functions of
+    /// their own keep them.
+    #[must_use]
+    pub fn with_automatic(&self, automatic: &Automatic) -> Self {
+        const NAMES: [&str; 3] = ["transfer-function", "range", "scale"];
+        let others = self.given.iter();
+        let others = others.filter(|(name, _)| !NAMES.contains(&name.as_str()));
+        let values = [
+            automatic.map.clone(),
+            automatic.range.map(|[lo, hi]| format!("{lo},{hi}")),
+            automatic.scale.map(|scale| scale.name().to_owned()),
+        ];
+        let own = NAMES.into_iter().zip(values);
+        let own = own.filter_map(|(name, value)| Some((name.to_owned(), Some(value?))));
+        Self {
+            arguments: Arc::clone(&self.arguments),
+            given: others.cloned().chain(own).collect(),
+            series: OnceLock::new(),
+            boundary: self.boundary,
+            automatic: Some(automatic.clone()),
         }
     }
 
@@ -236,6 +290,12 @@ impl Asked {
             text
         };
         self.arguments.inputs.iter().map(text).collect()
+    }
+
+    /// The files and folders that were named.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let inputs = self.arguments.inputs.iter();
+        inputs.map(|input| input.path.clone()).collect()
     }
 
     /// The inputs that are chosen, as steps of time where they are a series.
@@ -281,6 +341,11 @@ impl Asked {
         let mut inputs = self.chosen(chosen)?;
         let mut options = arguments.sample_options(Some(task.clone()));
         options.boundary = self.boundary;
+        if let Some(automatic) = &self.automatic {
+            let Automatic { map, range, scale } = automatic.clone();
+            options.transfer = map.map_or(TransferChoice::Automatic, TransferChoice::Named);
+            (options.range, options.scale) = (range, scale);
+        }
         if let Some(field) = field {
             options.field = Some(field.to_owned());
         }

@@ -11,7 +11,7 @@
 use std::path::Path;
 
 use glam::DVec3;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::camera::Camera;
 use crate::error::{Error, Result};
@@ -21,7 +21,7 @@ const MOST_FRAMES: usize = 100_000;
 
 /// A camera's way along key cameras: Catmull and Rom's spline through eyes, points looked at, directions up and fields
 /// of view, begun and ended slowly.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
     /// How many pictures, 2 at least.
@@ -31,7 +31,7 @@ pub struct CameraPath {
 }
 
 /// A perspective camera on a path.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyCamera {
     /// The eye, world units.
@@ -90,6 +90,18 @@ impl CameraPath {
             }
         }
         Ok(own)
+    }
+
+    /// The text that [`Self::read`] reads.
+    ///
+    /// # Errors
+    /// Numbers that are not finite.
+    pub fn to_json(&self) -> Result<String> {
+        let text = serde_json::to_string_pretty(self).map_err(|e| {
+            let (expected, advice) = ("finite numbers", "check the keys");
+            Error::invalid("camera path", "keys", expected, e.to_string(), advice)
+        })?;
+        Ok(text + "\n")
     }
 
     /// The cameras of all frames, for pictures of this width and height in pixels.

@@ -5,20 +5,24 @@ use std::sync::Arc;
 
 use egui::Context;
 use ewa_splat::Settings;
-use ewa_splat::command::{Asked, Frame, Over, line};
+use ewa_splat::command::{Asked, Automatic, Frame, Over, line};
 use ewa_splat::legend::legend_width;
 use ewa_splat::render::Picked;
 use glam::DVec3;
 
 use crate::canvas::Canvas;
 use crate::curve::History;
+use crate::dialogs::{Dialogs, Purpose};
 use crate::instead::Instead;
 use crate::orbit::Orbit;
 use crate::output::Output;
 use crate::panel::handles::Handles;
+use crate::panel::{output, path};
+use crate::path::KeyFrames;
 use crate::probe::Probe;
 use crate::time::Time;
-use crate::worker::{Drawn, Load, Loaded, News, View, Worker};
+use crate::watch::Watch;
+use crate::worker::{Drawn, Film, Load, Loaded, News, View, Worker};
 
 /// What stands behind pictures without a background, linear.
 const BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
@@ -76,6 +80,15 @@ pub(crate) struct App {
     /// What is switched on over the picture.
     pub(crate) over: Over,
     pub(crate) handles: Handles,
+    pub(crate) path: KeyFrames,
+    /// What functions are found by, where that is asked for.
+    pub(crate) automatic: Automatic,
+    /// Whether the functions are to be those that are read, whatever was made of them.
+    finds_functions: bool,
+    pub(crate) dialogs: Dialogs,
+    pub(crate) watch: Watch,
+    /// Whether files that have changed are read again.
+    pub(crate) follows: bool,
 }
 
 /// What was read.
@@ -107,6 +120,12 @@ impl App {
             inputs: Vec::new(),
             over: asked.over(),
             handles: Handles::default(),
+            path: KeyFrames::default(),
+            automatic: asked.automatic(),
+            finds_functions: false,
+            dialogs: Dialogs::default(),
+            watch: Watch::default(),
+            follows: true,
             chosen: Vec::new(),
             field: None,
             asked: Arc::new(asked),
@@ -149,7 +168,50 @@ impl App {
         self.scene = self.scenes;
         self.progress = Some("reading".into());
         self.message = None;
+        let chosen = self.asked.files();
+        self.watch.set(chosen);
         self.worker.load(self.wanted());
+    }
+
+    /// Finds the functions from the values, by what is chosen for it.
+    pub(crate) fn find_functions(&mut self) {
+        self.asked = Arc::new(self.asked.with_automatic(&self.automatic));
+        self.finds_functions = true;
+        self.load();
+    }
+
+    /// Reads files that have changed again, where that is wished for.
+    pub(crate) fn follow(&mut self) {
+        if self.watch.has_changed() && self.follows && self.progress.is_none() {
+            self.load();
+        }
+    }
+
+    /// Does what files were chosen for.
+    pub(crate) fn take_chosen(&mut self) {
+        for (purpose, paths) in self.dialogs.chosen() {
+            let name = paths.first().map(|path| path.display().to_string());
+            let name = name.unwrap_or_default();
+            match purpose {
+                Purpose::Open => self.open(paths),
+                Purpose::Picture => {
+                    self.output.picture = name;
+                    output::save_picture(self);
+                }
+                Purpose::Function => {
+                    self.output.function = name;
+                    output::load_function(self);
+                }
+                Purpose::Path => {
+                    self.path.file = name;
+                    path::load_path(self);
+                }
+                Purpose::Film => {
+                    self.path.film = name;
+                    path::film_path(self);
+                }
+            }
+        }
     }
 
     /// What is to be read for what is chosen.
@@ -166,9 +228,6 @@ impl App {
 
     /// Asks for the integral of the kernels in place of the picture.
     pub(crate) fn ask_truth(&mut self) {
-        if self.settings.lighting.is_some() {
-            return self.fail("the true picture has no light: switch it off".into());
-        }
         self.progress = Some("the true picture".into());
         self.worker.ask_truth(self.wanted());
     }
@@ -177,6 +236,7 @@ impl App {
     pub(crate) fn open(&mut self, paths: Vec<PathBuf>) {
         match crate::arguments::of_files(paths) {
             Ok(asked) => {
+                self.automatic = asked.automatic();
                 self.asked = Arc::new(asked);
                 self.begin();
             }
@@ -192,7 +252,7 @@ impl App {
     /// Goes back to what is shown, as nothing else can be or is wanted.
     fn stay(&mut self, why: Option<String>) {
         self.progress = None;
-        self.is_new = false;
+        (self.is_new, self.finds_functions) = (false, false);
         if let Some(good) = self.good.clone() {
             let Source {
                 scene,
@@ -204,6 +264,7 @@ impl App {
             } = good;
             (self.scene, self.asked, self.inputs) = (scene, asked, inputs);
             (self.chosen, self.field, self.time) = (chosen, field, time);
+            self.automatic = self.asked.automatic();
             self.view = None;
         }
         match why {
@@ -249,6 +310,21 @@ impl App {
             ..view.clone()
         };
         self.worker.write(view, self.overlay(), path);
+    }
+
+    /// Draws the pictures of the key frames and writes them.
+    pub(crate) fn film(&mut self, file: PathBuf) {
+        let (Some(view), Some(path)) = (&self.view, self.path.path()) else {
+            return self.fail("two key frames are wanted, of what is shown".into());
+        };
+        let film = Film {
+            view: view.clone(),
+            cameras: path.cameras(self.picture_size()),
+            over: self.overlay(),
+            path: file,
+        };
+        self.progress = Some("the film".into());
+        self.worker.film(film);
     }
 
     /// Whether nothing is left to be done.
@@ -314,11 +390,11 @@ impl App {
                 News::True(errors) => {
                     self.progress = None;
                     self.say(format!(
-                        "the true picture; the one before is off by {:.1e}, {:.1e} at the worst",
+                        "the true picture, without light; the splatted one is off by {:.1e}, {:.1e} at the worst",
                         errors.p999, errors.max
                     ));
                 }
-                News::NotTrue => {
+                News::Ended => {
                     if self.loaded.as_ref().is_some_and(|l| l.scene == self.scene) {
                         self.progress = None;
                     }
@@ -327,6 +403,10 @@ impl App {
                 News::Failed(text) => {
                     self.progress = None;
                     self.fail(text);
+                }
+                News::Filmed(path) => {
+                    self.progress = None;
+                    self.say(format!("{} is written", path.display()));
                 }
                 News::Written(path) => self.say(format!("{} is written", path.display())),
                 News::Loaded(_) | News::NotLoaded(..) => {}
@@ -353,7 +433,8 @@ impl App {
         };
         let is_alike = self.loaded.as_ref().map(titles) == Some(titles(&loaded));
         let is_edited = self.histories.iter().flatten().any(History::can_undo);
-        if !(is_alike && !is_new && (self.time.keeps() || is_edited)) {
+        let is_found = std::mem::take(&mut self.finds_functions);
+        if !(is_alike && !is_new && !is_found && (self.time.keeps() || is_edited)) {
             let functions = loaded.volumes.iter().map(|volume| volume.function.clone());
             self.histories = functions.map(|f| f.and_then(History::new)).collect();
             let first = self.histories.iter().position(Option::is_some);

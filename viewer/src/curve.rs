@@ -122,6 +122,22 @@ impl Curve {
         }
     }
 
+    /// Moves the ends of the range, and all points with them; a range that the scale has none of is left as it was.
+    pub(crate) fn set_range(&mut self, range: [f32; 2]) {
+        let places = range.map(|end| self.scale.position(end));
+        if !(places[0] < places[1] && (places[1] - places[0]).is_finite()) {
+            return;
+        }
+        let old = self.clone();
+        self.range = range;
+        for i in 0..old.opacities.len() {
+            self.opacities[i].0 = self.value(old.share(old.opacities[i].0));
+        }
+        for i in 0..old.colours.len() {
+            self.colours[i].0 = self.value(old.share(old.colours[i].0));
+        }
+    }
+
     /// Where a value lies between the ends of the range, 0 to 1.
     pub(crate) fn share(&self, value: f32) -> f32 {
         let [lo, hi] = self.range.map(|end| self.scale.position(end));
@@ -227,10 +243,19 @@ fn simplified<T: Copy>(
         .collect()
 }
 
+/// A function, how it is edited, and the file that a command reads it from.
+#[derive(Debug, Clone, PartialEq)]
+struct State {
+    function: TransferFunction,
+    curve: Curve,
+    /// None of the one that the data were read with.
+    file: Option<String>,
+}
+
 /// A function and its earlier and later states.
 #[derive(Debug, Clone)]
 pub(crate) struct History {
-    states: Vec<(TransferFunction, Curve)>,
+    states: Vec<State>,
     now: usize,
 }
 
@@ -241,26 +266,68 @@ impl History {
     pub(crate) fn new(function: TransferFunction) -> Option<Self> {
         let curve = Curve::of(&function)?;
         Some(Self {
-            states: vec![(function, curve)],
+            states: vec![State {
+                function,
+                curve,
+                file: None,
+            }],
             now: 0,
         })
     }
 
     pub(crate) fn function(&self) -> &TransferFunction {
-        &self.states[self.now].0
+        &self.states[self.now].function
     }
 
     pub(crate) fn curve(&self) -> &Curve {
-        &self.states[self.now].1
+        &self.states[self.now].curve
     }
 
-    /// A new state; later ones are forgotten. One that `goes_on` takes the place of the last, as a drag does.
-    pub(crate) fn push(&mut self, function: TransferFunction, curve: Curve, goes_on: bool) {
+    /// Where the table of the function lay that the data were read with.
+    pub(crate) fn first_range(&self) -> [f32; 2] {
+        self.states[0].curve.range
+    }
+
+    /// The text that `--transfer-function` reads.
+    pub(crate) fn file(&self) -> String {
+        let state = &self.states[self.now];
+        let file = state.file.clone();
+        file.unwrap_or_else(|| state.function.to_json())
+    }
+
+    /// A function as it was edited; later states are forgotten. One that `goes_on` takes the place of the last, as a drag does.
+    ///
+    /// # Errors
+    /// Points that are no function.
+    pub(crate) fn edit(&mut self, curve: Curve, goes_on: bool) -> Result<()> {
+        let state = State {
+            function: curve.function()?,
+            file: Some(curve.to_json()),
+            curve,
+        };
+        self.push(state, goes_on);
+        Ok(())
+    }
+
+    /// A function as it was read from a file's text; later states are forgotten.
+    pub(crate) fn load(&mut self, function: TransferFunction, text: String) {
+        if let Some(curve) = Curve::of(&function) {
+            let file = Some(text);
+            let state = State {
+                function,
+                curve,
+                file,
+            };
+            self.push(state, false);
+        }
+    }
+
+    fn push(&mut self, state: State, goes_on: bool) {
         self.states.truncate(self.now + 1);
         if goes_on && self.now > 0 {
             self.states.pop();
         }
-        self.states.push((function, curve));
+        self.states.push(state);
         if self.states.len() > Self::MOST {
             self.states.remove(1);
         }
@@ -341,15 +408,44 @@ mod tests {
         assert!(curve.function().is_ok());
     }
 
+    /// Points keep their shares of a range that moves, and one that is none changes nothing.
+    #[test]
+    fn ranges_move_with_their_points() {
+        let curve = Curve {
+            range: [1.0, 100.0],
+            scale: ValueScale::Log,
+            unit_distance: 1.0,
+            opacities: vec![(1.0, 0.0), (10.0, 0.5), (100.0, 1.0)],
+            colours: vec![(10.0, [0.0; 3])],
+        };
+        let mut moved = curve.clone();
+        moved.set_range([10.0, 1e5]);
+        assert_eq!(moved.range, [10.0, 1e5]);
+        for (value, wanted) in [(moved.opacities[1].0, 1e3), (moved.colours[0].0, 1e3)] {
+            assert!((value / wanted - 1.0).abs() < 1e-4, "{value}");
+        }
+        for none in [
+            [-1.0, 5.0],
+            [5.0, 5.0],
+            [7.0, 5.0],
+            [1.0, f32::INFINITY],
+            [f32::NAN, 1.0],
+        ] {
+            let mut same = curve.clone();
+            same.set_range(none);
+            assert_eq!(same, curve, "{none:?}");
+        }
+    }
+
     #[test]
     fn undo_restores_the_exact_function() {
         let first = automatic((0..500).map(|i| i as f32).collect());
         let mut history = History::new(first.clone()).unwrap();
         let mut curve = history.curve().clone();
         curve.add_opacity(0.3, 0.9);
-        history.push(curve.function().unwrap(), curve.clone(), false);
+        history.edit(curve.clone(), false).unwrap();
         curve.add_opacity(0.4, 0.1);
-        history.push(curve.function().unwrap(), curve.clone(), true);
+        history.edit(curve.clone(), true).unwrap();
         assert_ne!(*history.function(), first);
         history.undo();
         assert_eq!(*history.function(), first);

@@ -9,6 +9,7 @@ mod canvas;
 mod clip;
 mod controller;
 mod curve;
+mod dialogs;
 mod headless;
 mod histogram;
 mod instead;
@@ -16,13 +17,16 @@ mod orbit;
 mod output;
 mod over;
 mod panel;
+mod path;
 mod probe;
+mod remembered;
 mod replay;
 mod screen;
 mod screenshot;
 #[cfg(test)]
 mod tests;
 mod time;
+mod watch;
 mod window;
 mod words;
 mod worker;
@@ -52,12 +56,15 @@ fn run() -> Result<(), String> {
         print!("{}", replay::play(arguments.asked, count)?);
         return Ok(());
     }
-    let size = arguments.asked.size().unwrap_or([1280, 800]);
+    let asked_size = arguments.asked.size();
+    let size = asked_size.unwrap_or([1280, 800]);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("ewa-splat")
             .with_inner_size([size[0] as f32, size[1] as f32])
             .with_drag_and_drop(true),
+        // A size that is asked for is not that of the next time.
+        persist_window: asked_size.is_none(),
         wgpu_options: canvas::options(),
         ..eframe::NativeOptions::default()
     };
@@ -66,7 +73,9 @@ fn run() -> Result<(), String> {
         options,
         Box::new(|context| {
             let canvas = Canvas::new(context.wgpu_render_state.clone());
-            let app = App::new(arguments.asked, &context.egui_ctx, canvas);
+            let mut app = App::new(arguments.asked, &context.egui_ctx, canvas);
+            app.recall_from(context.storage);
+            app.watch.start(context.egui_ctx.clone());
             Ok(Box::new(Window(app)))
         }),
     )

@@ -5,7 +5,7 @@ use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// What a camera sees of the world.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Lens {
     /// Vertical field of view in degrees.
     Perspective(f64),
@@ -14,7 +14,7 @@ pub(crate) enum Lens {
 }
 
 /// A camera that turns around a point.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Orbit {
     pub(crate) eye: DVec3,
     pub(crate) target: DVec3,
@@ -210,10 +210,19 @@ impl Orbit {
             lens,
             ..self.clone()
         };
-        match orbit.camera([2, 2]).validate() {
-            Ok(()) if eye != target => Ok(orbit),
-            _ => Err("no camera: finite numbers, and an eye away from the target".into()),
+        match orbit.is_a_view() {
+            true => Ok(orbit),
+            false => Err("no camera: finite numbers, and an eye away from the target".into()),
         }
+    }
+
+    /// Whether pictures can be drawn from it.
+    pub(crate) fn is_a_view(&self) -> bool {
+        let is_sized = match self.lens {
+            Lens::Perspective(fov) => fov > 0.0 && fov < 180.0,
+            Lens::Orthographic(height) => height > 0.0 && height.is_finite(),
+        };
+        is_sized && self.eye != self.target && self.camera([2, 2]).validate().is_ok()
     }
 }
 

@@ -1,7 +1,9 @@
 //! Where pictures and functions are written.
 
+use serde::{Deserialize, Serialize};
+
 /// The names of files, and the size of pictures.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Output {
     pub(crate) picture: String,
     pub(crate) function: String,

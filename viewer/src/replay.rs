@@ -50,8 +50,8 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
                 let share = curve.share(value);
                 let step = if i % 2 == 0 { 0.05 } else { -0.05 };
                 curve.move_opacity(middle, share, opacity + step);
-                let function = curve.function().map_err(|error| error.to_string())?;
-                history.push(function, curve, true);
+                let edited = history.edit(curve, true);
+                edited.map_err(|error| error.to_string())?;
             }
             edited.push(until(&mut window, App::has_drawn)?);
         }

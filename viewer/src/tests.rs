@@ -1,6 +1,8 @@
 //! The window as hands use it, without one.
 
 mod device;
+mod editor;
+mod files;
 mod over;
 
 use std::sync::Arc;
@@ -331,6 +333,7 @@ fn every_panel_opens() {
         "Over the picture",
         "Light",
         "Camera",
+        "Key frames",
         "Output",
         "Transfer function",
         "Probe",
@@ -385,22 +388,26 @@ fn errors_are_shown() {
     assert!(drawn.error.unwrap().percentile_999 < 1.0 / 255.0);
 }
 
+/// An image of four by four by four values.
+fn grid(factor: f64) -> String {
+    let value = |i: i32| f64::from(i % 4 + i / 4 % 4 + i / 16) * factor;
+    let values: Vec<String> = (0..64).map(|i| value(i).to_string()).collect();
+    format!(
+        "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 3 0 3 0 3\" Origin=\"0 0 0\" Spacing=\"1 1 1\">\
+         <Piece Extent=\"0 3 0 3 0 3\"><PointData><DataArray type=\"Float32\" Name=\"a\" format=\"ascii\">{}\
+         </DataArray></PointData></Piece></ImageData></VTKFile>",
+        values.join(" ")
+    )
+}
+
 /// Steps of time share one function, and each is the picture of its command.
 #[test]
 fn steps_of_time_are_gone_through() {
     let folder = tempfile::tempdir().unwrap();
     let mut files = Vec::new();
     for factor in [1.0, 3.0] {
-        let value = |i: i32| f64::from(i % 4 + i / 4 % 4 + i / 16) * factor;
-        let values: Vec<String> = (0..64).map(|i| value(i).to_string()).collect();
-        let text = format!(
-            "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 3 0 3 0 3\" Origin=\"0 0 0\" Spacing=\"1 1 1\">\
-             <Piece Extent=\"0 3 0 3 0 3\"><PointData><DataArray type=\"Float32\" Name=\"a\" format=\"ascii\">{}\
-             </DataArray></PointData></Piece></ImageData></VTKFile>",
-            values.join(" ")
-        );
         let path = folder.path().join(format!("{factor}.vti"));
-        std::fs::write(&path, text).unwrap();
+        std::fs::write(&path, grid(factor)).unwrap();
         files.push(path.display().to_string());
     }
     let mut window = window(&[&files[0], &files[1], "--series"]);

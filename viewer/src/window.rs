@@ -14,6 +14,10 @@ impl eframe::App for Window {
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         show(&mut self.0, ui);
     }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        self.0.keep_in(storage);
+    }
 }
 
 /// Lays out the window and answers what was done in it.
@@ -27,7 +31,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     if !dropped.is_empty() {
         app.open(dropped);
     }
+    app.take_chosen();
+    app.follow();
     panel::keys::answer(app, &context);
+    panel::path::play(app, &context);
     panel::time::play(app, &context);
     panel::status::show(app, ui);
     if app.shows_panels {

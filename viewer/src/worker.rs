@@ -9,7 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ewa_splat::command::{Asked, Shown, line};
+use ewa_splat::command::{Animation, Asked, Shown, line};
 use ewa_splat::io::{Up, write_image};
 use ewa_splat::legend::ColourBar;
 use ewa_splat::measure::{ErrorSample, ImageErrors, SampledError, accurate, compare};
@@ -23,6 +23,7 @@ use crate::controller::{Coarseness, Controller};
 use crate::histogram::Histogram;
 use crate::instead::{self, Instead};
 use crate::over::Overlay;
+use crate::path::RATE;
 
 /// How long nothing must change before a picture is refined.
 const REST: Duration = Duration::from_millis(120);
@@ -46,6 +47,16 @@ pub(crate) struct View {
     pub(crate) instead: Option<Instead>,
     /// The transfer function of each volume that has one.
     pub(crate) functions: Vec<Option<TransferFunction>>,
+}
+
+/// Pictures of a view from several cameras, to be written.
+#[derive(Debug, Clone)]
+pub(crate) struct Film {
+    pub(crate) view: View,
+    /// Of one size.
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) over: Overlay,
+    pub(crate) path: PathBuf,
 }
 
 /// What is to be read.
@@ -128,8 +139,10 @@ pub(crate) enum News {
     Written(PathBuf),
     /// A scene that is not read, by its number, and why; cancelled where nothing is said. What was there stays.
     NotLoaded(u64, Option<String>),
-    /// The true picture is no longer wanted.
-    NotTrue,
+    /// All pictures of a film are written.
+    Filmed(PathBuf),
+    /// The true picture, or a film, is no longer wanted.
+    Ended,
     /// In the words of the command line; what was there stays.
     Failed(String),
 }
@@ -142,6 +155,7 @@ struct Mailbox {
     write: Option<(View, Box<Overlay>, PathBuf)>,
     /// What the true picture is of, read anew.
     truth: Option<Load>,
+    film: Option<Box<Film>>,
     ends: bool,
     /// Whether what is being read is no longer wanted.
     ends_reading: bool,
@@ -240,14 +254,19 @@ impl Worker {
         self.wish(|mailbox| mailbox.truth = Some(load));
     }
 
-    /// Ends what is being read, or the true picture.
+    /// Draws and writes a film.
+    pub(crate) fn film(&self, film: Film) {
+        self.wish(|mailbox| mailbox.film = Some(Box::new(film)));
+    }
+
+    /// Ends what is being read, the true picture, or a film.
     pub(crate) fn cancel(&self) {
         self.wish(|mailbox| {
             if let Some(load) = mailbox.load.take() {
                 mailbox.news.push(News::NotLoaded(load.scene, None));
             }
-            if mailbox.truth.take().is_some() {
-                mailbox.news.push(News::NotTrue);
+            if mailbox.truth.take().is_some() | mailbox.film.take().is_some() {
+                mailbox.news.push(News::Ended);
             }
             mailbox.ends_reading = true;
         });
@@ -277,6 +296,7 @@ enum Job {
     Pick([usize; 2]),
     Write(View, Box<Overlay>, PathBuf),
     Truth(Load),
+    Film(Box<Film>),
     /// Nothing new for a while.
     Refine,
     End,
@@ -307,6 +327,9 @@ fn next(shared: &Shared, patience: Option<Duration>) -> Job {
         }
         if let Some(load) = mailbox.truth.take() {
             return Job::Truth(load);
+        }
+        if let Some(film) = mailbox.film.take() {
+            return Job::Film(film);
         }
         let left = patience.map(|patience| patience.saturating_sub(since.elapsed()));
         mailbox = match left {
@@ -347,9 +370,16 @@ fn work(shared: &Arc<Shared>) {
             (Job::Truth(load), Some(stage)) => {
                 let drawn = stage.draw_truth(shared, &load);
                 if drawn.is_err() {
-                    shared.tell(News::NotTrue);
+                    shared.tell(News::Ended);
                 }
                 drawn
+            }
+            (Job::Film(film), Some(stage)) => {
+                let written = stage.film(shared, &film);
+                if written.is_err() {
+                    shared.tell(News::Ended);
+                }
+                written
             }
             (Job::Refine, Some(stage)) => stage.refine(shared),
             (_, None) => Ok(()),
@@ -371,6 +401,8 @@ fn work(shared: &Arc<Shared>) {
 enum Purpose {
     /// Reading: told, and ended by other reading alone.
     Reading,
+    /// A film: told by its pictures, and ended as reading is.
+    Film,
     /// A picture: ended by any newer wish.
     Picture,
     /// The true picture: told, and ended by any newer wish.
@@ -380,10 +412,11 @@ enum Purpose {
 fn begin(shared: &Arc<Shared>, purpose: Purpose) -> Task {
     let own = Arc::clone(shared);
     let task = match purpose {
-        Purpose::Picture => Task::new(),
+        Purpose::Picture | Purpose::Film => Task::new(),
         _ => Task::observed(move |progress| own.tell(News::Progress(progress.to_string()))),
     };
-    shared.lock().task = Some((task.clone(), purpose != Purpose::Reading));
+    let is_picture = matches!(purpose, Purpose::Picture | Purpose::Truth);
+    shared.lock().task = Some((task.clone(), is_picture));
     task
 }
 
@@ -636,6 +669,8 @@ impl Stage {
         }
         let settings = Settings {
             task: Some(task.clone()),
+            // The true picture has none.
+            lighting: None,
             ..view.settings.clone()
         };
         let image = self.renderer.render(&view.camera, &settings)?.clone();
@@ -692,6 +727,34 @@ impl Stage {
             write_image(&path, &*over.drawn(image, &view.camera)?)?;
             shared.tell(News::Written(path));
         }
+        Ok(())
+    }
+
+    /// Draws all pictures of a film and writes them.
+    fn film(&mut self, shared: &Arc<Shared>, film: &Film) -> ewa_splat::Result<()> {
+        let Film {
+            view,
+            cameras,
+            over,
+            path,
+        } = film;
+        let Some(first) = cameras.first().filter(|_| view.scene == self.scene) else {
+            return Err(Error::Cancelled);
+        };
+        let settings = Settings {
+            task: Some(begin(shared, Purpose::Film)),
+            ..view.settings.clone()
+        };
+        let size = [first.width, first.height];
+        let mut animation = Animation::new(path, size, cameras.len(), RATE)?;
+        for (i, camera) in cameras.iter().enumerate() {
+            let done = format!("picture {} of {}", i + 1, cameras.len());
+            shared.tell(News::Progress(done));
+            let image = self.renderer.render(camera, &settings)?;
+            animation.push(&*over.drawn(image, camera)?)?;
+        }
+        animation.finish()?;
+        shared.tell(News::Filmed(path.clone()));
         Ok(())
     }
 }

@@ -32,6 +32,15 @@ pub enum ScaleName {
 }
 
 impl ScaleName {
+    /// The name that `--scale` and files have for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Log => "log",
+            Self::Symlog => "symlog",
+        }
+    }
+
     /// The scale over a range of values.
     pub(super) fn over([lo, hi]: [f32; 2], name: Self) -> ValueScale {
         match name {

@@ -5,6 +5,7 @@ use std::path::Path;
 use egui::{CollapsingHeader, ComboBox, Ui};
 
 use crate::app::App;
+use crate::dialogs::Purpose;
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
     CollapsingHeader::new("Data")
@@ -39,6 +40,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 ui.label(format!("{count} particles, {megabytes:.1} MB"));
             }
             ui.horizontal(|ui| {
+                let tip = "other files in place of these (ctrl+O)";
+                if ui.button("Open ...").on_hover_text(tip).clicked() {
+                    app.dialogs.ask(Purpose::Open, ui.ctx());
+                }
                 if ui
                     .button("Reload")
                     .on_hover_text("read the files again (F5)")
@@ -50,6 +55,9 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                     app.cancel();
                 }
             });
+            let tip = "read the files again once one of them has changed";
+            ui.checkbox(&mut app.follows, "follow changes")
+                .on_hover_text(tip);
             if changed {
                 if app.chosen.contains(&true) {
                     app.load();

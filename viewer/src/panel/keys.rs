@@ -5,6 +5,7 @@ use glam::DVec3;
 
 use super::camera;
 use crate::app::App;
+use crate::dialogs::Purpose;
 
 /// Of the distance to the target, in a second.
 const FLIGHT: f64 = 0.6;
@@ -23,6 +24,9 @@ pub(crate) fn answer(app: &mut App, context: &Context) {
         && let Some(history) = app.history()
     {
         history.undo();
+    }
+    if with(Modifiers::COMMAND, Key::O) {
+        app.dialogs.ask(Purpose::Open, context);
     }
     let pasted = context.input(|input| {
         input.events.iter().find_map(|event| match event {
@@ -43,6 +47,9 @@ pub(crate) fn answer(app: &mut App, context: &Context) {
         && let Some(orbit) = &mut app.orbit
     {
         orbit.change_lens();
+    }
+    if pressed(Key::K) {
+        super::path::add(app);
     }
     if pressed(Key::F) {
         app.flies = !app.flies;

@@ -36,7 +36,12 @@ fn composites() -> [(&'static str, Composite); 6] {
 }
 
 /// A box to choose one of some named values.
-fn choose<T: PartialEq + Copy>(ui: &mut Ui, label: &str, value: &mut T, all: &[(&str, T)]) {
+pub(super) fn choose<T: PartialEq + Copy>(
+    ui: &mut Ui,
+    label: &str,
+    value: &mut T,
+    all: &[(&str, T)],
+) {
     let name = all.iter().find(|(_, one)| one == value);
     ComboBox::from_label(label)
         .selected_text(name.map_or("as asked", |(name, _)| *name))

@@ -9,6 +9,7 @@ pub(crate) mod light;
 pub(crate) mod method;
 pub(crate) mod output;
 pub(crate) mod over;
+pub(crate) mod path;
 pub(crate) mod picture;
 pub(crate) mod probe;
 pub(crate) mod statistics;
@@ -31,6 +32,7 @@ pub(crate) fn left(app: &mut App, ui: &mut Ui) {
             over::show(app, ui);
             light::show(app, ui);
             camera::show(app, ui);
+            path::show(app, ui);
             output::show(app, ui);
         });
     });

@@ -6,6 +6,7 @@ use egui::{CollapsingHeader, TextEdit, Ui};
 use ewa_splat::io::{check_image_path, write_bytes_atomically};
 
 use crate::app::App;
+use crate::dialogs::Purpose;
 use crate::words::{self, State};
 
 pub(crate) fn show(app: &mut App, ui: &mut Ui) {
@@ -18,6 +19,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 .clicked()
             {
                 save_picture(app);
+            }
+            let tip = "choose a name and save the picture";
+            if ui.button("...").on_hover_text(tip).clicked() {
+                app.dialogs.ask(Purpose::Picture, ui.ctx());
             }
         });
         ui.horizontal(|ui| {
@@ -39,6 +44,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             if ui.button("Load").clicked() {
                 load_function(app);
             }
+            let tip = "choose a transfer function and load it: a file of --transfer-function, or ParaView's";
+            if ui.button("...").on_hover_text(tip).clicked() {
+                app.dialogs.ask(Purpose::Function, ui.ctx());
+            }
         });
         let tip = "the line that makes this picture; a function that was edited is saved first";
         if ui.button("Copy command").on_hover_text(tip).clicked()
@@ -51,7 +60,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
 }
 
 /// Draws the picture at the size that is asked for, by the tolerance that is asked for.
-fn save_picture(app: &mut App) {
+pub(crate) fn save_picture(app: &mut App) {
     let path = PathBuf::from(&app.output.picture);
     match check_image_path(&path) {
         Ok(()) => app.write(path),
@@ -64,18 +73,15 @@ fn save_function(app: &mut App) {
     let Some(history) = app.history() else {
         return app.fail("no transfer function".into());
     };
-    // What was not edited is written as it is, not as the points that stand for it here.
-    let text = match history.can_undo() {
-        true => history.curve().to_json(),
-        false => history.function().to_json(),
-    };
+    let text = history.file();
     match write_bytes_atomically(&path, text.as_bytes()) {
         Ok(()) => app.say(format!("{} is written", path.display())),
         Err(error) => app.fail(ewa_splat::command::line(&error)),
     }
 }
 
-fn load_function(app: &mut App) {
+/// A file of this library's or of ParaView's.
+pub(crate) fn load_function(app: &mut App) {
     use ewa_splat::scene::{TransferDefaults, TransferFunction};
     let path = app.output.function.clone();
     let path = Path::new(&path);
@@ -92,11 +98,7 @@ fn load_function(app: &mut App) {
     };
     let read = TransferFunction::from_json(path, &text, &defaults);
     match read {
-        Ok(function) => {
-            if let Some(curve) = crate::curve::Curve::of(&function) {
-                history.push(function, curve, false);
-            }
-        }
+        Ok(function) => history.load(function, text),
         Err(error) => app.fail(ewa_splat::command::line(&error)),
     }
 }

@@ -1,10 +1,13 @@
 //! The transfer function: opacity points over a histogram, colour stops, maps, undo.
 
 use egui::{
-    CollapsingHeader, Color32, ComboBox, Pos2, Rect, Response, Sense, Shape, Stroke, Ui, Vec2,
+    CollapsingHeader, Color32, ComboBox, DragValue, Pos2, Rect, Response, Sense, Shape, Stroke, Ui,
+    Vec2,
 };
 use ewa_splat::image::srgb_from_linear;
-use ewa_splat::scene::{AutomaticOptions, COLOUR_MAP_NAMES, TransferFunction, ValueSample};
+use ewa_splat::scene::{
+    AutomaticOptions, COLOUR_MAP_NAMES, ScaleName, TransferFunction, ValueSample,
+};
 
 use crate::app::App;
 use crate::curve::Curve;
@@ -23,19 +26,18 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 return;
             };
             let mut curve = history.curve().clone();
-            let before = curve.clone();
             let goes_on = opacities(app, &mut curve, ui);
             let goes_on = colours(app, &mut curve, ui) || goes_on;
+            let goes_on = range(&mut curve, ui) || goes_on;
             buttons(app, &mut curve, ui);
-            if curve != before {
-                match curve.function() {
-                    Ok(function) => {
-                        if let Some(history) = app.history() {
-                            history.push(function, curve, goes_on);
-                        }
-                    }
-                    Err(error) => app.fail(ewa_splat::command::line(&error)),
-                }
+            map(app, &mut curve, ui);
+            automatic(app, &curve, ui);
+            // What was undone is no edit.
+            if let Some(history) = app.history()
+                && *history.curve() != curve
+                && let Err(error) = history.edit(curve, goes_on)
+            {
+                app.fail(ewa_splat::command::line(&error));
             }
         });
 }
@@ -232,9 +234,27 @@ fn byte(share: f32) -> u8 {
     }
 }
 
-/// Undo, maps, and the way to files.
+/// The ends of the range; whether a drag goes on.
+fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
+    let mut ends = curve.range;
+    let speed = f64::from(ends[1] - ends[0]) / 300.0;
+    let mut goes_on = false;
+    ui.horizontal(|ui| {
+        ui.label("range");
+        for end in &mut ends {
+            let field = ui.add(DragValue::new(end).speed(speed).max_decimals(6));
+            goes_on |= field.dragged() && !field.drag_started();
+        }
+        ui.label(curve.scale_name().name());
+    });
+    if ends != curve.range {
+        curve.set_range(ends);
+    }
+    goes_on
+}
+
+/// Undo, and the clipboard.
 fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
-    ui.label(format!("{:.5} to {:.5}", curve.range[0], curve.range[1]));
     ui.horizontal(|ui| {
         let (can_undo, can_redo) = app
             .history()
@@ -265,9 +285,13 @@ fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
         }
         ui.checkbox(&mut app.logarithmic_counts, "log counts");
     });
+}
+
+/// The colours of a named map, in place of those that are there.
+fn map(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
     let mut chosen = None;
     ComboBox::from_label("colours")
-        .selected_text("map")
+        .selected_text(app.automatic.map.as_deref().unwrap_or("a map"))
         .show_ui(ui, |ui| {
             for name in COLOUR_MAP_NAMES {
                 if ui.selectable_label(false, name).clicked() {
@@ -280,8 +304,32 @@ fn buttons(app: &mut App, curve: &mut Curve, ui: &mut Ui) {
         && let Some(mapped) = Curve::of(&function)
     {
         curve.colours = mapped.colours;
+        app.automatic.map = Some(name.to_owned());
         app.stop = None;
     }
+}
+
+/// What finds the function from the values: a scale, the range where it was changed, the map that was chosen.
+fn automatic(app: &mut App, curve: &Curve, ui: &mut Ui) {
+    const SCALES: [(&str, Option<ScaleName>); 4] = [
+        ("any scale", None),
+        ("linear", Some(ScaleName::Linear)),
+        ("log", Some(ScaleName::Log)),
+        ("symlog", Some(ScaleName::Symlog)),
+    ];
+    ui.horizontal(|ui| {
+        super::method::choose(ui, "scale", &mut app.automatic.scale, &SCALES);
+        let tip = "opacities from the values, as --transfer-function, --range and --scale of a command find them; \
+                   reads the files again";
+        if ui.button("Automatic").on_hover_text(tip).clicked() {
+            if let Some(history) = app.history()
+                && history.first_range() != curve.range
+            {
+                app.automatic.range = Some(curve.range);
+            }
+            app.find_functions();
+        }
+    });
 }
 
 /// The colours of a map over the range of a curve.

@@ -139,5 +139,6 @@ fn devices_draw_into_the_windows_texture() {
     // Both round what differs by 2e-5.
     let apart = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(apart <= Some(1), "{apart:?}");
-    assert!(on_device.error.unwrap().percentile_999 < 1.0 / 255.0);
+    let [a, b] = [on_device, on_processor].map(|drawn| drawn.error.unwrap().percentile_999);
+    assert!((a - b).abs() < 1e-4 && a > 0.0, "{a} {b}");
 }
