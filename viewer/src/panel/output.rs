@@ -96,9 +96,18 @@ pub(crate) fn load_function(app: &mut App) {
         range: history.curve().range,
         unit_distance: history.function().unit_distance(),
     };
-    let read = TransferFunction::from_json(path, &text, &defaults);
-    match read {
-        Ok(function) => history.load(function, text),
+    let read = |text: &str| TransferFunction::from_json(path, text, &defaults);
+    let loaded = read(&text).and_then(|function| {
+        // A file that leaves its unit to the data has the one of the function before it, and says so from now on.
+        let file: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+        let text = match file.get("unit_distance") {
+            Some(_) => text.clone(),
+            None => function.to_json(),
+        };
+        Ok((read(&text)?, text))
+    });
+    match loaded {
+        Ok((function, text)) => history.load(function, text),
         Err(error) => app.fail(ewa_splat::command::line(&error)),
     }
 }

@@ -110,7 +110,8 @@ pub(crate) fn play(app: &mut App, context: &Context) {
     }
 }
 
-fn save_path(app: &mut App) {
+/// A file of `--camera-path`.
+pub(crate) fn save_path(app: &mut App) {
     let Some(path) = app.path.path() else {
         return;
     };

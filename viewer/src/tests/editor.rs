@@ -21,12 +21,13 @@ fn what_is_undone_can_be_redone() {
     let mut window = wake();
     let first = function(&mut window);
     let mut made = Vec::new();
-    for up in [60.0, 30.0] {
-        let point = window.get_all_by_label_contains("opacity 0").last();
-        let point = point.unwrap().rect().center();
-        let to = point - Vec2::new(0.0, up);
+    let point = window.get_by_label_contains("opacity 0.350");
+    let mut point = point.rect().center();
+    for down in [-40.0, 15.0] {
+        let to = point + Vec2::new(0.0, down);
         drag(&mut window, point, to, PointerButton::Primary);
         made.push(function(&mut window));
+        point = to;
     }
     assert!(made[0] != first && made[1] != made[0]);
     click(&mut window, "Undo");

@@ -63,10 +63,7 @@ fn key_frames_are_filmed() {
     app.output.size = [72, 48];
     // The background that a command has.
     app.settings.background = Some([0.25, 0.5, 0.125]);
-    window.get_by_label("Key frames").click();
-    window.step();
-    window.step();
-    window.get_by_label("Save path").click();
+    crate::panel::path::save_path(window.state_mut());
     window.step();
     rest(&mut window);
     choose(&mut window, Purpose::Film, name("a.apng"));
