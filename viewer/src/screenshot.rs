@@ -143,38 +143,53 @@ impl Painter {
             self.renderer
                 .render(&mut pass.forget_lifetime(), shapes, &screen);
         }
-        let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("window"),
-            size: u64::from(row) * u64::from(height),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row),
-                    rows_per_image: None,
-                },
-            },
-            extent,
-        );
         self.queue.submit([encoder.finish()]);
-        let slice = buffer.slice(..);
-        slice.map_async(wgpu::MapMode::Read, |_| ());
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|error| format!("drawing the window: {error}"))?;
-        let mapped = slice
-            .get_mapped_range()
-            .map_err(|error| error.to_string())?;
-        let rows = mapped.chunks(row as usize);
-        Ok(rows
-            .flat_map(|r| &r[..4 * width as usize])
-            .copied()
-            .collect())
+        texels(&self.device, &self.queue, &texture)
     }
+}
+
+/// The texels of a texture, four bytes each.
+///
+/// # Errors
+/// A device that is lost.
+pub(crate) fn texels(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    texture: &wgpu::Texture,
+) -> Result<Vec<u8>, String> {
+    let [width, height] = [texture.width(), texture.height()];
+    let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let buffer = device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("texels"),
+        size: u64::from(row) * u64::from(height),
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row),
+                rows_per_image: None,
+            },
+        },
+        texture.size(),
+    );
+    queue.submit([encoder.finish()]);
+    let slice = buffer.slice(..);
+    slice.map_async(wgpu::MapMode::Read, |_| ());
+    device
+        .poll(wgpu::PollType::wait_indefinitely())
+        .map_err(|error| format!("reading a texture: {error}"))?;
+    let mapped = slice
+        .get_mapped_range()
+        .map_err(|error| error.to_string())?;
+    let rows = mapped.chunks(row as usize);
+    Ok(rows
+        .flat_map(|r| &r[..4 * width as usize])
+        .copied()
+        .collect())
 }

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use ewa_splat::Settings;
 use ewa_splat::render::{AdapterChoice, Gpu};
-use ewa_splat::{Settings, wgpu};
 use glam::DVec3;
 
 use super::{LONGEST, fixture};
 use crate::orbit::{Lens, Orbit};
+use crate::screenshot::texels;
 use crate::worker::{Drawn, Load, Loaded, News, Picture, View, Worker};
 
 const SIZE: [usize; 2] = [150, 100];
@@ -75,41 +76,6 @@ fn view(loaded: &Loaded) -> View {
     }
 }
 
-/// The texels of a texture, four bytes each.
-fn texels(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<u8> {
-    let [width, height] = [texture.width(), texture.height()];
-    let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: u64::from(row) * u64::from(height),
-        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        mapped_at_creation: false,
-    });
-    let mut encoder = gpu.device().create_command_encoder(&Default::default());
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(row),
-                rows_per_image: None,
-            },
-        },
-        texture.size(),
-    );
-    gpu.queue().submit([encoder.finish()]);
-    buffer.slice(..).map_async(wgpu::MapMode::Read, |_| ());
-    gpu.device()
-        .poll(wgpu::PollType::wait_indefinitely())
-        .unwrap();
-    let mapped = buffer.slice(..).get_mapped_range().unwrap();
-    let rows = mapped.chunks(row as usize);
-    rows.flat_map(|r| &r[..4 * width as usize])
-        .copied()
-        .collect()
-}
-
 /// What a device draws into the window's texture is the picture of the processor, its error is measured all the same, and
 /// nothing but the picture in the texture tells them apart.
 #[test]
@@ -132,7 +98,8 @@ fn devices_draw_into_the_windows_texture() {
     let Picture::Pixels(image) = &on_processor.picture else {
         panic!("no device was asked for");
     };
-    let (a, b) = (texels(&gpu, texture), image.to_srgb8());
+    let a = texels(gpu.device(), gpu.queue(), texture).unwrap();
+    let b = image.to_srgb8();
     assert_eq!(a.len(), b.len());
     // The vase is seen, and what is behind it.
     assert!(b.chunks(4).filter(|p| *p != &b[..4]).count() > 1000);
