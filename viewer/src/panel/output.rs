@@ -26,9 +26,10 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
             }
         });
         ui.horizontal(|ui| {
-            ui.label("size");
+            let label = ui.label("size");
             for n in &mut app.output.size {
-                ui.add(egui::DragValue::new(n).range(0..=65_535));
+                let field = ui.add(egui::DragValue::new(n).range(0..=65_535));
+                field.labelled_by(label.id);
             }
             ui.label("0: the window's");
         });

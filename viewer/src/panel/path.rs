@@ -18,7 +18,8 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         let has_path = app.path.keys.len() > 1;
         ui.horizontal(|ui| {
             let frames = DragValue::new(&mut app.path.frames).range(2..=10_000);
-            ui.add(frames.suffix(" pictures"));
+            let frames = ui.add(frames);
+            frames.labelled_by(ui.label("pictures").id);
             let is_playing = app.path.playing.is_some();
             let label = if is_playing { "Stop" } else { "Show path" };
             let tip = "along the keys, as --camera-path draws them";

@@ -240,9 +240,10 @@ fn range(curve: &mut Curve, ui: &mut Ui) -> bool {
     let speed = f64::from(ends[1] - ends[0]) / 300.0;
     let mut goes_on = false;
     ui.horizontal(|ui| {
-        ui.label("range");
+        let label = ui.label("range");
         for end in &mut ends {
             let field = ui.add(DragValue::new(end).speed(speed).max_decimals(6));
+            let field = field.labelled_by(label.id);
             goes_on |= field.dragged() && !field.drag_started();
         }
         ui.label(curve.scale_name().name());
