@@ -286,7 +286,7 @@ fn truth_is_drawn() {
     std::fs::write(&path, grid(1.0)).unwrap();
     let mut window = window(&[&path.display().to_string()]);
     // Every kernel is integrated along every ray: few of both.
-    window.set_size(Vec2::new(680.0, 200.0));
+    window.set_size(Vec2::new(600.0, 64.0));
     window.step();
     rest(&mut window);
     let before = pixels(&window);
