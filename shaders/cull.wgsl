@@ -185,7 +185,7 @@ fn is_covered(parent: u32) -> bool {
 
 // Whether the block's particles stand for what they are or were merged of.
 fn is_drawn(i: u32, parent: u32) -> bool {
-    if camera.choice.level_of_detail == 0u {
+    if camera.choice.merge_tolerance == 0.0 {
         return !IS_MERGED;
     }
     if IS_MERGED && merged_blocks[merged_part.first + i].state != MERGED_FITS {

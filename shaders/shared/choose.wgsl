@@ -205,7 +205,7 @@ fn merge_fits(
         return false;
     }
     let error = merge_error(choice.low_pass_variance_px2, appearance, kernels, bounds);
-    return is_at_most(error, choice.tolerance * MERGE_SHARE);
+    return is_at_most(error, choice.merge_tolerance * MERGE_SHARE);
 }
 
 // A bound on what merging changes of a pixel, for clusters that lie as they may.

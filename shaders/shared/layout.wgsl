@@ -67,7 +67,7 @@ struct ChoiceUniform {
     filter_kind: u32,
     low_pass_variance_px2: f32,
     tolerance: f32,
-    level_of_detail: u32,
+    merge_tolerance: f32,
     classified_by: u32,
     slab_thickness: f32,
 }

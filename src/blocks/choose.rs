@@ -247,7 +247,7 @@ pub(super) fn merge_fits(
         return false;
     };
     merge_error(choice.low_pass_variance_px2, &appearance, &kernels, bounds)
-        <= choice.tolerance * MERGE_SHARE
+        <= choice.merge_tolerance * MERGE_SHARE
 }
 
 /// A bound on what merging changes of a pixel, for clusters that lie as they may.

@@ -809,6 +809,7 @@ impl Arguments {
             },
             thresholds: self.method.thresholds,
             level_of_detail: self.method.level_of_detail == Detail::Auto,
+            merge_slack: defaults.merge_slack,
             show: match self.output.show {
                 ShowName::Scene => Show::Scene,
                 ShowName::Choice => Show::Choice,

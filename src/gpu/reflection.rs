@@ -224,7 +224,7 @@ fn structs_are_laid_out_alike() {
         filter_kind,
         low_pass_variance_px2,
         tolerance,
-        level_of_detail,
+        merge_tolerance,
         classified_by,
         slab_thickness,
     });

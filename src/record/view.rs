@@ -176,8 +176,8 @@ pub struct ChoiceUniform {
     pub low_pass_variance_px2: f32,
     /// The tolerance.
     pub tolerance: f32,
-    /// 1 where merged particles may stand for their members.
-    pub level_of_detail: u32,
+    /// The tolerance for merged particles that stand for their members; 0 where none may.
+    pub merge_tolerance: f32,
     /// What decides about kernels where more than their values must be asked, as
     /// [`ClassifiedBy`](super::ClassifiedBy) numbers it.
     pub classified_by: u32,

@@ -58,6 +58,10 @@ pub(super) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
             tolerance.to_string(),
         );
     }
+    let slack = settings.merge_slack;
+    if !(slack >= 1.0 && slack.is_finite()) {
+        return refuse("merge slack", "a number from 1 up", slack.to_string());
+    }
     if let Some(thickness) = settings.composite.thickness()
         && !(thickness > 0.0 && thickness.is_finite())
     {

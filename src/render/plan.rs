@@ -231,7 +231,7 @@ impl FramePlan {
             culls,
             choice: ChoiceUniform {
                 // Merged particles stand for what is composited.
-                level_of_detail: 0,
+                merge_tolerance: 0.0,
                 ..choice_uniform(camera, &settings)
             },
             lighting: None,
@@ -260,7 +260,7 @@ impl FramePlan {
 
     /// Whether merged particles may stand for their members.
     pub(crate) fn has_detail(&self) -> bool {
-        self.choice.level_of_detail != 0
+        self.choice.merge_tolerance > 0.0
     }
 
     /// The pass that draws volumes, if there is one.

@@ -24,6 +24,9 @@ pub struct Settings {
     pub thresholds: Option<[f32; 2]>,
     /// Whether particles far below a pixel are drawn merged, under [`Filter::Adaptive`].
     pub level_of_detail: bool,
+    /// How many times its share of the tolerance merging may err: 1 keeps the tolerance. More is for pictures of
+    /// motion, whose time goes by kernels once pixels are few; an error of many tolerances is a blur of details.
+    pub merge_slack: f32,
     /// What the picture shows.
     pub show: Show,
     /// Opacity min(tau, 1) instead of 1 - exp(-tau): off by at most tau²/2 for one kernel, by at
@@ -72,6 +75,7 @@ impl Default for Settings {
             filter: Filter::Adaptive,
             thresholds: None,
             level_of_detail: true,
+            merge_slack: 1.0,
             show: Show::Scene,
             linear_opacity: false,
             composite: Composite::Over,

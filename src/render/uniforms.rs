@@ -115,7 +115,11 @@ pub(super) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
         tolerance: settings.tolerance,
-        level_of_detail: u32::from(settings.draws_merged()),
+        merge_tolerance: if settings.draws_merged() {
+            settings.tolerance * settings.merge_slack
+        } else {
+            0.0
+        },
         // The plan knows what the scene asks for.
         classified_by: ClassifiedBy::Value as u32,
         slab_thickness: 0.0,
@@ -140,7 +144,7 @@ mod tests {
         let choice = of(&at([64, 64]));
         assert!((choice.thresholds[1] - 10.0 / 3.0).abs() < 1e-6);
         assert!((choice.thresholds[0] - 0.3).abs() < 1e-7);
-        assert_eq!((choice.by_hand, choice.level_of_detail), (1, 0));
+        assert_eq!((choice.by_hand, choice.merge_tolerance), (1, 0.0));
         // Twice as wide: tan² is 4/3 across, and the farthest corner counts.
         let wide = of(&at([128, 64])).thresholds[1];
         assert!((wide - 16.0 / 3.0).abs() < 1e-6, "{wide}");

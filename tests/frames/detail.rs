@@ -386,3 +386,30 @@ fn bytes_per_particle_are_as_stated() {
     assert!(lattice <= 1.5, "{lattice}");
     println!("{isotropic:.2}, {anisotropic:.2}, {lattice:.3} bytes per particle");
 }
+
+/// Merging that may err by more takes fewer kernels, and none of the light: from afar the sum of opacities of a
+/// faint scene is that of its masses, whatever stands for them.
+#[test]
+fn slack_merges_more_and_keeps_masses() {
+    let mut volume = spheres(6_000);
+    volume.strength = Strength::Mass(vec![1e-5; 6_000]);
+    let mut renderer = Renderer::new(vec![volume]).unwrap();
+    let middle = DVec3::splat(1e4) + DVec3::new(3.0, 2.0, 1.0);
+    let camera = Camera::perspective(middle - DVec3::Y * 40.0, middle, DVec3::Z, 20.0, [96, 96]);
+    let draw = |merge_slack, renderer: &mut Renderer| {
+        let settings = Settings {
+            tolerance: 1e-3,
+            merge_slack,
+            ..Settings::default()
+        };
+        let image = renderer.render(&camera, &settings).unwrap();
+        let sum: f64 = image.pixels.iter().map(|p| f64::from(p[3])).sum();
+        (renderer.counts().classified, sum)
+    };
+    let (all, exact) = draw(1.0, &mut renderer);
+    let (fewer, merged) = draw(1e6, &mut renderer);
+    assert!(fewer * 10 < all, "{fewer} of {all}");
+    // Opacities are depths up to tau/2, 2e-3 here; kernels lose what lies outside of the picture, and the distances
+    // of members are those of their cluster.
+    assert!((merged / exact - 1.0).abs() < 5e-3, "{merged} {exact}");
+}

@@ -159,7 +159,7 @@ impl Shot {
                 filter_kind: Filter::Adaptive as u32,
                 low_pass_variance_px2: 1.0,
                 tolerance: 1.0 / 255.0,
-                level_of_detail: 0,
+                merge_tolerance: 0.0,
                 classified_by: 0,
                 slab_thickness: 0.0,
             },
@@ -186,7 +186,7 @@ fn expected(
     let mut closed = Vec::new();
     for family in volumes.chunk_by(|_, next| next.merged.is_some()) {
         let mut of_family = vec![Vec::new(); family.len()];
-        if shot.choice.level_of_detail != 0 {
+        if shot.choice.merge_tolerance > 0.0 {
             cull_detail(
                 family,
                 camera,
@@ -899,8 +899,12 @@ fn levels_of_detail_are_cut_alike() {
     for (f, family) in families.iter().enumerate() {
         let mut shots = Vec::new();
         for (i, camera) in cameras.iter().enumerate() {
-            let shot = Shot::new(camera, i % 7 != 3).with(|c| c.level_of_detail = 1);
-            shots.push(shot.with(|c| c.tolerance = [0.05, 0.5][i % 2]));
+            let shot = Shot::new(camera, i % 7 != 3).with(|c| c.merge_tolerance = c.tolerance);
+            shots.push(shot.with(|c| {
+                c.tolerance = [0.05, 0.5][i % 2];
+                // Of every second one merging may err by more.
+                c.merge_tolerance = c.tolerance * [1.0, 20.0][i / 2 % 2];
+            }));
             shots.push(shot);
         }
         // One that asks for none leaves nothing behind, and takes nothing over.
@@ -1006,13 +1010,13 @@ fn degenerate_blocks_are_chosen_alike() {
                 Camera::perspective(eye, aim, DVec3::Y, 60.0, size)
             };
             let shot = Shot::new(&camera, false);
-            let mut shots = vec![shot.with(|c| c.level_of_detail = 1)];
+            let mut shots = vec![shot.with(|c| c.merge_tolerance = c.tolerance)];
             for h2 in [0.0, 1.0, f32::MAX] {
                 shots.push(shot.with(|c| c.low_pass_variance_px2 = h2));
                 shots.push(shot.with(|c| {
                     c.low_pass_variance_px2 = h2;
-                    c.level_of_detail = 1;
                     c.tolerance = 0.999;
+                    c.merge_tolerance = 0.999;
                 }));
                 for thresholds in [[0.5, 2.0], [0.0, f32::INFINITY], [f32::NAN, f32::MAX]] {
                     shots.push(shot.with(|c| {
@@ -1066,8 +1070,9 @@ fn clusters_of_classified_particles_are_chosen_alike() {
         }
     };
     let camera = Camera::perspective(DVec3::ZERO, DVec3::Z, DVec3::Y, 60.0, [400, 300]);
-    let shot = Shot::new(&camera, false).with(|c| c.level_of_detail = 1);
-    let shots = [1e-4, 1e-3, 4e-3, 2e-2, 0.1].map(|t| shot.with(|c| c.tolerance = t));
+    let shot = Shot::new(&camera, false);
+    let shots = [1e-4, 1e-3, 4e-3, 2e-2, 0.1]
+        .map(|t| shot.with(|c| (c.tolerance, c.merge_tolerance) = (t, t)));
     for case in 0..3 {
         let ones = vec![1.0; count as usize];
         let (strength, weighting) = match case {

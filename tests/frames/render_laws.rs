@@ -536,6 +536,20 @@ fn settings_out_of_range_are_refused() {
         ),
         (
             Settings {
+                merge_slack: 0.5,
+                ..good.clone()
+            },
+            "merge slack",
+        ),
+        (
+            Settings {
+                merge_slack: f32::INFINITY,
+                ..good.clone()
+            },
+            "merge slack",
+        ),
+        (
+            Settings {
                 low_pass_variance_px2: -1.0,
                 ..good.clone()
             },

@@ -11,6 +11,17 @@ const LOOSEST: f32 = 0.05;
 /// The least share of the pixels.
 const LEAST: f32 = 1.0 / 16.0;
 
+/// How many times its share of the tolerance merging may err at most, once fewer pixels save no more time: whatever
+/// can be merged is.
+const MOST_SLACK: f32 = 4096.0;
+
+/// By how much that grows or falls from one picture to the next.
+const SLACK_STEP: f32 = 8.0;
+
+/// How many times as fast as is wanted pictures of all pixels have to be before less is merged: sixteen kernels come in
+/// the place of one.
+const FAST: f32 = 4.0;
+
 /// How coarse a picture is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Coarseness {
@@ -18,6 +29,8 @@ pub(crate) struct Coarseness {
     pub(crate) share: f32,
     /// The tolerance in linear colour.
     pub(crate) tolerance: f32,
+    /// How many times its share of the tolerance merging may err, 1 for what the tolerance says.
+    pub(crate) merge_slack: f32,
 }
 
 impl Coarseness {
@@ -26,6 +39,7 @@ impl Coarseness {
         Self {
             share: 1.0,
             tolerance,
+            merge_slack: 1.0,
         }
     }
 
@@ -48,11 +62,15 @@ impl Coarseness {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Controller {
     share: f32,
+    merge_slack: f32,
 }
 
 impl Default for Controller {
     fn default() -> Self {
-        Self { share: 0.5 }
+        Self {
+            share: 0.5,
+            merge_slack: 1.0,
+        }
     }
 }
 
@@ -64,6 +82,7 @@ impl Controller {
         Coarseness {
             share: self.share,
             tolerance: looser.min(LOOSEST.max(tolerance)),
+            merge_slack: self.merge_slack,
         }
     }
 
@@ -72,6 +91,11 @@ impl Controller {
         let ratio = WANTED.as_secs_f32() / time.as_secs_f32().max(1e-4);
         // Costs grow less than the pixels do: half of the way, so that it settles; down faster than up.
         let factor = ratio.powf(if ratio < 1.0 { 0.8 } else { 0.4 });
+        if self.share == LEAST && factor < 1.0 {
+            self.merge_slack = (self.merge_slack * SLACK_STEP).min(MOST_SLACK);
+        } else if self.share == 1.0 && ratio > FAST {
+            self.merge_slack = (self.merge_slack / SLACK_STEP).max(1.0);
+        }
         self.share = (self.share * factor.clamp(0.25, 1.5)).clamp(LEAST, 1.0);
     }
 }
@@ -101,18 +125,47 @@ mod tests {
 
     #[test]
     fn tolerances_loosen_with_the_pixels_and_never_tighten() {
-        let heavy = Controller { share: LEAST };
+        let of = |share| Controller {
+            share,
+            ..Controller::default()
+        };
+        let heavy = of(LEAST);
         assert_eq!(heavy.next(0.004).tolerance, LOOSEST);
         assert_eq!(heavy.next(0.2).tolerance, 0.2);
-        let light = Controller { share: 1.0 };
+        let light = of(1.0);
         assert_eq!(light.next(0.004), Coarseness::none(0.004));
         assert_eq!(
             Coarseness {
                 share: 0.25,
-                tolerance: 0.0
+                ..Coarseness::none(0.0)
             }
             .size([1024, 640]),
             [512, 320]
         );
+    }
+
+    /// A picture whose time goes by kernels, of which merging leaves a sixteenth.
+    #[test]
+    fn kernels_are_merged_where_fewer_pixels_are_not_enough() {
+        let mut controller = Controller::default();
+        let mut took = |kernels_ms: f32, count: u32| {
+            let mut last = controller.next(0.004);
+            for _ in 0..count {
+                last = controller.next(0.004);
+                let merged = if last.merge_slack > 30.0 { 16.0 } else { 1.0 };
+                let time = kernels_ms / merged + 30.0 * last.share;
+                controller.took(Duration::from_secs_f32(time / 1e3));
+            }
+            last
+        };
+        let heavy = took(110.0, 40);
+        assert!(heavy.merge_slack > 30.0 && heavy.share > 0.5, "{heavy:?}");
+        // It stays so: what is merged does not come and go.
+        assert_eq!(took(110.0, 1).merge_slack, heavy.merge_slack);
+        let light = took(1.0, 40);
+        assert_eq!(light.share, 1.0);
+        // Few kernels and many pixels: no reason to merge less, nor more.
+        assert!(light.merge_slack <= heavy.merge_slack);
+        assert_eq!(Controller::default().next(0.004).merge_slack, 1.0);
     }
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use ewa_splat::command::Asked;
 
 use crate::app::App;
+use crate::controller::Coarseness;
 use crate::headless::Headless;
 
 /// Width and height of the window where none is asked for: the panels leave about 1024 x 640 of it.
@@ -78,14 +79,16 @@ fn said(what: &str, times: &mut [Duration], app: &App) -> String {
     let sum: Duration = times.iter().sum();
     let rate = times.len() as f64 / sum.as_secs_f64();
     let coarse = app.drawn.as_ref().map(|drawn| drawn.coarseness);
-    let (share, tolerance) = coarse.map_or((1.0, 0.0), |c| (c.share, c.tolerance));
+    let coarse = coarse.unwrap_or(Coarseness::none(0.0));
+    let tolerance = coarse.tolerance;
     format!(
         "{what}: {rate:.1} pictures a second; least {:.1?}, half {:.1?}, 95 % {:.1?}, greatest {:.1?}; \
-         {:.0} % of the pixels at a tolerance of {tolerance:.1e}\n",
+         {:.0} % of the pixels at a tolerance of {tolerance:.1e}, {:.1e} for what is merged\n",
         times[0],
         at(0.5),
         at(0.95),
         at(1.0),
-        100.0 * share
+        100.0 * coarse.share,
+        tolerance * coarse.merge_slack,
     )
 }

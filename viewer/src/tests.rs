@@ -282,11 +282,15 @@ fn depths_and_normals_are_shown() {
 #[test]
 fn truth_is_drawn() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.vti");
-    std::fs::write(&path, grid(1.0)).unwrap();
+    let path = folder.path().join("three.csv");
+    // Every kernel is integrated along every ray: few of both. Two overlap.
+    let rows = "x,y,z,vxx,vxy,vxz,vyy,vyz,vzz,opacity,r,g,b\n\
+        0,0,0,.04,0,0,.04,0,.04,.7,1,.2,.2\n\
+        .1,.1,0,.04,.01,0,.02,0,.04,.7,.2,1,.2\n\
+        .6,0,.3,.01,0,0,.02,0,.01,.7,.2,.2,1\n";
+    std::fs::write(&path, rows).unwrap();
     let mut window = window(&[&path.display().to_string()]);
-    // Every kernel is integrated along every ray: few of both.
-    window.set_size(Vec2::new(600.0, 64.0));
+    window.set_size(Vec2::new(600.0, 200.0));
     window.step();
     rest(&mut window);
     let before = pixels(&window);

@@ -31,6 +31,9 @@ const REST: Duration = Duration::from_millis(120);
 /// How much looser than the asked tolerance the first whole picture is.
 const FIRST_STEP: f32 = 4.0;
 
+/// The error of the true picture, as a share of the tolerance.
+const TRUTH_SHARE: f64 = 0.1;
+
 /// Seconds within which a whole picture needs no step before it.
 const SOON: f32 = 0.25;
 
@@ -619,6 +622,7 @@ impl Stage {
         let camera = scaled(&view.camera, size);
         let settings = Settings {
             tolerance: coarseness.tolerance,
+            merge_slack: coarseness.merge_slack,
             depth: view.instead == Some(Instead::Depth),
             normals: view.instead == Some(Instead::Normals),
             task,
@@ -681,6 +685,8 @@ impl Stage {
                 &ReferenceSettings {
                     low_pass_variance_px2: settings.low_pass_variance_px2.into(),
                     background: settings.background,
+                    // Far below what splatting may be off by.
+                    error: f64::from(settings.tolerance) * TRUTH_SHARE,
                     task: Some(task),
                     ..ReferenceSettings::default()
                 },

@@ -26,6 +26,10 @@ fn said(app: &App, drawn: &crate::worker::Drawn) -> String {
     let [width, height] = drawn.coarseness.size(app.size);
     let tolerance = drawn.coarseness.tolerance;
     let mut text = format!("{width} x {height}, tolerance {tolerance:.1e}");
+    let slack = drawn.coarseness.merge_slack;
+    if slack > 1.0 {
+        text += &format!(" ({:.1e} for what is merged)", tolerance * slack);
+    }
     if let Some(error) = &drawn.error {
         text += &format!(
             ", measured error {:.1e} (worst {:.1e})",
