@@ -11,6 +11,7 @@ use ewa_splat::render::Picked;
 use glam::DVec3;
 
 use crate::canvas::Canvas;
+use crate::controller::Coarseness;
 use crate::curve::History;
 use crate::dialogs::{Dialogs, Purpose};
 use crate::instead::Instead;
@@ -340,6 +341,13 @@ impl App {
     /// Whether the view that is wanted has been drawn, however coarsely.
     pub(crate) fn has_drawn(&self) -> bool {
         matches!((&self.drawn, &self.view), (Some(drawn), Some(view)) if drawn.number == view.number)
+    }
+
+    /// Whether the view that is wanted has been drawn whole, to the asked tolerance.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.has_drawn()
+            && matches!((&self.drawn, &self.view), (Some(drawn), Some(view))
+                if drawn.coarseness == Coarseness::none(view.settings.tolerance))
     }
 
     /// Takes what lies under a pixel, and looks at it where that was asked for.

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use ewa_splat::scene::Classification;
+
 /// What a frame may take while the camera or a transfer function moves.
 pub(crate) const WANTED: Duration = Duration::from_millis(33);
 
@@ -40,6 +42,14 @@ impl Coarseness {
             share: 1.0,
             tolerance,
             merge_slack: 1.0,
+        }
+    }
+
+    /// Over what of a kernel the transfer function is asked: of what is merged at its value.
+    pub(crate) fn classification(self, asked: Classification) -> Classification {
+        match self.merge_slack > 1.0 {
+            true => Classification::Particle,
+            false => asked,
         }
     }
 

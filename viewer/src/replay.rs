@@ -28,7 +28,8 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
     let size = asked.size().unwrap_or(SIZE);
     let mut window = Headless::new(asked, size, PAUSE);
     let first = until(&mut window, App::has_drawn)?;
-    let mut rest = vec![until(&mut window, App::is_at_rest)?];
+    let mut rests = [Duration::ZERO; 2];
+    settle(&mut window, &mut rests)?;
     let [width, height] = window.app.size;
     let mut text = format!("{width} x {height} pixels\nread and first drawn in {first:.2?}\n");
     let turn = std::f64::consts::TAU / f64::from(count);
@@ -40,7 +41,7 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
         turned.push(until(&mut window, App::has_drawn)?);
     }
     text += &said("turn", &mut turned, &window.app);
-    rest.push(until(&mut window, App::is_at_rest)?);
+    settle(&mut window, &mut rests)?;
     if window.app.history().is_some() {
         let mut edited = Vec::new();
         for i in 0..count {
@@ -57,11 +58,20 @@ pub(crate) fn play(asked: Asked, count: u32) -> Result<String, String> {
             edited.push(until(&mut window, App::has_drawn)?);
         }
         text += &said("edit", &mut edited, &window.app);
-        rest.push(until(&mut window, App::is_at_rest)?);
+        settle(&mut window, &mut rests)?;
     }
-    let longest = rest.iter().max().copied().unwrap_or_default();
-    text += &format!("rest, whole and measured: {longest:.2?} at the longest\n");
+    let [whole, measured] = rests;
+    text +=
+        &format!("rest: whole after {whole:.2?}, its error after {measured:.2?}, at the longest\n");
     Ok(text)
+}
+
+/// Waits for the whole picture and for its error; keeps the longest times since the last change.
+fn settle(window: &mut Headless, longest: &mut [Duration; 2]) -> Result<(), String> {
+    let whole = until(window, App::is_whole)?;
+    let measured = whole + until(window, App::is_at_rest)?;
+    *longest = [longest[0].max(whole), longest[1].max(measured)];
+    Ok(())
 }
 
 /// The distribution of times, and how coarse the last picture was.

@@ -623,6 +623,7 @@ impl Stage {
         let settings = Settings {
             tolerance: coarseness.tolerance,
             merge_slack: coarseness.merge_slack,
+            classify: coarseness.classification(view.settings.classify),
             depth: view.instead == Some(Instead::Depth),
             normals: view.instead == Some(Instead::Normals),
             task,
