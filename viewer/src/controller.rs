@@ -13,12 +13,12 @@ const LOOSEST: f32 = 0.05;
 /// The least share of the pixels.
 const LEAST: f32 = 1.0 / 16.0;
 
-/// How many times its share of the tolerance merging may err at most, once fewer pixels save no more time: whatever
-/// can be merged is.
-const MOST_SLACK: f32 = 4096.0;
+/// How many times its share of the tolerance merging may err at most, once fewer pixels save no more time. Of a million
+/// particles in clusters seen whole, four times as much merges thousands to one: bars of the coarsest levels are seen.
+const MOST_SLACK: f32 = 1024.0;
 
 /// By how much that grows or falls from one picture to the next.
-const SLACK_STEP: f32 = 8.0;
+const SLACK_STEP: f32 = 4.0;
 
 /// How many times as fast as is wanted pictures of all pixels have to be before less is merged: sixteen kernels come in
 /// the place of one.
