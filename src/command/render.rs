@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
+use crate::image::DARK_GREY;
 use crate::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
@@ -215,9 +216,6 @@ enum Detail {
     Auto,
     Off,
 }
-
-/// Behind pictures, linear: the sRGB colour #1c1c21, on which neither white nor black vanishes.
-const DEFAULT_BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
 
 #[derive(Clone, Copy, ValueEnum)]
 enum ShowName {
@@ -899,7 +897,7 @@ impl Arguments {
         match self.output.background {
             Some(Background::None) => None,
             Some(Background::Colour(colour)) => Some(colour),
-            None => is_picture.then_some(DEFAULT_BACKGROUND),
+            None => is_picture.then_some(DARK_GREY),
         }
     }
 }
