@@ -109,7 +109,6 @@ def test_nothing_that_can_be_drawn_is_an_error(poison):
         (lambda: es.Volume.from_points(POSITIONS, radius=VALUES, smoothing_length=VALUES), ValueError, "one shape"),
         (lambda: es.Volume.from_points(POSITIONS, scales=POSITIONS), ValueError, "rotations"),
         (lambda: es.Volume.from_points(POSITIONS, VALUES, color=(1, 0, 0)), ValueError, "color"),
-        (lambda: es.Volume.from_points(POSITIONS, VALUES, name="mass"), ValueError, "name"),
         (lambda: es.Volume.from_points(POSITIONS, radius=-1.0), ValueError, "radius: .*above 0"),
         (lambda: es.Volume.from_points(POSITIONS, covariance=np.ones((200, 2, 2))), ValueError, "covariance"),
         (lambda: es.Volume.from_points(POSITIONS, VALUES, kernel="box"), ValueError, "kernel: .*cubic.*box"),
@@ -179,6 +178,14 @@ def test_settings_that_will_not_do(settings, error, words):
         renderer.render(**{"size": (16, 12), **settings})
     # It draws on.
     assert renderer.render(size=(16, 12), transfer_function=None).size == (16, 12)
+
+
+def test_names_of_columns_are_no_more_than_names():
+    plain = es.Volume.from_points(POSITIONS, VALUES)
+    for name in ("mass", "h", "vxx", "R", "rho", "density", "id"):
+        named = es.Volume.from_points(POSITIONS, VALUES, name=name)
+        assert np.array_equal(drawn(named), drawn(plain)), name
+        assert named.report.field.startswith(name)
 
 
 def test_arrays_are_copied():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from typing import Any
@@ -93,11 +94,8 @@ def _is_vtk(data: Any) -> bool:
 
 def _vtk_array(array: Any) -> NDArray[Any]:
     """An array of VTK's as NumPy's, without a copy where VTK's own bridge is there."""
-    try:
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-    except ImportError:
-        from vtk.util.numpy_support import vtk_to_numpy
-    return np.asarray(vtk_to_numpy(array))
+    bridge = importlib.import_module("vtkmodules.util.numpy_support")
+    return np.asarray(bridge.vtk_to_numpy(array))
 
 
 def _vtk_fields(data: Any) -> dict[str, dict[str, Any]]:
@@ -158,7 +156,8 @@ def _of_vtk(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
         points = _vtk_array(data.GetPoints().GetData())
         return Volume.from_cells(points, _vtk_cells(data), _vtk_array(_vtk_types(data)), values, **keywords)
     if data.IsA("vtkImageData") or data.IsA("vtkRectilinearGrid") or data.IsA("vtkStructuredGrid"):
-        dims = [int(n) for n in data.GetDimensions()]
+        extent = data.GetExtent()
+        dims = [int(extent[2 * axis + 1] - extent[2 * axis] + 1) for axis in range(3)]
         shape = [max(n - 1, 1) if of == "cells" else n for n in dims]
         grid = values.reshape(shape, order="F")
         if data.IsA("vtkStructuredGrid"):
@@ -169,7 +168,7 @@ def _of_vtk(data: Any, field: str | None, options: dict[str, Any]) -> Thing:
             return Volume.from_grid(grid, coordinates=[_vtk_array(axis) for axis in axes], **keywords)
         spacing = np.array(data.GetSpacing())
         turn = np.array([[data.GetDirectionMatrix().GetElement(i, j) for j in range(3)] for i in range(3)])
-        first = np.array(data.GetExtent()[::2])
+        first = np.array(extent[::2])
         origin = np.array(data.GetOrigin()) + turn @ (spacing * first)
         return Volume.from_grid(grid, spacing, origin, turn, **keywords)
     raise TypeError(f"things: expected a grid, poly data or an image of VTK, found {data.GetClassName()}")
@@ -196,9 +195,10 @@ def _vtk_cells(data: Any) -> NDArray[np.int64]:
             lists += [int(counts[i]), *(int(n) for n in nodes[offsets[i] : offsets[i + 1]])]
             continue
         cell = data.GetCell(i)
-        faces = [cell.GetFace(j).GetPointIds() for j in range(cell.GetNumberOfFaces())]
-        own = [len(faces)]
-        for face in faces:
+        own = [cell.GetNumberOfFaces()]
+        for j in range(own[0]):
+            # Of each at once: the next takes its place.
+            face = cell.GetFace(j).GetPointIds()
             count = face.GetNumberOfIds()
             own += [count, *(int(face.GetId(k)) for k in range(count))]
         lists += [len(own), *own]

@@ -31,15 +31,16 @@ def numbers(data: object, name: str) -> NDArray[Any]:
     TypeError
         Of what is no array of numbers: objects, text, complex numbers.
     """
-    data, _ = strip_unit(data)
+    plain, _ = strip_unit(data)
+    data = plain
     if isinstance(data, np.ma.MaskedArray):
         if np.ma.is_masked(data):
-            single = data.dtype == np.float32 or data.dtype in KEPT
-            data = data.astype(np.float32 if single else np.float64).filled(np.nan)
+            masked: Any = data.astype(np.float32 if data.dtype in KEPT else np.float64)
+            data = masked.filled(np.nan)
         else:
             data = data.data
     if not isinstance(data, np.ndarray) and hasattr(data, "__dlpack__"):
-        data = np.from_dlpack(data)  # type: ignore[arg-type]
+        data = np.from_dlpack(data)
     try:
         array = np.asarray(data)
     except (TypeError, ValueError) as error:
@@ -116,7 +117,11 @@ def colours(data: object, name: str, count: int, channels: int) -> NDArray[np.fl
     if array.ndim != 2 or len(array) != count or array.shape[1] not in (3, 4):
         raise ValueError(f"{name}: expected an array of shape ({count}, 3) or ({count}, 4), found {shape_text(array)}")
     if array.dtype.kind in "ui":
-        encoded = array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
+        # Bytes, whatever type holds them, but for the one of finer pictures.
+        full = 65535 if array.dtype == np.uint16 else 255
+        if array.size and (array.min() < 0 or array.max() > full):
+            raise ValueError(f"{name}: expected integers from 0 to {full}, found {array.min()} to {array.max()}")
+        encoded = array.astype(np.float32) / np.float32(full)
         low = encoded / np.float32(12.92)
         high = ((encoded + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
         linear = np.where(encoded <= 0.04045, low, high)

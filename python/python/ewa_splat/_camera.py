@@ -120,7 +120,7 @@ class Camera:
         view_angle
             The vertical field of view, degrees; VTK's own is 30.
         """
-        if hasattr(camera_position, "focal_point"):
+        if hasattr(camera_position, "parallel_projection"):
             camera = camera_position
             scale = 2.0 * float(camera.parallel_scale) if camera.parallel_projection else None
             return cls.look_at(

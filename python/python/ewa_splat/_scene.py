@@ -194,7 +194,8 @@ class Volume(Thing):
         said = sampling(dict(options))
         if values is not None:
             if name.lower() in _RESERVED:
-                raise ValueError(f"name: expected one without a meaning of its own, found {name!r}")
+                # As a column it would be more than a field.
+                name = f"{name} (value)"
             add(name, values, "values")
             said.setdefault("unit", unit_text(values))
             said["field"] = name
@@ -642,7 +643,7 @@ class Splats(Thing):
             if paint.shape != (count, 3):
                 raise ValueError(f"colors: expected an array of shape ({count}, 3), found {_arrays.shape_text(paint)}")
             if paint.dtype.kind in "ui":
-                paint = paint / np.iinfo(paint.dtype).max
+                paint = paint / (65535 if paint.dtype == np.uint16 else 255)
             series, degree = (paint - 0.5) / HARMONIC_0, 0
         flat = _arrays.narrowed(series, np.float32).ravel()
         return cls(_core.Thing.splats(places, sizes, turns, peaks, degree, flat, sampling(dict(options))))

@@ -54,6 +54,7 @@ def in_unit_of(data: object, other: object) -> object:
     if convert is None:
         return data
     try:
-        return convert(wanted)  # type: ignore[no-any-return]
+        converted: object = convert(wanted)
     except Exception as error:
         raise ValueError(f"expected lengths in {wanted}, found {own} ({error})") from None
+    return converted
