@@ -20,7 +20,7 @@ MODULES = sorted(
     for module in pkgutil.iter_modules(ewa_splat.__path__)
     if module.name not in ("_core", "__main__", "widget")
 )
-EXAMPLES = sorted(path.name for path in (HERE / "examples").glob("*.py"))
+EXAMPLES = sorted(path.name for path in (HERE / "examples").glob("[a-z]*.py"))
 
 
 @pytest.mark.parametrize("name", ["ewa_splat", *MODULES])
