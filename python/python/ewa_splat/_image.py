@@ -88,7 +88,7 @@ class Image:
         Raises
         ------
         ValueError
-            Another ending.
+            Another ending, or a folder that is not there.
         OSError
             A file that cannot be written; nothing half-written is left behind.
         """

@@ -337,7 +337,7 @@ class Volume(Thing):
         >>> import numpy as np, ewa_splat as es
         >>> r, a, z = np.meshgrid(np.linspace(1, 2, 8), np.linspace(0, 3, 24), np.linspace(0, 1, 6), indexing="ij")
         >>> points = np.stack([r * np.cos(a), r * np.sin(a), z], axis=-1)
-        >>> es.Volume.from_structured(points, r + z).report.particles
+        >>> es.Volume.from_structured(points, r + z).report.samples
         1152
         """
         nodes = _arrays.numbers(points, "points")
