@@ -61,6 +61,8 @@ struct Purpose {
 struct Ready {
     purpose: Purpose,
     renderer: ewa_splat::Renderer,
+    /// Whether a device was looked for.
+    is_open: bool,
     bars: Vec<ColourBar>,
     functions: Vec<Option<TransferFunction>>,
     /// Of each thing the number of its first volume, and whether each of its samples is a particle.
@@ -245,10 +247,16 @@ impl State {
             task: Some(task.clone()),
         };
         let renderer = ewa_splat::Renderer::with_options(sampled.volumes, &options)?;
-        let renderer = renderer.on_backend(self.backend)?;
+        // Automatically when the first picture asks for one.
+        let is_open = self.backend != Backend::Auto;
+        let renderer = match is_open {
+            true => renderer.on_backend(self.backend)?,
+            false => renderer,
+        };
         Ok(Ready {
             purpose,
             renderer,
+            is_open,
             bars: different,
             functions,
             firsts: sampled.firsts,
@@ -259,6 +267,22 @@ impl State {
                 prepare_ms: start.elapsed().as_secs_f64() * 1e3,
             },
         })
+    }
+
+    /// The scene that is ready, on a device where a picture of this camera is worth it.
+    fn opened(&mut self, camera: &Camera) -> Result<&mut Ready> {
+        let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
+        if let Some(ready) = self.ready.take_if(waits) {
+            self.ready = Some(Ready {
+                renderer: ready.renderer.on_backend(self.backend)?,
+                is_open: true,
+                ..ready
+            });
+        }
+        match &mut self.ready {
+            Some(ready) => Ok(ready),
+            None => unreachable!("it was prepared before"),
+        }
     }
 
     /// What pictures are sampled for.
@@ -473,7 +497,7 @@ impl Renderer {
                 settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
             }
             settings.task = Some(task.clone());
-            of(ready, camera, settings)
+            of(state.opened(&camera)?, camera, settings)
         })
     }
 }
@@ -630,6 +654,7 @@ impl Renderer {
                 task: Some(task.clone()),
                 ..settings
             };
+            let ready = state.opened(&camera)?;
             let column = ready.renderer.column_density(&camera, &settings)?.clone();
             let amplitudes = ready.renderer.amplitudes();
             Ok((column, camera, amplitudes.sum, amplitudes.not_finite))

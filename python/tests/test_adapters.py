@@ -179,7 +179,7 @@ class TestSnapshots:
         thing = es.adapt(data, "internal_energies")
         assert thing.report.samples == 200 and thing.report.unit
         places, energies = np.asarray(data.gas.coordinates), np.asarray(data.gas.internal_energies)
-        same(thing, es.Volume.from_points(places, energies, smoothing_length=np.asarray(data.gas.smoothing_lengths)))
+        same(thing, es.Volume.from_points(places, energies, radius=0.5 * np.asarray(data.gas.smoothing_lengths)))
         # Masses alone: columns are of mass.
         column = es.Renderer(es.adapt(data), backend="cpu").column_density(size=(32, 24))
         assert np.isclose(column.amplitude_sum, np.asarray(data.gas.masses).sum(), rtol=1e-5)

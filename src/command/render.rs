@@ -723,19 +723,10 @@ impl Arguments {
     /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
     /// loaded, whose picture is the same.
     pub(crate) fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
-        /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, in a hundredth or
-        /// less as a rule: about what loading drivers takes.
-        const SMALL: f64 = 1e8;
-        let pixels = camera.width as f64 * camera.height as f64;
-        let frames = 1.0 + f64::from(self.output.frames.unwrap_or(0));
-        let is_small = renderer.particle_count() as f64 * pixels * frames <= SMALL;
-        #[cfg(feature = "gpu")]
-        let is_named = crate::render::Gpu::is_adapter_named();
-        #[cfg(not(feature = "gpu"))]
-        let is_named = false;
+        let frames = 1 + self.output.frames.unwrap_or(0);
         match self.backend {
             _ if self.method.reference.is_some() => Backend::Cpu,
-            BackendName::Auto if is_small && !is_named => Backend::Cpu,
+            BackendName::Auto if renderer.suits_cpu(camera, frames) => Backend::Cpu,
             BackendName::Auto => Backend::Auto,
             BackendName::Gpu => Backend::Gpu,
             BackendName::Cpu => Backend::Cpu,

@@ -659,7 +659,7 @@ fn under_function(
                 range: report.value_range.unwrap_or([0.0, 1.0]),
                 unit_distance,
             };
-            restated(TransferFunction::from_json(path, &text, &defaults)?)
+            restated(TransferFunction::from_json(path, text, &defaults)?)
         }
     }?;
     let unit_distance = function.unit_distance() / options.opacity_scale;

@@ -19,7 +19,9 @@ use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
 pub fn shared_functions(
     sampled: &mut [(&mut SampleReport, &SampleOptions)],
 ) -> Result<Vec<(TransferFunction, Vec<usize>)>> {
-    let mut groups: Vec<((String, Option<&str>), Vec<usize>)> = Vec::new();
+    // What each group shares, and its members.
+    let mut keys: Vec<(String, Option<&str>)> = Vec::new();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, (report, options)) in sampled.iter().enumerate() {
         let map = match &options.transfer {
             TransferChoice::Automatic => None,
@@ -28,14 +30,17 @@ pub fn shared_functions(
         };
         if let (Some(field), Some(_)) = (&report.field, &report.value_sample) {
             let key = (field.to_lowercase(), map);
-            match groups.iter_mut().find(|(own, _)| *own == key) {
-                Some((_, members)) => members.push(i),
-                None => groups.push((key, vec![i])),
+            match keys.iter().position(|own| *own == key) {
+                Some(group) => groups[group].push(i),
+                None => {
+                    keys.push(key);
+                    groups.push(vec![i]);
+                }
             }
         }
     }
     let mut shared = Vec::new();
-    for (_, members) in groups.into_iter().filter(|(_, members)| members.len() > 1) {
+    for members in groups.into_iter().filter(|members| members.len() > 1) {
         let samples = members
             .iter()
             .filter_map(|&i| sampled[i].0.value_sample.take());

@@ -384,9 +384,8 @@ def _of_swiftsimio(data: Any, field: str | None, options: dict[str, Any]) -> Thi
     keywords: dict[str, Any] = {}
     lengths = getattr(particles, "smoothing_lengths", None)
     if lengths is not None:
-        # SWIFT's lengths are h of its kernel's own definition; they come as the kernel's full width over this.
-        keywords["smoothing_length"] = lengths
-        keywords.setdefault("length", "h")
+        # SWIFT's are two standard deviations of its kernel.
+        keywords["radius"] = 0.5 * lengths
     if field is None:
         keywords |= _mass_and_volume(getattr(particles, "masses", None), getattr(particles, "densities", None), positions)
         density = getattr(particles, "densities", None)
