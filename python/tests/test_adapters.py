@@ -24,7 +24,7 @@ def same(a, b) -> None:
 
 
 class TestPyVista:
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def pv(self):
         return needs("pyvista")
 
@@ -100,7 +100,7 @@ class TestPyVista:
 
 
 class TestMeshio:
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def meshio(self):
         return needs("meshio")
 
@@ -124,7 +124,7 @@ class TestMeshio:
 
 
 class TestTrimesh:
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def trimesh(self):
         return needs("trimesh")
 
@@ -216,7 +216,7 @@ class TestSnapshots:
 
 
 class TestXarray:
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def xr(self):
         return needs("xarray")
 

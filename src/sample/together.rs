@@ -93,6 +93,7 @@ mod tests {
         ];
         let all = choices.map(|transfer| SampleOptions {
             transfer,
+            field: Some("value".into()),
             keeps_value_sample: true,
             ..SampleOptions::default()
         });
