@@ -25,13 +25,10 @@ fn no_layout(what: &str) -> PyErr {
 }
 
 /// The rows of an array of two dimensions.
-fn rows<const N: usize, T: Element, U: Send>(
+fn rows<const N: usize, T: Element + Copy + Sync, U: Send>(
     array: &PyReadonlyArray2<'_, T>,
     of: impl Fn([T; N]) -> U + Sync + Send,
-) -> PyResult<Vec<U>>
-where
-    T: Copy + Sync,
-{
+) -> PyResult<Vec<U>> {
     let what = || no_layout(&format!("rows of {N} numbers"));
     if array.shape()[1] != N {
         return Err(what());

@@ -299,7 +299,6 @@ impl Thing {
     /// A curvilinear grid, nodes along i fastest.
     #[staticmethod]
     #[pyo3(signature = (dims, points, name, values, of, options=None))]
-    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
     fn structured(
         py: Python<'_>,
         dims: [usize; 3],

@@ -212,7 +212,8 @@ def test_the_true_picture_is_the_command_lines(tmp_path, run):
         words = ("--dims", "4,4,4", "--tolerance", "0.05", "--size", "12x9", f"--reference={of}")
         done = run("render", path, "--out", out, *words)
         assert done.returncode == 0, done.stderr
-        same(image.numpy(), np.load(out))
+        # Threads add to pixels' sums in another order: a rounding of float32 at most.
+        assert np.abs(image.numpy() - np.load(out)).max() < 2e-7
         assert image.stats["rays"] > 0
 
 
