@@ -88,7 +88,21 @@ fn range(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
     })
 }
 
+/// Behind pictures that are to be looked at, linear: the sRGB colour #1c1c21, on which neither white nor black
+/// vanishes.
+pub const DARK_GREY: [f32; 3] = [0.0116, 0.0116, 0.0152];
+
 impl Image {
+    /// The same over a linear background, opaque: as [`Settings::background`](crate::Settings::background) draws it.
+    #[must_use]
+    pub fn over(&self, background: [f32; 3]) -> Self {
+        let mut image = self.clone();
+        for pixel in &mut image.pixels {
+            *pixel = over(*pixel, background);
+        }
+        image
+    }
+
     /// A transparent black image.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
@@ -118,6 +132,12 @@ impl Image {
         };
         self.pixels.iter().flat_map(of_pixel).collect()
     }
+}
+
+/// A pixel over a background.
+pub(crate) fn over([r, g, b, a]: [f32; 4], [br, bg, bb]: [f32; 3]) -> [f32; 4] {
+    let left = 1.0 - a;
+    [r + left * br, g + left * bg, b + left * bb, 1.0]
 }
 
 /// A value from 0 to 1 as a byte; NaN becomes 0.
@@ -160,6 +180,22 @@ pub fn linear_from_srgb(code: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_background_shows_where_nothing_hides_it() {
+        let image = Image {
+            width: 3,
+            height: 1,
+            pixels: vec![[0.0; 4], [0.25, 0.0, 0.5, 0.5], [1.0, 0.5, 0.25, 1.0]],
+        };
+        let shown = image.over([0.5, 1.0, 0.0]);
+        let expected = [
+            [0.5, 1.0, 0.0, 1.0],
+            [0.5, 0.5, 0.5, 1.0],
+            [1.0, 0.5, 0.25, 1.0],
+        ];
+        assert_eq!(shown.pixels, expected);
+    }
 
     #[test]
     fn srgb_has_its_known_values_and_survives_a_round_trip() {

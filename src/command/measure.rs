@@ -1,6 +1,8 @@
 //! `ewa-splat measure`
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use crate::io::{Mesh, read_image, write_bytes_atomically, write_image};
@@ -283,10 +285,20 @@ fn name(path: &Path) -> String {
     )
 }
 
+/// The words that the program was begun with.
+static WORDS: OnceLock<Vec<String>> = OnceLock::new();
+
+/// Keeps the words of the command line for reports.
+pub(crate) fn note_command_line(words: &[OsString]) {
+    let words = words.iter().map(|word| word.to_string_lossy().into_owned());
+    WORDS.get_or_init(|| words.collect());
+}
+
 /// The command line as a shell takes it.
 fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+@%".contains(c);
-    let quoted = std::env::args().skip(1).map(|a| {
+    let words = WORDS.get().into_iter().flatten().cloned();
+    let quoted = words.skip(1).map(|a| {
         if !a.is_empty() && a.chars().all(plain) {
             a
         } else {

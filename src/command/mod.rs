@@ -46,10 +46,13 @@ mod view;
 mod viewpoint;
 mod words;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 pub use self::animation::Animation;
+pub use self::statistics::{Prepared, stats};
 pub use self::view::{Asked, Automatic, Frame, Over, Shown, line};
+pub use self::viewpoint::{left_of, most_pixels};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
@@ -85,8 +88,15 @@ enum Command {
 
 /// Runs the program `ewa-splat` with the arguments of the process.
 pub fn main() -> ExitCode {
+    main_of(std::env::args_os())
+}
+
+/// Runs the program `ewa-splat` with these words, the first its own name: for processes that are another's, as an
+/// interpreter's. It may end the process.
+pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     driver::hush();
-    let words = truth::join_reference(std::env::args_os());
+    let words = truth::join_reference(words.into_iter());
+    measure::note_command_line(&words);
     let program = Arguments::command()
         .after_help(formats::list())
         .long_version(shell::version());

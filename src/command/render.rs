@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
+use crate::image::DARK_GREY;
 use crate::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
@@ -215,9 +216,6 @@ enum Detail {
     Auto,
     Off,
 }
-
-/// Behind pictures, linear: the sRGB colour #1c1c21, on which neither white nor black vanishes.
-const DEFAULT_BACKGROUND: [f32; 3] = [0.0116, 0.0116, 0.0152];
 
 #[derive(Clone, Copy, ValueEnum)]
 enum ShowName {
@@ -725,19 +723,10 @@ impl Arguments {
     /// The true image is summed in f64, by the CPU. So are scenes that are drawn before a GPU's driver is
     /// loaded, whose picture is the same.
     pub(crate) fn backend(&self, renderer: &Renderer, camera: &Camera) -> Backend {
-        /// Kernels times pixels that the CPU draws in a tenth of a second at the worst, in a hundredth or
-        /// less as a rule: about what loading drivers takes.
-        const SMALL: f64 = 1e8;
-        let pixels = camera.width as f64 * camera.height as f64;
-        let frames = 1.0 + f64::from(self.output.frames.unwrap_or(0));
-        let is_small = renderer.particle_count() as f64 * pixels * frames <= SMALL;
-        #[cfg(feature = "gpu")]
-        let is_named = crate::render::Gpu::is_adapter_named();
-        #[cfg(not(feature = "gpu"))]
-        let is_named = false;
+        let frames = 1 + self.output.frames.unwrap_or(0);
         match self.backend {
             _ if self.method.reference.is_some() => Backend::Cpu,
-            BackendName::Auto if is_small && !is_named => Backend::Cpu,
+            BackendName::Auto if renderer.suits_cpu(camera, frames) => Backend::Cpu,
             BackendName::Auto => Backend::Auto,
             BackendName::Gpu => Backend::Gpu,
             BackendName::Cpu => Backend::Cpu,
@@ -900,7 +889,7 @@ impl Arguments {
         match self.output.background {
             Some(Background::None) => None,
             Some(Background::Colour(colour)) => Some(colour),
-            None => is_picture.then_some(DEFAULT_BACKGROUND),
+            None => is_picture.then_some(DARK_GREY),
         }
     }
 }

@@ -1,12 +1,12 @@
 //! What the inputs of a command hold together: which fields they show, and by which functions.
 
-use std::collections::HashMap;
-
 use crate::io::{Dataset, Geometry, Mesh, Up};
 use crate::legend::title_of;
 use crate::sample::mesh::Spread;
-use crate::sample::{SampleOptions, SampleReport, SampledScene, TransferChoice};
-use crate::scene::{AutomaticOptions, PointVolume, TransferFunction, ValueSample};
+use crate::sample::{
+    SampleOptions, SampleReport, SampledScene, TransferChoice, automatic, shared_functions,
+};
+use crate::scene::{PointVolume, ValueSample};
 use crate::view::Bounds;
 use crate::{Error, Renderer, Result, SceneOptions};
 use glam::DVec3;
@@ -209,7 +209,7 @@ impl DataOptions {
             None => options.transfer.clone(),
             Some(sample) => {
                 let unit_distance = options.opacity_scale * unit_distance;
-                TransferChoice::Given(shared_function(&sample, &options, unit_distance)?)
+                TransferChoice::Given(automatic(&sample, &options, unit_distance)?)
             }
         };
         Ok(Series { transfer, boxes })
@@ -223,29 +223,16 @@ impl DataOptions {
         reads: &mut [Read],
         progress: &ProgressBar,
     ) -> Result<()> {
-        let mut of_field: HashMap<(String, Option<String>), Vec<usize>> = HashMap::new();
-        for (i, (read, input)) in reads.iter().zip(inputs).enumerate() {
-            if let (Some(field), true, Some(_)) = (
-                &read.report.field,
-                read.is_automatic,
-                &read.report.value_sample,
-            ) {
-                let key = (field.to_lowercase(), input.function.clone());
-                of_field.entry(key).or_default().push(i);
-            }
-        }
-        for members in of_field.into_values().filter(|members| members.len() > 1) {
-            let samples = members
-                .iter()
-                .filter_map(|&i| reads[i].report.value_sample.take());
-            let Some(sample) = ValueSample::joined(samples.collect::<Vec<_>>()) else {
-                continue;
-            };
-            let first = self.of_input(&inputs[members[0]], options);
-            // Of the finest one: opacities of others are stated over the same length.
-            let units = members.iter().map(|&i| reads[i].report.unit_distance);
-            let unit_distance = options.opacity_scale * units.fold(f64::INFINITY, f64::min);
-            let function = shared_function(&sample, &first, unit_distance)?;
+        let own: Vec<SampleOptions> = inputs
+            .iter()
+            .map(|input| self.of_input(input, options))
+            .collect();
+        let mut reports: Vec<_> = reads
+            .iter_mut()
+            .map(|read| &mut read.report)
+            .zip(&own)
+            .collect();
+        for (function, members) in shared_functions(&mut reports)? {
             for i in members {
                 let input = &inputs[i];
                 progress.set_message(format!("reading {}", input.path.display()));
@@ -255,7 +242,7 @@ impl DataOptions {
                     field: reads[i].field_asked.clone(),
                     transfer: TransferChoice::Given(function.clone()),
                     keeps_value_sample: false,
-                    ..self.of_input(input, options)
+                    ..own[i].clone()
                 };
                 reads[i] = read(self.open(input)?, &own)?;
             }
@@ -305,23 +292,6 @@ fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
             .any(|read| !read.is_automatic && read.report.field.is_some()),
         for_columns: options.for_columns,
     }
-}
-
-fn shared_function(
-    sample: &ValueSample,
-    options: &SampleOptions,
-    unit_distance: f64,
-) -> Result<TransferFunction> {
-    let automatic = AutomaticOptions {
-        colour_map: match &options.transfer {
-            TransferChoice::Named(name) => Some(name),
-            _ => None,
-        },
-        range: options.range,
-        scale: options.scale,
-        unit_distance,
-    };
-    TransferFunction::automatic(sample, &automatic)
 }
 
 /// Why a field cannot be shown, if it is not there.

@@ -9,20 +9,18 @@ use crate::{Filter, Renderer};
 use serde_json::json;
 
 /// Milliseconds before the first frame.
-#[derive(Clone, Copy)]
-pub(crate) struct Prepared {
+#[derive(Debug, Clone, Copy)]
+pub struct Prepared {
     /// When the command began.
-    pub(crate) begun: Instant,
-    pub(crate) read_ms: f64,
-    pub(crate) prepare_ms: f64,
+    pub begun: Instant,
+    /// Reading and sampling.
+    pub read_ms: f64,
+    /// Sorting into blocks.
+    pub prepare_ms: f64,
 }
 
 /// The counts and times of the last frame; `times` of all.
-pub(crate) fn stats(
-    renderer: &Renderer,
-    times: &[StageTimes],
-    prepared: Prepared,
-) -> serde_json::Value {
+pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> serde_json::Value {
     let counts: FrameCounts = renderer.counts();
     let median = median_times(times);
     // What drew the last frame.

@@ -6,16 +6,14 @@ use std::sync::OnceLock;
 use crate::io::{Mesh, Up};
 use crate::sample::mesh::pixels_per_area;
 use crate::view::{
-    Bounds, Camera, ClipPlane, Lens, Viewpoint, clip_boxes, read_camera, sphere_around,
+    Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, clip_boxes, read_camera,
+    sphere_around,
 };
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::parse;
-
-/// Vertical field of view of a camera that is told no other.
-const DEFAULT_FOV_DEG: f64 = 35.0;
 
 /// The lens of a fitted camera that is told no other.
 pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
@@ -176,18 +174,18 @@ impl CameraOptions {
         canvas: &Canvas,
         is_around: bool,
     ) -> Camera {
-        let up = self.up.unwrap_or(default_up.direction);
-        let front = default_up
-            .front
-            .map(|front| Viewpoint::azimuth_of(front, up));
-        let elevation = if default_up.is_plane { 0.0 } else { 25.0 };
+        let default = Up {
+            direction: self.up.unwrap_or(default_up.direction),
+            ..default_up
+        };
+        let default = default.viewpoint();
         let (size, whole) = (canvas.inner(), canvas.size());
         let fov = self.fov.unwrap_or(DEFAULT_FOV_DEG);
         let viewpoint = Viewpoint {
-            azimuth_deg: self.azimuth.or(front).unwrap_or(30.0) + turn_deg,
-            elevation_deg: self.elevation.unwrap_or(elevation),
-            zoom: self.zoom.unwrap_or(1.0),
-            up,
+            azimuth_deg: self.azimuth.unwrap_or(default.azimuth_deg) + turn_deg,
+            elevation_deg: self.elevation.unwrap_or(default.elevation_deg),
+            zoom: self.zoom.unwrap_or(default.zoom),
+            up: default.up,
         };
         let lens = match (self.ortho, self.fov) {
             (Some(height), _) => Lens::OrthoHeight(Some(height)),
@@ -222,7 +220,10 @@ impl CameraOptions {
 }
 
 /// The most [`pixels_per_area`] of a mesh that any of the cameras for its boxes sees, drawn alone.
-pub(crate) fn most_pixels(
+///
+/// # Errors
+/// Those of `cameras`.
+pub fn most_pixels(
     mesh: &Mesh,
     planes: &[ClipPlane],
     cameras: impl Fn(&[Bounds]) -> Result<Vec<Camera>>,
@@ -243,7 +244,7 @@ pub(crate) fn most_pixels(
 }
 
 /// What clip planes leave of boxes; all where they leave nothing, so that a camera can be fitted.
-pub(crate) fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
+pub fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
     let left = clip_boxes(&all, planes);
     if left.is_empty() { all } else { left }
 }

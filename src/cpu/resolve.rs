@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::tile::{NormalTile, Tile};
 use crate::constants::TILE_SIZE;
-use crate::image::{DepthImage, Image, NormalImage};
+use crate::image::{DepthImage, Image, NormalImage, over};
 use crate::view::Camera;
 
 /// Writes the tiles' pixels, over a background where there is one, into an image whose size is
@@ -29,10 +29,7 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, image: &mut Image) 
                     let alpha = tile.alpha[i];
                     *pixel = [tile.red[i], tile.green[i], tile.blue[i], alpha];
                     if let Some(background) = background {
-                        for (channel, b) in pixel.iter_mut().zip(background) {
-                            *channel += (1.0 - alpha) * b;
-                        }
-                        pixel[3] = 1.0;
+                        *pixel = over(*pixel, background);
                     }
                 }
             }

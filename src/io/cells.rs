@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::Association;
+use crate::error::{Error, Result};
 
 /// Cells of any shape over shared nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -19,6 +20,79 @@ pub struct CellMesh {
 }
 
 impl CellMesh {
+    /// Cells in the lists that VTK's programs hold in memory.
+    ///
+    /// - `nodes`: positions, world units.
+    /// - `kinds`: VTK's number for the kind of each cell.
+    /// - `cells`: of each cell how many numbers follow, and these: its nodes, in VTK's order, or the faces of a
+    ///   polyhedron as in [`CellMesh::connectivity`].
+    ///
+    /// ```
+    /// use ewa_splat::io::{CellKind, CellMesh};
+    /// use glam::DVec3;
+    ///
+    /// # fn main() -> ewa_splat::Result<()> {
+    /// let nodes = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    /// let mesh = CellMesh::of_lists(nodes, &[10], &[4, 0, 1, 2, 3])?;
+    /// assert_eq!((mesh.kinds[0], mesh.cell(0)), (CellKind::TETRA, &[0, 1, 2, 3][..]));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Another number of lists than of kinds, a list that ends too soon, a number that is no node.
+    pub fn of_lists(nodes: impl Into<Vec<DVec3>>, kinds: &[u8], cells: &[i64]) -> Result<Self> {
+        let fault = |place: String, expected: &str, found: String| {
+            let advice = "give the cells as VTK counts them";
+            Error::invalid("cells", place, expected, found, advice)
+        };
+        let number = |at: usize, cell: usize| {
+            let found = cells[at];
+            let place = || format!("cell {cell}");
+            u32::try_from(found).map_err(|_| fault(place(), "numbers from 0 up", found.to_string()))
+        };
+        let mut mesh = Self {
+            nodes: nodes.into(),
+            kinds: kinds.iter().copied().map(CellKind).collect(),
+            offsets: vec![0],
+            connectivity: Vec::with_capacity(cells.len().saturating_sub(kinds.len())),
+        };
+        let mut at: usize = 0;
+        for cell in 0..kinds.len() {
+            let whole = |length: usize| {
+                (at + 1)
+                    .checked_add(length)
+                    .filter(|end| *end <= cells.len())
+            };
+            let end = match at < cells.len() {
+                true => whole(number(at, cell)? as usize),
+                false => None,
+            };
+            let end = end.ok_or_else(|| {
+                let found = format!("the end of {} numbers", cells.len());
+                fault(
+                    format!("cell {cell}"),
+                    "its count of numbers, and these",
+                    found,
+                )
+            })?;
+            for place in at + 1..end {
+                mesh.connectivity.push(number(place, cell)?);
+            }
+            let offset = u32::try_from(mesh.connectivity.len());
+            mesh.offsets.push(offset.map_err(|_| {
+                fault("numbers".into(), "fewer than 2^32", cells.len().to_string())
+            })?);
+            at = end;
+        }
+        if at != cells.len() {
+            let found = format!("{} numbers beyond the last of them", cells.len() - at);
+            let expected = format!("{} cells, one for each kind", kinds.len());
+            return Err(fault("lists".into(), &expected, found));
+        }
+        Ok(mesh)
+    }
+
     /// How many cells there are.
     pub fn cell_count(&self) -> usize {
         self.kinds.len()
@@ -226,5 +300,32 @@ impl CellKind {
     /// Whether [`CellKind::faces`] leaves out nodes of the cell that are no corners.
     pub fn is_of_higher_order(self) -> bool {
         matches!(self.0, 21..=37 | 68..=81)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_cells_end_in_a_mesh_or_in_an_error() {
+        let nodes = [DVec3::ZERO; 8];
+        let of = |kinds: &[u8], cells: &[i64]| CellMesh::of_lists(nodes, kinds, cells);
+        let mesh = of(&[10, 5], &[4, 0, 1, 2, 3, 3, 7, 6, 5]).unwrap();
+        assert_eq!(mesh.offsets, [0, 4, 7]);
+        assert_eq!(mesh.cell(1), [7, 6, 5]);
+        assert_eq!(of(&[], &[]).unwrap().cell_count(), 0);
+        for (kinds, cells) in [
+            (&[10][..], &[][..]),
+            (&[10], &[5, 0, 1, 2, 3]),
+            (&[10], &[4, 0, 1, 2, 3, 0]),
+            (&[10], &[-1, 0]),
+            (&[10], &[1, -1]),
+            (&[10], &[i64::MAX, 0]),
+            (&[10], &[1, i64::from(u32::MAX) + 1]),
+            (&[10, 10], &[1, 0]),
+        ] {
+            assert!(of(kinds, cells).is_err(), "{kinds:?} {cells:?}");
+        }
     }
 }

@@ -276,8 +276,11 @@ fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
     )
 }
 
-/// The bytes of a PNG file; `path` is for messages.
-pub(crate) fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+/// The bytes of a PNG file, which [`write_image`] would write; `path` is for messages.
+///
+/// # Errors
+/// A picture of no pixels, or of more than the format holds.
+pub fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
     let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
     let (mut channels, mut numbers) = (4, image.to_srgb8());
     if image.pixels.iter().all(|p| p[3] >= 1.0) {

@@ -192,6 +192,33 @@ impl Mesh {
         self
     }
 
+    /// The same with a texture that repeats, for which each corner of its first part has coordinates.
+    ///
+    /// - `coordinates`: origin at the texture's top left corner, v down.
+    #[must_use]
+    pub fn with_texture(
+        mut self,
+        coordinates: impl Into<Vec<Vec2>>,
+        image: impl Into<Arc<TextureImage>>,
+    ) -> Self {
+        let texture = self.textures.len();
+        self.textures.push(Texture {
+            image: image.into(),
+            wrap: [Wrap::Repeat; 2],
+        });
+        if let Some(part) = self.parts.first_mut() {
+            part.texture_coordinates = vec![coordinates.into()];
+            if let Some(material) = self.materials.get_mut(part.material) {
+                material.base_texture = Some(TextureUse {
+                    texture,
+                    coordinates: 0,
+                    transform: Affine2::IDENTITY,
+                });
+            }
+        }
+        self
+    }
+
     /// Checks that what parts have per corner is there for each and that pictures have all their
     /// pixels. Triangles and parts that name a corner or a material that does not exist are left
     /// out, and counted, where surfels are made.

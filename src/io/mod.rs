@@ -125,11 +125,9 @@ pub use encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
 pub(crate) use first_order::{is_of_higher_order, to_first_order};
 pub use formats::{Family, Format, format_of, formats};
 pub(crate) use handedness::Handedness;
-#[cfg(feature = "report")]
-pub(crate) use image_file::png_bytes;
 pub use image_file::{
-    check_depth_path, check_folder, check_image_path, read_image, write_depth, write_image,
-    write_normals,
+    check_depth_path, check_folder, check_image_path, png_bytes, read_image, write_depth,
+    write_image, write_normals,
 };
 pub use log_scales::ScaleMeaning;
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};

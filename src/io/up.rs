@@ -14,6 +14,7 @@
 use glam::DVec3;
 
 use super::dataset::{Dataset, Geometry};
+use crate::view::Viewpoint;
 
 /// A layer's thickness over the lesser of its other two extents, below which it is flat.
 const FLAT: f64 = 0.25;
@@ -34,6 +35,19 @@ pub struct Up {
 }
 
 impl Up {
+    /// The side from which a picture that is told none looks at the data: from its front where it has one, a plane
+    /// straight on, all else from above.
+    pub fn viewpoint(&self) -> Viewpoint {
+        let up = self.direction;
+        let front = self.front.map(|front| Viewpoint::azimuth_of(front, up));
+        Viewpoint {
+            azimuth_deg: front.unwrap_or(30.0),
+            elevation_deg: if self.is_plane { 0.0 } else { 25.0 },
+            zoom: 1.0,
+            up,
+        }
+    }
+
     /// What points up in a picture of several data sets: the first that is no mesh says it, or the
     /// first of meshes alone; z where there is none.
     ///

@@ -372,6 +372,20 @@ impl Renderer {
         self.scene.boxes()
     }
 
+    /// Whether the processor draws so many frames of a camera before a device's driver is loaded, and no adapter is asked
+    /// for by name: then [`Backend::Auto`] gains nothing.
+    pub fn suits_cpu(&self, camera: &Camera, frames: u32) -> bool {
+        /// Kernels times pixels that the processor draws in a tenth of a second at the worst, in a hundredth or less as a
+        /// rule: about what loading drivers takes.
+        const SMALL: f64 = 1e8;
+        let pixels = camera.width as f64 * camera.height as f64;
+        #[cfg(feature = "gpu")]
+        let is_named = Gpu::is_adapter_named();
+        #[cfg(not(feature = "gpu"))]
+        let is_named = false;
+        !is_named && self.particle_count() as f64 * pixels * f64::from(frames) <= SMALL
+    }
+
     /// How many particles all volumes have.
     pub fn particle_count(&self) -> usize {
         self.scene.particle_count()

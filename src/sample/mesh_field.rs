@@ -82,7 +82,7 @@ pub(super) fn scene(
     let sampled = mesh::surfels(&mesh, mesh_options)?;
     let is_own = matches!(
         options.transfer,
-        TransferChoice::Given(_) | TransferChoice::File(_)
+        TransferChoice::Given(_) | TransferChoice::File(_) | TransferChoice::Text(_)
     );
     let is_seen_through = |i: usize| {
         let depth = f64::from(function.classify(values.get(i))[3]) * function.unit_distance();

@@ -5,6 +5,7 @@ mod cells;
 mod convert;
 mod curvilinear;
 mod cut_faces;
+mod discs;
 mod doubts;
 mod duals;
 mod even;
@@ -34,6 +35,7 @@ mod sph;
 mod splats;
 mod statistics;
 mod structured;
+mod together;
 mod yu_turk;
 
 use std::path::{Path, PathBuf};
@@ -55,11 +57,15 @@ pub use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::constants::FAINT_SHARE;
 pub use convert::{CLOSED_WIDTH, ConversionReport, LEAST_OPACITY, sound_splats, splat_cloud};
 pub use cut_faces::cut_faces;
+pub use discs::discs;
 pub use doubts::doubts;
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
+#[cfg(feature = "cli")]
+pub(crate) use together::automatic;
+pub use together::shared_functions;
 
 /// Corrections of cell volumes at most ([`SampleOptions::shepard_passes`]).
 pub const MOST_SHEPARD_PASSES: u32 = 100;
@@ -194,6 +200,8 @@ pub enum TransferChoice {
     Automatic,
     /// From a JSON file: [`TransferFunction::from_json`].
     File(PathBuf),
+    /// From the text of such a file.
+    Text(String),
     /// The same in the colours of a named map: [`AutomaticOptions::colour_map`].
     Named(String),
     /// This one; the unit distance is its own, unless the options state one.
@@ -619,7 +627,7 @@ fn under_function(
         TransferChoice::Automatic => of_own(None, report),
         TransferChoice::Named(name) => of_own(Some(name), report),
         TransferChoice::Given(function) => restated(function.clone()),
-        TransferChoice::File(path) => {
+        TransferChoice::File(_) | TransferChoice::Text(_) => {
             let is_scaled = options
                 .scale
                 .is_some_and(|scale| scale != ScaleName::Linear);
@@ -636,14 +644,22 @@ fn under_function(
                     format!("change the file, or leave the {place} out"),
                 ));
             }
-            let text = std::fs::read_to_string(path).map_err(|e| {
-                Error::io(path, "opening", e, "name a transfer function that exists")
-            })?;
+            let read;
+            let (path, text) = match &options.transfer {
+                TransferChoice::File(path) => {
+                    read = std::fs::read_to_string(path).map_err(|e| {
+                        Error::io(path, "opening", e, "name a transfer function that exists")
+                    })?;
+                    (path.as_path(), &read)
+                }
+                TransferChoice::Text(text) => (Path::new("transfer function"), text),
+                _ => unreachable!("matched above"),
+            };
             let defaults = TransferDefaults {
                 range: report.value_range.unwrap_or([0.0, 1.0]),
                 unit_distance,
             };
-            restated(TransferFunction::from_json(path, &text, &defaults)?)
+            restated(TransferFunction::from_json(path, text, &defaults)?)
         }
     }?;
     let unit_distance = function.unit_distance() / options.opacity_scale;

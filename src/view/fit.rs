@@ -28,6 +28,9 @@ pub struct Viewpoint {
     pub up: DVec3,
 }
 
+/// Vertical field of view of a camera that is told no other.
+pub const DEFAULT_FOV_DEG: f64 = 35.0;
+
 /// The share of the image that fitted data may fill.
 const FILL: f64 = 0.92;
 

@@ -14,4 +14,4 @@ pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
 pub use camera_path::{CameraPath, KeyCamera};
 pub use clip::{ClipPlane, clip_boxes};
-pub use fit::{Bounds, Lens, Viewpoint, sphere_around};
+pub use fit::{Bounds, DEFAULT_FOV_DEG, Lens, Viewpoint, sphere_around};

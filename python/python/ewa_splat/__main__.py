@@ -1,0 +1,5 @@
+"""``python -m ewa_splat``: the command-line program."""
+
+from ._program import main
+
+main()

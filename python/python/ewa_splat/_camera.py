@@ -1,0 +1,262 @@
+"""Cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ._arrays import vector
+
+#: Vertical field of view of a camera that is told no other, degrees.
+DEFAULT_FOV = 35.0
+
+
+class Camera:
+    """From where a picture is taken; it has no size before it is drawn.
+
+    Make one with `look_at`, `fit` or `from_pyvista`. A picture tells the camera that it was taken by (`Image.camera`).
+
+    Examples
+    --------
+    >>> import ewa_splat as es
+    >>> es.Camera.look_at((0, -5, 1), (0, 0, 0))
+    Camera.look_at((0, -5, 1), (0, 0, 0), up=(0, 0, 1), fov=35)
+    >>> es.Camera.fit(elevation=60).orbit(90)
+    Camera.fit(azimuth=+90, elevation=60)
+    """
+
+    def __init__(self, view: dict[str, Any]) -> None:
+        self._view = view
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Sequence[float],
+        target: Sequence[float],
+        up: Sequence[float] = (0.0, 0.0, 1.0),
+        *,
+        fov: float = DEFAULT_FOV,
+        ortho_height: float | None = None,
+    ) -> Camera:
+        """A camera at a place.
+
+        Parameters
+        ----------
+        eye, target, up
+            World units; `up` need not be perpendicular to the view.
+        fov
+            The whole angle from the picture's top to its bottom, degrees, 1 to 179.
+        ortho_height
+            In place of `fov`: an orthographic picture so high, world units.
+        """
+        view: dict[str, Any] = {
+            "kind": "look_at",
+            "eye": vector(eye, "eye"),
+            "target": vector(target, "target"),
+            "up": vector(up, "up"),
+        }
+        if view["eye"] == view["target"]:
+            raise ValueError(f"eye: expected another place than the target, found both at {view['eye']}")
+        return cls(view | _lens(fov, ortho_height))
+
+    @classmethod
+    def fit(
+        cls,
+        *,
+        azimuth: float | None = None,
+        elevation: float | None = None,
+        zoom: float | None = None,
+        up: Sequence[float] | None = None,
+        fov: float | None = None,
+        ortho_height: float | None = None,
+        orthographic: bool = False,
+        around: bool = False,
+    ) -> Camera:
+        """A camera that shows all that is visible, as large as it can. What is not said follows from the data.
+
+        Parameters
+        ----------
+        azimuth, elevation
+            Degrees around what points up, and above the horizon.
+        zoom
+            Magnification.
+        up
+            What points up in the picture.
+        fov, ortho_height
+            As in `look_at`.
+        orthographic
+            Whether the picture is orthographic and as high as the data.
+        around
+            Whether all of the sphere around the data is shown, which is as large from every side.
+        """
+        view: dict[str, Any] = {"kind": "fit"}
+        for name, value in (("azimuth", azimuth), ("elevation", elevation), ("zoom", zoom)):
+            if value is not None:
+                view[name] = _finite(value, name)
+        if zoom is not None and zoom <= 0:
+            raise ValueError(f"zoom: expected a number above 0, found {zoom}")
+        if up is not None:
+            view["up"] = _direction(up)
+        if fov is not None or ortho_height is not None:
+            view |= _lens(fov if fov is not None else DEFAULT_FOV, ortho_height)
+        if orthographic:
+            view["orthographic"] = True
+        if around:
+            view["around"] = True
+        return cls(view)
+
+    @classmethod
+    def from_pyvista(cls, camera_position: Any, *, view_angle: float = 30.0) -> Camera:
+        """The camera of a PyVista plotter.
+
+        Parameters
+        ----------
+        camera_position
+            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera``, which has an angle and a
+            projection, too.
+        view_angle
+            The vertical field of view, degrees; VTK's own is 30.
+        """
+        if hasattr(camera_position, "parallel_projection"):
+            camera = camera_position
+            scale = 2.0 * float(camera.parallel_scale) if camera.parallel_projection else None
+            return cls.look_at(
+                camera.position, camera.focal_point, camera.up, fov=float(camera.view_angle), ortho_height=scale
+            )
+        position, focal_point, up = list(camera_position)
+        return cls.look_at(position, focal_point, up, fov=view_angle)
+
+    def to_pyvista(self) -> list[tuple[float, float, float]]:
+        """(position, focal point, view up), as ``plotter.camera_position`` takes it; the angle is `fov`.
+
+        Raises
+        ------
+        ValueError
+            Of a camera that is fitted when something is drawn; `Image.camera` is what it became.
+        """
+        view = self._view
+        if view["kind"] == "look_at":
+            return [tuple(view["eye"]), tuple(view["target"]), tuple(view["up"])]
+        if view["kind"] == "calibrated":
+            right, down, forward = np.array(view["rotation"])
+            eye = np.array(view["eye"])
+            return [tuple(map(float, v)) for v in (eye, eye + forward, -down)]  # type: ignore[misc]
+        raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
+
+    def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:
+        """The same camera, turned around its target: around what points up, then above the horizon, degrees.
+
+        A fitted camera then shows the sphere around the data, so that a turn neither cuts them nor pulses.
+        """
+        view = dict(self._view)
+        if view["kind"] == "fit":
+            view["around"] = True
+            view["turn"] = view.get("turn", 0.0) + _finite(azimuth, "azimuth")
+            view["rise"] = view.get("rise", 0.0) + _finite(elevation, "elevation")
+            return Camera(view)
+        if view["kind"] != "look_at":
+            raise ValueError("camera: expected one that looks at a target, found a calibrated one")
+        up = np.array(view["up"]) / np.linalg.norm(view["up"])
+        offset = np.array(view["eye"]) - np.array(view["target"])
+        offset = _turned(offset, up, math.radians(azimuth))
+        side = np.cross(offset, up)
+        length = float(np.linalg.norm(side))
+        if elevation and length > 0:
+            offset = _turned(offset, side / length, math.radians(elevation))
+        view["eye"] = [float(x) for x in np.array(view["target"]) + offset]
+        return Camera(view)
+
+    def zoomed(self, factor: float) -> Camera:
+        """The same camera with a longer lens: everything `factor` times as large."""
+        if not factor > 0 or not math.isfinite(factor):
+            raise ValueError(f"factor: expected a number above 0, found {factor}")
+        view = dict(self._view)
+        if view["kind"] == "fit":
+            view["zoom"] = view.get("zoom", 1.0) * factor
+        elif view["kind"] == "calibrated":
+            view["focal_px"] = [f * factor for f in view["focal_px"]]
+        elif "ortho_height" in view:
+            view["ortho_height"] /= factor
+        else:
+            half = math.tan(math.radians(view["fov"]) / 2.0) / factor
+            view["fov"] = math.degrees(2.0 * math.atan(half))
+        return Camera(view)
+
+    @property
+    def eye(self) -> tuple[float, float, float] | None:
+        """Where it stands, world units; ``None`` of one that is fitted when something is drawn."""
+        eye = self._view.get("eye")
+        return None if eye is None else (eye[0], eye[1], eye[2])
+
+    @property
+    def fov(self) -> float | None:
+        """The vertical field of view, degrees; ``None`` of orthographic cameras, and where the data decide."""
+        view = self._view
+        if view["kind"] == "calibrated":
+            if view["orthographic"]:
+                return None
+            return math.degrees(2.0 * math.atan(view["size"][1] / (2.0 * view["focal_px"][1])))
+        fov = view.get("fov")
+        return None if fov is None else float(fov)
+
+    def _asked(self) -> dict[str, Any]:
+        """As the compiled part takes it."""
+        return self._view
+
+    def __repr__(self) -> str:
+        view = self._view
+
+        def listed(numbers: Sequence[float]) -> str:
+            return f"({', '.join(f'{x:g}' for x in numbers)})"
+
+        if view["kind"] == "calibrated":
+            width, height = view["size"]
+            return f"Camera(at {listed(view['eye'])}, {width} x {height} px)"
+        if view["kind"] == "look_at":
+            lens = f"fov={view['fov']:g}" if "fov" in view else f"ortho_height={view['ortho_height']:g}"
+            return f"Camera.look_at({listed(view['eye'])}, {listed(view['target'])}, up={listed(view['up'])}, {lens})"
+        said = []
+        for name, turn in (("azimuth", "turn"), ("elevation", "rise")):
+            if name in view:
+                said.append(f"{name}={view[name] + view.get(turn, 0.0):g}")
+            elif view.get(turn):
+                said.append(f"{name}={view[turn]:+g}")
+        for name in ("zoom", "fov", "ortho_height"):
+            if name in view:
+                said.append(f"{name}={view[name]:g}")
+        return f"Camera.fit({', '.join(said)})"
+
+
+def _finite(value: float, name: str) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{name}: expected a finite number, found {value}")
+    return number
+
+
+def _direction(up: Sequence[float]) -> list[float]:
+    direction = np.array(vector(up, "up"))
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        raise ValueError("up: expected three numbers that are not all zero")
+    return [float(x) for x in direction / length]
+
+
+def _lens(fov: float, ortho_height: float | None) -> dict[str, float]:
+    if ortho_height is not None:
+        height = _finite(ortho_height, "ortho_height")
+        if height <= 0:
+            raise ValueError(f"ortho_height: expected a number above 0, found {ortho_height}")
+        return {"ortho_height": height}
+    if not 1.0 <= float(fov) <= 179.0:
+        raise ValueError(f"fov: expected degrees from 1 to 179, found {fov}")
+    return {"fov": float(fov)}
+
+
+def _turned(offset: Any, axis: Any, angle: float) -> Any:
+    """Rodrigues' formula."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return offset * cosine + np.cross(axis, offset) * sine + axis * np.dot(axis, offset) * (1.0 - cosine)

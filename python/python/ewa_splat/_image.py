@@ -1,0 +1,210 @@
+"""Pictures and column densities."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arrays, _core
+from ._camera import Camera
+
+if TYPE_CHECKING:
+    import PIL.Image
+
+
+class Image:
+    """A picture: float32, linear, premultiplied RGBA, rows from the top.
+
+    Attributes
+    ----------
+    depth : (height, width) or None
+        Where half of the light is gone, world units along the view; infinite where it never is.
+    normals : (height, width, 3) or None
+        Of opaque surfaces, world space.
+    camera
+        By which it was taken.
+    """
+
+    def __init__(
+        self,
+        pixels: NDArray[np.float32],
+        *,
+        depth: NDArray[np.float32] | None = None,
+        normals: NDArray[np.float32] | None = None,
+        camera: Camera | None = None,
+        stats: str | None = None,
+        error: str | None = None,
+    ) -> None:
+        self._pixels = pixels
+        self._stats = stats
+        self._error = error
+        self.depth = depth
+        self.normals = normals
+        self.camera = camera
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> Image:
+        """Read a picture: png, exr, pfm or npy."""
+        return cls(_core.read_image(os.fspath(path)))
+
+    def numpy(self) -> NDArray[np.float32]:
+        """The pixels (height, width, 4), linear and premultiplied: the picture's own, no copy of them."""
+        return self._pixels
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self._pixels, dtype=dtype) if copy else np.asarray(self._pixels, dtype=dtype)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        height, width = self._pixels.shape[:2]
+        return width, height
+
+    def png(self, *, transparent: bool = False) -> bytes:
+        """The bytes of a PNG file: over a dark grey, #1c1c21, where nothing hides it, unless `transparent`."""
+        data = _core.write_image(np.ascontiguousarray(self._pixels), None, transparent)
+        assert data is not None
+        return data
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def to_pil(self, *, transparent: bool = False) -> PIL.Image.Image:
+        """The picture for screens, sRGB-encoded: over a dark grey unless `transparent`. Needs Pillow."""
+        import io
+
+        import PIL.Image
+
+        return PIL.Image.open(io.BytesIO(self.png(transparent=transparent)))
+
+    def save(self, path: str | os.PathLike[str], *, transparent: bool = False) -> None:
+        """Write it: png as `png` makes it; exr, pfm and npy hold the linear numbers.
+
+        Raises
+        ------
+        ValueError
+            Another ending, or a folder that is not there.
+        OSError
+            A file that cannot be written; nothing half-written is left behind.
+        """
+        _core.write_image(np.ascontiguousarray(self._pixels), os.fspath(path), transparent)
+
+    @cached_property
+    def stats(self) -> dict[str, Any]:
+        """What was counted, and how long it took: as the command line's ``--stats``."""
+        return {} if self._stats is None else dict(json.loads(self._stats))
+
+    @cached_property
+    def measured_error(self) -> dict[str, float] | None:
+        """What the picture errs by in a sample of its tiles: p999, max, tiles and pixels.
+
+        ``None`` unless it was rendered with ``measure_error=True``.
+        """
+        return None if self._error is None else dict(json.loads(self._error))
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"Image({width} x {height})"
+
+
+class Column:
+    """A column density: the line integral of a field along each pixel's ray.
+
+    Attributes
+    ----------
+    values : (height, width) float32
+        Field times length, rows from the top.
+    pixel_area
+        World units squared; ``None`` under perspective, where pixels have different ones.
+    amplitude_sum
+        The sum of value times volume over all particles.
+    not_finite
+        How many values are not finite, and add nothing.
+    camera
+        By which it was taken.
+    """
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.values: NDArray[np.float32] = told["values"]
+        self.pixel_area: float | None = told["pixel_area"]
+        self.amplitude_sum: float = told["amplitude_sum"]
+        self.not_finite: int = told["not_finite"]
+        self.camera = Camera({"kind": "calibrated"} | told["camera"])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top for ``plt.imshow(column, extent=column.extent)``.
+
+        World units from where the camera's right and up pass the world's origin: along an axis they are the data's
+        coordinates. Under perspective pixels.
+        """
+        height, width = self.values.shape
+        if self.pixel_area is None:
+            return 0.0, float(width), float(height), 0.0
+        view = self.camera._asked()
+        right, down = np.array(view["rotation"][0]), np.array(view["rotation"][1])
+        eye, focal, centre = np.array(view["eye"]), view["focal_px"], view["centre_px"]
+        x, y = float(right @ eye), float(-down @ eye)
+        left, top = x - centre[0] / focal[0], y + centre[1] / focal[1]
+        return left, left + width / focal[0], top - height / focal[1], top
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.values.shape[0], self.values.shape[1]
+
+    def sum_times_area(self) -> float | None:
+        """The sum of the pixels times their area: for a density the mass that is seen. ``None`` under perspective."""
+        if self.pixel_area is None:
+            return None
+        return float(self.values.sum(dtype=np.float64)) * self.pixel_area
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it: npy, pfm and exr hold the values, png their logarithm in viridis."""
+        _core.write_column(np.ascontiguousarray(self.values), self.pixel_area, os.fspath(path))
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"Column({width} x {height})"
+
+
+def picture(image: Image | ArrayLike | str | os.PathLike[str], name: str) -> NDArray[np.float32]:
+    """The pixels of a picture, of an array or of a file."""
+    if isinstance(image, (str, os.PathLike)):
+        image = Image.open(image)
+    if isinstance(image, Image):
+        return np.ascontiguousarray(image.numpy())
+    array = _arrays.numbers(image, name)
+    if array.ndim != 3 or array.shape[2] != 4:
+        raise ValueError(f"{name}: expected an array of shape (height, width, 4), found {_arrays.shape_text(array)}")
+    return _arrays.narrowed(array, np.float32)
+
+
+def compare(a: Image | ArrayLike | str, b: Image | ArrayLike | str) -> dict[str, float | None]:
+    """How far one picture is from another.
+
+    Parameters
+    ----------
+    a, b
+        Pictures, arrays (height, width, 4) of linear premultiplied colours, or files; `a` is taken as right.
+
+    Returns
+    -------
+    dict
+        rmse, max, p999 (the 99.9th percentile), psnr (``None`` of equal pictures), mean_difference, ssim, flip.
+
+    Examples
+    --------
+    >>> import numpy as np, ewa_splat as es
+    >>> es.compare(np.zeros((16, 16, 4)), np.full((16, 16, 4), 0.25))["rmse"]
+    0.25
+    """
+    return dict(json.loads(_core.compare(picture(a, "a"), picture(b, "b"))))

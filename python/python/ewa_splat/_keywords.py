@@ -1,0 +1,147 @@
+"""Keyword arguments that several calls share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
+
+if TYPE_CHECKING:
+    from ._transfer import TransferLike
+
+
+class Sampling(TypedDict, total=False):
+    """How samples become kernels; names and defaults are the command line's.
+
+    ================== ==========================================================================================
+    keyword            meaning
+    ================== ==========================================================================================
+    unit               the unit of the values, for legends; that of a quantity is taken unless it is given
+    up                 what points up in pictures that are told nothing else, three numbers
+    kernel_width       standard deviation of a kernel over the spacing
+    transfer_function  as in `Renderer.render`, of this alone
+    range              two values that an automatic function or a named colour map spans
+    scale              "linear", "log" or "symlog": where values lie between these
+    opacity_scale      what opacities are multiplied by, as extinctions
+    unit_distance      the length over which a function's opacities are stated, world units
+    boundary           grids: "auto", "sharp" or "soft"
+    flatten            the value whose iso-surface is drawn in place of the volume
+    shape              points: "auto", "isotropic", "covariance" or "yu-turk"
+    length             points: what lengths are, "h", "support", "sigma" or "fwhm"
+    kernel             points: the smoothing kernel that lengths belong to, "cubic", "quartic", "quintic",
+                       "wendland-c2", "wendland-c4" or "wendland-c6"
+    shepard            how many times cell volumes are corrected
+    count              meshes: surfels in all
+    density            meshes: surfels per unit area
+    surfel_spacing     meshes: mean distance between surfels
+    ================== ==========================================================================================
+    """
+
+    unit: str | None
+    up: Sequence[float] | None
+    kernel_width: float
+    transfer_function: TransferLike
+    range: tuple[float, float]
+    scale: Literal["linear", "log", "symlog"]
+    opacity_scale: float
+    unit_distance: float
+    boundary: Literal["auto", "sharp", "soft"]
+    flatten: float
+    shape: Literal["auto", "isotropic", "covariance", "yu-turk"]
+    length: Literal["h", "support", "sigma", "fwhm"]
+    kernel: Literal["cubic", "quartic", "quintic", "wendland-c2", "wendland-c4", "wendland-c6"]
+    shepard: int
+    count: int
+    density: float
+    surfel_spacing: float
+
+
+class Drawing(TypedDict, total=False):
+    """How a picture is drawn; names and defaults are the command line's.
+
+    ================== ==========================================================================================
+    keyword            meaning
+    ================== ==========================================================================================
+    composite          "over", "sheets", "axis-sheets", "slabs" or "maximum"
+    slab_thickness     of slabs and sheets, world units
+    post_classification whether slabs are classified by their mean values
+    classify           "extent" or "particle": where the transfer function is asked
+    lit                True lights volumes, too; False lights nothing; without it surfaces are lit
+    lights             directional lights: (x, y, z) towards each, or (x, y, z, r, g, b)
+    clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
+    background         linear (r, g, b) behind everything
+    legend             whether a colour bar is drawn into the picture
+    depth, normals     whether `Image.depth` and `Image.normals` are wanted
+    measure_error      whether the error is measured in a hundredth of the picture
+    low_pass           variance of the low-pass filter, px²
+    cutoff             cut-off radius, standard deviations
+    filter             "adaptive", "exact", "ewa", "reconstruction", "low-pass", "isotropic" or "uniform-scaling"
+    thresholds         (c_min, c_max) of Chen et al. 2004
+    level_of_detail    whether particles far below a pixel may be merged
+    linear_opacity     min(tau, 1) in place of 1 - exp(-tau)
+    sub_pixel_opacity  whether kernels smaller than a pixel keep the opacity that each has alone
+    show               "scene", "choice" or "count"
+    ================== ==========================================================================================
+    """
+
+    composite: Literal["over", "sheets", "axis-sheets", "slabs", "maximum"]
+    slab_thickness: float
+    post_classification: bool
+    classify: Literal["extent", "particle"]
+    lit: bool
+    lights: Sequence[Sequence[float]]
+    clip: Sequence[Sequence[float]]
+    background: Sequence[float]
+    legend: bool
+    depth: bool
+    normals: bool
+    measure_error: bool
+    low_pass: float
+    cutoff: float
+    filter: Literal["adaptive", "exact", "ewa", "reconstruction", "low-pass", "isotropic", "uniform-scaling"]
+    thresholds: tuple[float, float]
+    level_of_detail: bool
+    linear_opacity: bool
+    sub_pixel_opacity: bool
+    show: Literal["scene", "choice", "count"]
+
+
+def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
+    """Keywords of sampling as the compiled part takes them."""
+    from ._arrays import vector
+    from ._transfer import choice
+
+    said = dict(keywords)
+    if said.get("up") is not None:
+        said["up"] = vector(said["up"], "up")
+    if "transfer_function" in said:
+        said["transfer_function"] = choice(said["transfer_function"])
+    return said
+
+
+def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
+    """Keywords of pictures as the compiled part takes them."""
+    from ._arrays import vector
+    from ._transfer import choice
+
+    said = dict(keywords)
+    if "transfer_function" in said:
+        said["transfer_function"] = choice(said["transfer_function"])
+    if said.get("background") is not None:
+        said["background"] = vector(said["background"], "background")
+    if said.get("lights") is not None:
+        lights = [list(light) for light in said["lights"]]
+        said["lights"] = [light + [1.0] * 3 if len(light) == 3 else light for light in lights]
+    if said.get("clip") is not None:
+        planes: list[list[float]] = []
+        for plane in said["clip"]:
+            if len(plane) == 6:
+                lower, upper = vector(plane[:3], "clip"), vector(plane[3:], "clip")
+                for axis in range(3):
+                    unit = [0.0] * 3
+                    unit[axis] = 1.0
+                    planes.append([*unit, -lower[axis]])
+                    planes.append([-u for u in unit] + [upper[axis]])
+            else:
+                planes.append(vector(plane, "clip", 4))
+        said["clip"] = planes
+    return said

@@ -1,0 +1,810 @@
+"""What is drawn: volumes, surfaces and splats of arrays, and what files hold."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arrays, _core
+from ._keywords import Sampling, sampling
+from ._units import in_unit_of, unit_text
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+#: The constant spherical harmonic: a colour is 1/2 plus its coefficient times this.
+HARMONIC_0 = 0.28209479177387814
+
+#: The name of values that are given without one.
+VALUE = "value"
+
+
+class Report(NamedTuple):
+    """How something was sampled.
+
+    Attributes
+    ----------
+    samples, particles, left_out
+        Samples there were, kernels made of them, and samples that could not be drawn.
+    field, unit
+        What is shown, and its unit.
+    value_range
+        Its least and greatest finite value.
+    lengths
+        What lengths are taken for.
+    findings
+        What was found on the way, a line each.
+    """
+
+    samples: int
+    particles: int
+    left_out: int
+    field: str | None
+    unit: str | None
+    value_range: tuple[float, float] | None
+    lengths: str | None
+    findings: list[str]
+
+
+class Thing:
+    """What a renderer draws; the base of `Volume`, `Surfels` and `Splats`."""
+
+    def __init__(self, core: _core.Thing, values: Callable[[object], NDArray[Any]] | None = None) -> None:
+        self._core = core
+        # What brings new values into the layout of its own.
+        self._values = values
+        #: The file that it was loaded from.
+        self.path: str | None = None
+
+    @property
+    def report(self) -> Report:
+        """How it is sampled: it is, if it was not yet."""
+        told = self._core.report()
+        value_range = told["value_range"]
+        told["value_range"] = None if value_range is None else tuple(value_range)
+        return Report(**told)
+
+    @property
+    def fields(self) -> list[str]:
+        """What can be shown of it: its fields, and components of vectors."""
+        return self._core.fields()
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The least and the greatest coordinates, world units; ``None`` where nothing has a place."""
+        ends = self._core.bounds()
+        return None if ends is None else (np.array(ends[0]), np.array(ends[1]))
+
+    @property
+    def notes(self) -> list[str]:
+        """What the reader of a file left out or took for granted."""
+        return self._core.notes()
+
+    def _repr_png_(self) -> bytes:
+        from ._renderer import Renderer
+
+        return Renderer(self).render()._repr_png_()
+
+    def __repr__(self) -> str:
+        said = [] if self.path is None else [os.path.basename(self.path)]
+        if self.fields:
+            said.append("fields " + ", ".join(self.fields))
+        ends = self.bounds
+        if ends is not None:
+            said.append("from " + " ".join(f"{x:.4g}" for x in ends[0]) + " to " + " ".join(f"{x:.4g}" for x in ends[1]))
+        return f"{type(self).__name__}({'; '.join(said)})"
+
+
+class Volume(Thing):
+    """Data that are seen through: particles, grids, cells.
+
+    Make one with `from_points`, `from_grid`, `from_structured` or `from_cells`. Values are shown by a transfer function:
+    see `Renderer.render`.
+    """
+
+    @classmethod
+    def from_points(
+        cls,
+        positions: ArrayLike,
+        values: ArrayLike | None = None,
+        *,
+        radius: ArrayLike | None = None,
+        smoothing_length: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        scales: ArrayLike | None = None,
+        rotations: ArrayLike | None = None,
+        mass: ArrayLike | None = None,
+        volume: ArrayLike | None = None,
+        opacity: ArrayLike | None = None,
+        color: ArrayLike | None = None,
+        name: str = VALUE,
+        **options: Unpack[Sampling],
+    ) -> Volume:
+        """Make a volume of particles.
+
+        Parameters
+        ----------
+        positions : (n, 3)
+            Centres, world units.
+        values : (n,)
+            What the transfer function shows. Without them it is the density: mass over volume, or how densely the
+            points lie.
+        radius : (n,) or one number
+            Standard deviations of round kernels, world units.
+        smoothing_length : (n,)
+            Lengths of SPH; `kernel` and `length` say what they are, the cubic spline's h otherwise.
+        covariance : (n, 3, 3) or (n, 6)
+            Variance matrices, or xx, xy, xz, yy, yz, zz of them, world units squared.
+        scales, rotations : (n, 3), (n, 4)
+            Standard deviations along axes of a kernel's own, and the quaternions w, x, y, z that turn x, y, z to them.
+        mass : (n,)
+            Masses in any unit; over `volume`, or over the space that each particle has among its neighbours, they
+            are the density.
+        volume : (n,)
+            The space that each particle stands for, world units cubed.
+        opacity : (n,) or one number
+            In place of a transfer function's: of each kernel, seen along its shortest axis.
+        color : (3,) or (n, 3)
+            Colours in place of values: linear of floats, sRGB-encoded of integers.
+        name
+            What the values are called in legends.
+        **options
+            See `Sampling`.
+
+        Returns
+        -------
+        Volume
+            Particles without any of the four shapes are sized by their neighbours. Those that cannot be drawn (masked, or
+            with numbers that are not finite) are left out and counted in `Thing.report`.
+
+        Raises
+        ------
+        ValueError
+            Arrays of shapes that do not fit, several shapes, values beside colours.
+        TypeError
+            What are no numbers.
+
+        Examples
+        --------
+        >>> import numpy as np, ewa_splat as es
+        >>> positions = np.random.default_rng(1).normal(size=(500, 3)).astype(np.float32)
+        >>> volume = es.Volume.from_points(positions, positions[:, 2], name="height")
+        >>> volume.report.particles
+        500
+        """
+        places = _arrays.positions(positions)
+        count = len(places)
+        columns: list[tuple[str, NDArray[Any]]] = []
+
+        def add(column: str, data: object, name: str) -> None:
+            columns.append((column, _arrays.column(data, name, count)))
+
+        shapes = {"radius": radius, "smoothing_length": smoothing_length, "covariance": covariance, "scales": scales}
+        given = [shape for shape, data in shapes.items() if data is not None]
+        if len(given) > 1:
+            raise ValueError(f"{given[1]}: expected one shape, found {given[0]} beside it")
+        if (scales is None) != (rotations is None):
+            raise ValueError("scales, rotations: expected both or neither, found one of them")
+        if values is not None and color is not None:
+            raise ValueError("color: expected either values or colours, found both")
+        said = sampling(dict(options))
+        if values is not None:
+            if name.lower() in _RESERVED:
+                # As a column it would be more than a field.
+                name = f"{name} (value)"
+            add(name, values, "values")
+            said.setdefault("unit", unit_text(values))
+            said["field"] = name
+        if radius is not None:
+            lengths = _arrays.numbers(in_unit_of(radius, positions), "radius")
+            if lengths.ndim == 0:
+                said["one_radius"] = float(lengths)
+            else:
+                add("radius", lengths, "radius")
+        if smoothing_length is not None:
+            add("h", in_unit_of(smoothing_length, positions), "smoothing_length")
+        if covariance is not None:
+            for column, data in zip(_VARIANCE, _variances(covariance, count), strict=True):
+                add(column, data, "covariance")
+        if scales is not None and rotations is not None:
+            sizes = _arrays.rows(in_unit_of(scales, positions), "scales", 3, count)
+            turns = _arrays.rows(rotations, "rotations", 4, count)
+            for i in range(3):
+                add(f"scale_{i}", sizes[:, i], "scales")
+            for i in range(4):
+                add(f"rot_{i}", turns[:, i], "rotations")
+        if mass is not None:
+            add("m", mass, "mass")
+        if volume is not None:
+            add("volume", volume, "volume")
+        if opacity is not None:
+            add("opacity", opacity, "opacity")
+        if color is not None:
+            for i, channel in enumerate(_arrays.colours(color, "color", count, 3).T):
+                add("rgb"[i], channel, "color")
+        return cls(_core.Thing.points(places, columns, said), lambda data: _arrays.column(data, "values", count))
+
+    @classmethod
+    def from_grid(
+        cls,
+        values: ArrayLike,
+        spacing: ArrayLike = (1.0, 1.0, 1.0),
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+        direction: ArrayLike | None = None,
+        *,
+        coordinates: Sequence[ArrayLike] | None = None,
+        of: str = "nodes",
+        name: str = VALUE,
+        **options: Unpack[Sampling],
+    ) -> Volume:
+        """Make a volume of values on a lattice.
+
+        Parameters
+        ----------
+        values : (nx, ny, nz), or of fewer dimensions
+            ``values[i, j, k]`` lies at origin + direction @ (spacing * (i, j, k)). Arrays in Fortran's order are taken
+            as they are. Values of cells begin half a step further.
+        spacing : (3,) or one number
+            Distances between neighbours along the array's axes, world units.
+        origin : (3,)
+            The place of the first value, or of the first cell's corner.
+        direction : (3, 3)
+            Columns are the directions of the array's axes; without it x, y and z.
+        coordinates : three of (nx,), (ny,), (nz,)
+            In place of the three above: strictly increasing coordinates along x, y and z.
+        of
+            ``"nodes"`` or ``"cells"``.
+        name
+            What the values are called in legends.
+        **options
+            See `Sampling`.
+
+        Raises
+        ------
+        ValueError
+            No values, more than three dimensions, numbers that are not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, ewa_splat as es
+        >>> x, y, z = np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]
+        >>> volume = es.Volume.from_grid(x**2 + y**2 + z**2, spacing=2 / 15, origin=(-1, -1, -1))
+        >>> volume.bounds[1]
+        array([1., 1., 1.])
+        """
+        array = _grid_values(values, "values")
+        _one_of(of, "of", "nodes", "cells")
+        said = sampling(dict(options))
+        said.setdefault("unit", unit_text(values))
+        said["field"] = name
+        extra = 1 if of == "cells" else 0
+        dims = [n + extra for n in _arrays.dims3(array.shape)]
+        flat = _arrays.fortran(array)
+        if coordinates is not None:
+            if len(coordinates) != 3:
+                raise ValueError(f"coordinates: expected three arrays, found {len(coordinates)}")
+            axes = [np.atleast_1d(_arrays.numbers(axis, "coordinates")).astype(float) for axis in coordinates]
+            if [len(axis) for axis in axes] != dims or any(axis.ndim != 1 for axis in axes):
+                found = ", ".join(_arrays.shape_text(axis) for axis in axes)
+                raise ValueError(f"coordinates: expected {dims[0]}, {dims[1]} and {dims[2]} numbers, found {found}")
+            lists = [[float(x) for x in axis] for axis in axes]
+            core = _core.Thing.rectilinear(lists, name, flat, of, said)
+        else:
+            step = _arrays.numbers(in_unit_of(spacing, origin), "spacing").astype(float)
+            step = np.broadcast_to(step, (3,)) if step.ndim == 0 else step
+            sizes = np.array(_arrays.vector(step, "spacing"))
+            turn = np.eye(3) if direction is None else _arrays.rows(direction, "direction", 3, 3).astype(float)
+            start = _arrays.vector(origin, "origin")
+            core = _core.Thing.grid(dims, start, (turn * sizes).T.tolist(), name, flat, of, said)
+        return cls(core, _grid_converter(array.shape))
+
+    @classmethod
+    def from_structured(
+        cls,
+        points: ArrayLike,
+        values: ArrayLike,
+        *,
+        of: str = "nodes",
+        name: str = VALUE,
+        **options: Unpack[Sampling],
+    ) -> Volume:
+        """Make a volume of a curvilinear grid.
+
+        Parameters
+        ----------
+        points : (ni, nj, nk, 3)
+            Nodes, world units. Nodes that are masked or not finite are left out.
+        values : (ni, nj, nk), or one fewer along each axis
+            At the nodes, or of the cells.
+        of
+            ``"nodes"`` or ``"cells"``.
+        name
+            What the values are called in legends.
+        **options
+            See `Sampling`.
+
+        Raises
+        ------
+        ValueError
+            Shapes that do not fit.
+
+        Examples
+        --------
+        >>> import numpy as np, ewa_splat as es
+        >>> r, a, z = np.meshgrid(np.linspace(1, 2, 8), np.linspace(0, 3, 24), np.linspace(0, 1, 6), indexing="ij")
+        >>> points = np.stack([r * np.cos(a), r * np.sin(a), z], axis=-1)
+        >>> es.Volume.from_structured(points, r + z).report.samples
+        1152
+        """
+        nodes = _arrays.numbers(points, "points")
+        if nodes.ndim != 4 or nodes.shape[3] != 3 or nodes.size == 0:
+            raise ValueError(f"points: expected an array of shape (ni, nj, nk, 3), found {_arrays.shape_text(nodes)}")
+        _one_of(of, "of", "nodes", "cells")
+        dims = list(nodes.shape[:3])
+        expected = tuple(n - 1 for n in dims) if of == "cells" else tuple(dims)
+        array = _arrays.numbers(values, "values")
+        if array.shape != expected:
+            raise ValueError(f"values: expected an array of shape {expected}, found {_arrays.shape_text(array)}")
+        said = sampling(dict(options))
+        said.setdefault("unit", unit_text(values))
+        said["field"] = name
+        places = _arrays.positions(nodes.transpose(2, 1, 0, 3).reshape(-1, 3), "points")
+        core = _core.Thing.structured(dims, places, name, _arrays.fortran(array), of, said)
+        return cls(core, _grid_converter(expected))
+
+    @classmethod
+    def from_cells(
+        cls,
+        points: ArrayLike,
+        cells: ArrayLike,
+        cell_types: ArrayLike,
+        values: ArrayLike,
+        *,
+        of: str | None = None,
+        name: str = VALUE,
+        **options: Unpack[Sampling],
+    ) -> Volume:
+        """Make a volume of an unstructured grid.
+
+        Parameters
+        ----------
+        points : (n, 3)
+            Nodes, world units.
+        cells : (m,) or (c, k)
+            As VTK has them: of each cell how many nodes follow, then these; or, of cells with the same number of nodes
+            each, a row for each.
+        cell_types : (c,) or one number
+            VTK's numbers: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid, 42 polyhedron, ... A polyhedron has
+            in `cells` its faces: their number, and of each face how many nodes follow, then these.
+        values : (n,) or (c,)
+            At the nodes, or of the cells.
+        of
+            ``"nodes"`` or ``"cells"``, where the numbers of both are the same.
+        name
+            What the values are called in legends.
+        **options
+            See `Sampling`.
+
+        Raises
+        ------
+        ValueError
+            Lists that end too soon, nodes that are not there, another number of values.
+
+        Examples
+        --------
+        >>> import ewa_splat as es
+        >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
+        >>> es.Volume.from_cells(corners, [[0, 1, 2, 3]], 10, [0.0, 1.0, 2.0, 3.0]).report.particles
+        4
+        """
+        places = _arrays.positions(points, "points")
+        lists = _indices(cells, "cells", np.int64)
+        if lists.ndim == 2:
+            lists = np.column_stack([np.full(len(lists), lists.shape[1], np.int64), lists]).ravel()
+            count = lists.size // (int(lists[0]) + 1) if lists.size else 0
+        elif lists.ndim != 1:
+            raise ValueError(f"cells: expected an array of one or two dimensions, found {_arrays.shape_text(lists)}")
+        kinds = _indices(cell_types, "cell_types", np.uint8)
+        if kinds.ndim == 0:
+            if np.ndim(cells) != 2:
+                raise ValueError("cell_types: expected one for each cell, found one number beside a list of cells")
+            kinds = np.full(count, kinds)
+        if kinds.ndim != 1:
+            raise ValueError(f"cell_types: expected an array of one dimension, found {_arrays.shape_text(kinds)}")
+        array = _arrays.numbers(values, "values")
+        sizes = {"nodes": len(places), "cells": len(kinds)}
+        if of is None:
+            of = "nodes" if array.shape == (sizes["nodes"],) else "cells"
+        _one_of(of, "of", "nodes", "cells")
+        if array.shape != (sizes[of],):
+            raise ValueError(
+                f"values: expected an array of shape ({sizes['nodes']},), one for each node, or ({sizes['cells']},), one for "
+                f"each cell, found {_arrays.shape_text(array)}"
+            )
+        said = sampling(dict(options))
+        said.setdefault("unit", unit_text(values))
+        said["field"] = name
+        core = _core.Thing.cells(
+            places, np.ascontiguousarray(lists), np.ascontiguousarray(kinds), name, _arrays.kept(array), of, said
+        )
+        return cls(core, lambda data: _arrays.column(data, "values", sizes[of]))
+
+
+class Surfels(Thing):
+    """Surfaces, opaque or translucent: flat kernels.
+
+    Make some with `from_mesh` or `from_points`.
+    """
+
+    @classmethod
+    def from_mesh(
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        colors: ArrayLike | None = None,
+        uv: ArrayLike | None = None,
+        texture: ArrayLike | None = None,
+        values: ArrayLike | None = None,
+        name: str = VALUE,
+        **options: Unpack[Sampling],
+    ) -> Surfels:
+        """Make surfels of triangles.
+
+        Parameters
+        ----------
+        vertices : (n, 3)
+            Corners, world units.
+        faces : (m, 3)
+            Corners of each triangle, counter-clockwise seen from the front.
+        colors : (n, 3), (n, 4) or (m, 3), (m, 4)
+            Of corners, or of faces: linear of floats, sRGB-encoded of integers.
+        uv : (n, 2)
+            Where corners lie in the texture, (0, 0) its bottom left.
+        texture : (height, width, 3) or (height, width, 4)
+            A picture, sRGB-encoded: bytes, or floats from 0 to 1; a PIL image will do.
+        values : (n,) or (m,)
+            A field that is shown in place of colours, by a transfer function.
+        name
+            What the values are called in legends.
+        **options
+            See `Sampling`; `count`, `density` and `surfel_spacing` say how many.
+
+        Raises
+        ------
+        ValueError
+            Shapes that do not fit, corners that are not there, a texture without uv.
+
+        Examples
+        --------
+        >>> import ewa_splat as es
+        >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        >>> es.Surfels.from_mesh(corners, [[0, 1, 2]], count=100).report.particles
+        100
+        """
+        corners = _arrays.positions(vertices, "vertices")
+        triangles = _indices(faces, "faces", np.uint32)
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+            raise ValueError(f"faces: expected an array of shape (m, 3), found {_arrays.shape_text(triangles)}")
+        if int(triangles.max()) >= len(corners):
+            raise ValueError(f"faces: expected corners among {len(corners)}, found number {int(triangles.max())}")
+        if (uv is None) != (texture is None):
+            raise ValueError("uv, texture: expected both or neither, found one of them")
+        if values is not None and (colors is not None or texture is not None):
+            raise ValueError("values: expected either values or colours, found both")
+        said = sampling(dict(options))
+        places = image = None
+        if uv is not None:
+            places = _arrays.rows(uv, "uv", 2, len(corners), np.float64).copy()
+            places[:, 1] = 1.0 - places[:, 1]
+            image = _texture(texture)
+        tint = None
+        if colors is not None:
+            paint = _arrays.numbers(colors, "colors")
+            if paint.ndim == 2 and len(paint) == len(triangles) and len(paint) != len(corners):
+                # Each face gets corners of its own.
+                of_faces = triangles.ravel()
+                corners, places = corners[of_faces], None if places is None else places[of_faces]
+                triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
+                paint = np.repeat(paint, 3, axis=0)
+            tint = _arrays.colours(paint, "colors", len(corners), 4)
+        field, of = None, "nodes"
+        if values is not None:
+            array = _arrays.numbers(values, "values")
+            of = "nodes" if array.shape == (len(corners),) else "cells"
+            if array.shape not in ((len(corners),), (len(triangles),)):
+                raise ValueError(
+                    f"values: expected an array of shape ({len(corners)},) or ({len(triangles)},), "
+                    f"found {_arrays.shape_text(array)}"
+                )
+            field = (name, _arrays.kept(array))
+            said.setdefault("unit", unit_text(values))
+            said["field"] = name
+        triangles = np.ascontiguousarray(triangles)
+        return cls(_core.Thing.mesh(corners, triangles, tint, places, image, field, of, said))
+
+    @classmethod
+    def from_points(
+        cls,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        radii: ArrayLike,
+        colors: ArrayLike | None = None,
+        *,
+        up: Sequence[float] | None = None,
+    ) -> Surfels:
+        """Make opaque surfels of points with normals.
+
+        Parameters
+        ----------
+        positions : (n, 3)
+            Centres, world units.
+        normals : (n, 3)
+            Towards the front, of any length but zero.
+        radii : (n,) or one number
+            Of the discs of the surface that the points stand for, world units: their areas should add up to the
+            surface's.
+        colors : (3,) or (n, 3)
+            Linear of floats, sRGB-encoded of integers; white without them.
+        up
+            What points up in pictures that are told nothing else.
+
+        Raises
+        ------
+        ValueError
+            Shapes that do not fit; nothing that can be drawn.
+
+        Examples
+        --------
+        >>> import numpy as np, ewa_splat as es
+        >>> positions = np.random.default_rng(1).normal(size=(2000, 3))
+        >>> positions /= np.linalg.norm(positions, axis=1, keepdims=True)
+        >>> es.Surfels.from_points(positions, positions, 0.045, (0.8, 0.2, 0.1)).report.particles
+        2000
+        """
+        places = _arrays.positions(positions)
+        count = len(places)
+        directions = _arrays.rows(normals, "normals", 3, count)
+        lengths = _arrays.numbers(in_unit_of(radii, positions), "radii")
+        if lengths.ndim == 0:
+            lengths = np.full(count, lengths)
+        if lengths.shape != (count,):
+            raise ValueError(f"radii: expected an array of shape ({count},), found {_arrays.shape_text(lengths)}")
+        tint = None if colors is None else _arrays.colours(colors, "colors", count, 3)
+        top = None if up is None else _arrays.vector(up, "up")
+        return cls(_core.Thing.surfels(places, directions, _arrays.narrowed(lengths, np.float64), tint, top))
+
+
+class Splats(Thing):
+    """Splats of a radiance field, which state their opacities on the image. Make some with `from_arrays`."""
+
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: ArrayLike,
+        scales: ArrayLike,
+        rotations: ArrayLike,
+        opacities: ArrayLike,
+        *,
+        colors: ArrayLike | None = None,
+        harmonics: ArrayLike | None = None,
+        **options: Unpack[Sampling],
+    ) -> Splats:
+        """Make splats of what a training ends with, activations applied.
+
+        Parameters
+        ----------
+        positions, scales : (n, 3)
+            Centres, and standard deviations along a splat's own axes, world units.
+        rotations : (n, 4)
+            Quaternions w, x, y, z of any length but zero.
+        opacities : (n,)
+            Peak opacities, 0 to 1.
+        colors : (n, 3)
+            sRGB-encoded colours: floats from 0 to 1, or integers.
+        harmonics : (n, k, 3), k 1, 4, 9 or 16
+            In place of `colors` the coefficients of spherical harmonics, the constant one first.
+        **options
+            See `Sampling`.
+
+        Raises
+        ------
+        ValueError
+            Shapes that do not fit; colours and harmonics, or neither.
+
+        Examples
+        --------
+        >>> import numpy as np, ewa_splat as es
+        >>> one = es.Splats.from_arrays([[0, 0, 0]], [[1, 1, 0.1]], [[1, 0, 0, 0]], [0.9], colors=[[1.0, 0.5, 0.0]])
+        >>> one.report.particles
+        1
+        """
+        places = _arrays.positions(positions)
+        count = len(places)
+        sizes = _arrays.rows(in_unit_of(scales, positions), "scales", 3, count, np.float32)
+        turns = _arrays.rows(rotations, "rotations", 4, count, np.float32)
+        peaks = _arrays.narrowed(_arrays.column(opacities, "opacities", count), np.float32)
+        if (colors is None) == (harmonics is None):
+            raise ValueError("colors, harmonics: expected one of them, found " + ("none" if colors is None else "both"))
+        if harmonics is not None:
+            series = _arrays.numbers(harmonics, "harmonics")
+            degrees = {1: 0, 4: 1, 9: 2, 16: 3}
+            if series.ndim != 3 or len(series) != count or series.shape[1] not in degrees or series.shape[2] != 3:
+                raise ValueError(
+                    f"harmonics: expected an array of shape ({count}, 1, 4, 9 or 16, 3), found {_arrays.shape_text(series)}"
+                )
+            degree = degrees[series.shape[1]]
+        else:
+            paint = _arrays.numbers(colors, "colors")
+            if paint.shape != (count, 3):
+                raise ValueError(f"colors: expected an array of shape ({count}, 3), found {_arrays.shape_text(paint)}")
+            if paint.dtype.kind in "ui":
+                paint = paint / (65535 if paint.dtype == np.uint16 else 255)
+            series, degree = (paint - 0.5) / HARMONIC_0, 0
+        flat = _arrays.narrowed(series, np.float32).ravel()
+        return cls(_core.Thing.splats(places, sizes, turns, peaks, degree, flat, sampling(dict(options))))
+
+
+def load(
+    source: str | os.PathLike[str] | IO[bytes],
+    field: str | None = None,
+    *,
+    name: str | None = None,
+    time_step: int | None = None,
+    particle_type: str | int | Sequence[str | int] | None = None,
+    solution: str | os.PathLike[str] | None = None,
+    texture: str | os.PathLike[str] | None = None,
+    read_as: str | None = None,
+    scales: str | None = None,
+    dims: Sequence[int] | None = None,
+    type: str | None = None,
+    spacing: Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+    big_endian: bool | None = None,
+    **options: Unpack[Sampling],
+) -> Thing:
+    """Read a file of any of the formats that the command line reads.
+
+    Parameters
+    ----------
+    source
+        A path, or a file-like object of bytes.
+    field
+        What to show; a vector field gives its magnitude, ``"name:x"`` a component. Without it the file's first.
+    name
+        Of a file-like object: what its file would be called, of which the ending says what the contents leave open.
+    time_step
+        Which of several, counted from 0.
+    particle_type
+        Snapshots: which particles, ``"gas"``, ``"dark-matter"``, ``"stars"``, ... or a number; several are drawn
+        together.
+    solution, texture
+        The solution of a PLOT3D grid; an image for a mesh that has texture coordinates and no texture.
+    read_as
+        ``"points"`` or ``"mesh"``: what to make of points with faces.
+    scales
+        ``"linear"`` or ``"log"``: what splats' scales are.
+    dims, type, spacing, origin, big_endian
+        The layout of a raw volume; `type` is ``"u8"``, ``"i16"``, ``"u16"`` or ``"f32"``.
+    **options
+        See `Sampling`.
+
+    Raises
+    ------
+    OSError
+        A file that cannot be read.
+    ValueError
+        One of an unknown format, that breaks its format's rules, or that has no such field.
+    """
+    said = sampling(dict(options))
+    if field is not None:
+        said["field"] = field
+    types = particle_type
+    if isinstance(types, (str, int)):
+        types = [types]
+    how: dict[str, Any] = {
+        "time_step": time_step,
+        "particle_types": None if types is None else [str(t) for t in types],
+        "read_as": read_as,
+        "scales": scales,
+        "solution": None if solution is None else os.fspath(solution),
+        "texture": None if texture is None else os.fspath(texture),
+        "dims": None if dims is None else list(dims),
+        "type": type,
+        "spacing": None if spacing is None else list(spacing),
+        "origin": None if origin is None else list(origin),
+        "big_endian": big_endian,
+    }
+    if isinstance(source, (str, os.PathLike)):
+        if name is not None:
+            raise ValueError("name: expected a file-like object beside it, found a path, which has a name")
+        path = os.fspath(source)
+        thing = Thing(_core.Thing.open(path, said, how))
+        thing.path = path
+        return thing
+    read = getattr(source, "read", None)
+    if read is None:
+        raise TypeError(f"source: expected a path or a file-like object, found {source.__class__.__name__}")
+    data = read()
+    if not isinstance(data, bytes):
+        raise TypeError(f"source: expected a file of bytes, found one of {data.__class__.__name__}; open it as 'rb'")
+    own = getattr(source, "name", None)
+    called = name or (own if isinstance(own, str) else "data")
+    return Thing(_core.Thing.read(os.path.basename(called), data, said, how))
+
+
+#: Columns whose names have a meaning of their own.
+_RESERVED = frozenset("x y z sigma h radius mass m extinction volume opacity id r g b red green blue".split()) | {
+    "vxx", "vxy", "vxz", "vyy", "vyz", "vzz", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+}  # fmt: skip
+_VARIANCE = ("vxx", "vxy", "vxz", "vyy", "vyz", "vzz")
+
+
+def _one_of(value: str, name: str, *choices: str) -> None:
+    if value not in choices:
+        raise ValueError(f"{name}: expected one of {', '.join(choices)}, found {value!r}")
+
+
+def _variances(data: object, count: int) -> list[NDArray[Any]]:
+    """xx, xy, xz, yy, yz, zz."""
+    array = _arrays.numbers(data, "covariance")
+    if array.shape == (count, 6):
+        return list(array.T)
+    if array.shape != (count, 3, 3):
+        raise ValueError(
+            f"covariance: expected an array of shape ({count}, 3, 3) or ({count}, 6), found {_arrays.shape_text(array)}"
+        )
+    with np.errstate(invalid="ignore"):
+        uneven = np.abs(array - array.transpose(0, 2, 1)) > 1e-5 * np.abs(array).max(axis=(1, 2), keepdims=True)
+    if uneven.any():
+        first = int(np.argwhere(uneven)[0][0])
+        raise ValueError(f"covariance: expected symmetric matrices, found number {first}: {array[first].tolist()}")
+    return [array[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+
+
+def _indices(data: object, name: str, dtype: Any) -> NDArray[Any]:
+    """Whole numbers within a type."""
+    array = _arrays.numbers(data, name)
+    if array.dtype.kind == "f" and (not np.all(np.isfinite(array)) or np.any(array != np.floor(array))):
+        raise TypeError(f"{name}: expected whole numbers, found dtype {array.dtype} with others among them")
+    limits = np.iinfo(dtype)
+    if array.size and (array.min() < limits.min or array.max() > limits.max):
+        wrong = array.min() if array.min() < limits.min else array.max()
+        raise ValueError(f"{name}: expected numbers from {limits.min} to {limits.max}, found {wrong}")
+    return array.astype(dtype, copy=False)
+
+
+def _grid_values(data: object, name: str) -> NDArray[Any]:
+    array = _arrays.numbers(data, name)
+    if array.ndim not in (1, 2, 3) or array.size == 0:
+        raise ValueError(f"{name}: expected an array of shape (nx, ny, nz), found {_arrays.shape_text(array)}")
+    return array
+
+
+def _grid_converter(shape: tuple[int, ...]) -> Callable[[object], NDArray[Any]]:
+    def convert(data: object) -> NDArray[Any]:
+        array = _arrays.numbers(data, "values")
+        if array.shape != shape:
+            raise ValueError(f"values: expected an array of shape {shape}, found {_arrays.shape_text(array)}")
+        return _arrays.fortran(array)
+
+    return convert
+
+
+def _texture(picture: object) -> tuple[int, int, NDArray[np.uint8]]:
+    """Width, height and four bytes a pixel."""
+    array = _arrays.numbers(picture, "texture")
+    if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:
+        raise ValueError(f"texture: expected an array of shape (height, width, 3 or 4), found {_arrays.shape_text(array)}")
+    if array.dtype.kind == "f":
+        array = (np.clip(np.nan_to_num(array), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    elif array.dtype != np.uint8:
+        raise TypeError(f"texture: expected bytes or floats, found dtype {array.dtype}")
+    if array.shape[2] == 3:
+        array = np.concatenate([array, np.full((*array.shape[:2], 1), 255, np.uint8)], axis=2)
+    height, width = array.shape[:2]
+    return width, height, np.ascontiguousarray(array).ravel()

@@ -1,0 +1,60 @@
+"""Units of unyt, astropy, pint and swiftsimio: taken off numbers, and along to the legend."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def unit_of(data: object) -> object | None:
+    """The unit object of a quantity; ``None`` of plain numbers."""
+    # unyt, swiftsimio, pint and yt say `units`, astropy `unit`.
+    for name in ("units", "unit"):
+        unit = getattr(data, name, None)
+        if unit is not None and not isinstance(unit, str) and not callable(unit):
+            return unit  # type: ignore[no-any-return]
+    # xarray keeps it among the attributes.
+    attributes = getattr(data, "attrs", None)
+    text = attributes.get("units") if isinstance(attributes, dict) else None
+    return text if isinstance(text, str) else None
+
+
+def unit_text(data: object) -> str | None:
+    """A quantity's unit as legends show it; ``None`` where it has none or is without dimension."""
+    unit = unit_of(data)
+    text = "" if unit is None else str(unit).strip()
+    return None if text in ("", "1", "dimensionless") else text
+
+
+def strip_unit(data: object) -> tuple[Any, object | None]:
+    """The numbers of a quantity, and its unit."""
+    unit = unit_of(data)
+    if unit is None or isinstance(unit, str):
+        return data, unit
+    for name in ("value", "magnitude", "v", "d"):
+        plain = getattr(data, name, None)
+        if plain is not None and not callable(plain):
+            return plain, unit
+    return np.asarray(data), unit
+
+
+def in_unit_of(data: object, other: object) -> object:
+    """Lengths in the unit of others, where both have one.
+
+    Raises
+    ------
+    ValueError
+        Units that do not go into each other.
+    """
+    own, wanted = unit_of(data), unit_of(other)
+    if own is None or wanted is None or isinstance(own, str) or isinstance(wanted, str) or own == wanted:
+        return data
+    convert: Any = getattr(data, "to", None)
+    if convert is None:
+        return data
+    try:
+        converted: object = convert(wanted)
+    except Exception as error:
+        raise ValueError(f"expected lengths in {wanted}, found {own} ({error})") from None
+    return converted

@@ -1,0 +1,27 @@
+//! What Python calls of `ewa_splat`: arrays to scenes, scenes to arrays. The package around it (`python/ewa_splat`)
+//! has its documentation, brings arrays into one of the layouts that are taken here, and reads other packages' objects.
+
+mod arrays;
+mod camera;
+mod errors;
+mod pictures;
+mod program;
+mod renderer;
+mod settings;
+mod task;
+mod thing;
+
+/// The compiled part of `ewa_splat`.
+#[pyo3::pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::pictures::{compare, read_image, write_column, write_image};
+    #[pymodule_export]
+    use super::program::main;
+    #[pymodule_export]
+    use super::renderer::Renderer;
+    #[pymodule_export]
+    use super::settings::check_transfer_function;
+    #[pymodule_export]
+    use super::thing::Thing;
+}

@@ -1,0 +1,102 @@
+//! Pictures in and out of files.
+
+use std::path::PathBuf;
+
+use ewa_splat::image::{ColumnImage, DARK_GREY, Image};
+use ewa_splat::io;
+use numpy::{
+    IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::errors::exception;
+
+/// An array of four float32 a pixel as a picture.
+fn image(pixels: &PyReadonlyArray3<'_, f32>) -> PyResult<Image> {
+    let [height, width, 4] = *pixels.shape() else {
+        let text = format!(
+            "image: expected (height, width, 4), found {:?}",
+            pixels.shape()
+        );
+        return Err(PyValueError::new_err(text));
+    };
+    let (pixels, _) = pixels.as_slice()?.as_chunks::<4>();
+    Ok(Image {
+        width,
+        height,
+        pixels: pixels.to_vec(),
+    })
+}
+
+/// Writes a picture by its name's ending, or gives the bytes of a PNG where there is none. Pictures that are to be
+/// looked at have a dark grey behind them, unless `transparent`.
+#[pyfunction]
+#[pyo3(signature = (pixels, path, transparent))]
+pub(crate) fn write_image<'py>(
+    py: Python<'py>,
+    pixels: PyReadonlyArray3<'py, f32>,
+    path: Option<PathBuf>,
+    transparent: bool,
+) -> PyResult<Option<Bound<'py, PyBytes>>> {
+    let image = image(&pixels)?;
+    let is_png = path.as_ref().is_none_or(|path| {
+        let ending = path.extension();
+        ending.is_some_and(|ending| ending.eq_ignore_ascii_case("png"))
+    });
+    let bytes = py.detach(|| {
+        let image = match is_png && !transparent {
+            true => image.over(DARK_GREY),
+            false => image,
+        };
+        match &path {
+            Some(path) => io::write_image(path, &image).map(|()| None),
+            None => io::png_bytes("picture".as_ref(), &image).map(Some),
+        }
+    });
+    let bytes = bytes.map_err(|error| exception(&error))?;
+    Ok(bytes.map(|bytes| PyBytes::new(py, &bytes)))
+}
+
+/// Reads a picture that was written.
+#[pyfunction]
+pub(crate) fn read_image(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
+    let image = py.detach(|| io::read_image(&path));
+    let image = image.map_err(|error| exception(&error))?;
+    let pixels = image.pixels.into_flattened().into_pyarray(py);
+    pixels.reshape([image.height, image.width, 4])
+}
+
+/// Writes a column density by its name's ending.
+#[pyfunction]
+pub(crate) fn write_column(
+    py: Python<'_>,
+    values: PyReadonlyArray2<'_, f32>,
+    pixel_area: Option<f64>,
+    path: PathBuf,
+) -> PyResult<()> {
+    let [height, width] = [values.shape()[0], values.shape()[1]];
+    let column = ColumnImage {
+        width,
+        height,
+        values: values.as_slice()?.to_vec(),
+        pixel_area,
+    };
+    let written = py.detach(|| io::write_column(&path, &column));
+    written.map_err(|error| exception(&error))
+}
+
+/// How far one picture is from another, as JSON.
+#[pyfunction]
+pub(crate) fn compare(
+    py: Python<'_>,
+    first: PyReadonlyArray3<'_, f32>,
+    second: PyReadonlyArray3<'_, f32>,
+) -> PyResult<String> {
+    let (first, second) = (image(&first)?, image(&second)?);
+    let errors = py.detach(|| ewa_splat::measure::compare(&first, &second));
+    let errors = errors.map_err(|error| exception(&error))?;
+    Ok(serde_json::json!(errors).to_string())
+}

@@ -1,0 +1,947 @@
+//! Scenes that are drawn.
+
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use ewa_splat::command::{Prepared, left_of, most_pixels, stats};
+use ewa_splat::io::{Geometry, Mesh, Up};
+use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width, title_of};
+use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
+use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
+use ewa_splat::sample::mesh::Spread;
+use ewa_splat::sample::{
+    BoundaryChoice, SampleOptions, SampledScene, TransferChoice, shared_functions,
+};
+use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
+use ewa_splat::view::{Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
+use ewa_splat::{Backend, ColumnSettings, Error, Image, Result, SceneOptions, Settings, Task};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arrays::Numbers;
+use crate::camera::View;
+use crate::settings::{Drawing, Keywords, drawing, transfer};
+use crate::task::run;
+use crate::thing::{Data, Source, Thing};
+
+/// A mesh is sampled again where a picture would show so many times as many surfels as there are.
+const DENSER: f64 = 1.5;
+
+/// Things in memory and what was made of them; one picture at a time is drawn of it.
+#[pyclass(frozen, module = "ewa_splat._core")]
+pub(crate) struct Renderer {
+    state: Mutex<State>,
+}
+
+struct State {
+    things: Vec<Py<Thing>>,
+    backend: Backend,
+    /// What was said last of the transfer function of all.
+    transfer: Option<TransferChoice>,
+    keep_shapes: bool,
+    ready: Option<Ready>,
+}
+
+/// What a scene is sampled for.
+#[derive(Clone, PartialEq)]
+struct Purpose {
+    for_columns: bool,
+    normals: bool,
+    models: bool,
+    detail: bool,
+    indices: bool,
+    shapes: bool,
+    transfer: Option<TransferChoice>,
+}
+
+/// A scene that is ready to be drawn.
+struct Ready {
+    purpose: Purpose,
+    renderer: ewa_splat::Renderer,
+    /// Whether a device was looked for.
+    is_open: bool,
+    bars: Vec<ColourBar>,
+    functions: Vec<Option<TransferFunction>>,
+    /// Of each thing the number of its first volume, and whether each of its samples is a particle.
+    firsts: Vec<(usize, bool)>,
+    /// Of a mesh alone that states no density, surfels per unit area at most.
+    density: Option<f64>,
+    prepared: Prepared,
+}
+
+/// Sampled volumes and what is known of them.
+struct Sampled {
+    volumes: Vec<PointVolume>,
+    titles: Vec<Option<String>>,
+    fields: Vec<Option<String>>,
+    firsts: Vec<(usize, bool)>,
+    density: Option<f64>,
+}
+
+/// A picture with all that is told of it.
+struct Drawn {
+    image: Image,
+    depth: Option<Vec<f32>>,
+    normals: Option<Vec<[f32; 3]>>,
+    camera: Camera,
+    stats: String,
+    error: Option<String>,
+}
+
+impl State {
+    /// Which of the sources are there, thing by thing.
+    fn sources(&self) -> impl Iterator<Item = (usize, &Source)> {
+        let things = self.things.iter().enumerate();
+        things.flat_map(|(i, thing)| thing.get().sources.iter().map(move |source| (i, source)))
+    }
+
+    fn up(&self, view: Option<&View>) -> Up {
+        let up = Up::of_scene(self.things.iter().flat_map(|thing| thing.get().ups()));
+        match view.and_then(View::up) {
+            Some(direction) => Up { direction, ..up },
+            None => up,
+        }
+    }
+
+    /// Samples all things: those that show one field by an automatic function share one.
+    fn sample(
+        &self,
+        purpose: &Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<Sampled> {
+        let count = self.sources().count();
+        let mut density = None;
+        let mut options = Vec::new();
+        for (_, source) in self.sources() {
+            let own = source.options.clone();
+            let mut own = SampleOptions {
+                transfer: purpose.transfer.clone().unwrap_or(own.transfer),
+                for_columns: purpose.for_columns,
+                normals: purpose.normals && own.flatten.is_none(),
+                local_models: purpose.models || own.flatten.is_some(),
+                keeps_value_sample: count > 1 && !purpose.for_columns,
+                task: Some(task.clone()),
+                ..own
+            };
+            if count == 1
+                && own.spread == Spread::Automatic
+                && let Some(mesh) = source.mesh()
+            {
+                density = most_pixels(mesh, clip, |boxes| Ok(vec![camera(boxes)]))?;
+                own.spread = density.map_or(own.spread, Spread::NoDenser);
+            }
+            options.push(own);
+        }
+        let mut scenes: Vec<SampledScene> = Vec::new();
+        for ((_, source), options) in self.sources().zip(&options) {
+            scenes.push(source.scene(options)?);
+        }
+        let reports = scenes.iter_mut().map(|scene| &mut scene.report);
+        let shared = shared_functions(&mut reports.zip(&options).collect::<Vec<_>>())?;
+        for (function, members) in shared {
+            for (i, (_, source)) in self.sources().enumerate() {
+                if members.contains(&i) {
+                    // Freed before the next is there.
+                    scenes[i].volumes.clear();
+                    let own = SampleOptions {
+                        transfer: TransferChoice::Given(function.clone()),
+                        keeps_value_sample: false,
+                        ..options[i].clone()
+                    };
+                    scenes[i] = source.scene(&own)?;
+                }
+            }
+        }
+        let mut sampled = Sampled {
+            volumes: Vec::new(),
+            titles: Vec::new(),
+            fields: Vec::new(),
+            firsts: Vec::new(),
+            density,
+        };
+        for ((thing, _), scene) in self.sources().zip(scenes) {
+            if thing == sampled.firsts.len() {
+                let report = &scene.report;
+                let is_whole = report.sample_count == report.particle_count;
+                sampled.firsts.push((sampled.volumes.len(), is_whole));
+            }
+            sampled.volumes.extend(scene.volumes);
+            let (field, unit) = (scene.report.field, scene.report.unit);
+            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+            sampled.titles.resize(sampled.volumes.len(), title);
+            sampled.fields.resize(sampled.volumes.len(), field);
+        }
+        Ok(sampled)
+    }
+
+    /// Makes the scene ready, unless it is.
+    fn prepare(
+        &mut self,
+        purpose: Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<&mut Ready> {
+        let is_ready = self.ready.as_ref().is_some_and(|ready| {
+            let serves = Purpose {
+                detail: ready.purpose.detail || purpose.detail,
+                indices: ready.purpose.indices || purpose.indices,
+                shapes: ready.purpose.shapes || purpose.shapes,
+                ..purpose.clone()
+            };
+            let own = self.sources().next().and_then(|(_, source)| source.mesh());
+            let denser = own.zip(ready.density).is_some_and(|(mesh, density)| {
+                let wanted = most_pixels(mesh, clip, |boxes| Ok(vec![camera(boxes)]));
+                wanted
+                    .ok()
+                    .flatten()
+                    .is_some_and(|wanted| wanted > DENSER * density)
+            });
+            ready.purpose == serves && !denser
+        });
+        if !is_ready {
+            // Freed before the next is there.
+            self.ready = None;
+            self.ready = Some(self.made(purpose, camera, clip, task)?);
+        }
+        match &mut self.ready {
+            Some(ready) => Ok(ready),
+            None => unreachable!("it was made above"),
+        }
+    }
+
+    /// A scene that is ready.
+    fn made(
+        &self,
+        purpose: Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<Ready> {
+        let begun = Instant::now();
+        let sampled = self.sample(&purpose, camera, clip, task)?;
+        let read_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let named = sampled.volumes.iter().zip(&sampled.titles);
+        let bars = named.filter_map(|(volume, title)| {
+            ColourBar::of_volume(title.as_deref().unwrap_or("value"), volume)
+        });
+        let mut different: Vec<ColourBar> = Vec::new();
+        for bar in bars {
+            if !different.contains(&bar) {
+                different.push(bar);
+            }
+        }
+        let volumes = sampled.volumes.iter();
+        let functions = volumes.map(|volume| volume.transfer_function.clone());
+        let functions = functions.collect();
+        let start = Instant::now();
+        let options = SceneOptions {
+            level_of_detail: purpose.detail,
+            keep_shapes: purpose.shapes,
+            keep_indices: purpose.indices,
+            task: Some(task.clone()),
+        };
+        let renderer = ewa_splat::Renderer::with_options(sampled.volumes, &options)?;
+        // Automatically when the first picture asks for one.
+        let is_open = self.backend != Backend::Auto;
+        let renderer = match is_open {
+            true => renderer.on_backend(self.backend)?,
+            false => renderer,
+        };
+        Ok(Ready {
+            purpose,
+            renderer,
+            is_open,
+            bars: different,
+            functions,
+            firsts: sampled.firsts,
+            density: sampled.density,
+            prepared: Prepared {
+                begun,
+                read_ms,
+                prepare_ms: start.elapsed().as_secs_f64() * 1e3,
+            },
+        })
+    }
+
+    /// The scene that is ready, on a device where a picture of this camera is worth it.
+    fn opened(&mut self, camera: &Camera) -> Result<&mut Ready> {
+        let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
+        if let Some(ready) = self.ready.take_if(waits) {
+            self.ready = Some(Ready {
+                renderer: ready.renderer.on_backend(self.backend)?,
+                is_open: true,
+                ..ready
+            });
+        }
+        match &mut self.ready {
+            Some(ready) => Ok(ready),
+            None => unreachable!("it was prepared before"),
+        }
+    }
+
+    /// What pictures are sampled for.
+    fn purpose(&self, drawing: &Drawing) -> Purpose {
+        let settings = &drawing.settings;
+        let slabs = settings.composite.classifies_slabs();
+        let by_extent = settings.classify == ewa_splat::render::Classification::Extent;
+        Purpose {
+            for_columns: false,
+            normals: drawing.is_lit && !is_post_classified(settings),
+            models: by_extent || slabs,
+            detail: settings.draws_merged(),
+            indices: false,
+            shapes: self.keep_shapes,
+            transfer: self.transfer.clone(),
+        }
+    }
+
+    /// Takes a transfer function for all things: at once where nothing that is sampled depends on it, otherwise when the
+    /// next picture is drawn.
+    fn set_transfer(&mut self, choice: Option<TransferChoice>) -> Result<()> {
+        if choice == self.transfer {
+            return Ok(());
+        }
+        let is_plain = self.sources().all(|(_, source)| source.is_plain());
+        if let (Some(TransferChoice::Text(text)), Some(ready), true) =
+            (&choice, &mut self.ready, is_plain)
+            && let Some(functions) = exchanged(text, &ready.functions)?
+        {
+            for (i, function) in functions.iter().enumerate() {
+                if let Some(function) = function {
+                    ready.renderer.set_transfer_function(i, function.clone())?;
+                }
+            }
+            for bar in &mut ready.bars {
+                if let Some(function) = functions.iter().flatten().next() {
+                    *bar = bar.with_transfer_function(function);
+                }
+            }
+            ready.bars.dedup();
+            ready.functions = functions;
+            ready.purpose.transfer.clone_from(&choice);
+        }
+        self.transfer = choice;
+        Ok(())
+    }
+}
+
+/// The functions that take the places of others, of the same text; `None` where they may not: on another scale values have
+/// other positions, and only sampling knows which length opacities are of where the text does not say.
+fn exchanged(
+    text: &str,
+    old: &[Option<TransferFunction>],
+) -> Result<Option<Vec<Option<TransferFunction>>>> {
+    let of = |range: [f32; 2], unit_distance: f64| {
+        let defaults = TransferDefaults {
+            range,
+            unit_distance,
+        };
+        TransferFunction::from_json("transfer function".as_ref(), text, &defaults)
+    };
+    let mut new = Vec::new();
+    for old in old {
+        let Some(old) = old else {
+            new.push(None);
+            continue;
+        };
+        let ([low, high], unit) = (old.range(), old.unit_distance());
+        let one = of([low, high], unit)?;
+        // What the text leaves open differs with what stands in for it.
+        let other = of([low - 1.0, high + 1.0], 2.0 * unit)?;
+        if one != other || one.value_scale() != old.value_scale() {
+            return Ok(None);
+        }
+        new.push(Some(one));
+    }
+    Ok(Some(new))
+}
+
+/// Whether slabs are classified by their mean values, and have slopes of their own.
+fn is_post_classified(settings: &Settings) -> bool {
+    let maximum = matches!(settings.composite, ewa_splat::Composite::Maximum { .. });
+    settings.composite.classifies_slabs() && !maximum
+}
+
+impl Source {
+    /// Whether nothing that is sampled of it depends on the transfer function: no boundary, no opacity of a surface, no
+    /// length or factor of opacities that was asked for.
+    fn is_plain(&self) -> bool {
+        let options = &self.options;
+        let is_of_points = match &self.data {
+            Data::Set(dataset) => matches!(dataset.geometry, Geometry::Points { .. }),
+            Data::Surfels(_) => true,
+        };
+        let is_soft = options.boundary == BoundaryChoice::Soft && self.mesh().is_none();
+        let is_scaled = (options.opacity_scale - 1.0).abs() > 0.0;
+        (is_of_points || is_soft)
+            && options.flatten.is_none()
+            && options.unit_distance.is_none()
+            && !is_scaled
+    }
+
+    /// The mesh that it is, if it is one.
+    fn mesh(&self) -> Option<&Mesh> {
+        match &self.data {
+            Data::Set(dataset) => match &dataset.geometry {
+                Geometry::Mesh(mesh) => Some(mesh),
+                _ => None,
+            },
+            Data::Surfels(_) => None,
+        }
+    }
+}
+
+/// The camera of a view.
+fn camera(
+    view: Option<&View>,
+    up: Up,
+    boxes: &[Bounds],
+    lens: Lens,
+    size: [usize; 2],
+    room_px: usize,
+) -> Camera {
+    let viewpoint = up.viewpoint();
+    let room = if 2 * room_px <= size[0] { room_px } else { 0 };
+    let inner = [size[0] - room, size[1]];
+    let fitted = |viewpoint: ewa_splat::view::Viewpoint, lens, around| {
+        let camera = match around {
+            true => viewpoint.camera_around(boxes, lens, inner),
+            false => viewpoint.camera(boxes, lens, inner),
+        };
+        // What is left free lies to the right of what it was fitted to.
+        camera.map(|camera| Camera {
+            width: size[0],
+            ..camera
+        })
+    };
+    match view {
+        Some(view) => view.camera(size, viewpoint, lens, fitted),
+        None => fitted(viewpoint, lens, false).unwrap_or_else(|| {
+            use glam::DVec3;
+            Camera::perspective(DVec3::ZERO, DVec3::Y, DVec3::Z, DEFAULT_FOV_DEG, size)
+        }),
+    }
+}
+
+/// A picture's size that can be one.
+fn checked(size: [usize; 2]) -> PyResult<()> {
+    if size.iter().all(|n| (1..=65_535).contains(n)) {
+        return Ok(());
+    }
+    let [width, height] = size;
+    let text =
+        format!("size: expected a width and a height from 1 to 65535, found {width}, {height}");
+    Err(PyValueError::new_err(text))
+}
+
+impl Renderer {
+    /// The state, once no other thread draws.
+    fn lock(&self, task: &Task) -> Result<MutexGuard<'_, State>> {
+        loop {
+            match self.state.try_lock() {
+                Ok(state) => return Ok(state),
+                // A panic left it as it was before, or without what is made anew.
+                Err(TryLockError::Poisoned(poisoned)) => {
+                    let mut state = poisoned.into_inner();
+                    state.ready = None;
+                    self.state.clear_poison();
+                    return Ok(state);
+                }
+                Err(TryLockError::WouldBlock) => {
+                    if task.is_cancelled() {
+                        return Err(Error::Cancelled);
+                    }
+                    sleep(Duration::from_millis(1));
+                }
+            }
+        }
+    }
+
+    /// A scene for a picture, its camera and settings.
+    fn with_picture<T: Send>(
+        &self,
+        py: Python<'_>,
+        (view, size, drawing): (Option<&View>, [usize; 2], &Drawing),
+        indices: bool,
+        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T> + Send,
+    ) -> PyResult<T> {
+        checked(size)?;
+        run(py, |task| {
+            let mut state = self.lock(task)?;
+            if drawing.transfer.is_some() {
+                state.set_transfer(drawing.transfer.clone())?;
+            }
+            let purpose = Purpose {
+                indices,
+                ..state.purpose(drawing)
+            };
+            let clip = &drawing.settings.clip;
+            let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+            let up = state.up(view);
+            let of_boxes = |boxes: &[Bounds]| camera(view, up, boxes, lens, size, 0);
+            let ready = state.prepare(purpose, &of_boxes, clip, task)?;
+            let boxes = left_of(ready.renderer.visible_boxes(), clip);
+            let room = match drawing.legend {
+                true => legend_width(&ready.bars, size),
+                false => 0,
+            };
+            let camera = camera(view, up, &boxes, lens, size, room);
+            let mut settings = drawing.settings.clone();
+            if !drawing.has_low_pass {
+                settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
+            }
+            settings.task = Some(task.clone());
+            of(state.opened(&camera)?, camera, settings)
+        })
+    }
+}
+
+#[pymethods]
+impl Renderer {
+    #[new]
+    #[pyo3(signature = (things, backend, keep_shapes))]
+    fn new(things: Vec<Py<Thing>>, backend: &str, keep_shapes: bool) -> PyResult<Self> {
+        let backend = match backend {
+            "auto" => Backend::Auto,
+            "gpu" => Backend::Gpu,
+            "cpu" => Backend::Cpu,
+            other => {
+                let text = format!("backend: expected auto, gpu or cpu, found {other}");
+                return Err(PyValueError::new_err(text));
+            }
+        };
+        if things.is_empty() {
+            let text = "things: expected something to draw, found none";
+            return Err(PyValueError::new_err(text));
+        }
+        Ok(Self {
+            state: Mutex::new(State {
+                things,
+                backend,
+                transfer: None,
+                keep_shapes,
+                ready: None,
+            }),
+        })
+    }
+
+    /// A picture: its pixels, depths and normals as arrays, the camera, statistics and the measured error as JSON.
+    #[pyo3(signature = (view, size, said))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        view: Option<View>,
+        size: [usize; 2],
+        said: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let drawing = drawing(said)?;
+        let asked = (view.as_ref(), size, &drawing);
+        let drawn = self.with_picture(py, asked, false, |ready, camera, settings| {
+            if drawing.legend && ready.bars.is_empty() {
+                return Err(Error::invalid(
+                    "legend",
+                    "data",
+                    "a field with a transfer function",
+                    "splats, meshes or particles with colours of their own",
+                    "leave it out",
+                ));
+            }
+            if drawing.legend {
+                check_legend_size(&ready.bars, size)?;
+            }
+            let renderer = &mut ready.renderer;
+            let mut image = renderer.render(&camera, &settings)?.clone();
+            let times = [renderer.times()];
+            let stats = stats(renderer, &times, ready.prepared);
+            let depth = renderer.depth().map(|depth| depth.depths.clone());
+            let normals = renderer.normals().map(|normals| normals.normals.clone());
+            let error = match drawing.measure_error {
+                false => None,
+                true => {
+                    let thickness = renderer.layers().map(|layers| layers.thickness);
+                    let composite = match thickness {
+                        Some(_) => settings.composite.with_thickness(thickness),
+                        None => settings.composite,
+                    };
+                    let settings = Settings {
+                        composite,
+                        ..settings
+                    };
+                    let sample = ErrorSample::draw(renderer, &camera, &settings)?;
+                    Some(serde_json::json!(sample.error_of(&image)).to_string())
+                }
+            };
+            if drawing.legend {
+                draw_legend(&ready.bars, &mut image)?;
+            }
+            Ok(Drawn {
+                image,
+                depth,
+                normals,
+                camera,
+                stats: stats.to_string(),
+                error,
+            })
+        })?;
+        let dict = PyDict::new(py);
+        let [width, height] = size;
+        let pixels = drawn.image.pixels.into_flattened().into_pyarray(py);
+        dict.set_item("pixels", pixels.reshape([height, width, 4])?)?;
+        let depth = drawn
+            .depth
+            .map(|depth| depth.into_pyarray(py).reshape([height, width]));
+        dict.set_item("depth", depth.transpose()?)?;
+        let normals = drawn.normals.map(|normals| {
+            let flat: Bound<'_, PyArray1<f32>> = normals.into_flattened().into_pyarray(py);
+            flat.reshape([height, width, 3])
+        });
+        dict.set_item("normals", normals.transpose()?)?;
+        dict.set_item("camera", described(py, &drawn.camera)?)?;
+        dict.set_item("stats", drawn.stats)?;
+        dict.set_item("error", drawn.error)?;
+        Ok(dict)
+    }
+
+    /// A column density: values, the area of a pixel, the camera, and what the values are summed of.
+    #[pyo3(signature = (view, size, said))]
+    fn column_density<'py>(
+        &self,
+        py: Python<'py>,
+        view: Option<View>,
+        size: [usize; 2],
+        said: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        checked(size)?;
+        let drawing = drawing(said)?;
+        let shared = &drawing.settings;
+        let defaults = ColumnSettings::default();
+        let settings = ColumnSettings {
+            tolerance: shared.tolerance,
+            filter: shared.filter,
+            low_pass_variance_px2: match drawing.has_low_pass {
+                true => shared.low_pass_variance_px2,
+                false => defaults.low_pass_variance_px2,
+            },
+            cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
+            clip: shared.clip.clone(),
+            simd: shared.simd,
+            task: None,
+        };
+        let (column, camera, sum, unknown) = run(py, |task| {
+            let mut state = self.lock(task)?;
+            let purpose = Purpose {
+                for_columns: true,
+                normals: false,
+                models: false,
+                detail: false,
+                indices: false,
+                shapes: state.keep_shapes,
+                transfer: None,
+            };
+            let lens = Lens::OrthoHeight(None);
+            let up = state.up(view.as_ref());
+            let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
+            let ready = state.prepare(purpose, &of_boxes, &settings.clip, task)?;
+            let boxes = left_of(ready.renderer.boxes(), &settings.clip);
+            let camera = camera(view.as_ref(), up, &boxes, lens, size, 0);
+            let settings = ColumnSettings {
+                task: Some(task.clone()),
+                ..settings
+            };
+            let ready = state.opened(&camera)?;
+            let column = ready.renderer.column_density(&camera, &settings)?.clone();
+            let amplitudes = ready.renderer.amplitudes();
+            Ok((column, camera, amplitudes.sum, amplitudes.not_finite))
+        })?;
+        let dict = PyDict::new(py);
+        let [width, height] = size;
+        let values = column.values.into_pyarray(py).reshape([height, width])?;
+        dict.set_item("values", values)?;
+        dict.set_item("pixel_area", column.pixel_area)?;
+        dict.set_item("camera", described(py, &camera)?)?;
+        dict.set_item("amplitude_sum", sum)?;
+        dict.set_item("not_finite", unknown)?;
+        Ok(dict)
+    }
+
+    /// The true picture, in f64, narrowed: of kernels or of data.
+    #[pyo3(signature = (of, view, size, error, said))]
+    fn reference<'py>(
+        &self,
+        py: Python<'py>,
+        of: &str,
+        view: Option<View>,
+        size: [usize; 2],
+        error: f64,
+        said: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        checked(size)?;
+        let of_data = match of {
+            "kernels" => false,
+            "data" => true,
+            other => {
+                let text = format!("of: expected kernels or data, found {other}");
+                return Err(PyValueError::new_err(text));
+            }
+        };
+        let drawing = drawing(said)?;
+        let (frame, camera) = run(py, |task| {
+            let mut state = self.lock(task)?;
+            if drawing.transfer.is_some() {
+                state.set_transfer(drawing.transfer.clone())?;
+            }
+            let settings = &drawing.settings;
+            let purpose = Purpose {
+                normals: false,
+                ..state.purpose(&drawing)
+            };
+            let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+            let up = state.up(view.as_ref());
+            let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
+            let (boxes, suitable) = {
+                let ready = state.prepare(purpose.clone(), &of_boxes, &settings.clip, task)?;
+                let renderer = &ready.renderer;
+                (renderer.visible_boxes(), renderer.suitable_low_pass_px2())
+            };
+            let boxes = left_of(boxes, &settings.clip);
+            let camera = camera(view.as_ref(), up, &boxes, lens, size, 0);
+            let low_pass = match drawing.has_low_pass {
+                true => settings.low_pass_variance_px2,
+                false => suitable,
+            };
+            let reference = ReferenceSettings {
+                error,
+                low_pass_variance_px2: low_pass.into(),
+                background: settings.background,
+                task: Some(task.clone()),
+                ..ReferenceSettings::default()
+            };
+            let sampled = state.sample(&purpose, &of_boxes, &settings.clip, task)?;
+            let frame = match of_data {
+                false => Integrator::classified(&sampled.volumes, settings.classify)?
+                    .clipped(&settings.clip)
+                    .render(&camera, &reference)?,
+                true => of_field(&state, &sampled, settings, &camera, &reference)?,
+            };
+            Ok((frame, camera))
+        })?;
+        let dict = PyDict::new(py);
+        let [width, height] = size;
+        let pixels = frame.image.pixels.into_flattened().into_pyarray(py);
+        dict.set_item("pixels", pixels.reshape([height, width, 4])?)?;
+        dict.set_item("camera", described(py, &camera)?)?;
+        dict.set_item("error_estimate", frame.error)?;
+        dict.set_item("unconverged", frame.unconverged)?;
+        dict.set_item("rays", frame.rays)?;
+        Ok(dict)
+    }
+
+    /// What a pixel shows: of each particle its thing, number, value, position, depth and share.
+    #[expect(clippy::type_complexity, reason = "the package names its parts")]
+    fn pick(
+        &self,
+        py: Python<'_>,
+        pixel: [usize; 2],
+        view: Option<View>,
+        size: [usize; 2],
+        said: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Vec<(usize, usize, Option<f32>, [f64; 3], f64, f32)>> {
+        let drawing = drawing(said)?;
+        let asked = (view.as_ref(), size, &drawing);
+        self.with_picture(py, asked, true, |ready, camera, settings| {
+            let picked = ready.renderer.pick(&camera, &settings, pixel)?;
+            let thing = |volume: usize| {
+                let firsts = ready.firsts.iter();
+                firsts.filter(|(first, _)| *first <= volume).count() - 1
+            };
+            let value = |volume: usize, position: f32| match &ready.functions[volume] {
+                Some(function) => function.value_scale().value(position),
+                None => position,
+            };
+            let found = picked.iter().map(|p| {
+                let place = p.position.to_array();
+                let value = p.value.map(|v| value(p.volume, v));
+                (thing(p.volume), p.particle, value, place, p.depth, p.share)
+            });
+            Ok(found.collect())
+        })
+    }
+
+    /// Speed against accuracy, as JSON.
+    fn measure(
+        &self,
+        py: Python<'_>,
+        view: Option<View>,
+        size: [usize; 2],
+        frames: usize,
+        error: f64,
+    ) -> PyResult<String> {
+        let drawing = drawing(None)?;
+        let asked = (view.as_ref(), size, &drawing);
+        let volumes = run(py, |task| {
+            let state = self.lock(task)?;
+            let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+            let up = state.up(view.as_ref());
+            let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
+            Ok(state
+                .sample(&state.purpose(&drawing), &of_boxes, &[], task)?
+                .volumes)
+        })?;
+        self.with_picture(py, asked, false, |ready, camera, settings| {
+            let reference = ReferenceSettings {
+                error,
+                low_pass_variance_px2: settings.low_pass_variance_px2.into(),
+                task: settings.task.clone(),
+                ..ReferenceSettings::default()
+            };
+            let frame = Integrator::new(&volumes)?.render(&camera, &reference)?;
+            let mut subject = Subject {
+                renderer: &mut ready.renderer,
+                camera: &camera,
+                reference: &frame.image,
+                reference_kernels: None,
+                reference_data: None,
+                resampling: None,
+            };
+            let about = About {
+                command: "ewa_splat.measure".into(),
+                reference: ReferenceSummary {
+                    origin: "integrated".into(),
+                    error: Some(frame.error),
+                    unconverged: Some(frame.unconverged),
+                    rays: Some(frame.rays),
+                    seconds: None,
+                },
+                ..About::default()
+            };
+            let options = SweepOptions {
+                frames,
+                base: Settings {
+                    lighting: None,
+                    ..settings
+                },
+            };
+            let report = sweep(&mut subject, about, &options, &mut |_| {})?;
+            Ok(String::from_utf8_lossy(&report.json()?).into_owned())
+        })
+    }
+
+    /// Exchanges the values of a thing, of as many samples.
+    fn set_values(&self, py: Python<'_>, thing: usize, values: Numbers) -> PyResult<()> {
+        let old = run(py, |task| {
+            let state = self.lock(task)?;
+            let count = state.things.len();
+            let old = state
+                .things
+                .get(thing)
+                .map(|old| Python::attach(|py| old.clone_ref(py)));
+            let found = || {
+                let expected = format!("one of {count}");
+                Error::invalid(
+                    "thing",
+                    "number",
+                    expected,
+                    thing.to_string(),
+                    "name another",
+                )
+            };
+            old.ok_or_else(found)
+        })?;
+        let kept: Values = values.0.clone();
+        let new = Py::new(py, old.get().with_values(py, values)?)?;
+        run(py, |task| {
+            let mut state = self.lock(task)?;
+            let quick = state.ready.as_mut().filter(|ready| ready.purpose.shapes);
+            if let Some(ready) = quick
+                && let (first, true) = ready.firsts[thing]
+                && let Some(function) = &ready.functions[first]
+                && kept.non_finite_count() == 0
+            {
+                let values = function.value_scale().positions(kept);
+                ready.renderer.set_values(first, values)?;
+            } else {
+                state.ready = None;
+            }
+            state.things[thing] = new;
+            Ok(())
+        })
+    }
+
+    /// Takes a transfer function for all things.
+    fn set_transfer_function(&self, py: Python<'_>, said: &Bound<'_, PyDict>) -> PyResult<()> {
+        let choice = transfer(&Keywords::new(Some(said))?)?;
+        run(py, |task| self.lock(task)?.set_transfer(choice))
+    }
+
+    /// The functions in use, as JSON; of what has none `None`.
+    fn transfer_functions(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
+        let drawing = drawing(None)?;
+        self.with_picture(py, (None, [64, 64], &drawing), false, |ready, _, _| {
+            let functions = ready.functions.iter();
+            Ok(functions
+                .map(|f| f.as_ref().map(TransferFunction::to_json))
+                .collect())
+        })
+    }
+
+    /// What draws: an adapter, or `None` for the processor.
+    fn adapter(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        run(py, |task| {
+            let state = self.lock(task)?;
+            Ok(state
+                .ready
+                .as_ref()
+                .and_then(|ready| ready.renderer.adapter()))
+        })
+    }
+}
+
+/// The true picture of the one grid's own field.
+fn of_field(
+    state: &State,
+    sampled: &Sampled,
+    settings: &Settings,
+    camera: &Camera,
+    reference: &ReferenceSettings,
+) -> Result<ReferenceFrame> {
+    let refuse = |expected: &str, found: &str| {
+        let advice = "integrate the kernels";
+        Err(Error::invalid("reference", "data", expected, found, advice))
+    };
+    let mut sources = state.sources();
+    let (Some((_, source)), None) = (sources.next(), sources.next()) else {
+        return refuse("one grid", "several things");
+    };
+    let Data::Set(dataset) = &source.data else {
+        return refuse("one grid", "surfels");
+    };
+    let ([volume], [Some(field)]) = (sampled.volumes.as_slice(), sampled.fields.as_slice()) else {
+        return refuse("a grid with a field", "one without, or a surface");
+    };
+    let Some(function) = volume.transfer_function.clone() else {
+        return refuse("a field under a transfer function", "colours of its own");
+    };
+    DataIntegrator::new((**dataset).clone(), field, function)?
+        .clipped(&settings.clip)
+        .render(camera, reference)
+}
+
+/// A camera as the package describes it.
+fn described<'py>(py: Python<'py>, camera: &Camera) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let rows = camera.camera_from_world.transpose().to_cols_array_2d();
+    dict.set_item("eye", camera.eye.to_array())?;
+    dict.set_item("rotation", rows)?;
+    dict.set_item("focal_px", camera.focal_px.to_array())?;
+    dict.set_item("centre_px", camera.centre_px.to_array())?;
+    dict.set_item("size", [camera.width, camera.height])?;
+    let flat = camera.projection == ewa_splat::view::Projection::Orthographic;
+    dict.set_item("orthographic", flat)?;
+    Ok(dict)
+}

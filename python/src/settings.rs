@@ -1,0 +1,457 @@
+//! Keyword arguments as the library's options. What is unknown is refused, by name.
+
+use ewa_splat::io::{
+    LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
+};
+use ewa_splat::render::{Classification, ClassifyAt};
+use ewa_splat::sample::mesh::Spread;
+use ewa_splat::sample::{BoundaryChoice, ParticleShape, SampleOptions, TransferChoice};
+use ewa_splat::scene::{
+    Light, LightFrame, Lighting, ScaleName, TransferDefaults, TransferFunction,
+};
+use ewa_splat::view::ClipPlane;
+use ewa_splat::{Composite, Filter, Settings, Show};
+use glam::DVec3;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::errors::exception;
+
+/// Keyword arguments that are taken one by one.
+pub(crate) struct Keywords<'py>(Option<Bound<'py, PyDict>>);
+
+impl<'py> Keywords<'py> {
+    pub(crate) fn new(dict: Option<&Bound<'py, PyDict>>) -> PyResult<Self> {
+        Ok(Self(dict.map(|dict| dict.copy()).transpose()?))
+    }
+
+    /// An argument that is given and not None.
+    pub(crate) fn take<T>(&self, name: &str) -> PyResult<Option<T>>
+    where
+        T: for<'a> FromPyObject<'a, 'py>,
+    {
+        let Some(dict) = &self.0 else {
+            return Ok(None);
+        };
+        let Some(value) = dict.get_item(name)? else {
+            return Ok(None);
+        };
+        dict.del_item(name)?;
+        if value.is_none() {
+            return Ok(None);
+        }
+        let value = value.extract::<T>().map_err(|error| {
+            let error: PyErr = error.into();
+            let text = format!("{name}: {}", error.value(dict.py()));
+            match error.is_instance_of::<PyValueError>(dict.py()) {
+                true => PyValueError::new_err(text),
+                false => PyTypeError::new_err(text),
+            }
+        });
+        value.map(Some)
+    }
+
+    /// One of several names for values.
+    fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> PyResult<Option<T>> {
+        let Some(text) = self.take::<String>(name)? else {
+            return Ok(None);
+        };
+        let found = choices.iter().find(|(own, _)| *own == text);
+        found.map(|(_, value)| Some(*value)).ok_or_else(|| {
+            let names: Vec<&str> = choices.iter().map(|(own, _)| *own).collect();
+            let names = names.join(", ");
+            PyValueError::new_err(format!("{name}: expected one of {names}, found {text}"))
+        })
+    }
+
+    /// A number within bounds.
+    fn number(
+        &self,
+        name: &str,
+        expected: &str,
+        is: impl Fn(f64) -> bool,
+    ) -> PyResult<Option<f64>> {
+        let number = self.take::<f64>(name)?;
+        match number.filter(|x| !is(*x)) {
+            None => Ok(number),
+            Some(found) => Err(PyValueError::new_err(format!(
+                "{name}: expected {expected}, found {found}"
+            ))),
+        }
+    }
+
+    fn positive(&self, name: &str) -> PyResult<Option<f64>> {
+        self.number(name, "a number above 0", |x| x > 0.0 && x.is_finite())
+    }
+
+    /// Two numbers, the lower one first.
+    fn range(&self, name: &str) -> PyResult<Option<[f32; 2]>> {
+        let range = self.take::<[f32; 2]>(name)?;
+        match range.filter(|[a, b]| !(a < b && a.is_finite() && b.is_finite())) {
+            None => Ok(range),
+            Some([a, b]) => Err(PyValueError::new_err(format!(
+                "{name}: expected two finite numbers, the lower one first, found {a}, {b}"
+            ))),
+        }
+    }
+
+    /// Refuses what was not taken.
+    pub(crate) fn end(self) -> PyResult<()> {
+        let Some(dict) = self.0 else {
+            return Ok(());
+        };
+        match dict.keys().iter().next() {
+            None => Ok(()),
+            Some(name) => Err(PyTypeError::new_err(format!(
+                "{name}: no such keyword argument here"
+            ))),
+        }
+    }
+}
+
+/// What was said of arrays or files.
+pub(crate) struct Said {
+    pub(crate) options: SampleOptions,
+    /// What points up.
+    pub(crate) up: Option<DVec3>,
+    /// The unit of values.
+    pub(crate) unit: Option<String>,
+}
+
+/// How data become particles, as the command line has it.
+pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said> {
+    let said = Keywords::new(dict)?;
+    let defaults = SampleOptions::default();
+    let count = said.take::<usize>("count")?;
+    let (density, spacing) = (said.positive("density")?, said.positive("surfel_spacing")?);
+    let spread = match (count, density, spacing) {
+        (None, None, None) => Spread::Automatic,
+        (Some(count), None, None) => Spread::Count(count),
+        (None, Some(density), None) => Spread::Density(density),
+        (None, None, Some(distance)) => Spread::Spacing(distance),
+        _ => {
+            let text = "count, density, surfel_spacing: expected one of them, found several";
+            return Err(PyValueError::new_err(text));
+        }
+    };
+    let options = SampleOptions {
+        field: said.take("field")?,
+        kernel_width: said
+            .positive("kernel_width")?
+            .unwrap_or(defaults.kernel_width),
+        transfer: transfer(&said)?.unwrap_or(TransferChoice::Automatic),
+        unit_distance: said.positive("unit_distance")?,
+        range: said.range("range")?,
+        scale: said.choice(
+            "scale",
+            &[
+                ("linear", ScaleName::Linear),
+                ("log", ScaleName::Log),
+                ("symlog", ScaleName::Symlog),
+            ],
+        )?,
+        opacity_scale: said.positive("opacity_scale")?.unwrap_or(1.0),
+        length: said.choice(
+            "length",
+            &[
+                ("h", LengthMeaning::SmoothingLength),
+                ("support", LengthMeaning::Support),
+                ("sigma", LengthMeaning::Sigma),
+                ("fwhm", LengthMeaning::Fwhm),
+            ],
+        )?,
+        kernel: said.choice(
+            "kernel",
+            &[
+                ("cubic", SphKernel::CubicSpline),
+                ("quartic", SphKernel::QuarticSpline),
+                ("quintic", SphKernel::QuinticSpline),
+                ("wendland-c2", SphKernel::WendlandC2),
+                ("wendland-c4", SphKernel::WendlandC4),
+                ("wendland-c6", SphKernel::WendlandC6),
+            ],
+        )?,
+        radius: said.positive("one_radius")?,
+        shape: said
+            .choice(
+                "shape",
+                &[
+                    ("auto", ParticleShape::Automatic),
+                    ("isotropic", ParticleShape::Isotropic),
+                    ("covariance", ParticleShape::Covariance),
+                    ("yu-turk", ParticleShape::YuTurk),
+                ],
+            )?
+            .unwrap_or_default(),
+        shepard_passes: said.take("shepard")?.unwrap_or(0),
+        boundary: said
+            .choice(
+                "boundary",
+                &[
+                    ("auto", BoundaryChoice::Automatic),
+                    ("sharp", BoundaryChoice::Sharp),
+                    ("soft", BoundaryChoice::Soft),
+                ],
+            )?
+            .unwrap_or(BoundaryChoice::Automatic),
+        flatten: said.number("flatten", "a finite number", f64::is_finite)?,
+        spread,
+        ..defaults
+    };
+    let up = said.take::<[f64; 3]>("up")?.map(DVec3::from);
+    let up = match up {
+        None => None,
+        Some(up) => Some(up.try_normalize().ok_or_else(|| {
+            PyValueError::new_err("up: expected three numbers that are not all zero")
+        })?),
+    };
+    let unit = said.take("unit")?;
+    said.end()?;
+    Ok(Said { options, up, unit })
+}
+
+/// A transfer function as the package hands it over: what it is, and its name, path or text.
+pub(crate) fn transfer(said: &Keywords<'_>) -> PyResult<Option<TransferChoice>> {
+    let given = said.take::<(String, String)>("transfer_function")?;
+    Ok(given.map(|(kind, text)| match kind.as_str() {
+        "name" => TransferChoice::Named(text),
+        "path" => TransferChoice::File(text.into()),
+        _ => TransferChoice::Text(text),
+    }))
+}
+
+/// Reads a transfer function's text, so that its faults are seen when it is made.
+#[pyfunction]
+pub(crate) fn check_transfer_function(text: &str) -> PyResult<()> {
+    let defaults = TransferDefaults {
+        range: [0.0, 1.0],
+        unit_distance: 1.0,
+    };
+    let read = TransferFunction::from_json("transfer function".as_ref(), text, &defaults);
+    read.map(|_| ()).map_err(|error| exception(&error))
+}
+
+/// What files do not say of themselves; the types of particles and the step of time that are named.
+pub(crate) fn open_options(
+    dict: Option<&Bound<'_, PyDict>>,
+) -> PyResult<(OpenOptions, Vec<ParticleType>, Option<usize>)> {
+    let said = Keywords::new(dict)?;
+    let dims = said.take::<[usize; 3]>("dims")?;
+    let scalar = said.choice(
+        "type",
+        &[
+            ("u8", RawType::U8),
+            ("i16", RawType::I16),
+            ("u16", RawType::U16),
+            ("f32", RawType::F32),
+        ],
+    )?;
+    let (spacing, origin) = (
+        said.take::<[f64; 3]>("spacing")?,
+        said.take::<[f64; 3]>("origin")?,
+    );
+    let big_endian = said.take::<bool>("big_endian")?;
+    let of_raw = scalar.is_some() || spacing.is_some() || origin.is_some() || big_endian.is_some();
+    if of_raw && dims.is_none() {
+        let text = "dims: expected the counts of a raw volume's samples beside type, spacing, origin and big_endian";
+        return Err(PyValueError::new_err(text));
+    }
+    let raw = dims.map(|dims| RawLayout {
+        dims,
+        spacing: spacing.map_or(DVec3::ONE, DVec3::from),
+        origin: origin.map_or(DVec3::ZERO, DVec3::from),
+        scalar: scalar.unwrap_or(RawType::U8),
+        big_endian: big_endian.unwrap_or(false),
+    });
+    let names = said
+        .take::<Vec<String>>("particle_types")?
+        .unwrap_or_default();
+    let types = names.iter().map(|name| {
+        ParticleType::of_name(name).ok_or_else(|| {
+            let known = ParticleType::NAMED.map(|t| t.to_string()).join(", ");
+            let text = format!("particle_type: expected {known} or a number, found {name}");
+            PyValueError::new_err(text)
+        })
+    });
+    let types = types.collect::<PyResult<Vec<_>>>()?;
+    let options = OpenOptions {
+        raw,
+        solution: said.take("solution")?,
+        texture: said.take("texture")?,
+        read_as: said.choice(
+            "read_as",
+            &[("points", ReadAs::Points), ("mesh", ReadAs::Mesh)],
+        )?,
+        scales: said.choice(
+            "scales",
+            &[
+                ("linear", ScaleMeaning::Linear),
+                ("log", ScaleMeaning::Logarithms),
+            ],
+        )?,
+        particle_type: None,
+        time_step: None,
+    };
+    let step = said.take("time_step")?;
+    said.end()?;
+    Ok((options, types, step))
+}
+
+/// How a picture is drawn, and what of it concerns more than its frame.
+pub(crate) struct Drawing {
+    pub(crate) settings: Settings,
+    /// Whether the variance of the low-pass filter was said.
+    pub(crate) has_low_pass: bool,
+    /// Whether volumes are lit.
+    pub(crate) is_lit: bool,
+    pub(crate) transfer: Option<TransferChoice>,
+    pub(crate) legend: bool,
+    pub(crate) measure_error: bool,
+}
+
+/// The settings of a picture.
+///
+/// # Errors
+/// Unknown names, values that are none of a setting's, settings that go with others alone.
+pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
+    let said = Keywords::new(dict)?;
+    let defaults = Settings::default();
+    let tolerance = said.number("tolerance", "a number between 0 and 1", |x| {
+        x > 0.0 && x < 1.0
+    })?;
+    let low_pass = said.number("low_pass", "a number from 0 up", |x| {
+        x >= 0.0 && x.is_finite()
+    })?;
+    let cutoff = said.number("cutoff", "a number above 0 and at most 7", |x| {
+        x > 0.0 && x <= 7.0
+    })?;
+    let thickness = said.positive("slab_thickness")?;
+    let composite = said.choice(
+        "composite",
+        &[
+            ("over", Composite::Over),
+            ("sheets", Composite::SHEETS),
+            ("axis-sheets", Composite::AXIS_SHEETS),
+            ("slabs", Composite::SLABS),
+            ("maximum", Composite::MAXIMUM),
+        ],
+    )?;
+    let mut composite = composite.unwrap_or_default();
+    if thickness.is_some() && composite == Composite::Over {
+        let text = "slab_thickness: expected a composite of slabs, sheets, axis-sheets or maximum, found over";
+        return Err(PyValueError::new_err(text));
+    }
+    if said.take("post_classification")?.unwrap_or(false) {
+        if composite != Composite::SLABS {
+            let name = composite.name();
+            let text = format!("post_classification: expected a composite of slabs, found {name}");
+            return Err(PyValueError::new_err(text));
+        }
+        composite = Composite::Slabs {
+            thickness,
+            classify: ClassifyAt::Slab,
+        };
+    }
+    let composite = composite.with_thickness(thickness);
+    let classify = said.choice(
+        "classify",
+        &[
+            ("extent", Classification::Extent),
+            ("particle", Classification::Particle),
+        ],
+    )?;
+    if classify == Some(Classification::Particle) && composite.classifies_slabs() {
+        let text = "classify: expected a composite that classifies particles, found one of slabs";
+        return Err(PyValueError::new_err(text));
+    }
+    let lights = said.take::<Vec<[f64; 6]>>("lights")?;
+    let lit = said.take::<bool>("lit")?;
+    let is_lit = lit == Some(true) || lights.is_some();
+    if lit == Some(false) && lights.is_some() {
+        let text = "lit: expected True, or nothing, beside lights, found False";
+        return Err(PyValueError::new_err(text));
+    }
+    let lighting = match (lights, lit) {
+        (Some(lights), _) => Some(Lighting {
+            lights: lights.iter().map(light).collect(),
+            ..Lighting::default()
+        }),
+        (None, Some(true)) => Some(Lighting::default()),
+        (None, Some(false)) => None,
+        // Surfaces are; what is classified in slabs would be lit with them.
+        (None, None) => (!composite.classifies_slabs()).then(Lighting::default),
+    };
+    let planes = said.take::<Vec<[f64; 4]>>("clip")?.unwrap_or_default();
+    let drawing = Drawing {
+        settings: Settings {
+            tolerance: tolerance.map_or(defaults.tolerance, narrowed),
+            filter: said
+                .choice(
+                    "filter",
+                    &[
+                        ("adaptive", Filter::Adaptive),
+                        ("exact", Filter::Exact),
+                        ("ewa", Filter::Ewa),
+                        ("reconstruction", Filter::Reconstruction),
+                        ("low-pass", Filter::LowPass),
+                        ("isotropic", Filter::Isotropic),
+                        ("uniform-scaling", Filter::UniformScaling),
+                    ],
+                )?
+                .unwrap_or(defaults.filter),
+            thresholds: said.take("thresholds")?,
+            level_of_detail: said.take("level_of_detail")?.unwrap_or(true),
+            show: said
+                .choice(
+                    "show",
+                    &[
+                        ("scene", Show::Scene),
+                        ("choice", Show::Choice),
+                        ("count", Show::Count),
+                    ],
+                )?
+                .unwrap_or_default(),
+            linear_opacity: said.take("linear_opacity")?.unwrap_or(false),
+            composite,
+            classify: classify.unwrap_or_default(),
+            clip: planes.iter().map(plane).collect(),
+            low_pass_variance_px2: low_pass.map_or(defaults.low_pass_variance_px2, narrowed),
+            cutoff: cutoff.map(narrowed),
+            background: said.take("background")?,
+            depth: said.take("depth")?.unwrap_or(false),
+            normals: said.take("normals")?.unwrap_or(false),
+            simd: defaults.simd,
+            lighting,
+            sub_pixel_opacity: said.take("sub_pixel_opacity")?.unwrap_or(false),
+            task: None,
+        },
+        has_low_pass: low_pass.is_some(),
+        is_lit,
+        transfer: transfer(&said)?,
+        legend: said.take("legend")?.unwrap_or(false),
+        measure_error: said.take("measure_error")?.unwrap_or(false),
+    };
+    said.end()?;
+    Ok(drawing)
+}
+
+fn light(&[x, y, z, r, g, b]: &[f64; 6]) -> Light {
+    Light {
+        direction: DVec3::new(x, y, z),
+        frame: LightFrame::World,
+        colour: [r, g, b].map(narrowed),
+    }
+}
+
+fn plane(&[x, y, z, distance]: &[f64; 4]) -> ClipPlane {
+    ClipPlane {
+        normal: DVec3::new(x, y, z),
+        distance,
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "settings are of f32")]
+fn narrowed(x: f64) -> f32 {
+    x as f32
+}

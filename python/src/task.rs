@@ -1,0 +1,58 @@
+//! Long work without the interpreter's lock, which Ctrl-C ends.
+
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
+
+use ewa_splat::{Result, Task};
+use pyo3::prelude::*;
+
+use crate::errors::exception;
+
+/// Time between questions whether a signal has come.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// Runs `work` in a thread of its own and waits for it with the interpreter released. A signal whose handler raises, as
+/// Ctrl-C does, cancels the task; the work is waited for all the same, so that nothing of it goes on.
+///
+/// # Errors
+/// The handler's exception, or the work's error.
+pub(crate) fn run<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&Task) -> Result<T> + Send,
+) -> PyResult<T> {
+    let task = Task::new();
+    let (send, mut done) = channel();
+    let mut raised = None;
+    let result = thread::scope(|scope| {
+        let task = &task;
+        scope.spawn(move || {
+            // A panic is the caller's, with its message.
+            let result = catch_unwind(AssertUnwindSafe(|| work(task)));
+            // Whoever waits is there until it has come.
+            let _ = send.send(result);
+        });
+        loop {
+            let (back, waited) = py.detach(move || {
+                let waited = done.recv_timeout(PATIENCE);
+                (done, waited)
+            });
+            done = back;
+            if let Ok(result) = waited {
+                return result;
+            }
+            if raised.is_none()
+                && let Err(error) = py.check_signals()
+            {
+                task.cancel();
+                raised = Some(error);
+            }
+        }
+    });
+    match (raised, result) {
+        (_, Err(panic)) => resume_unwind(panic),
+        (Some(error), _) => Err(error),
+        (None, Ok(result)) => result.map_err(|error| exception(&error)),
+    }
+}

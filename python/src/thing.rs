@@ -1,0 +1,622 @@
+//! What is drawn: data sets in memory, or surfels that are ready.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ewa_splat::io::{
+    Association, CellMesh, CurvilinearBlock, Dataset, Field, FieldSource, Geometry, Mesh,
+    OpenOptions, SplatCloud, SplatFileOptions, TextureImage, Up, format_of, has_particle_types,
+    open, read, write_splats,
+};
+use ewa_splat::sample::{
+    BoundaryChoice, SampleOptions, SampleReport, Sampled, SampledScene, discs, scene, splat_cloud,
+};
+use ewa_splat::scene::{Lattice, LatticeSpacing};
+use ewa_splat::{Error, Result, Task};
+use glam::{DMat3, DVec3};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arrays::{Floats, Numbers, Points, indices, pairs, quadruples, triples};
+use crate::errors::exception;
+use crate::settings::{Said, open_options, sample_options};
+use crate::task::run;
+
+/// What is drawn together of one object: a volume, a surface, or the parts of a collection.
+#[pyclass(frozen, module = "ewa_splat._core")]
+pub(crate) struct Thing {
+    pub(crate) sources: Vec<Source>,
+    /// What points up, if it was said.
+    up: Option<DVec3>,
+}
+
+/// A data set and how it is sampled, or what is ready.
+pub(crate) struct Source {
+    pub(crate) data: Data,
+    pub(crate) options: SampleOptions,
+    /// What was sampled of it last, until it is drawn.
+    sampled: Mutex<Option<(SampleOptions, SampledScene)>>,
+    /// How the first of these was.
+    report: Mutex<Option<SampleReport>>,
+}
+
+pub(crate) enum Data {
+    Set(Arc<Dataset>),
+    Surfels(Arc<Sampled>),
+}
+
+impl Source {
+    fn new(data: Data, options: SampleOptions) -> Self {
+        Self {
+            data,
+            options,
+            sampled: Mutex::new(None),
+            report: Mutex::new(None),
+        }
+    }
+
+    /// What it is drawn as. What was sampled before for the same is handed out, once.
+    pub(crate) fn scene(&self, options: &SampleOptions) -> Result<SampledScene> {
+        let alike = |own: &SampleOptions| SampleOptions {
+            task: None,
+            ..own.clone()
+        };
+        let kept = self
+            .sampled
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some((own, sampled)) = kept
+            && alike(&own) == alike(options)
+        {
+            return Ok(sampled);
+        }
+        let sampled = match &self.data {
+            Data::Set(dataset) => scene(Dataset::clone(dataset), options)?,
+            Data::Surfels(ready) => SampledScene {
+                volumes: vec![ready.volume.clone()],
+                report: ready.report.clone(),
+            },
+        };
+        let mut report = self.report.lock().unwrap_or_else(PoisonError::into_inner);
+        report.get_or_insert_with(|| SampleReport {
+            value_sample: None,
+            ..sampled.report.clone()
+        });
+        Ok(sampled)
+    }
+
+    /// How it is sampled, which is found out now if it was not before.
+    fn report(&self, task: &Task) -> Result<SampleReport> {
+        let known = || {
+            let report = self.report.lock();
+            report.unwrap_or_else(PoisonError::into_inner).clone()
+        };
+        if let Some(report) = known() {
+            return Ok(report);
+        }
+        let options = SampleOptions {
+            task: Some(task.clone()),
+            ..self.options.clone()
+        };
+        let sampled = self.scene(&options)?;
+        let report = sampled.report.clone();
+        let mut kept = self.sampled.lock().unwrap_or_else(PoisonError::into_inner);
+        *kept = Some((options, sampled));
+        Ok(report)
+    }
+
+    /// Which way is up.
+    pub(crate) fn up(&self) -> Up {
+        match &self.data {
+            Data::Set(dataset) => dataset.up(),
+            Data::Surfels(_) => Up {
+                is_of_mesh: true,
+                ..Up::of_scene([])
+            },
+        }
+    }
+
+    /// The least and the greatest coordinates.
+    pub(crate) fn corners(&self) -> Option<(DVec3, DVec3)> {
+        match &self.data {
+            Data::Set(dataset) => dataset.bounds(),
+            Data::Surfels(ready) => {
+                let shapes = &ready.volume.particles;
+                let ewa_splat::scene::Particles::Surfels { positions, .. } = shapes else {
+                    return None;
+                };
+                let ends = positions.iter().map(|&p| (p, p));
+                ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+            }
+        }
+    }
+}
+
+/// A field of arrays.
+fn field(name: &str, values: ewa_splat::scene::Values, association: Association) -> Field {
+    Field {
+        name: name.into(),
+        association,
+        source: FieldSource::Scalar(values),
+        unit: None,
+    }
+}
+
+/// Nodes unless `cells` is said.
+fn association(of: &str) -> Association {
+    match of {
+        "cells" => Association::Cells,
+        _ => Association::Nodes,
+    }
+}
+
+impl Thing {
+    /// Of one data set. Whether its parts fit each other is checked now, samples when they are drawn.
+    fn of(
+        py: Python<'_>,
+        what: &'static str,
+        geometry: Geometry,
+        fields: Vec<Field>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let Said { options, up, unit } = sample_options(options)?;
+        let mut dataset = Dataset::new(what.as_ref(), what, geometry, fields);
+        if let Some(field) = dataset.fields.first_mut() {
+            field.unit = unit;
+        }
+        let dataset = py.detach(|| dataset.validate().map(|()| dataset));
+        let dataset = dataset.map_err(|error| exception(&error))?;
+        let source = Source::new(Data::Set(Arc::new(dataset)), options);
+        Ok(Self {
+            sources: vec![source],
+            up,
+        })
+    }
+
+    /// The same with other values of its field, and the same unit: of the one data set.
+    pub(crate) fn with_values(&self, py: Python<'_>, values: Numbers) -> PyResult<Self> {
+        let ([source], Some(name)) = (self.sources.as_slice(), self.field_name()) else {
+            let text = "values: expected a volume with values, found one without, or parts of a collection";
+            return Err(PyValueError::new_err(text));
+        };
+        let Data::Set(dataset) = &source.data else {
+            return Err(PyValueError::new_err(
+                "values: expected a volume, found surfels",
+            ));
+        };
+        let mut dataset = py.detach(|| Dataset::clone(dataset));
+        for field in &mut dataset.fields {
+            if field.name.eq_ignore_ascii_case(&name)
+                && let FieldSource::Scalar(own) = &mut field.source
+            {
+                if own.len() != values.0.len() {
+                    let text = format!(
+                        "values: expected {} of them, found {}",
+                        own.len(),
+                        values.0.len()
+                    );
+                    return Err(PyValueError::new_err(text));
+                }
+                *own = values.0;
+                let data = Data::Set(Arc::new(dataset));
+                return Ok(Self {
+                    sources: vec![Source::new(data, source.options.clone())],
+                    up: self.up,
+                });
+            }
+        }
+        let text = format!("values: expected a scalar field `{name}`, found none");
+        Err(PyValueError::new_err(text))
+    }
+
+    /// The field that is asked for.
+    fn field_name(&self) -> Option<String> {
+        let mut sources = self.sources.iter();
+        sources.find_map(|source| source.options.field.clone())
+    }
+
+    /// What points up of its data.
+    pub(crate) fn ups(&self) -> impl Iterator<Item = Up> {
+        self.sources.iter().map(|source| match self.up {
+            Some(direction) => Up {
+                direction,
+                reason: "as it was said",
+                front: None,
+                is_plane: false,
+                is_of_mesh: false,
+            },
+            None => source.up(),
+        })
+    }
+}
+
+#[pymethods]
+impl Thing {
+    /// Points with columns, by the names that tables have for them.
+    #[staticmethod]
+    #[pyo3(signature = (positions, columns, options=None))]
+    fn points(
+        py: Python<'_>,
+        positions: Points,
+        columns: Vec<(String, Numbers)>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let columns = columns.into_iter();
+        let fields = columns.map(|(name, values)| field(&name, values.0, Association::Nodes));
+        let geometry = Geometry::Points {
+            positions: positions.0,
+        };
+        Self::of(py, "points", geometry, fields.collect(), options)
+    }
+
+    /// A lattice; `step`: rows are the steps along x, y and z of the array.
+    #[staticmethod]
+    #[pyo3(signature = (dims, origin, step, name, values, of, options=None))]
+    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
+    fn grid(
+        py: Python<'_>,
+        dims: [usize; 3],
+        origin: [f64; 3],
+        step: [[f64; 3]; 3],
+        name: &str,
+        values: Numbers,
+        of: &str,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let lattice = Lattice {
+            dims,
+            spacing: LatticeSpacing::Uniform {
+                origin: origin.into(),
+                step: DMat3::from_cols_array_2d(&step),
+            },
+        };
+        let fields = vec![field(name, values.0, association(of))];
+        Self::of(py, "grid", Geometry::Lattice(lattice), fields, options)
+    }
+
+    /// A rectilinear lattice by the coordinates along its axes.
+    #[staticmethod]
+    #[pyo3(signature = (coordinates, name, values, of, options=None))]
+    fn rectilinear(
+        py: Python<'_>,
+        coordinates: [Vec<f64>; 3],
+        name: &str,
+        values: Numbers,
+        of: &str,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let lattice = Lattice {
+            dims: coordinates.each_ref().map(Vec::len),
+            spacing: LatticeSpacing::Rectilinear { coordinates },
+        };
+        let fields = vec![field(name, values.0, association(of))];
+        Self::of(py, "grid", Geometry::Lattice(lattice), fields, options)
+    }
+
+    /// A curvilinear grid, nodes along i fastest.
+    #[staticmethod]
+    #[pyo3(signature = (dims, points, name, values, of, options=None))]
+    fn structured(
+        py: Python<'_>,
+        dims: [usize; 3],
+        points: Points,
+        name: &str,
+        values: Numbers,
+        of: &str,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let blocks = vec![CurvilinearBlock {
+            dims,
+            nodes: points.0,
+        }];
+        let fields = vec![field(name, values.0, association(of))];
+        let geometry = Geometry::Curvilinear { blocks };
+        Self::of(py, "structured grid", geometry, fields, options)
+    }
+
+    /// An unstructured grid in VTK's lists.
+    #[staticmethod]
+    #[pyo3(signature = (points, cells, kinds, name, values, of, options=None))]
+    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
+    fn cells(
+        py: Python<'_>,
+        points: Points,
+        cells: PyReadonlyArray1<'_, i64>,
+        kinds: PyReadonlyArray1<'_, u8>,
+        name: &str,
+        values: Numbers,
+        of: &str,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let (cells, kinds) = (cells.as_slice()?, kinds.as_slice()?);
+        let mesh = CellMesh::of_lists(points.0, kinds, cells);
+        let mesh = mesh.map_err(|error| exception(&error))?;
+        let fields = vec![field(name, values.0, association(of))];
+        Self::of(py, "cells", Geometry::Cells(mesh), fields, options)
+    }
+
+    /// Triangles: with colours of corners, a texture, or values.
+    #[staticmethod]
+    #[pyo3(signature = (vertices, faces, colours=None, uv=None, texture=None, values=None, of="nodes", options=None))]
+    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
+    fn mesh(
+        py: Python<'_>,
+        vertices: Points,
+        faces: PyReadonlyArray2<'_, u32>,
+        colours: Option<PyReadonlyArray2<'_, f32>>,
+        uv: Option<PyReadonlyArray2<'_, f64>>,
+        texture: Option<(usize, usize, PyReadonlyArray1<'_, u8>)>,
+        values: Option<(String, Numbers)>,
+        of: &str,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let mut mesh = Mesh::of_triangles(vertices.0, indices(&faces)?);
+        if let Some(colours) = &colours {
+            mesh = mesh.with_colours(quadruples(colours)?);
+        }
+        if let (Some(uv), Some((width, height, bytes))) = (&uv, &texture) {
+            let (pixels, _) = bytes.as_slice()?.as_chunks::<4>();
+            let image = TextureImage {
+                width: *width,
+                height: *height,
+                pixels: pixels.to_vec(),
+            };
+            mesh = mesh.with_texture(pairs(uv)?, image);
+        }
+        let fields = values.map(|(name, values)| field(&name, values.0, association(of)));
+        let fields = fields.into_iter().collect();
+        Self::of(py, "mesh", Geometry::Mesh(mesh), fields, options)
+    }
+
+    /// Surfels of points with normals and radii.
+    #[staticmethod]
+    fn surfels(
+        py: Python<'_>,
+        positions: Points,
+        normals: Points,
+        radii: PyReadonlyArray1<'_, f64>,
+        colours: Option<PyReadonlyArray2<'_, f32>>,
+        up: Option<[f64; 3]>,
+    ) -> PyResult<Self> {
+        let radii = radii.as_slice()?;
+        let colours = colours.as_ref().map(triples).transpose()?;
+        let colours = colours.unwrap_or_default();
+        let sampled = py.detach(|| discs(positions.0, &normals.0, radii, &colours));
+        let sampled = sampled.map_err(|error| exception(&error))?;
+        let data = Data::Surfels(Arc::new(sampled));
+        Ok(Self {
+            sources: vec![Source::new(data, SampleOptions::default())],
+            up: up.map(DVec3::from),
+        })
+    }
+
+    /// Splats of a radiance field: `scales` (n, 3), `rotations` (n, 4) w, x, y, z, `harmonics` all coefficients of one
+    /// splat after those of another.
+    #[staticmethod]
+    #[pyo3(signature = (positions, scales, rotations, opacities, degree, harmonics, options=None))]
+    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
+    fn splats(
+        py: Python<'_>,
+        positions: Points,
+        scales: PyReadonlyArray2<'_, f32>,
+        rotations: PyReadonlyArray2<'_, f32>,
+        opacities: Floats,
+        degree: u8,
+        harmonics: Floats,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let cloud = SplatCloud {
+            positions: positions.0,
+            scales: triples(&scales)?,
+            rotations: quadruples(&rotations)?,
+            opacities: opacities.0,
+            harmonics_degree: degree,
+            harmonics: harmonics.0,
+            is_anti_aliased: false,
+        };
+        Self::of(py, "splats", Geometry::Splats(cloud), Vec::new(), options)
+    }
+
+    /// What a file holds: the first step of time, or another, all its parts; of a snapshot the particles of each type
+    /// that is named.
+    #[staticmethod]
+    #[pyo3(signature = (path, options=None, how=None))]
+    fn open(
+        py: Python<'_>,
+        path: PathBuf,
+        options: Option<&Bound<'_, PyDict>>,
+        how: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let Said { options, up, .. } = sample_options(options)?;
+        let (how, types, step) = open_options(how)?;
+        let sets = run(py, |_| {
+            let format = format_of(&path, &how);
+            // What cannot be read says why when it is.
+            let parts = match format {
+                Ok(format) => {
+                    let steps = format.time_steps(&path)?;
+                    let count = steps.len();
+                    let chosen = steps.into_iter().nth(step.unwrap_or(0));
+                    let chosen = chosen.ok_or_else(|| {
+                        let expected = format!("one of {count} steps, counted from 0");
+                        let found = step.unwrap_or(0).to_string();
+                        Error::format(&path, "time_step", expected, found, "name another")
+                    })?;
+                    let parts = chosen.parts.into_iter();
+                    parts.map(|part| (part.path, part.time_step)).collect()
+                }
+                Err(_) => vec![(path.clone(), None)],
+            };
+            let mut sets = Vec::new();
+            for (path, time_step) in parts {
+                let has_types = !types.is_empty() && has_particle_types(&path)?;
+                let types = types.iter().copied().map(Some);
+                let types: Vec<_> = if has_types {
+                    types.collect()
+                } else {
+                    vec![None]
+                };
+                for particle_type in types {
+                    let how = OpenOptions {
+                        time_step,
+                        particle_type: particle_type.or(how.particle_type),
+                        ..how.clone()
+                    };
+                    sets.push(open(&path, &how)?);
+                }
+            }
+            Ok(sets)
+        })?;
+        of_sets(sets, &options, up)
+    }
+
+    /// What the bytes of a file hold.
+    #[staticmethod]
+    #[pyo3(signature = (name, bytes, options=None, how=None))]
+    fn read(
+        py: Python<'_>,
+        name: &str,
+        bytes: &[u8],
+        options: Option<&Bound<'_, PyDict>>,
+        how: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let Said { options, up, .. } = sample_options(options)?;
+        let (mut how, types, step) = open_options(how)?;
+        how.time_step = step;
+        how.particle_type = types.first().copied();
+        if types.len() > 1 {
+            let text = "particle_type: expected one type of a file-like object, found several";
+            return Err(PyValueError::new_err(text));
+        }
+        let dataset = run(py, |_| read(name, bytes, &how))?;
+        of_sets(vec![dataset], &options, up)
+    }
+
+    /// The same things as one.
+    #[staticmethod]
+    fn together(things: Vec<Py<Self>>) -> Self {
+        let sources = things.iter().flat_map(|thing| &thing.get().sources);
+        let copy = |source: &Source| {
+            let data = match &source.data {
+                Data::Set(dataset) => Data::Set(Arc::clone(dataset)),
+                Data::Surfels(ready) => Data::Surfels(Arc::clone(ready)),
+            };
+            Source::new(data, source.options.clone())
+        };
+        Self {
+            sources: sources.map(copy).collect(),
+            up: things.iter().find_map(|thing| thing.get().up),
+        }
+    }
+
+    /// The names of its fields.
+    fn fields(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        for source in &self.sources {
+            if let Data::Set(dataset) = &source.data {
+                for name in dataset.selectors() {
+                    if !names.contains(&name) {
+                        names.push(name);
+                    }
+                }
+            }
+        }
+        names
+    }
+
+    /// What its data sets say of themselves.
+    fn notes(&self) -> Vec<String> {
+        let notes = self.sources.iter().filter_map(|source| match &source.data {
+            Data::Set(dataset) => Some(dataset.notes.clone()),
+            Data::Surfels(_) => None,
+        });
+        notes.flatten().collect()
+    }
+
+    /// The least and the greatest coordinates.
+    fn bounds(&self, py: Python<'_>) -> Option<([f64; 3], [f64; 3])> {
+        let ends = py.detach(|| {
+            let all = self.sources.iter().filter_map(Source::corners);
+            all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        });
+        ends.map(|(low, high)| (low.to_array(), high.to_array()))
+    }
+
+    /// How it is sampled: samples, particles, field, unit, and what was found.
+    fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let reports = run(py, |task| {
+            let all = self.sources.iter().map(|source| source.report(task));
+            all.collect::<Result<Vec<_>>>()
+        })?;
+        let dict = PyDict::new(py);
+        let count = |of: fn(&SampleReport) -> usize| reports.iter().map(of).sum::<usize>();
+        dict.set_item("samples", count(|r| r.sample_count))?;
+        dict.set_item("particles", count(|r| r.particle_count))?;
+        dict.set_item("left_out", count(SampleReport::left_out_count))?;
+        let field = reports.iter().find_map(|r| r.field.clone());
+        dict.set_item("field", field)?;
+        let unit = reports.iter().find_map(|r| r.unit.clone());
+        dict.set_item("unit", unit)?;
+        let range = reports.iter().filter_map(|r| r.value_range);
+        let range = range.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        dict.set_item("value_range", range)?;
+        let lengths = reports.iter().find_map(|r| r.lengths.clone());
+        dict.set_item("lengths", lengths)?;
+        let findings: Vec<String> = reports.iter().flat_map(SampleReport::warnings).collect();
+        dict.set_item("findings", findings)?;
+        Ok(dict)
+    }
+
+    /// Writes it as a file of splats; gives how many, the bytes, and what was noted.
+    fn convert(&self, py: Python<'_>, path: PathBuf) -> PyResult<(usize, u64, Vec<String>)> {
+        run(py, |task| {
+            let mut volumes = Vec::new();
+            for source in &self.sources {
+                // Splats of a file are cut by nothing.
+                let options = SampleOptions {
+                    boundary: BoundaryChoice::Soft,
+                    task: Some(task.clone()),
+                    ..source.options.clone()
+                };
+                volumes.extend(source.scene(&options)?.volumes);
+            }
+            let (cloud, report) = splat_cloud(&volumes)?;
+            let options = SplatFileOptions {
+                up: Some(Up::of_scene(self.ups()).direction),
+                ..SplatFileOptions::default()
+            };
+            let written = write_splats(&path, &cloud, &options)?;
+            let bytes = written.bytes as u64;
+            Ok((report.splat_count, bytes, written.notes))
+        })
+    }
+}
+
+/// Things of data sets. What one lacks of the field that is asked for another may have.
+fn of_sets(sets: Vec<Dataset>, options: &SampleOptions, up: Option<DVec3>) -> PyResult<Thing> {
+    let lacks = |set: &Dataset| {
+        let field = options.field.as_deref()?;
+        let is_mesh = matches!(set.geometry, Geometry::Mesh(_));
+        set.scalar(field).err().filter(|_| !is_mesh)
+    };
+    let lacking: Vec<_> = sets.iter().map(lacks).collect();
+    let all_lack = lacking.iter().all(Option::is_some);
+    if let Some(error) = lacking.iter().flatten().next().filter(|_| all_lack) {
+        return Err(exception(error));
+    }
+    let is_lacking: Vec<bool> = lacking.iter().map(Option::is_some).collect();
+    let sources = sets.into_iter().zip(is_lacking).map(|(set, lacks)| {
+        let own = SampleOptions {
+            field: options.field.clone().filter(|_| !lacks),
+            ..options.clone()
+        };
+        Source::new(Data::Set(Arc::new(set)), own)
+    });
+    Ok(Thing {
+        sources: sources.collect(),
+        up,
+    })
+}

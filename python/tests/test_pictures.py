@@ -1,0 +1,242 @@
+"""Pictures of arrays and of loaded files are those of the command line, pixel by pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import FIXTURES, needs
+
+import ewa_splat as es
+
+SIZE = (96, 72)
+
+#: Of each kind of file one at least; of what is in several files the one that is opened.
+FILES = sorted(
+    str(path.relative_to(FIXTURES))
+    for path in FIXTURES.rglob("*")
+    if path.is_file()
+    and not path.name.endswith((".json", ".mtl", ".png", ".q", ".ktx2"))
+    and "plt00010" not in path.parts
+    and "dicom" not in path.parts
+) + ["plt00010", "dicom"]
+
+
+def drawn(*things, **settings) -> np.ndarray:
+    return es.Renderer(*things, backend="cpu").render(size=SIZE, **settings).numpy()
+
+
+def same(a: np.ndarray, b: np.ndarray) -> None:
+    assert a.shape == b.shape
+    assert np.array_equal(a, b), f"{np.count_nonzero(a != b)} numbers differ, by {np.abs(a - b).max()} at most"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_loaded_looks_as_the_program_draws_it(name, run, tmp_path):
+    path = FIXTURES / name
+    out = tmp_path / "program.npy"
+    done = run("render", path, "--out", out, "--backend", "cpu", "--size", "96x72")
+    if done.returncode != 0:
+        # What the one refuses the other does, too.
+        with pytest.raises((ValueError, OSError)):
+            drawn(es.load(path))
+        return
+    same(drawn(es.load(path)), np.load(out))
+
+
+@pytest.fixture(scope="module")
+def wake() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (ni, nj, nk, 3) and densities of the grid of one block, as its files hold them: i fastest."""
+    with open(FIXTURES / "wake.xyz", "rb") as file:
+        head = np.fromfile(file, np.int32, 3)
+        rest = np.fromfile(file, np.float32)
+    ni, nj, nk = map(int, head)
+    nodes = rest.reshape(3, nk, nj, ni).transpose(3, 2, 1, 0)
+    with open(FIXTURES / "wake.q", "rb") as file:
+        assert np.array_equal(np.fromfile(file, np.int32, 3), head)
+        np.fromfile(file, np.float32, 4)
+        density = np.fromfile(file, np.float32, ni * nj * nk).reshape(nk, nj, ni).transpose(2, 1, 0)
+    return nodes, density
+
+
+@pytest.mark.parametrize("order", ["F", "C", "strided", "double"])
+def test_a_curvilinear_grid_of_arrays(wake, order, rendered):
+    nodes, density = wake
+    if order == "C":
+        nodes, density = np.ascontiguousarray(nodes), np.ascontiguousarray(density)
+    elif order == "strided":
+        nodes = np.repeat(nodes, 2, axis=0)[::2]
+        density = np.repeat(density, 2, axis=1)[:, ::2]
+        density.flags.writeable = False
+    elif order == "double":
+        nodes, density = nodes.astype(">f8"), density.astype(np.float64)
+    same(drawn(es.Volume.from_structured(nodes, density)), rendered(FIXTURES / "wake.xyz"))
+
+
+def test_functions_and_settings_mean_what_they_do_on_the_command_line(wake, rendered):
+    volume = es.Volume.from_structured(*wake)
+    path, function = FIXTURES / "wake.xyz", FIXTURES / "wake_transfer.json"
+    of_file = rendered(path, "--transfer-function", function)
+    same(drawn(volume, transfer_function=function), of_file)
+    same(drawn(volume, transfer_function=es.TransferFunction.from_json(function)), of_file)
+    same(drawn(volume, transfer_function="plasma"), rendered(path, "--transfer-function", "plasma"))
+    lit = rendered(path, "--lit", "--clip", "0,0,-1,0", "--tolerance", "0.01", "--background", "0.1,0.2,0.3")
+    same(drawn(volume, lit=True, clip=[(0, 0, -1, 0)], tolerance=0.01, background=(0.1, 0.2, 0.3)), lit)
+    slabs = rendered(path, "--composite", "slabs", "--post-classification", "--low-pass", "0.5")
+    same(drawn(volume, composite="slabs", post_classification=True, low_pass=0.5), slabs)
+    box = rendered(path, "--clip=-1,-1,-1,1,1,1", "--classify", "particle", "--filter", "exact")
+    same(drawn(volume, clip=[(-1, -1, -1, 1, 1, 1)], classify="particle", filter="exact"), box)
+    ranged = rendered(path, "--range", "0.6,1.1", "--scale", "log", "--opacity-scale", "2", "--boundary", "soft")
+    options = {"range": (0.6, 1.1), "scale": "log", "opacity_scale": 2, "boundary": "soft"}
+    same(drawn(es.Volume.from_structured(*wake, **options)), ranged)
+
+
+def test_cameras_are_those_of_the_command_line(wake, rendered):
+    renderer = es.Renderer(es.Volume.from_structured(*wake), backend="cpu")
+    path = FIXTURES / "wake.xyz"
+
+    def of(camera: es.Camera) -> np.ndarray:
+        return renderer.render(camera, SIZE).numpy()
+
+    same(of(es.Camera.fit(azimuth=70, elevation=-10, zoom=1.5, fov=50)),
+         rendered(path, "--azimuth", 70, "--elevation=-10", "--zoom", 1.5, "--fov", 50))
+    same(of(es.Camera.look_at((4, -5, 3), (0, 0, 1), fov=30)), rendered(path, "--eye", "4,-5,3", "--target", "0,0,1", "--fov", 30))
+    same(of(es.Camera.look_at((4, -5, 3), (0, 0, 1), (0, 1, 0), ortho_height=6)),
+         rendered(path, "--eye", "4,-5,3", "--target", "0,0,1", "--up", "0,1,0", "--ortho", 6))
+    same(of(es.Camera.fit(around=True, up=(0, 1, 0))), rendered(path, "--fit", "all", "--up", "0,1,0"))
+    # A picture's camera takes it again.
+    image = renderer.render(size=SIZE)
+    same(of(image.camera), image.numpy())
+
+
+def test_particles_of_arrays(rendered):
+    with open(FIXTURES / "particles.csv", encoding="utf-8") as file:
+        names = file.readline().strip().split(",")
+    columns = np.loadtxt(FIXTURES / "particles.csv", delimiter=",", skiprows=1).T
+    table = dict(zip(names, columns, strict=True))
+    positions = np.stack([table[axis] for axis in "xyz"], axis=1)
+    xx, xy, xz, yy, yz, zz = (table[name] for name in ("vxx", "vxy", "vxz", "vyy", "vyz", "vzz"))
+    matrices = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    colours = np.stack([table[c] for c in "rgb"], axis=1)
+    known = {"opacity": table["opacity"], "color": colours}
+    of_file = rendered(FIXTURES / "particles.csv")
+    same(drawn(es.Volume.from_points(positions, covariance=matrices, **known)), of_file)
+    listed = np.stack([xx, xy, xz, yy, yz, zz], axis=1)
+    same(drawn(es.Volume.from_points(positions, covariance=listed, **known)), of_file)
+
+
+def test_a_lattice_of_arrays_is_its_file(tmp_path, rendered):
+    values = np.random.default_rng(3).integers(0, 255, (12, 10, 8)).astype(np.uint8)
+    path = tmp_path / "box_12x10x8_uint8.raw"
+    path.write_bytes(values.tobytes(order="F"))
+    of_file = rendered(path, "--dims", "12,10,8", "--spacing", "1,2,0.5", "--origin", "3,4,5")
+    volume = es.Volume.from_grid(values, (1, 2, 0.5), (3, 4, 5))
+    same(drawn(volume), of_file)
+    loaded = es.load(path, dims=(12, 10, 8), spacing=(1, 2, 0.5), origin=(3, 4, 5))
+    same(drawn(loaded), of_file)
+    with open(path, "rb") as file:
+        same(drawn(es.load(file, dims=(12, 10, 8), spacing=(1, 2, 0.5), origin=(3, 4, 5))), of_file)
+
+
+def test_cells_of_arrays_are_their_file(rendered):
+    h5py = needs("h5py")
+    path = FIXTURES / "solids.vtkhdf"
+    with h5py.File(path) as file:
+        root = file["VTKHDF"]
+        points, types = root["Points"][:], root["Types"][:]
+        offsets, nodes = root["Offsets"][:], root["Connectivity"][:]
+        name = "T"
+        values = root["PointData"][name][:]
+        sides, corners = root["FaceOffsets"][:], root["FaceConnectivity"][:]
+        of_cell, faces = root["PolyhedronOffsets"][:], root["PolyhedronToFaces"][:]
+    cells = []
+    for i, kind in enumerate(types):
+        own = list(nodes[offsets[i] : offsets[i + 1]])
+        if kind == 42:
+            own = [of_cell[i + 1] - of_cell[i]]
+            for face in faces[of_cell[i] : of_cell[i + 1]]:
+                ring = corners[sides[face] : sides[face + 1]]
+                own += [len(ring), *ring]
+        cells += [len(own), *own]
+    assert 42 in types
+    same(drawn(es.Volume.from_cells(points, cells, types, values)), rendered(path, "--field", name))
+
+
+def test_meshes_of_arrays_are_their_file(tmp_path, rendered):
+    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2.0]])
+    # In the order in which faces name them, as readers keep corners.
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces + 1]
+    path = tmp_path / "tetrahedron.obj"
+    path.write_text("\n".join(lines) + "\n")
+    # OBJ says that y is up.
+    same(drawn(es.Surfels.from_mesh(corners, faces, up=(0, 1, 0))), rendered(path))
+    same(drawn(es.Surfels.from_mesh(corners, faces, up=(0, 1, 0)), lit=False), rendered(path, "--unlit"))
+
+
+def test_things_together_share_a_function_as_files_do(tmp_path, rendered):
+    random = np.random.default_rng(5)
+    volumes, paths = [], []
+    for i in range(2):
+        positions = random.normal(size=(300, 3)).astype(np.float32) + 3 * i
+        values = (positions[:, 0] + 10 * i).astype(np.float32)
+        path = tmp_path / f"part{i}.npy"
+        table = np.zeros(300, [(name, "<f4") for name in ("x", "y", "z", "heat")])
+        for j, axis in enumerate("xyz"):
+            table[axis] = positions[:, j]
+        table["heat"] = values
+        np.savez(path.with_suffix(".npz"), **{name: table[name] for name in table.dtype.names})
+        paths.append(path.with_suffix(".npz"))
+        volumes.append(es.Volume.from_points(positions, values, name="heat"))
+    of_files = rendered(*paths, "--field", "heat")
+    same(drawn(*volumes), of_files)
+    same(drawn(*(es.load(path, "heat") for path in paths)), of_files)
+
+
+def test_column_densities_are_the_command_lines(wake, rendered):
+    volume = es.Volume.from_structured(*wake)
+    column = es.Renderer(volume, backend="cpu").column_density(size=SIZE)
+    same(column.values, rendered(FIXTURES / "wake.xyz", "--column-density"))
+    left, right, bottom, top = column.extent
+    height, width = column.shape
+    # Square pixels of the area that is said.
+    assert np.isclose((right - left) / width * (top - bottom) / height, column.pixel_area)
+
+
+def test_the_true_picture_is_the_command_lines(tmp_path, run):
+    values = np.random.default_rng(3).integers(0, 255, (4, 4, 4)).astype(np.uint8)
+    path, out = tmp_path / "box.raw", tmp_path / "program.npy"
+    path.write_bytes(values.tobytes(order="F"))
+    renderer = es.Renderer(es.Volume.from_grid(values), backend="cpu")
+    for of in ("kernels", "data"):
+        image = renderer.reference(size=(12, 9), of=of, error=0.05)
+        words = ("--dims", "4,4,4", "--tolerance", "0.05", "--size", "12x9", f"--reference={of}")
+        done = run("render", path, "--out", out, *words)
+        assert done.returncode == 0, done.stderr
+        # Threads add to pixels' sums in another order: a rounding of float32 at most.
+        assert np.abs(image.numpy() - np.load(out)).max() < 2e-7
+        assert image.stats["rays"] > 0
+
+
+def test_pngs_are_the_command_lines(wake, run, tmp_path):
+    pil = needs("PIL.Image")
+    image = es.Renderer(es.Volume.from_structured(*wake), backend="cpu").render(size=SIZE)
+    image.save(tmp_path / "ours.png")
+    done = run("render", FIXTURES / "wake.xyz", "--out", tmp_path / "theirs.png", "--backend", "cpu", "--size", "96x72")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "theirs.png").read_bytes() == image._repr_png_()
+    assert image.to_pil().size == SIZE and image.to_pil(transparent=True).mode == "RGBA"
+    assert pil is not None
+
+
+def test_legends_are_drawn_and_name_the_unit(wake, run, tmp_path):
+    nodes, density = wake
+    volume = es.Volume.from_structured(nodes, density, name="density")
+    image = es.Renderer(volume, backend="cpu").render(size=(480, 360), legend=True)
+    image.save(tmp_path / "ours.png")
+    words = ("--out", tmp_path / "theirs.png", "--backend", "cpu", "--size", "480x360", "--legend", "--field", "density")
+    done = run("render", FIXTURES / "wake.xyz", *words)
+    assert done.returncode == 0, done.stderr
+    same(es.Image.open(tmp_path / "ours.png").numpy(), es.Image.open(tmp_path / "theirs.png").numpy())
+    named = es.Volume.from_structured(nodes, density, name="density", unit="kg/m^3")
+    other = es.Renderer(named, backend="cpu").render(size=(480, 360), legend=True)
+    assert not np.array_equal(other.numpy(), image.numpy())

@@ -1,0 +1,119 @@
+//! What data sets share that are drawn together: one function of the values of all.
+
+use super::{SampleOptions, SampleReport, TransferChoice};
+use crate::error::Result;
+use crate::scene::{AutomaticOptions, TransferFunction, ValueSample};
+
+/// The functions that data sets share which are drawn together: those that show the same field by a function that is
+/// chosen from values, in the same colours, have one, of the values of all.
+///
+/// - `sampled`: how each was sampled, by options with [`SampleOptions::keeps_value_sample`]; their
+///   [`SampleReport::value_sample`]s are taken.
+///
+/// Each function comes with the numbers of the data sets it is for, two at least: these are to be sampled again with it
+/// ([`TransferChoice::Given`]; its unit distance has [`SampleOptions::opacity_scale`] in it already). What is missing in
+/// the list keeps its own.
+///
+/// # Errors
+/// Those of [`TransferFunction::automatic`].
+pub fn shared_functions(
+    sampled: &mut [(&mut SampleReport, &SampleOptions)],
+) -> Result<Vec<(TransferFunction, Vec<usize>)>> {
+    // What each group shares, and its members.
+    let mut keys: Vec<(String, Option<&str>)> = Vec::new();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (i, (report, options)) in sampled.iter().enumerate() {
+        let map = match &options.transfer {
+            TransferChoice::Automatic => None,
+            TransferChoice::Named(name) => Some(name.as_str()),
+            _ => continue,
+        };
+        if let (Some(field), Some(_)) = (&report.field, &report.value_sample) {
+            let key = (field.to_lowercase(), map);
+            match keys.iter().position(|own| *own == key) {
+                Some(group) => groups[group].push(i),
+                None => {
+                    keys.push(key);
+                    groups.push(vec![i]);
+                }
+            }
+        }
+    }
+    let mut shared = Vec::new();
+    for members in groups.into_iter().filter(|members| members.len() > 1) {
+        let samples = members
+            .iter()
+            .filter_map(|&i| sampled[i].0.value_sample.take());
+        let Some(sample) = ValueSample::joined(samples.collect::<Vec<_>>()) else {
+            continue;
+        };
+        // Of the finest one: opacities of others are stated over the same length.
+        let units = members.iter().map(|&i| sampled[i].0.unit_distance);
+        let unit_distance = units.fold(f64::INFINITY, f64::min);
+        let options = sampled[members[0]].1;
+        let unit_distance = options.opacity_scale * unit_distance;
+        shared.push((automatic(&sample, options, unit_distance)?, members));
+    }
+    Ok(shared)
+}
+
+/// The function that options leave to be chosen from values.
+pub(crate) fn automatic(
+    sample: &ValueSample,
+    options: &SampleOptions,
+    unit_distance: f64,
+) -> Result<TransferFunction> {
+    let automatic = AutomaticOptions {
+        colour_map: match &options.transfer {
+            TransferChoice::Named(name) => Some(name),
+            _ => None,
+        },
+        range: options.range,
+        scale: options.scale,
+        unit_distance,
+    };
+    TransferFunction::automatic(sample, &automatic)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Sampled, points};
+    use glam::DVec3;
+
+    #[test]
+    fn one_field_in_the_same_colours_has_one_function() {
+        let named = |name: &str| TransferChoice::Named(name.into());
+        let choices = [
+            TransferChoice::Automatic,
+            named("plasma"),
+            TransferChoice::Automatic,
+            named("plasma"),
+            named("viridis"),
+        ];
+        let all = choices.map(|transfer| SampleOptions {
+            transfer,
+            field: Some("value".into()),
+            keeps_value_sample: true,
+            ..SampleOptions::default()
+        });
+        let sample = |(n, options): (usize, &SampleOptions)| {
+            let spread = 1.0 + n as f64;
+            let positions: Vec<DVec3> = (0..64)
+                .map(|i| spread * DVec3::new((i % 4) as f64, (i / 4 % 4) as f64, (i / 16) as f64))
+                .collect();
+            let values: Vec<f32> = (0..64).map(|i| (i + 100 * n) as f32).collect();
+            let Sampled { report, .. } = points(positions, values, options).unwrap();
+            report
+        };
+        let mut reports: Vec<SampleReport> = all.iter().enumerate().map(sample).collect();
+        let mut sampled: Vec<_> = reports.iter_mut().zip(&all).collect();
+        let shared = shared_functions(&mut sampled).unwrap();
+        let members: Vec<_> = shared.iter().map(|(_, members)| members.clone()).collect();
+        assert_eq!(members, [[0, 2], [1, 3]]);
+        // Over the values of both, and the length of the finer one.
+        let [low, high] = shared[0].0.range();
+        assert!(low < 10.0 && high > 250.0, "{low} {high}");
+        assert_eq!(shared[0].0.unit_distance(), reports[0].unit_distance);
+    }
+}
