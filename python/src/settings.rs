@@ -402,6 +402,7 @@ pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Drawing> {
                 .unwrap_or(defaults.filter),
             thresholds: said.take("thresholds")?,
             level_of_detail: said.take("level_of_detail")?.unwrap_or(true),
+            merge_slack: defaults.merge_slack,
             show: said
                 .choice(
                     "show",

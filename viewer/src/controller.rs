@@ -101,9 +101,9 @@ impl Controller {
         let ratio = WANTED.as_secs_f32() / time.as_secs_f32().max(1e-4);
         // Costs grow less than the pixels do: half of the way, so that it settles; down faster than up.
         let factor = ratio.powf(if ratio < 1.0 { 0.8 } else { 0.4 });
-        if self.share == LEAST && factor < 1.0 {
+        if self.share <= LEAST && factor < 1.0 {
             self.merge_slack = (self.merge_slack * SLACK_STEP).min(MOST_SLACK);
-        } else if self.share == 1.0 && ratio > FAST {
+        } else if self.share >= 1.0 && ratio > FAST {
             self.merge_slack = (self.merge_slack / SLACK_STEP).max(1.0);
         }
         self.share = (self.share * factor.clamp(0.25, 1.5)).clamp(LEAST, 1.0);
