@@ -125,6 +125,7 @@ pub mod command;
 pub mod compositing {}
 pub mod constants;
 mod cpu;
+pub mod distributed;
 pub mod edit;
 pub mod error;
 #[cfg(feature = "gpu")]
