@@ -5,6 +5,7 @@ use bytemuck::Pod;
 use super::communicator::Communicator;
 use super::message::{put, take};
 use crate::error::{Error, Result};
+use crate::image::Image;
 
 /// The last byte of every part: whether it is what was asked for, or why there is none.
 const WHOLE: u8 = 0;
@@ -98,6 +99,35 @@ impl Ranks {
             }
         }
         Ok(sums)
+    }
+
+    /// The pictures that ranks have, by rank, on the first; none on others.
+    pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
+        let size = self.size();
+        let parts = own.map(|image| {
+            let mut parts = vec![Vec::new(); size];
+            if let Some(image) = image {
+                put(&mut parts[0], &[image.width as u64, image.height as u64]);
+                put(&mut parts[0], &image.pixels);
+            }
+            parts
+        });
+        let begun = self.begin(parts);
+        let parts = self.complete();
+        begun?;
+        let mut images = Vec::new();
+        for part in parts?.iter().filter(|part| !part.is_empty()) {
+            let mut part = part.as_slice();
+            let sides = take::<u64>(&mut part)?;
+            let pixels = take(&mut part)?;
+            let side = |n: usize| sides.get(n).map_or(0, |&n| usize::try_from(n).unwrap_or(0));
+            images.push(Image {
+                width: side(0),
+                height: side(1),
+                pixels,
+            });
+        }
+        Ok(images)
     }
 
     /// A result of this rank, once all have one.

@@ -122,15 +122,15 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         counts: Vec::with_capacity(parts.len()),
         holders: vec![None; volumes],
     };
-    let mut kinds_of_first = None;
     let mut scales_of = vec![None; volumes];
-    for (rank, part) in parts.iter().enumerate() {
-        let mut part = part.as_slice();
-        let kinds = take::<u64>(&mut part)?;
-        if kinds.len() != volumes || kinds_of_first.get_or_insert_with(|| kinds.clone()) != &kinds {
-            let found = format!("others on rank {rank} than on rank 0");
-            return Err(refused("the same volumes on every rank", &found));
-        }
+    let mut parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    let kinds = parts.iter_mut().map(take::<u64>);
+    let kinds: Vec<Vec<u64>> = kinds.collect::<Result<_>>()?;
+    if let Some(rank) = kinds.iter().position(|own| *own != kinds[0]) {
+        let found = format!("others on rank {rank} than on rank 0");
+        return Err(refused("the same volumes on every rank", &found));
+    }
+    for (rank, mut part) in parts.into_iter().enumerate() {
         let mut counts = Vec::with_capacity(volumes);
         for v in 0..volumes {
             if let Some(scales) = take::<[f32; 2]>(&mut part)?.first().copied() {

@@ -35,7 +35,7 @@ fn kernels_over_one_another_near_and_far() {
             depths(),
         ),
         (
-            Camera::perspective(DVec3::Z * 400.0, DVec3::ZERO, DVec3::Y, 1.0, [64, 64]),
+            Camera::perspective(DVec3::Z * 400.0, DVec3::ZERO, DVec3::Y, 20.0, [64, 64]),
             depths(),
         ),
         (flat([120, 90]), depths()),
@@ -97,7 +97,7 @@ fn classified_kernels_in_pieces_and_in_layers() {
         // Colours again after values.
         (flat([110, 90]), depths()),
     ];
-    for scene in [ellipsoids(4000), lattice(24)] {
+    for scene in [ellipsoids(3000), lattice(16)] {
         let expected = assert_same(&[scene], &frames);
         assert!(expected[0].counts.pieces > 0);
         assert!(expected.iter().all(|frame| frame.shown() > 1000));
@@ -141,13 +141,13 @@ fn surfaces_in_volumes_lit_and_clipped() {
 #[test]
 fn column_densities_are_summed_in_one_order() {
     let settings = ColumnSettings::default();
-    let scene = [spheres(30_000), lattice(20), ellipsoids(2000)];
+    let scene = [spheres(10_000), lattice(16), ellipsoids(2000)];
     for camera in [flat([300, 200]), camera([150, 200])] {
         let image = assert_same_column(&scene, &camera, &settings);
         assert!(image.values.iter().any(|v| *v > 0.0));
     }
     // Enough in one tile for its list to be summed in parts, of which the rounding would tell.
-    let mut crowd = spheres(60_000);
+    let mut crowd = spheres(40_000);
     if let Particles::Isotropic { positions, .. } = &mut crowd.particles {
         positions.iter_mut().for_each(|p| *p *= 0.02);
     }

@@ -126,7 +126,7 @@ fn frames() -> Vec<(Camera, Settings)> {
     };
     vec![
         (camera(DVec3::NEG_Z * 4.0, 40.0), settings.clone()),
-        (camera(DVec3::X * 200.0, 1.0), settings),
+        (camera(DVec3::X * 400.0, 20.0), settings),
     ]
 }
 
