@@ -70,14 +70,14 @@ fn classified_kernels_in_pieces_and_in_layers() {
             depth: true,
             ..Settings::default()
         };
-        (camera([110, 90]), settings)
+        (camera([56, 40]), settings)
     };
     let thickness = None;
     let classify = ClassifyAt::Particle;
     let frames = [
-        (camera([110, 90]), depths()),
+        (camera([56, 40]), depths()),
         (
-            camera([110, 90]),
+            camera([56, 40]),
             Settings {
                 classify: Classification::Particle,
                 ..Settings::default()
@@ -95,12 +95,12 @@ fn classified_kernels_in_pieces_and_in_layers() {
         }),
         layered(Composite::Maximum { thickness }),
         // Colours again after values.
-        (flat([110, 90]), depths()),
+        (flat([56, 40]), depths()),
     ];
-    for scene in [ellipsoids(3000), lattice(16)] {
+    for scene in [ellipsoids(1500), lattice(12)] {
         let expected = assert_same(&[scene], &frames);
         assert!(expected[0].counts.pieces > 0);
-        assert!(expected.iter().all(|frame| frame.shown() > 1000));
+        assert!(expected.iter().all(|frame| frame.shown() > 300));
     }
 }
 
@@ -121,19 +121,19 @@ fn surfaces_in_volumes_lit_and_clipped() {
         ..lit.clone()
     };
     let frames = [
-        (camera([140, 100]), lit.clone()),
-        (camera([140, 100]), clipped.clone()),
+        (camera([70, 50]), lit.clone()),
+        (camera([70, 50]), clipped.clone()),
         (
             // The eye among the surfels.
-            Camera::perspective(DVec3::Z * -0.71, DVec3::Z, DVec3::Y, 100.0, [80, 80]),
+            Camera::perspective(DVec3::Z * -0.71, DVec3::Z, DVec3::Y, 100.0, [40, 40]),
             clipped,
         ),
-        (flat([140, 100]), lit),
+        (flat([70, 50]), lit),
     ];
     let surface = ball(3000, 0.7);
     let expected = assert_same(&[surface.clone()], &frames);
     assert!(expected[0].counts.surfels > 1000);
-    let all = [ellipsoids(3000), surface, lattice(20)];
+    let all = [ellipsoids(1500), surface, lattice(12)];
     let expected = assert_same(&all, &frames);
     assert!(expected[2].counts.footprints_near > 0);
 }
@@ -141,17 +141,17 @@ fn surfaces_in_volumes_lit_and_clipped() {
 #[test]
 fn column_densities_are_summed_in_one_order() {
     let settings = ColumnSettings::default();
-    let scene = [spheres(10_000), lattice(16), ellipsoids(2000)];
-    for camera in [flat([300, 200]), camera([150, 200])] {
+    let scene = [spheres(6000), lattice(12), ellipsoids(1000)];
+    for camera in [flat([130, 90]), camera([64, 100])] {
         let image = assert_same_column(&scene, &camera, &settings);
         assert!(image.values.iter().any(|v| *v > 0.0));
     }
     // Enough in one tile for its list to be summed in parts, of which the rounding would tell.
-    let mut crowd = spheres(40_000);
+    let mut crowd = spheres(20_000);
     if let Particles::Isotropic { positions, .. } = &mut crowd.particles {
         positions.iter_mut().for_each(|p| *p *= 0.02);
     }
-    assert_same_column(&[crowd], &flat([100, 70]), &settings);
+    assert_same_column(&[crowd], &flat([70, 60]), &settings);
 }
 
 #[test]

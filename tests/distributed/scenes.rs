@@ -37,8 +37,9 @@ pub(crate) fn spheres(count: usize) -> PointVolume {
     };
     let positions = (0..count).map(|n| place(n, &mut random)).collect();
     let sigmas = numbers(&mut random, count, 0.002, 0.03);
-    let masses = numbers(&mut random, count, 1e-5, 1e-3);
-    let colours = (0..count).map(|_| [0, 1, 2].map(|_| random.range(0.0, 1.0) as f32));
+    let masses = numbers(&mut random, count, 1e-6, 1e-4);
+    // Alike enough to be merged from afar.
+    let colours = (0..count).map(|_| [0, 1, 2].map(|_| random.range(0.45, 0.55) as f32));
     let colour = Colour::PerParticle(colours.collect());
     plain(
         Particles::Isotropic { positions, sigmas },
