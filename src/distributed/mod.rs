@@ -20,6 +20,11 @@
 //! | `statistics.rs` | what each rank did |
 //! | `renderer.rs` | a scene, and its pictures |
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "places among footprints are 32-bit numbers by design, and counts that travel were usize where they come from"
+)]
+
 mod communicator;
 mod exchange;
 mod frames;

@@ -132,12 +132,12 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
     }
     for (rank, mut part) in parts.into_iter().enumerate() {
         let mut counts = Vec::with_capacity(volumes);
-        for v in 0..volumes {
+        for (holder, of_all) in known.holders.iter_mut().zip(&mut scales_of) {
             if let Some(scales) = take::<[f32; 2]>(&mut part)?.first().copied() {
-                if *scales_of[v].get_or_insert(scales) != scales {
+                if *of_all.get_or_insert(scales) != scales {
                     return Err(refused("local models of one scale", "several scales"));
                 }
-                known.holders[v].get_or_insert(rank);
+                holder.get_or_insert(rank);
             }
             counts.extend(take::<u64>(&mut part)?);
         }

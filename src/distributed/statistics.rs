@@ -111,10 +111,6 @@ impl RankStats {
     /// What all ranks counted, which is what one machine alone would have; what each counts of the whole stays.
     pub(super) fn sum(ranks: &[Self], counts: &mut FrameCounts) {
         let sum = |of: fn(&Self) -> u64| ranks.iter().map(of).sum::<u64>();
-        #[allow(
-            clippy::cast_possible_truncation,
-            reason = "what is counted here was a usize on each rank"
-        )]
         let count = |of| sum(of) as usize;
         counts.classified = count(|rank| rank.classified);
         counts.pieces = count(|rank| rank.pieces);

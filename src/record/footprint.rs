@@ -129,8 +129,9 @@ impl Footprint {
     /// How many tiles the box of one that reaches the image touches.
     #[inline(always)]
     pub(crate) fn tile_count(&self) -> u64 {
-        let size = TILE_SIZE as u32;
-        let touched = |(first, end): (u32, u32)| u64::from((end - 1) / size - first / size + 1);
+        let size = TILE_SIZE as u64;
+        let tile = |px: u32| u64::from(px) / size;
+        let touched = |(first, end): (u32, u32)| tile(end - 1) - tile(first) + 1;
         touched(self.column_range()) * touched(self.row_range())
     }
 

@@ -131,7 +131,7 @@ fn surfaces_in_volumes_lit_and_clipped() {
         (flat([70, 50]), lit),
     ];
     let surface = ball(3000, 0.7);
-    let expected = assert_same(&[surface.clone()], &frames);
+    let expected = assert_same(std::slice::from_ref(&surface), &frames);
     assert!(expected[0].counts.surfels > 1000);
     let all = [ellipsoids(1500), surface, lattice(12)];
     let expected = assert_same(&all, &frames);
@@ -166,7 +166,7 @@ fn nothing_and_next_to_nothing() {
     );
     let frames = [(camera([40, 30]), depths()), (camera([1, 1]), depths())];
     assert_same(&[], &frames);
-    assert_same(&[none.clone()], &frames);
+    assert_same(std::slice::from_ref(&none), &frames);
     // One block for all ranks.
     assert_same(&[none, spheres(3)], &frames);
     // What is no number is nobody's.
