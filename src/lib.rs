@@ -76,6 +76,7 @@
 //! | `cpu` | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
+//! | [`distributed`] | the same by ranks, each with a share of the scene |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
 //! | `overlay` | what is drawn over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
@@ -125,6 +126,7 @@ pub mod command;
 pub mod compositing {}
 pub mod constants;
 mod cpu;
+pub mod distributed;
 pub mod edit;
 pub mod error;
 #[cfg(feature = "gpu")]

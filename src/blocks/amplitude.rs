@@ -1,5 +1,7 @@
 //! Amplitudes: what column densities sum.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::BlockedVolume;
@@ -19,6 +21,22 @@ pub struct AmplitudeSummary {
 impl AmplitudeSummary {
     /// What all of a scene's volumes have.
     pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
+        volumes
+            .map(|volume| Self::of_blocks(volume, 0..volume.blocks.len() as u32))
+            .fold(Self::default(), |a, b| a.and(&b))
+    }
+
+    /// What both of two have.
+    pub(crate) fn and(self, other: &Self) -> Self {
+        Self {
+            largest: self.largest.max(other.largest),
+            sum: self.sum + other.sum,
+            not_finite: self.not_finite + other.not_finite,
+        }
+    }
+
+    /// What some blocks of a volume have.
+    pub(crate) fn of_blocks(volume: &BlockedVolume, blocks: Range<u32>) -> Self {
         let of_block = |volume: &BlockedVolume, block: u32| {
             let mut summary = Self::default();
             visit_amplitudes(volume, block, |_, amplitude| {
@@ -31,22 +49,13 @@ impl AmplitudeSummary {
             });
             summary
         };
-        let add = |a: Self, b: &Self| Self {
-            largest: a.largest.max(b.largest),
-            sum: a.sum + b.sum,
-            not_finite: a.not_finite + b.not_finite,
-        };
-        volumes
-            .map(|volume| {
-                // Blocks first, then their sum: one order, whatever the threads.
-                let blocks: Vec<Self> = (0..volume.blocks.len() as u32)
-                    .into_par_iter()
-                    .with_min_len(64)
-                    .map(|block| of_block(volume, block))
-                    .collect();
-                blocks.iter().fold(Self::default(), add)
-            })
-            .fold(Self::default(), |a, b| add(a, &b))
+        // Blocks first, then their sum: one order, whatever the threads.
+        let blocks: Vec<Self> = blocks
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|block| of_block(volume, block))
+            .collect();
+        blocks.iter().fold(Self::default(), Self::and)
     }
 }
 

@@ -298,18 +298,18 @@ fn build_ordered(
 }
 
 /// What particles have besides places and shapes.
-struct Rest {
-    strength: Strength,
-    colour: Colour,
-    values: Option<Values>,
-    boundary: Option<BoundaryPlanes>,
-    normals: Option<Vec<u32>>,
-    local_models: Option<LocalModels>,
+pub(super) struct Rest {
+    pub(super) strength: Strength,
+    pub(super) colour: Colour,
+    pub(super) values: Option<Values>,
+    pub(super) boundary: Option<BoundaryPlanes>,
+    pub(super) normals: Option<Vec<u32>>,
+    pub(super) local_models: Option<LocalModels>,
 }
 
 impl Rest {
     /// That of the particles of an order.
-    fn gather(self, order: &[u32]) -> Self {
+    pub(super) fn gather(self, order: &[u32]) -> Self {
         Self {
             strength: match self.strength {
                 Strength::Classified { volumes } => Strength::Classified {
@@ -350,7 +350,7 @@ impl Rest {
 }
 
 /// Elements in an order.
-fn pick<T: Copy + Send + Sync>(elements: Vec<T>, order: &[u32]) -> Vec<T> {
+pub(super) fn pick<T: Copy + Send + Sync>(elements: Vec<T>, order: &[u32]) -> Vec<T> {
     order.par_iter().map(|&i| elements[i as usize]).collect()
 }
 

@@ -16,6 +16,7 @@
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
+//! | `share.rs` | the part of a scene that one of several owners keeps |
 //! | `tree.rs` | a BVH over particles, built by obvhs in chunks |
 
 #![allow(
@@ -37,6 +38,7 @@ mod neighbours;
 mod overlap;
 mod rule;
 mod scene;
+mod share;
 mod tree;
 
 use std::sync::Arc;
@@ -67,6 +69,7 @@ pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
 pub(crate) use rule::Rule;
 pub use scene::{BlockedScene, SceneOptions};
+pub(crate) use share::runs_in_turn;
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).

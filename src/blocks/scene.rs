@@ -104,6 +104,16 @@ impl BlockedScene {
         })
     }
 
+    /// Leaves out the particles of all blocks but some of each volume, in the order of [`Self::volumes`].
+    pub(crate) fn keep(&mut self, own: &[Vec<Range<u32>>]) {
+        // They are found of all particles.
+        self.densities();
+        for (volume, own) in self.volumes.iter_mut().zip(own) {
+            volume.keep(own);
+        }
+        self.exchangeable.clear();
+    }
+
     /// Volumes and their levels of detail.
     pub fn volumes(&self) -> &[BlockedVolume] {
         &self.volumes

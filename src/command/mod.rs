@@ -34,6 +34,7 @@ mod measure;
 mod outputs;
 mod parse;
 mod progress;
+mod ranks;
 mod render;
 mod scene;
 mod sequence;
@@ -105,6 +106,16 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     if arguments.quiet {
         progress::be_quiet();
     }
+    #[cfg(not(feature = "mpi"))]
+    if let Command::Render(render) = &arguments.command
+        && render.mpi
+    {
+        eprintln!(
+            "error: --mpi: this program was built without it; {}",
+            ranks::WITHOUT
+        );
+        return ExitCode::from(2);
+    }
     let result = match arguments.command {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
@@ -121,7 +132,9 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", words::line(&error));
+            if !progress::is_silent() {
+                eprintln!("error: {}", words::line(&error));
+            }
             ExitCode::FAILURE
         }
     }

@@ -13,6 +13,7 @@ use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
 };
 use crate::cpu::CpuFrames;
+use crate::distributed::{RankFrames, RankStats, Ranks};
 use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
@@ -53,6 +54,8 @@ pub struct Renderer {
     pub(super) cpu: CpuFrames,
     /// What draws instead of the processor, where anything does.
     pub(super) device: Option<Device>,
+    /// What draws instead of either where ranks share the scene's particles.
+    ranks: Option<RankFrames>,
     /// Whether the processor draws what the device cannot.
     falls_back: bool,
     /// Why the last frame was drawn on the processor although there is a device.
@@ -86,6 +89,7 @@ impl Renderer {
             scene,
             cpu,
             device: None,
+            ranks: None,
             falls_back: false,
             fallback: None,
             images: Images::default(),
@@ -225,8 +229,34 @@ impl Renderer {
         self.edited(Edit::Values)
     }
 
+    /// Keeps this rank's share of the scene, which all ranks have: frames are drawn by all of them, and the first has
+    /// the images.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
+        let mut frames = RankFrames::sharing(ranks, &mut self.scene);
+        frames.upload(&self.scene)?;
+        self.amplitudes = Some(frames.amplitudes(&self.scene)?);
+        self.ranks = Some(frames);
+        Ok(self)
+    }
+
+    /// This rank, where ranks share the scene.
+    pub(crate) fn rank(&self) -> Option<usize> {
+        self.ranks.as_ref().map(RankFrames::rank)
+    }
+
+    /// What each rank did for the last frame; none where there are none.
+    pub(crate) fn rank_stats(&self) -> &[RankStats] {
+        self.ranks.as_ref().map_or(&[], RankFrames::stats)
+    }
+
     fn edited(&mut self, edit: Edit) -> Result<()> {
         self.cpu.edit(&self.scene, edit)?;
+        if let Some(ranks) = &mut self.ranks {
+            ranks.edit(&self.scene, edit)?;
+        }
         let Some(device) = &mut self.device else {
             return Ok(());
         };
@@ -279,6 +309,9 @@ impl Renderer {
 
     /// Draws a plan on the device, where there is one that can, on the processor otherwise.
     pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        if let Some(ranks) = &mut self.ranks {
+            return ranks.draw(&self.scene, plan, &mut self.images);
+        }
         let device = self.device.as_mut();
         let drawn = device.map(|device| device.draw(&self.scene, plan, &mut self.images));
         self.or_on_cpu(plan, drawn)

@@ -165,6 +165,20 @@ impl LocalModels {
         }
     }
 
+    /// Codes of other particles that were made with the same scales.
+    pub(crate) fn with_codes(&self, codes: Vec<[u16; 3]>) -> Self {
+        Self { codes, ..*self }
+    }
+
+    /// The same codes, counted from other scales.
+    pub(crate) fn with_scales(self, [greatest_slope, greatest_departure]: [f32; 2]) -> Self {
+        Self {
+            greatest_slope,
+            greatest_departure,
+            ..self
+        }
+    }
+
     /// The model of particle `i`, in operations that shaders have too: whole numbers, f32, and
     /// powers of two whose exponents lie between -1 and 0 or are whole.
     #[inline]

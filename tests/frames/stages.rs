@@ -252,7 +252,7 @@ fn many_footprints_keep_their_order_in_every_tile() {
 }
 
 #[test]
-fn bands_of_tiles_have_the_lists_of_the_whole() {
+fn runs_of_tiles_have_the_lists_of_the_whole() {
     let settings = Settings::default();
     let camera = scene::camera(Projection::Perspective, [240.0; 2], [130, 150]);
     let frame = Frame::new(volume(&particles(31, 3000, 30.0)), &camera, &settings);
@@ -260,8 +260,10 @@ fn bands_of_tiles_have_the_lists_of_the_whole() {
     let whole = frame.bins();
     assert_eq!(whole.tiles(), 0..columns * rows);
     let mut entries = 0;
-    for first in (0..rows).step_by(3) {
-        let band = first..(first + 3).min(rows);
+    // Runs that begin and end within a row.
+    assert_eq!(columns, 9);
+    for first in (0..columns * rows).step_by(17) {
+        let run = first..(first + 17).min(columns * rows);
         let mut bins = Bins::default();
         let (footprints, order) = (&frame.footprints, &frame.order);
         bin(
@@ -269,10 +271,10 @@ fn bands_of_tiles_have_the_lists_of_the_whole() {
             frame.terms(),
             order,
             columns,
-            band.clone(),
+            run.clone(),
             &mut bins,
         );
-        assert_eq!(bins.tiles(), band.start * columns..band.end * columns);
+        assert_eq!(bins.tiles(), run);
         for tile in bins.tiles() {
             assert!(bins.tile(tile).eq(whole.tile(tile)), "{tile}");
             entries += bins.tile_len(tile);
