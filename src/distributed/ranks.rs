@@ -5,6 +5,7 @@ use bytemuck::Pod;
 use super::communicator::Communicator;
 use super::message::{put, take};
 use crate::error::{Error, Result};
+#[cfg(feature = "cli")]
 use crate::image::Image;
 
 /// The last byte of every part: whether it is what was asked for, or why there is none.
@@ -102,6 +103,7 @@ impl Ranks {
     }
 
     /// The pictures that ranks have, by rank, on the first; none on others.
+    #[cfg(feature = "cli")]
     pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
         let size = self.size();
         let parts = own.map(|image| {

@@ -16,7 +16,8 @@ pub struct Share {
     /// The volumes.
     pub volumes: Vec<PointVolume>,
     /// Of each volume, the number of each of these particles among those of all ranks: the order that one machine
-    /// would have them in, which decides about ties of depth. `None` numbers them one rank after another.
+    /// would have them in, which decides about ties of depth; of a lattice none count. `None` numbers them one rank after
+    /// another.
     pub numbers: Option<Vec<Vec<u64>>>,
 }
 
@@ -93,8 +94,12 @@ impl Share {
         let Some(numbers) = &self.numbers else {
             return Ok(());
         };
-        let lengths = self.volumes.iter().map(|v| v.particles.len());
-        if !lengths.eq(numbers.iter().map(Vec::len)) {
+        let fits = |(volume, numbers): (&PointVolume, &Vec<u64>)| {
+            let is_lattice = matches!(volume.particles, Particles::Lattice { .. });
+            is_lattice || volume.particles.len() == numbers.len()
+        };
+        let is_one_each = numbers.len() == self.volumes.len();
+        if !(is_one_each && self.volumes.iter().zip(numbers).all(fits)) {
             return Err(refused("a number for each particle", "more or fewer"));
         }
         Ok(())

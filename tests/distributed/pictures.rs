@@ -70,14 +70,14 @@ fn classified_kernels_in_pieces_and_in_layers() {
             depth: true,
             ..Settings::default()
         };
-        (camera([56, 40]), settings)
+        (camera([40, 28]), settings)
     };
     let thickness = None;
     let classify = ClassifyAt::Particle;
     let frames = [
-        (camera([56, 40]), depths()),
+        (camera([40, 28]), depths()),
         (
-            camera([56, 40]),
+            camera([40, 28]),
             Settings {
                 classify: Classification::Particle,
                 ..Settings::default()
@@ -95,12 +95,12 @@ fn classified_kernels_in_pieces_and_in_layers() {
         }),
         layered(Composite::Maximum { thickness }),
         // Colours again after values.
-        (flat([56, 40]), depths()),
+        (flat([40, 28]), depths()),
     ];
     for scene in [ellipsoids(1500), lattice(12)] {
         let expected = assert_same(&[scene], &frames);
         assert!(expected[0].counts.pieces > 0);
-        assert!(expected.iter().all(|frame| frame.shown() > 300));
+        assert!(expected.iter().all(|frame| frame.shown() > 150));
     }
 }
 
