@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::BlockedVolume;
-use crate::scene::Strength;
+use crate::scene::StrengthIn;
 
 /// The amplitudes of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -54,13 +54,15 @@ impl AmplitudeSummary {
 #[inline]
 pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: impl FnMut(u32, f64)) {
     let volumes = match &volume.strength {
-        Strength::Mass(masses) => {
+        StrengthIn::Mass(masses) => {
             volume.for_each_particle(block, |local, i, _| each(local, f64::from(masses[i])));
             return;
         }
-        Strength::Classified { volumes } => volumes,
+        StrengthIn::Classified { volumes } => volumes,
         // An opacity is no amount of anything; the frame refuses it.
-        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Translucent(_) => return,
+        StrengthIn::PeakOpacity { .. } | StrengthIn::Surface(_) | StrengthIn::Translucent(_) => {
+            return;
+        }
     };
     let Some(values) = &volume.values else {
         return;

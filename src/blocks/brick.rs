@@ -14,7 +14,7 @@ use super::merge::MergeBounds;
 use super::{Block, EMPTY_RANGE, NO_PARENT, value_range};
 use crate::constants::{BRICK, EDGE_REACH, MOST_EDGES};
 use crate::math::{Factor, Truncated, lower_factor, principal_sigmas};
-use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Values, cell_width};
+use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Shared, ValuesIn, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
 #[derive(Debug, Clone)]
@@ -392,7 +392,7 @@ impl BrickGrid {
 
     /// Of a brick: the range of all values that classification over its kernels' extents may ask for, and
     /// their greatest spread w.
-    fn spread(&self, values: &Values, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
+    fn spread(&self, values: &ValuesIn<Shared>, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
         let halo = Halo::new(self, values, cells);
         let ranges = halo.ranges();
         let corner = cells.map(|[first, _]| first);
@@ -429,7 +429,7 @@ impl BrickGrid {
     /// - `is_classified`: whether a transfer function makes masses of the values.
     pub(super) fn blocks(
         &self,
-        values: Option<&Values>,
+        values: Option<&ValuesIn<Shared>>,
         is_classified: bool,
         level: u32,
     ) -> Vec<Block> {
@@ -584,17 +584,17 @@ impl BrickGrid {
         self.samples(cells).map(greatest).product()
     }
 
-    fn brick_range(&self, values: &Values, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
+    fn brick_range(&self, values: &ValuesIn<Shared>, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
         let rows = (z[0]..z[1]).flat_map(|k| (y[0]..y[1]).map(move |j| (j, k)));
         let mut range = EMPTY_RANGE;
         for (j, k) in rows {
             let first = self.index([x[0], j, k]);
             let row = first..first + (x[1] - x[0]);
             let [lo, hi] = match values {
-                Values::U8(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::F32(v) => value_range(v[row].iter().copied()),
+                ValuesIn::U8(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::F32(v) => value_range(v[row].iter().copied()),
             };
             range = [range[0].min(lo), range[1].max(hi)];
         }

@@ -45,7 +45,8 @@ use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
 use crate::scene::{
-    BoundaryPlanes, Colour, Lobes, LocalModels, PointVolume, Strength, TransferFunction, Values,
+    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Shared, StrengthIn,
+    TransferFunction, ValuesIn,
 };
 use build::BuildOptions;
 
@@ -77,26 +78,26 @@ pub struct BlockedVolume {
     /// Positions and shapes in block order.
     pub particles: BlockedParticles,
     /// Where masses come from, in block order.
-    pub strength: Strength,
+    pub strength: StrengthIn<Shared>,
     /// Where colours come from, in block order.
-    pub colour: Colour,
+    pub colour: ColourIn<Shared>,
     /// Values in block order (a lattice's stay in the lattice's order): those of a block of points
     /// ascending, NaN last.
-    pub values: Option<Values>,
+    pub values: Option<ValuesIn<Shared>>,
     /// The transfer function, where something is classified.
     pub transfer_function: Option<TransferFunction>,
     /// Codes of normals in the order of the values, where light may fall on particles.
-    pub normals: Option<Vec<u32>>,
+    pub normals: Option<Column<u32>>,
     /// How the field runs over each kernel, where that is stored; a lattice's follows from its values.
-    pub local_models: Option<LocalModels>,
+    pub local_models: Option<LocalModelsIn<Shared>>,
     /// What the transfer function leaves of kernels over their extents, where any block's kernels are too
     /// wide for it to be asked for their values alone.
     pub lobes: Option<Arc<Lobes>>,
     /// Of points in block order: where the domain of the data cuts them. A lattice's grid knows its own
     /// faces.
-    pub boundary: Option<BoundaryPlanes>,
+    pub boundary: Option<BoundaryPlanesIn<Shared>>,
     /// Which of the caller's particles each is, where that is kept; a lattice's stay in their order.
-    pub indices: Option<Vec<u32>>,
+    pub indices: Option<Column<u32>>,
     /// Of a level of detail: what its particles stand for.
     pub merged: Option<Merged>,
 }
@@ -109,23 +110,23 @@ pub enum BlockedParticles {
     /// Spheres: offsets from the block's origin and standard deviations.
     Isotropic {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// World units.
-        sigmas: Vec<f32>,
+        sigmas: Column<f32>,
     },
     /// Ellipsoids: offsets from the block's origin and lower-triangular factors.
     Anisotropic {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// l00, l10, l11, l20, l21, l22, world units.
-        factors: Vec<[f32; 6]>,
+        factors: Column<[f32; 6]>,
     },
     /// Surfels: offsets from the block's origin and two tangents.
     Surfels {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// x, y, z of the first tangent, then of the second, world units.
-        tangents: Vec<[f32; 6]>,
+        tangents: Column<[f32; 6]>,
         /// Whether surfels seen from behind are left out.
         is_one_sided: bool,
     },
@@ -210,8 +211,8 @@ impl BlockedVolume {
         };
         let strengths = size_of_val(self.strength.stored());
         let colours = match &self.colour {
-            Colour::PerParticle(c) => c.len() * 12,
-            Colour::Harmonics { coefficients, .. } => coefficients.len() * 4,
+            ColourIn::PerParticle(c) => c.len() * 12,
+            ColourIn::Harmonics { coefficients, .. } => coefficients.len() * 4,
             _ => 0,
         };
         let values = self
@@ -291,7 +292,7 @@ impl BlockedVolume {
         transfer: Option<&TransferFunction>,
     ) -> Vec<(DVec3, DVec3)> {
         let (transfer, values) = match (&self.strength, transfer, &self.values) {
-            (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
+            (StrengthIn::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
                 let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
                 return self.blocks.iter().map(seen).collect();
@@ -405,18 +406,18 @@ impl BlockedVolume {
 
     /// Whether its particles are surfels of an opaque surface.
     pub fn is_surface(&self) -> bool {
-        matches!(self.strength, Strength::Surface(_))
+        matches!(self.strength, StrengthIn::Surface(_))
     }
 
     /// Whether its particles are splats, which state their opacity.
     pub fn is_of_splats(&self) -> bool {
-        matches!(self.strength, Strength::PeakOpacity { .. })
+        matches!(self.strength, StrengthIn::PeakOpacity { .. })
     }
 
     /// The box of splats that state their opacity, each grown by its own extent: among small ones
     /// there are very large ones.
     fn splats_box(&self, block: &Block) -> Option<(DVec3, DVec3)> {
-        let Strength::PeakOpacity { opacities, .. } = &self.strength else {
+        let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;
         };
         let BlockedParticles::Anisotropic { offsets, factors } = &self.particles else {

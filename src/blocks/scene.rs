@@ -7,7 +7,7 @@ use super::build::{BuildOptions, Exchangeable, build};
 use super::density::densities;
 use super::{BlockedVolume, set_transfer_function};
 use crate::error::{Error, Result};
-use crate::scene::{Colour, PointVolume, Requirements, Strength, TransferFunction, Values};
+use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::task::Task;
 use crate::view::Bounds;
 
@@ -281,7 +281,7 @@ impl BlockedScene {
             ))
         };
         let is_field = |v: &BlockedVolume| {
-            matches!(v.strength, Strength::Classified { .. }) && v.colour == Colour::Classified
+            matches!(v.strength, StrengthIn::Classified { .. }) && v.colour == ColourIn::Classified
         };
         let mut volumes = (0..self.families.len())
             .filter(|&i| !self.volumes[self.families[i].start].is_surface());

@@ -45,7 +45,7 @@ impl Renderer {
     ) -> Result<FramePlan> {
         check(camera, &settings.shared())?;
         let states_opacity = |volume: &BlockedVolume| {
-            use crate::scene::Strength::{PeakOpacity, Surface, Translucent};
+            use crate::scene::StrengthIn::{PeakOpacity, Surface, Translucent};
             matches!(
                 volume.strength,
                 PeakOpacity { .. } | Surface(_) | Translucent(_)

@@ -17,7 +17,7 @@ use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::scene::{PointVolume, Requirements, Strength, TransferFunction, Values};
+use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
@@ -348,7 +348,7 @@ impl Renderer {
             volume.is_of_splats() || matches!(volume.particles, BlockedParticles::Surfels { .. })
         };
         let is_of_field = |volume: &BlockedVolume| {
-            matches!(volume.strength, Strength::Classified { .. }) && volume.values.is_some()
+            matches!(volume.strength, StrengthIn::Classified { .. }) && volume.values.is_some()
         };
         if self.scene.data().any(is_flat) {
             DEFAULT_LOW_PASS_VARIANCE_PX2
