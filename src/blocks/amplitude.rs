@@ -17,6 +17,15 @@ pub struct AmplitudeSummary {
 }
 
 impl AmplitudeSummary {
+    /// Of what several have, in their order.
+    pub(crate) fn joined(summaries: impl IntoIterator<Item = Self>) -> Self {
+        summaries.into_iter().fold(Self::default(), |a, b| Self {
+            largest: a.largest.max(b.largest),
+            sum: a.sum + b.sum,
+            not_finite: a.not_finite + b.not_finite,
+        })
+    }
+
     /// What all of a scene's volumes have.
     pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
         let of_block = |volume: &BlockedVolume, block: u32| {
@@ -31,22 +40,15 @@ impl AmplitudeSummary {
             });
             summary
         };
-        let add = |a: Self, b: &Self| Self {
-            largest: a.largest.max(b.largest),
-            sum: a.sum + b.sum,
-            not_finite: a.not_finite + b.not_finite,
-        };
-        volumes
-            .map(|volume| {
-                // Blocks first, then their sum: one order, whatever the threads.
-                let blocks: Vec<Self> = (0..volume.blocks.len() as u32)
-                    .into_par_iter()
-                    .with_min_len(64)
-                    .map(|block| of_block(volume, block))
-                    .collect();
-                blocks.iter().fold(Self::default(), add)
-            })
-            .fold(Self::default(), |a, b| add(a, &b))
+        Self::joined(volumes.map(|volume| {
+            // Blocks first, then their sum: one order, whatever the threads.
+            let blocks: Vec<Self> = (0..volume.blocks.len() as u32)
+                .into_par_iter()
+                .with_min_len(64)
+                .map(|block| of_block(volume, block))
+                .collect();
+            Self::joined(blocks)
+        }))
     }
 }
 

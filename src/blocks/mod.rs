@@ -45,8 +45,8 @@ use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
 use crate::scene::{
-    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Shared, StrengthIn,
-    TransferFunction, ValuesIn,
+    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Requirements, Shared,
+    StrengthIn, TransferFunction, ValuesIn,
 };
 use build::BuildOptions;
 
@@ -67,6 +67,8 @@ use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
 pub(crate) use rule::Rule;
+#[cfg(feature = "prepared")]
+pub(crate) use scene::KeptOfVolume;
 pub use scene::{BlockedScene, SceneOptions};
 
 /// A point volume made ready for rendering: its particles in blocks of at most
@@ -283,19 +285,20 @@ impl BlockedVolume {
     /// standard deviation; world units. What the transfer function gives less than
     /// a hundredth of its greatest extinction does not count.
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
-        self.visible_boxes_under(self.transfer_function.as_ref())
+        let boxes = self.visible_box_of_each(self.transfer_function.as_ref());
+        boxes.into_iter().flatten().collect()
     }
 
-    /// The same under another transfer function.
-    pub(crate) fn visible_boxes_under(
+    /// The same of each block, under another transfer function.
+    pub(crate) fn visible_box_of_each(
         &self,
         transfer: Option<&TransferFunction>,
-    ) -> Vec<(DVec3, DVec3)> {
+    ) -> Vec<Option<(DVec3, DVec3)>> {
         let (transfer, values) = match (&self.strength, transfer, &self.values) {
             (StrengthIn::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
                 let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
-                return self.blocks.iter().map(seen).collect();
+                return self.blocks.iter().map(|b| Some(seen(b))).collect();
             }
         };
         let [lowest, highest] = transfer.range();
@@ -332,7 +335,27 @@ impl BlockedVolume {
                 (middle, ((upper - lower) / 2.0 + reach).as_dvec3())
             })
         };
-        self.blocks.iter().filter_map(seen).collect()
+        self.blocks.iter().map(seen).collect()
+    }
+
+    /// What it requires.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn requirements(&self) -> Requirements {
+        let shape_floats = match self.particles {
+            BlockedParticles::Lattice(_) => None,
+            BlockedParticles::Isotropic { .. } => Some(1),
+            BlockedParticles::Anisotropic { .. } | BlockedParticles::Surfels { .. } => Some(6),
+        };
+        Requirements {
+            normals: self.normals.is_some(),
+            local_models: self.local_models.is_some(),
+            ..Requirements::of_columns(
+                shape_floats,
+                &self.strength,
+                &self.colour,
+                self.values.as_ref(),
+            )
+        }
     }
 
     /// Of a box (middle and half extent) what lies in the box that faces cut a lattice's kernels at.

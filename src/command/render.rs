@@ -30,6 +30,7 @@ use super::legend::{LegendOptions, bars};
 use super::lit::LightOptions;
 use super::outputs::{check_collisions, warn_unconverged};
 use super::parse::{self, Background, Clip};
+use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, spinner, task_of, with_bar};
 use super::sequence::SequenceOptions;
 use super::source::{Input, paths};
@@ -319,7 +320,15 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         _ => Vec::new(),
     };
     let bounds = scene.bounds();
-    let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+    let (mut scene, prepared, up, fields) = (scene.volumes, scene.prepared, scene.up, scene.fields);
+    refuse_beside(
+        &prepared,
+        &[
+            ("--reference", arguments.method.reference.is_some()),
+            ("--cut-faces", arguments.cut.cut_faces),
+            ("--column-mean", arguments.method.column_mean.is_some()),
+        ],
+    )?;
     arguments.method.check_use(&scene)?;
     if arguments.is_lit() && !arguments.method.post_classification {
         check_lit(&scene)?;
@@ -360,7 +369,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         task: task.clone(),
         ..SceneOptions::default()
     };
-    let renderer = Renderer::with_options(scene, &scene_options)?;
+    let renderer = renderer_of(scene, prepared, &scene_options)?;
     let (all, canvas) = if is_column {
         let lens = Lens::OrthoHeight(None);
         (renderer.boxes(), Canvas { lens, ..whole })
@@ -632,7 +641,10 @@ impl Arguments {
                     animation.insert(self.animation(&cameras)?)
                 }
             };
-            let renderer = Renderer::new(scene.volumes)?;
+            let cut_faces = ("--cut-faces", self.cut.cut_faces);
+            refuse_beside(&scene.prepared, &[cut_faces])?;
+            let whole = SceneOptions::default();
+            let renderer = renderer_of(scene.volumes, scene.prepared, &whole)?;
             let backend = self.backend(&renderer, camera);
             let mut renderer = renderer.on_backend(backend)?;
             let suitable = renderer.suitable_low_pass_px2();

@@ -90,6 +90,6 @@ impl Renderer {
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
         *self
             .amplitudes
-            .get_or_insert_with(|| AmplitudeSummary::of(self.scene.data()))
+            .get_or_insert_with(|| AmplitudeSummary::joined(self.scene.amplitudes_of_volumes()))
     }
 }

@@ -154,6 +154,19 @@ impl LocalModels {
 }
 
 impl<S: Storage> LocalModelsIn<S> {
+    /// Of codes, and what these count from: [`Self::codes`] and [`Self::scales`] of others.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_codes(
+        codes: S::Of<[u16; 3]>,
+        [greatest_slope, greatest_departure]: [f32; 2],
+    ) -> Self {
+        Self {
+            codes,
+            greatest_slope,
+            greatest_departure,
+        }
+    }
+
     /// How many there are.
     pub fn len(&self) -> usize {
         self.codes.len()
