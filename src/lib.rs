@@ -138,6 +138,8 @@ pub mod irregular {}
 pub mod legend;
 pub mod math;
 pub mod measure;
+#[doc(hidden)]
+pub mod memory;
 #[cfg(feature = "legend")]
 mod overlay;
 #[cfg(feature = "prepared")]
