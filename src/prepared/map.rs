@@ -27,6 +27,9 @@ pub(super) fn map(path: &Path) -> io::Result<SharedBytes> {
     // process that cuts the file: reading beyond its end is SIGBUS. That files must not change is said where they are
     // opened.
     let map = unsafe { Mmap::map(&file)? };
+    // Blocks that a frame looks at lie in many places: reading on beyond each would read most of a file.
+    #[cfg(unix)]
+    map.advise(memmap2::Advice::Random)?;
     Ok(Arc::new(map))
 }
 
