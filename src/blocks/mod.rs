@@ -44,9 +44,11 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
+#[cfg(feature = "prepared")]
+use crate::scene::Requirements;
 use crate::scene::{
-    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Requirements, Shared,
-    StrengthIn, TransferFunction, ValuesIn,
+    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Shared, StrengthIn,
+    TransferFunction, ValuesIn,
 };
 use build::BuildOptions;
 

@@ -30,6 +30,7 @@ pub use local_models::{LocalModel, LocalModels, LocalModelsIn, NO_BOUND};
 pub(crate) use point_volume::is_classified;
 pub use point_volume::{Colour, ColourIn, Particles, PointVolume, Strength, StrengthIn};
 pub use requirements::Requirements;
+#[cfg(feature = "prepared")]
 pub(crate) use storage::SharedBytes;
 pub use storage::{Column, Owned, Shared, Storage};
 pub use transfer_function::{

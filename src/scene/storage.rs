@@ -3,9 +3,11 @@
 
 use std::fmt;
 use std::ops::Deref;
+#[cfg(feature = "prepared")]
 use std::sync::Arc;
 
 use bytemuck::Pod;
+#[cfg(feature = "prepared")]
 use yoke::Yoke;
 
 /// How the columns of a volume are stored: [`Owned`] or [`Shared`].
@@ -31,6 +33,7 @@ impl Storage for Shared {
 }
 
 /// Bytes that stay where they are as long as anything refers to them.
+#[cfg(feature = "prepared")]
 pub(crate) type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 
 /// A slice, and what keeps it: a vector, or a part of bytes that others keep too.
@@ -40,9 +43,11 @@ pub struct Column<T: 'static>(Kept<T>);
 #[derive(Clone)]
 enum Kept<T: 'static> {
     Vector(Vec<T>),
+    #[cfg(feature = "prepared")]
     Part(Yoke<&'static [T], SharedBytes>),
 }
 
+#[cfg(feature = "prepared")]
 impl<T: Pod> Column<T> {
     /// A part of shared bytes; `None` where it goes beyond them, is no whole number of `T`s, or is not aligned as these
     /// are.
@@ -58,11 +63,13 @@ impl<T: Pod> Column<T> {
 impl<T: Clone> Column<T> {
     /// Its elements to be changed: what others keep too is copied first.
     pub fn to_mut(&mut self) -> &mut Vec<T> {
+        #[cfg(feature = "prepared")]
         if let Kept::Part(part) = &self.0 {
             self.0 = Kept::Vector(part.get().to_vec());
         }
         match &mut self.0 {
             Kept::Vector(vector) => vector,
+            #[cfg(feature = "prepared")]
             Kept::Part(_) => unreachable!("it was copied"),
         }
     }
@@ -75,6 +82,7 @@ impl<T> Deref for Column<T> {
     fn deref(&self) -> &[T] {
         match &self.0 {
             Kept::Vector(vector) => vector,
+            #[cfg(feature = "prepared")]
             Kept::Part(part) => part.get(),
         }
     }
@@ -110,7 +118,7 @@ impl<T: fmt::Debug> fmt::Debug for Column<T> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "prepared"))]
 mod tests {
     use super::*;
 

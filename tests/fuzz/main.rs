@@ -245,7 +245,8 @@ fn scenes(folder: &Path) -> Vec<Set> {
         let at = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) % 1000) * 0.01;
         (0..count).map(move |i| glam::DVec3::new(at(i), at(i + 7), at(i + 91)))
     };
-    let spheres = PointVolume::spheres(positions(900), vec![0.2; 900]).with_masses(vec![0.1; 900]);
+    let spheres = PointVolume::spheres(positions(900).collect::<Vec<_>>(), vec![0.2; 900])
+        .with_masses(vec![0.1; 900]);
     let table = b"x,y,z,v\n0,0,0,1\n1,0,0,2\n0,1,0,3\n1,1,1,4\n2,1,0,5\n1,2,2,6\n".to_vec();
     let grid = VtkPiece {
         extent: "0 11 0 9 0 5",
