@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::fs::read_to_string;
 use std::path::Path;
 
+#[cfg(feature = "cli")]
 use crate::error::{Error, Result};
 
 thread_local!(static TRIES: Cell<bool> = const { Cell::new(false) });
@@ -97,6 +98,7 @@ fn group_left(root: &Path) -> Option<u64> {
 ///
 /// - `count`: of particles.
 /// - `each`: the bytes that one takes at least while the scene is made.
+#[cfg(feature = "cli")]
 pub(crate) fn check(count: usize, each: usize) -> Result<()> {
     let needed = count as u64 * each as u64;
     match left() {
@@ -115,6 +117,7 @@ pub(crate) fn check(count: usize, each: usize) -> Result<()> {
     }
 }
 
+#[cfg(feature = "cli")]
 fn gigabytes(bytes: u64) -> String {
     format!("{:.2} GB", bytes as f64 * 1e-9)
 }
@@ -150,6 +153,7 @@ mod tests {
         assert_eq!(group_left(root.path()), Some(0));
     }
 
+    #[cfg(feature = "cli")]
     #[test]
     fn what_does_not_fit_is_refused_before_it_is_tried() {
         assert!(check(1000, 100).is_ok());
