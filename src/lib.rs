@@ -72,6 +72,7 @@
 //! | `splat` | kernel to footprint: filters, exact terms, error bounds |
 //! | `record` | the structs that stages exchange |
 //! | `blocks` | particles in blocks, culling, level of detail, filters block by block |
+//! | `prepared` | scenes in files that are mapped into memory (feature `prepared`) |
 //! | [`stats`] | what frames count, and their times |
 //! | `cpu` | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
@@ -139,8 +140,12 @@ pub mod irregular {}
 pub mod legend;
 pub mod math;
 pub mod measure;
+#[doc(hidden)]
+pub mod memory;
 #[cfg(feature = "legend")]
 mod overlay;
+#[cfg(feature = "prepared")]
+pub mod prepared;
 mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::BlockedVolume;
-use crate::scene::Strength;
+use crate::scene::StrengthIn;
 
 /// The amplitudes of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,11 +19,16 @@ pub struct AmplitudeSummary {
 }
 
 impl AmplitudeSummary {
+    /// Of what several have, in their order.
+    pub(crate) fn joined(summaries: impl IntoIterator<Item = Self>) -> Self {
+        summaries
+            .into_iter()
+            .fold(Self::default(), |a, b| a.and(&b))
+    }
+
     /// What all of a scene's volumes have.
     pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
-        volumes
-            .map(|volume| Self::of_blocks(volume, 0..volume.blocks.len() as u32))
-            .fold(Self::default(), |a, b| a.and(&b))
+        Self::joined(volumes.map(|v| Self::of_blocks(v, 0..v.blocks.len() as u32)))
     }
 
     /// What both of two have.
@@ -55,7 +60,7 @@ impl AmplitudeSummary {
             .with_min_len(64)
             .map(|block| of_block(volume, block))
             .collect();
-        blocks.iter().fold(Self::default(), Self::and)
+        Self::joined(blocks)
     }
 }
 
@@ -63,13 +68,15 @@ impl AmplitudeSummary {
 #[inline]
 pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: impl FnMut(u32, f64)) {
     let volumes = match &volume.strength {
-        Strength::Mass(masses) => {
+        StrengthIn::Mass(masses) => {
             volume.for_each_particle(block, |local, i, _| each(local, f64::from(masses[i])));
             return;
         }
-        Strength::Classified { volumes } => volumes,
+        StrengthIn::Classified { volumes } => volumes,
         // An opacity is no amount of anything; the frame refuses it.
-        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Translucent(_) => return,
+        StrengthIn::PeakOpacity { .. } | StrengthIn::Surface(_) | StrengthIn::Translucent(_) => {
+            return;
+        }
     };
     let Some(values) = &volume.values else {
         return;

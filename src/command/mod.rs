@@ -33,6 +33,8 @@ mod lit;
 mod measure;
 mod outputs;
 mod parse;
+mod prepare;
+mod prepared;
 mod progress;
 mod ranks;
 mod render;
@@ -73,7 +75,7 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Say what files hold and what rendering them requires
     Info(Box<info::Arguments>),
-    /// Turn data into a file of splats for viewers of radiance fields
+    /// Turn data into a file of splats for viewers of radiance fields, or into a prepared scene
     Convert(Box<convert::Arguments>),
     /// Show data in a window
     View(view::Arguments),

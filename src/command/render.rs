@@ -34,6 +34,7 @@ use super::legend::{LegendOptions, bars};
 use super::lit::LightOptions;
 use super::outputs::{check_collisions, warn_unconverged};
 use super::parse::{self, Background, Clip};
+use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, spinner, task_of, with_bar};
 use super::ranks;
 use super::sequence::SequenceOptions;
@@ -582,7 +583,14 @@ impl Arguments {
             _ => Vec::new(),
         };
         let bounds = scene.bounds();
-        let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
+        let (mut scene, prepared, up, fields) =
+            (scene.volumes, scene.prepared, scene.up, scene.fields);
+        let refused = [
+            ("--reference", self.method.reference.is_some()),
+            ("--cut-faces", self.cut.cut_faces),
+            ("--column-mean", self.method.column_mean.is_some()),
+        ];
+        refuse_beside(&prepared, &refused)?;
         self.method.check_use(&scene)?;
         if self.is_lit() && !self.method.post_classification {
             check_lit(&scene)?;
@@ -622,7 +630,7 @@ impl Arguments {
             task: options.task.clone(),
             ..SceneOptions::default()
         };
-        let renderer = Renderer::with_options(scene, &scene_options)?;
+        let renderer = renderer_of(scene, prepared, &scene_options)?;
         let (all, canvas) = if is_column {
             let lens = Lens::OrthoHeight(None);
             (renderer.boxes(), Canvas { lens, ..whole })
@@ -747,7 +755,10 @@ impl Arguments {
                 Some(first) => first,
                 None => read(steps[n])?,
             };
-            let mut renderer = Renderer::new(scene.volumes)?;
+            let cut_faces = ("--cut-faces", self.cut.cut_faces);
+            refuse_beside(&scene.prepared, &[cut_faces])?;
+            let whole = SceneOptions::default();
+            let mut renderer = renderer_of(scene.volumes, scene.prepared, &whole)?;
             if is_alone {
                 let backend = self.backend(&renderer, &camera);
                 renderer = renderer.on_backend(backend)?;

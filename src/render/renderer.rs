@@ -18,7 +18,9 @@ use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::scene::{PointVolume, Requirements, Strength, TransferFunction, Values};
+#[cfg(feature = "prepared")]
+use crate::prepared::PreparedScene;
+use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
@@ -82,7 +84,21 @@ impl Renderer {
     /// # Errors
     /// Those of [`Renderer::new`]; work that was cancelled.
     pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
-        let scene = BlockedScene::new(scene, options)?;
+        Self::of_scene(BlockedScene::new(scene, options)?)
+    }
+
+    /// Draws prepared scenes together, in their order; frames are drawn on the CPU. What no frame asks for of scenes in
+    /// files is not read.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name.
+    #[cfg(feature = "prepared")]
+    pub fn of_prepared(scenes: Vec<PreparedScene>) -> Result<Self> {
+        let scenes = scenes.into_iter().map(PreparedScene::into_scene);
+        Self::of_scene(BlockedScene::joined(scenes)?)
+    }
+
+    fn of_scene(scene: BlockedScene) -> Result<Self> {
         let mut cpu = CpuFrames::default();
         cpu.upload(&scene)?;
         Ok(Self {
@@ -381,7 +397,7 @@ impl Renderer {
             volume.is_of_splats() || matches!(volume.particles, BlockedParticles::Surfels { .. })
         };
         let is_of_field = |volume: &BlockedVolume| {
-            matches!(volume.strength, Strength::Classified { .. }) && volume.values.is_some()
+            matches!(volume.strength, StrengthIn::Classified { .. }) && volume.values.is_some()
         };
         if self.scene.data().any(is_flat) {
             DEFAULT_LOW_PASS_VARIANCE_PX2

@@ -9,7 +9,9 @@ use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, render, volume};
 use ewa_splat::constants::TILE_SIZE;
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::scene::{
+    Colour, Particles, PointVolume, Strength, StrengthIn, TransferFunction, Values,
+};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::stages::cpu::{Bins, bin, classify, count_classified, sort};
 use ewa_splat::stages::record::{
@@ -532,7 +534,7 @@ fn particles_of_a_block_are_in_the_order_of_their_values() {
         else {
             panic!("spheres stay spheres");
         };
-        let Strength::Classified { volumes } = &volume.strength else {
+        let StrengthIn::Classified { volumes } = &volume.strength else {
             panic!("volumes stay volumes");
         };
         // All arrays follow.
@@ -570,7 +572,7 @@ fn what_classify_leaves_out_is_invisible() {
         for shape in shapes {
             let colour = |v: f32| [v / 300.0, 0.5, 1.0];
             let transfer = TransferFunction::from_curves(colour, shape, [0.0, 300.0], 1.0).unwrap();
-            let (values, Strength::Classified { volumes }) =
+            let (values, StrengthIn::Classified { volumes }) =
                 (volume.values.as_ref().unwrap(), &volume.strength)
             else {
                 panic!("volumes stay volumes");
