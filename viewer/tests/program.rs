@@ -113,7 +113,9 @@ fn a_replay_says_how_long_pictures_take() {
         "turn: ",
         "edit: ",
         "of the pixels at a tolerance of",
-        "rest, ",
+        "for what is merged",
+        "rest: whole after ",
+        "its error after ",
     ] {
         assert!(text.contains(part), "{text}");
     }
