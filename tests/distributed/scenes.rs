@@ -60,7 +60,8 @@ pub(crate) fn shells() -> TransferFunction {
     TransferFunction::from_curves(|v| [v, 0.5, 1.0 - v], opacity, [0.0, 1.0], 0.1).unwrap()
 }
 
-/// Ellipsoids with values that fall from the origin, and with what their field does over each.
+/// Ellipsoids that fill the cube from -1 to 1, with values that fall from the origin, and with what their field does
+/// over each.
 pub(crate) fn ellipsoids(count: usize) -> PointVolume {
     let mut random = Random::new(11);
     let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
@@ -82,6 +83,7 @@ pub(crate) fn ellipsoids(count: usize) -> PointVolume {
         }
     });
     let models: Vec<LocalModel> = models.collect();
+    let share = 8.0 / count as f64;
     PointVolume {
         values: Some(Values::F32(values)),
         transfer_function: Some(shells()),
@@ -89,7 +91,7 @@ pub(crate) fn ellipsoids(count: usize) -> PointVolume {
         ..plain(
             Particles::Anisotropic { positions, factors },
             Strength::Classified {
-                volumes: numbers(&mut random, count, 1e-4, 5e-4),
+                volumes: numbers(&mut random, count, 0.5 * share, 1.5 * share),
             },
             Colour::Classified,
         )
