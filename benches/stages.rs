@@ -133,7 +133,7 @@ fn stages(c: &mut Criterion) {
                     frame.terms(),
                     &frame.order,
                     frame.tiles[0],
-                    0..frame.tiles[1],
+                    0..frame.tiles[0] * frame.tiles[1],
                     &mut bins,
                 );
             });

@@ -151,6 +151,15 @@ pub enum Error {
         /// The next step.
         advice: Advice,
     },
+    /// Another rank of a distributed renderer failed, or is gone.
+    #[error("rank {rank}: {reason}")]
+    #[non_exhaustive]
+    OfRank {
+        /// Its number.
+        rank: usize,
+        /// What it said.
+        reason: String,
+    },
     /// The work was cancelled by its [`Task`](crate::Task): nothing is wrong.
     #[error("cancelled")]
     Cancelled,
@@ -224,6 +233,11 @@ impl Error {
         }
     }
 
+    /// An [`Error::OfRank`] from its two parts.
+    pub(crate) fn of_rank(rank: usize, reason: String) -> Self {
+        Self::OfRank { rank, reason }
+    }
+
     /// That this build has no code for GPUs.
     #[cfg(not(feature = "gpu"))]
     pub(crate) fn without_gpu() -> Self {
@@ -288,7 +302,7 @@ impl Error {
             Self::NoLayout { .. } => return Some(Hint::GiveLayout),
             Self::OutOfMemory { .. } => return Some(Hint::SmallerSceneOrCpu),
             Self::DeviceLost { .. } => return Some(Hint::StartAgainOrCpu),
-            Self::Cancelled => return None,
+            Self::OfRank { .. } | Self::Cancelled => return None,
         };
         match advice {
             Advice::Hint(hint) => Some(*hint),

@@ -72,10 +72,12 @@
 //! | `splat` | kernel to footprint: filters, exact terms, error bounds |
 //! | `record` | the structs that stages exchange |
 //! | `blocks` | particles in blocks, culling, level of detail, filters block by block |
+//! | `prepared` | scenes in files that are mapped into memory (feature `prepared`) |
 //! | [`stats`] | what frames count, and their times |
 //! | `cpu` | the stages of a frame on the CPU |
 //! | `gpu` | the same stages on a GPU (feature `gpu`) |
 //! | [`render`] | scene + camera + settings to frame |
+//! | [`distributed`] | the same by ranks, each with a share of the scene |
 //! | [`mod@reference`] | the true image, in f64, by quadrature |
 //! | `overlay` | what is drawn over pictures: text, plates, lines (feature `legend`) |
 //! | `legend`, `annotate` | colour bars in pictures; axes, boxes, scales and titles (feature `legend`) |
@@ -125,6 +127,7 @@ pub mod command;
 pub mod compositing {}
 pub mod constants;
 mod cpu;
+pub mod distributed;
 pub mod edit;
 pub mod error;
 #[cfg(feature = "gpu")]
@@ -137,8 +140,12 @@ pub mod irregular {}
 pub mod legend;
 pub mod math;
 pub mod measure;
+#[doc(hidden)]
+pub mod memory;
 #[cfg(feature = "legend")]
 mod overlay;
+#[cfg(feature = "prepared")]
+pub mod prepared;
 mod record;
 #[doc = include_str!("../docs/papers.md")]
 pub mod papers {}

@@ -1,9 +1,11 @@
 //! Amplitudes: what column densities sum.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::BlockedVolume;
-use crate::scene::Strength;
+use crate::scene::StrengthIn;
 
 /// The amplitudes of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -17,8 +19,29 @@ pub struct AmplitudeSummary {
 }
 
 impl AmplitudeSummary {
+    /// Of what several have, in their order.
+    pub(crate) fn joined(summaries: impl IntoIterator<Item = Self>) -> Self {
+        summaries
+            .into_iter()
+            .fold(Self::default(), |a, b| a.and(&b))
+    }
+
     /// What all of a scene's volumes have.
     pub fn of<'a>(volumes: impl Iterator<Item = &'a BlockedVolume>) -> Self {
+        Self::joined(volumes.map(|v| Self::of_blocks(v, 0..v.blocks.len() as u32)))
+    }
+
+    /// What both of two have.
+    pub(crate) fn and(self, other: &Self) -> Self {
+        Self {
+            largest: self.largest.max(other.largest),
+            sum: self.sum + other.sum,
+            not_finite: self.not_finite + other.not_finite,
+        }
+    }
+
+    /// What some blocks of a volume have.
+    pub(crate) fn of_blocks(volume: &BlockedVolume, blocks: Range<u32>) -> Self {
         let of_block = |volume: &BlockedVolume, block: u32| {
             let mut summary = Self::default();
             visit_amplitudes(volume, block, |_, amplitude| {
@@ -31,22 +54,13 @@ impl AmplitudeSummary {
             });
             summary
         };
-        let add = |a: Self, b: &Self| Self {
-            largest: a.largest.max(b.largest),
-            sum: a.sum + b.sum,
-            not_finite: a.not_finite + b.not_finite,
-        };
-        volumes
-            .map(|volume| {
-                // Blocks first, then their sum: one order, whatever the threads.
-                let blocks: Vec<Self> = (0..volume.blocks.len() as u32)
-                    .into_par_iter()
-                    .with_min_len(64)
-                    .map(|block| of_block(volume, block))
-                    .collect();
-                blocks.iter().fold(Self::default(), add)
-            })
-            .fold(Self::default(), |a, b| add(a, &b))
+        // Blocks first, then their sum: one order, whatever the threads.
+        let blocks: Vec<Self> = blocks
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|block| of_block(volume, block))
+            .collect();
+        Self::joined(blocks)
     }
 }
 
@@ -54,13 +68,15 @@ impl AmplitudeSummary {
 #[inline]
 pub(crate) fn visit_amplitudes(volume: &BlockedVolume, block: u32, mut each: impl FnMut(u32, f64)) {
     let volumes = match &volume.strength {
-        Strength::Mass(masses) => {
+        StrengthIn::Mass(masses) => {
             volume.for_each_particle(block, |local, i, _| each(local, f64::from(masses[i])));
             return;
         }
-        Strength::Classified { volumes } => volumes,
+        StrengthIn::Classified { volumes } => volumes,
         // An opacity is no amount of anything; the frame refuses it.
-        Strength::PeakOpacity { .. } | Strength::Surface(_) | Strength::Translucent(_) => return,
+        StrengthIn::PeakOpacity { .. } | StrengthIn::Surface(_) | StrengthIn::Translucent(_) => {
+            return;
+        }
     };
     let Some(values) = &volume.values else {
         return;

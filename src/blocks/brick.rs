@@ -14,7 +14,7 @@ use super::merge::MergeBounds;
 use super::{Block, EMPTY_RANGE, NO_PARENT, value_range};
 use crate::constants::{BRICK, EDGE_REACH, MOST_EDGES};
 use crate::math::{Factor, Truncated, lower_factor, principal_sigmas};
-use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Values, cell_width};
+use crate::scene::{Lattice, LatticeSpacing, NO_EDGE, Shared, ValuesIn, cell_width};
 
 /// A lattice cut into bricks of [`BRICK`] cells.
 #[derive(Debug, Clone)]
@@ -45,11 +45,9 @@ pub struct Faces {
 }
 
 impl Faces {
-    /// Of a lattice without its ghosts.
-    fn new(own: &Lattice, kernel_width: f64) -> Self {
-        let ghosts = own.ghosts();
-        let wide = own.with_ghosts();
-        let normal = |a: usize| match &own.spacing {
+    /// Of a lattice with a layer of ghosts around its own samples.
+    fn new(wide: &Lattice, ghosts: [usize; 3], kernel_width: f64) -> Self {
+        let normal = |a: usize| match &wide.spacing {
             LatticeSpacing::Uniform { step, .. } => {
                 let normal = step.col((a + 1) % 3).cross(step.col((a + 2) % 3));
                 let normal = normal.normalize_or_zero();
@@ -62,8 +60,8 @@ impl Faces {
             let Axis {
                 coordinates,
                 widths,
-            } = Axis::new(&wide, a);
-            let unit = match &own.spacing {
+            } = Axis::new(wide, a);
+            let unit = match &wide.spacing {
                 LatticeSpacing::Uniform { step, .. } => step.col(a).dot(normals[a]),
                 LatticeSpacing::Rectilinear { .. } => 1.0,
             };
@@ -87,6 +85,12 @@ impl Faces {
             normals: normals.map(|n| n.as_vec3()),
             distances,
         }
+    }
+
+    /// Ghosts before the first sample along each axis, and as many behind the last.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn ghosts(&self) -> [usize; 3] {
+        self.ghosts
     }
 }
 
@@ -124,7 +128,7 @@ impl BrickGrid {
 
     /// The grid whose cells are cubes of `merged` of this one's along each edge: of its kernels as its faces,
     /// where it has any, cut them.
-    pub(super) fn merged(&self, merged: usize) -> Self {
+    pub(crate) fn merged(&self, merged: usize) -> Self {
         let kernels = self.axis_kernels();
         let lattice = self.lattice.clone();
         Self::of_cubes(lattice, self.kernel_width, merged, |axis, a| {
@@ -176,10 +180,23 @@ impl BrickGrid {
     /// The same with a layer of ghosts around the lattice's own samples, and its kernels cut at the box
     /// of these.
     pub(super) fn with_faces(lattice: &Lattice, kernel_width: f64) -> Self {
+        Self::of_wide(lattice.with_ghosts(), kernel_width, Some(lattice.ghosts()))
+    }
+
+    /// Of a lattice that has its ghosts, where it has any.
+    ///
+    /// - `ghosts`: how many before the first sample along each axis, where faces cut kernels.
+    pub(crate) fn of_wide(lattice: Lattice, kernel_width: f64, ghosts: Option<[usize; 3]>) -> Self {
         Self {
-            faces: Some(Faces::new(lattice, kernel_width)),
-            ..Self::new(lattice.with_ghosts(), kernel_width)
+            faces: ghosts.map(|ghosts| Faces::new(&lattice, ghosts, kernel_width)),
+            ..Self::new(lattice, kernel_width)
         }
+    }
+
+    /// Cells of the lattice along each edge of a cell of the grid.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn cells_per_edge(&self) -> usize {
+        self.merged
     }
 
     /// Whether faces of the box of its samples cut kernels.
@@ -239,7 +256,7 @@ impl BrickGrid {
     }
 
     /// The sample points that the cells stand for.
-    pub(super) fn lattice(&self) -> &Lattice {
+    pub(crate) fn lattice(&self) -> &Lattice {
         &self.lattice
     }
 
@@ -392,7 +409,7 @@ impl BrickGrid {
 
     /// Of a brick: the range of all values that classification over its kernels' extents may ask for, and
     /// their greatest spread w.
-    fn spread(&self, values: &Values, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
+    fn spread(&self, values: &ValuesIn<Shared>, cells: [[usize; 2]; 3]) -> ([f32; 2], f32) {
         let halo = Halo::new(self, values, cells);
         let ranges = halo.ranges();
         let corner = cells.map(|[first, _]| first);
@@ -429,7 +446,7 @@ impl BrickGrid {
     /// - `is_classified`: whether a transfer function makes masses of the values.
     pub(super) fn blocks(
         &self,
-        values: Option<&Values>,
+        values: Option<&ValuesIn<Shared>>,
         is_classified: bool,
         level: u32,
     ) -> Vec<Block> {
@@ -584,17 +601,17 @@ impl BrickGrid {
         self.samples(cells).map(greatest).product()
     }
 
-    fn brick_range(&self, values: &Values, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
+    fn brick_range(&self, values: &ValuesIn<Shared>, [x, y, z]: [[usize; 2]; 3]) -> [f32; 2] {
         let rows = (z[0]..z[1]).flat_map(|k| (y[0]..y[1]).map(move |j| (j, k)));
         let mut range = EMPTY_RANGE;
         for (j, k) in rows {
             let first = self.index([x[0], j, k]);
             let row = first..first + (x[1] - x[0]);
             let [lo, hi] = match values {
-                Values::U8(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
-                Values::F32(v) => value_range(v[row].iter().copied()),
+                ValuesIn::U8(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::I16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::U16(v) => value_range(v[row].iter().map(|&v| f32::from(v))),
+                ValuesIn::F32(v) => value_range(v[row].iter().copied()),
             };
             range = [range[0].min(lo), range[1].max(hi)];
         }

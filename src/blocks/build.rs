@@ -1,6 +1,6 @@
 //! Blocks of a point set: the subtrees of a BVH that hold few enough particles.
 
-use std::ops::Range;
+use std::ops::{Deref, Range};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -18,7 +18,8 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{harmonics_count, principal_sigmas};
 use crate::scene::{
-    Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength, Values,
+    Boundary, BoundaryPlanes, BoundaryPlanesIn, ColourIn, LocalModels, LocalModelsIn, Particles,
+    PointVolume, Storage, StrengthIn, Values, ValuesIn,
 };
 use crate::task::{Stage, Task};
 
@@ -130,20 +131,21 @@ fn build_ordered(
                 None => BrickGrid::new(lattice, kernel_width),
                 Some(own) => BrickGrid::with_faces(&own, kernel_width),
             };
+            let values = values.map(Values::shared);
             let blocks = if grid.is_empty() {
                 Vec::new()
             } else {
-                let is_classified = matches!(strength, Strength::Classified { .. });
+                let is_classified = matches!(strength, StrengthIn::Classified { .. });
                 grid.blocks(values.as_ref(), is_classified, 0)
             };
             let mut base = BlockedVolume {
                 blocks,
                 particles: BlockedParticles::Lattice(Box::new(grid)),
-                strength,
-                colour,
+                strength: strength.shared(),
+                colour: colour.shared(),
                 values,
                 transfer_function,
-                normals,
+                normals: normals.map(Into::into),
                 boundary: None,
                 // A cell's number is its place.
                 indices: None,
@@ -261,17 +263,19 @@ fn build_ordered(
     let base = BlockedVolume {
         particles: match sigmas {
             Ok(sigmas) => BlockedParticles::Isotropic {
-                offsets,
+                offsets: offsets.into(),
                 sigmas: match moved {
                     Some(places) => pick(sigmas, places),
                     None => sigmas,
-                },
+                }
+                .into(),
             },
             Err(factors) => {
                 let factors = match moved {
                     Some(places) => pick(factors, places),
                     None => factors,
                 };
+                let (offsets, factors) = (offsets.into(), factors.into());
                 match sides {
                     None => BlockedParticles::Anisotropic { offsets, factors },
                     Some(is_one_sided) => BlockedParticles::Surfels {
@@ -282,61 +286,66 @@ fn build_ordered(
                 }
             }
         },
-        strength: rest.strength,
-        colour: rest.colour,
-        values: rest.values,
+        strength: rest.strength.shared(),
+        colour: rest.colour.shared(),
+        values: rest.values.map(Values::shared),
         transfer_function,
-        normals: rest.normals,
-        boundary: rest.boundary,
+        normals: rest.normals.map(Into::into),
+        boundary: rest.boundary.map(BoundaryPlanes::shared),
         blocks,
-        local_models: rest.local_models,
+        local_models: rest.local_models.map(LocalModels::shared),
         lobes: None,
-        indices: options.indices.then(|| pick(order, &places)),
+        indices: options.indices.then(|| pick(order, &places).into()),
         merged: None,
     };
     Ok(family(base, coarse.into_iter().collect()))
 }
 
 /// What particles have besides places and shapes.
-struct Rest {
-    strength: Strength,
-    colour: Colour,
-    values: Option<Values>,
-    boundary: Option<BoundaryPlanes>,
-    normals: Option<Vec<u32>>,
-    local_models: Option<LocalModels>,
+pub(super) struct Rest<S: Storage> {
+    pub(super) strength: StrengthIn<S>,
+    pub(super) colour: ColourIn<S>,
+    pub(super) values: Option<ValuesIn<S>>,
+    pub(super) boundary: Option<BoundaryPlanesIn<S>>,
+    pub(super) normals: Option<S::Of<u32>>,
+    pub(super) local_models: Option<LocalModelsIn<S>>,
 }
 
-impl Rest {
+impl<S: Storage> Rest<S> {
     /// That of the particles of an order.
-    fn gather(self, order: &[u32]) -> Self {
+    pub(super) fn gather(self, order: &[u32]) -> Self {
         Self {
             strength: match self.strength {
-                Strength::Classified { volumes } => Strength::Classified {
+                StrengthIn::Classified { volumes } => StrengthIn::Classified {
                     volumes: pick(volumes, order),
                 },
-                Strength::Mass(masses) => Strength::Mass(pick(masses, order)),
-                Strength::Surface(areas) => Strength::Surface(pick(areas, order)),
-                Strength::Translucent(areas) => Strength::Translucent(pick(areas, order)),
-                Strength::PeakOpacity {
+                StrengthIn::Mass(masses) => StrengthIn::Mass(pick(masses, order)),
+                StrengthIn::Surface(areas) => StrengthIn::Surface(pick(areas, order)),
+                StrengthIn::Translucent(areas) => StrengthIn::Translucent(pick(areas, order)),
+                StrengthIn::PeakOpacity {
                     opacities,
                     is_anti_aliased,
-                } => Strength::PeakOpacity {
+                } => StrengthIn::PeakOpacity {
                     opacities: pick(opacities, order),
                     is_anti_aliased,
                 },
             },
             colour: match self.colour {
-                Colour::PerParticle(colours) => Colour::PerParticle(pick(colours, order)),
-                Colour::Harmonics {
+                ColourIn::PerParticle(colours) => ColourIn::PerParticle(pick(colours, order)),
+                ColourIn::Harmonics {
                     degree,
                     coefficients,
                 } => {
                     let stride = 3 * harmonics_count(degree);
                     let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
-                    Colour::Harmonics {
+                    ColourIn::Harmonics {
                         degree,
-                        coefficients: order.iter().flat_map(set).copied().collect(),
+                        coefficients: order
+                            .iter()
+                            .flat_map(set)
+                            .copied()
+                            .collect::<Vec<_>>()
+                            .into(),
                     }
                 }
                 other => other,
@@ -350,8 +359,14 @@ impl Rest {
 }
 
 /// Elements in an order.
-fn pick<T: Copy + Send + Sync>(elements: Vec<T>, order: &[u32]) -> Vec<T> {
-    order.par_iter().map(|&i| elements[i as usize]).collect()
+pub(super) fn pick<T, C>(elements: C, order: &[u32]) -> C
+where
+    T: Copy + Send + Sync,
+    C: Deref<Target = [T]> + From<Vec<T>>,
+{
+    let from = &*elements;
+    let picked: Vec<T> = order.par_iter().map(|&i| from[i as usize]).collect();
+    picked.into()
 }
 
 /// A volume and its levels of detail, which share a transfer function.
@@ -619,8 +634,8 @@ mod tests {
         let sigmas = vec![0.1; positions.len()];
         let volume = BlockedVolume::new(PointVolume {
             particles: Particles::Isotropic { positions, sigmas },
-            strength: Strength::Mass(vec![1.0; 3_000]),
-            colour: Colour::Uniform([1.0; 3]),
+            strength: StrengthIn::Mass(vec![1.0; 3_000]),
+            colour: ColourIn::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
             boundary: None,

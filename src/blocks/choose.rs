@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Block, BlockedParticles, BlockedVolume, MergeBounds};
 use crate::record::{BlockView, ChoiceUniform};
-use crate::scene::{Colour, MAX_PIECE_WIDTH, Strength};
+use crate::scene::{ColourIn, MAX_PIECE_WIDTH, StrengthIn};
 use crate::splat::Filter;
 use crate::splat::budget::{
     AFFINE_SHARE, CONTRAST_SHARE, FILTER_SHARE, MANY_SHARE, MERGE_FOURTH, MERGE_SHARE, MERGE_THIRD,
@@ -92,11 +92,11 @@ impl Kernels {
         let merged = volume.merged.as_ref().and_then(|m| m.transfer.as_ref());
         let change = merged.map_or(0.0, |m| m.slopes.max_slope(low, high));
         let (extinction, slope) = match (&volume.strength, &volume.transfer_function) {
-            (Strength::Classified { .. }, Some(transfer)) => {
+            (StrengthIn::Classified { .. }, Some(transfer)) => {
                 let greatest = transfer.max_extinction(low, high);
                 (greatest, change / greatest)
             }
-            (_, Some(_)) if volume.colour == Colour::Classified => (1.0, change),
+            (_, Some(_)) if volume.colour == ColourIn::Classified => (1.0, change),
             _ => (1.0, 0.0),
         };
         let are_round = matches!(volume.particles, BlockedParticles::Isotropic { .. });

@@ -7,7 +7,7 @@ use super::choose::merge_fits;
 use super::{Block, BlockedVolume};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::record::{BlockView, ChoiceUniform, ClassifiedBy};
-use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, Strength};
+use crate::scene::{LOBE_REACH, MAX_PIECE_WIDTH, StrengthIn};
 use crate::view::{Camera, Projection};
 
 /// How far from its particle's centre a piece of a kernel may reach, standard deviations: shifted, and a
@@ -192,7 +192,7 @@ fn cull_where(
 /// or of what their extents reach.
 fn shown_by(volume: &BlockedVolume, choice: &ChoiceUniform, block: &Block) -> Option<ClassifiedBy> {
     let by = volume.classified_by(choice, block);
-    let (Strength::Classified { .. }, Some(transfer)) =
+    let (StrengthIn::Classified { .. }, Some(transfer)) =
         (&volume.strength, &volume.transfer_function)
     else {
         return Some(by);

@@ -5,7 +5,7 @@ use super::layers::THICKEST_SLAB;
 use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
 use crate::record::{ChoiceUniform, ClassifiedBy};
 use crate::scene::{
-    LOBE_REACH, Lobes, LocalModel, LocalModels, Strength, TransferFunction, Values,
+    LOBE_REACH, Lobes, LocalModel, LocalModels, StrengthIn, TransferFunction, Values,
 };
 
 /// The values that a lobe of a kernel may have: those around its sample, as far as its linear model
@@ -85,7 +85,7 @@ impl BlockedVolume {
     /// Whether it is known how its field runs over kernels, and masses follow from that.
     pub(crate) fn may_have_pieces(&self) -> bool {
         let is_lattice = matches!(self.particles, BlockedParticles::Lattice(_));
-        matches!(self.strength, Strength::Classified { .. })
+        matches!(self.strength, StrengthIn::Classified { .. })
             && self.values.is_some()
             && self.merged.is_none()
             && (is_lattice || self.local_models.is_some())

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::BrickGrid;
 use crate::constants::{BLOCK_CAPACITY, BRICK};
-use crate::scene::{LocalModel, Values};
+use crate::scene::{LocalModel, Shared, ValuesIn};
 
 /// Rings of cells around a brick: ranges of values are those of five cells along each axis.
 const RINGS: usize = 2;
@@ -32,15 +32,15 @@ pub(crate) struct Ranges {
 
 impl Halo {
     /// Of the brick of `cells`, first and one past the last along each axis.
-    pub(crate) fn new(grid: &BrickGrid, values: &Values, cells: [[usize; 2]; 3]) -> Self {
+    pub(crate) fn new(grid: &BrickGrid, values: &ValuesIn<Shared>, cells: [[usize; 2]; 3]) -> Self {
         let mut halo = Self {
             values: [f32::NAN; WIDE[0] * WIDE[1] * WIDE[2]],
         };
         match values {
-            Values::U8(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
-            Values::I16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
-            Values::U16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
-            Values::F32(v) => halo.fill(grid, cells, |i| {
+            ValuesIn::U8(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
+            ValuesIn::I16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
+            ValuesIn::U16(v) => halo.fill(grid, cells, |i| f32::from(v[i])),
+            ValuesIn::F32(v) => halo.fill(grid, cells, |i| {
                 // An infinite neighbour says nothing of a slope.
                 if v[i].is_finite() { v[i] } else { f32::NAN }
             }),

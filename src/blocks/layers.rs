@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::{Block, BlockedParticles, BlockedScene, BlockedVolume, DepthRange};
 use crate::constants::{DEPTH_KEY_BITS, MAX_CUTOFF};
 use crate::error::{Error, Result};
-use crate::scene::Strength;
+use crate::scene::StrengthIn;
 use crate::view::Camera;
 
 /// The layers of a frame: from `near` on along an axis, each as thick as the next.
@@ -221,10 +221,10 @@ impl SlabKernels {
 fn greatest_extinction(volume: &BlockedVolume, block: &Block) -> f64 {
     let [lo, hi] = block.value_range;
     match (&volume.strength, &volume.transfer_function) {
-        (Strength::Classified { .. }, Some(transfer)) if lo <= hi => {
+        (StrengthIn::Classified { .. }, Some(transfer)) if lo <= hi => {
             f64::from(transfer.max_extinction(lo, hi))
         }
-        (Strength::Classified { .. }, _) => 0.0,
+        (StrengthIn::Classified { .. }, _) => 0.0,
         _ => 1.0,
     }
 }

@@ -16,6 +16,7 @@
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
+//! | `share.rs` | the part of a scene that one of several owners keeps |
 //! | `tree.rs` | a BVH over particles, built by obvhs in chunks |
 
 #![allow(
@@ -37,6 +38,7 @@ mod neighbours;
 mod overlap;
 mod rule;
 mod scene;
+mod share;
 mod tree;
 
 use std::sync::Arc;
@@ -44,8 +46,11 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
+#[cfg(feature = "prepared")]
+use crate::scene::Requirements;
 use crate::scene::{
-    BoundaryPlanes, Colour, Lobes, LocalModels, PointVolume, Strength, TransferFunction, Values,
+    BoundaryPlanesIn, ColourIn, Column, Lobes, LocalModelsIn, PointVolume, Shared, StrengthIn,
+    TransferFunction, ValuesIn,
 };
 use build::BuildOptions;
 
@@ -66,7 +71,10 @@ use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
 pub(crate) use rule::Rule;
+#[cfg(feature = "prepared")]
+pub(crate) use scene::KeptOfVolume;
 pub use scene::{BlockedScene, SceneOptions};
+pub(crate) use share::runs_in_turn;
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).
@@ -77,26 +85,26 @@ pub struct BlockedVolume {
     /// Positions and shapes in block order.
     pub particles: BlockedParticles,
     /// Where masses come from, in block order.
-    pub strength: Strength,
+    pub strength: StrengthIn<Shared>,
     /// Where colours come from, in block order.
-    pub colour: Colour,
+    pub colour: ColourIn<Shared>,
     /// Values in block order (a lattice's stay in the lattice's order): those of a block of points
     /// ascending, NaN last.
-    pub values: Option<Values>,
+    pub values: Option<ValuesIn<Shared>>,
     /// The transfer function, where something is classified.
     pub transfer_function: Option<TransferFunction>,
     /// Codes of normals in the order of the values, where light may fall on particles.
-    pub normals: Option<Vec<u32>>,
+    pub normals: Option<Column<u32>>,
     /// How the field runs over each kernel, where that is stored; a lattice's follows from its values.
-    pub local_models: Option<LocalModels>,
+    pub local_models: Option<LocalModelsIn<Shared>>,
     /// What the transfer function leaves of kernels over their extents, where any block's kernels are too
     /// wide for it to be asked for their values alone.
     pub lobes: Option<Arc<Lobes>>,
     /// Of points in block order: where the domain of the data cuts them. A lattice's grid knows its own
     /// faces.
-    pub boundary: Option<BoundaryPlanes>,
+    pub boundary: Option<BoundaryPlanesIn<Shared>>,
     /// Which of the caller's particles each is, where that is kept; a lattice's stay in their order.
-    pub indices: Option<Vec<u32>>,
+    pub indices: Option<Column<u32>>,
     /// Of a level of detail: what its particles stand for.
     pub merged: Option<Merged>,
 }
@@ -109,23 +117,23 @@ pub enum BlockedParticles {
     /// Spheres: offsets from the block's origin and standard deviations.
     Isotropic {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// World units.
-        sigmas: Vec<f32>,
+        sigmas: Column<f32>,
     },
     /// Ellipsoids: offsets from the block's origin and lower-triangular factors.
     Anisotropic {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// l00, l10, l11, l20, l21, l22, world units.
-        factors: Vec<[f32; 6]>,
+        factors: Column<[f32; 6]>,
     },
     /// Surfels: offsets from the block's origin and two tangents.
     Surfels {
         /// World units, relative to the block's origin.
-        offsets: Vec<[f32; 3]>,
+        offsets: Column<[f32; 3]>,
         /// x, y, z of the first tangent, then of the second, world units.
-        tangents: Vec<[f32; 6]>,
+        tangents: Column<[f32; 6]>,
         /// Whether surfels seen from behind are left out.
         is_one_sided: bool,
     },
@@ -210,8 +218,8 @@ impl BlockedVolume {
         };
         let strengths = size_of_val(self.strength.stored());
         let colours = match &self.colour {
-            Colour::PerParticle(c) => c.len() * 12,
-            Colour::Harmonics { coefficients, .. } => coefficients.len() * 4,
+            ColourIn::PerParticle(c) => c.len() * 12,
+            ColourIn::Harmonics { coefficients, .. } => coefficients.len() * 4,
             _ => 0,
         };
         let values = self
@@ -282,19 +290,20 @@ impl BlockedVolume {
     /// standard deviation; world units. What the transfer function gives less than
     /// a hundredth of its greatest extinction does not count.
     pub fn visible_boxes(&self) -> Vec<(DVec3, DVec3)> {
-        self.visible_boxes_under(self.transfer_function.as_ref())
+        let boxes = self.visible_box_of_each(self.transfer_function.as_ref());
+        boxes.into_iter().flatten().collect()
     }
 
-    /// The same under another transfer function.
-    pub(crate) fn visible_boxes_under(
+    /// The same of each block, under another transfer function.
+    pub(crate) fn visible_box_of_each(
         &self,
         transfer: Option<&TransferFunction>,
-    ) -> Vec<(DVec3, DVec3)> {
+    ) -> Vec<Option<(DVec3, DVec3)>> {
         let (transfer, values) = match (&self.strength, transfer, &self.values) {
-            (Strength::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
+            (StrengthIn::Classified { .. }, Some(transfer), Some(values)) => (transfer, values),
             _ => {
                 let seen = |b: &Block| self.splats_box(b).unwrap_or_else(|| self.whole_box(b));
-                return self.blocks.iter().map(seen).collect();
+                return self.blocks.iter().map(|b| Some(seen(b))).collect();
             }
         };
         let [lowest, highest] = transfer.range();
@@ -331,7 +340,27 @@ impl BlockedVolume {
                 (middle, ((upper - lower) / 2.0 + reach).as_dvec3())
             })
         };
-        self.blocks.iter().filter_map(seen).collect()
+        self.blocks.iter().map(seen).collect()
+    }
+
+    /// What it requires.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn requirements(&self) -> Requirements {
+        let shape_floats = match self.particles {
+            BlockedParticles::Lattice(_) => None,
+            BlockedParticles::Isotropic { .. } => Some(1),
+            BlockedParticles::Anisotropic { .. } | BlockedParticles::Surfels { .. } => Some(6),
+        };
+        Requirements {
+            normals: self.normals.is_some(),
+            local_models: self.local_models.is_some(),
+            ..Requirements::of_columns(
+                shape_floats,
+                &self.strength,
+                &self.colour,
+                self.values.as_ref(),
+            )
+        }
     }
 
     /// Of a box (middle and half extent) what lies in the box that faces cut a lattice's kernels at.
@@ -405,18 +434,18 @@ impl BlockedVolume {
 
     /// Whether its particles are surfels of an opaque surface.
     pub fn is_surface(&self) -> bool {
-        matches!(self.strength, Strength::Surface(_))
+        matches!(self.strength, StrengthIn::Surface(_))
     }
 
     /// Whether its particles are splats, which state their opacity.
     pub fn is_of_splats(&self) -> bool {
-        matches!(self.strength, Strength::PeakOpacity { .. })
+        matches!(self.strength, StrengthIn::PeakOpacity { .. })
     }
 
     /// The box of splats that state their opacity, each grown by its own extent: among small ones
     /// there are very large ones.
     fn splats_box(&self, block: &Block) -> Option<(DVec3, DVec3)> {
-        let Strength::PeakOpacity { opacities, .. } = &self.strength else {
+        let StrengthIn::PeakOpacity { opacities, .. } = &self.strength else {
             return None;
         };
         let BlockedParticles::Anisotropic { offsets, factors } = &self.particles else {

@@ -8,7 +8,7 @@
 
 use super::halo::{Halo, Ranges};
 use super::{BlockedParticles, BlockedVolume};
-use crate::scene::{Lobes, LocalModels, Values};
+use crate::scene::{Lobes, LocalModelsIn, Shared, ValuesIn};
 
 /// How far the values around are continued to either side, of their range: four steps of two rings to a side make
 /// it, and a third ring one more.
@@ -24,7 +24,7 @@ enum Around<'a> {
     /// Of a lattice's cells.
     Ranges(Box<Ranges>),
     /// Of points, from the first of the block on.
-    Models(&'a Values, &'a LocalModels, usize),
+    Models(&'a ValuesIn<Shared>, &'a LocalModelsIn<Shared>, usize),
 }
 
 impl<'a> Neighbours<'a> {

@@ -132,7 +132,7 @@ fn is_crowd(count: usize) -> bool {
 mod tests {
     use crate::blocks::BlockedVolume;
     use crate::blocks::merge::Shapes;
-    use crate::scene::{Colour, Particles, PointVolume, Strength};
+    use crate::scene::{ColourIn, Particles, PointVolume, StrengthIn};
 
     use super::*;
 
@@ -151,8 +151,8 @@ mod tests {
                 sigmas: (0..count).map(sigma).collect(),
                 positions,
             },
-            strength: Strength::Mass((0..count).map(mass).collect()),
-            colour: Colour::Uniform([1.0; 3]),
+            strength: StrengthIn::Mass((0..count).map(mass).collect()),
+            colour: ColourIn::Uniform([1.0; 3]),
             values: None,
             transfer_function: None,
             boundary: None,
@@ -225,8 +225,8 @@ mod tests {
             positions: &positions,
             shapes: Shapes::Spheres(&sigmas),
             principal: &[],
-            strength: &Strength::Mass(vec![1.0; positions.len()]),
-            colour: &Colour::Uniform([1.0; 3]),
+            strength: &StrengthIn::Mass(vec![1.0; positions.len()]),
+            colour: &ColourIn::Uniform([1.0; 3]),
             values: None,
             models: None,
             boundary: None,

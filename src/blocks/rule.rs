@@ -1,7 +1,7 @@
 //! By what rule a volume's particles are drawn.
 
 use super::{BlockedParticles, BlockedVolume};
-use crate::scene::Strength;
+use crate::scene::StrengthIn;
 
 /// By what rule a volume's particles are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -26,12 +26,12 @@ impl Rule {
             }
         );
         match volume.strength {
-            Strength::PeakOpacity {
+            StrengthIn::PeakOpacity {
                 is_anti_aliased, ..
             } => Self::Peak { is_anti_aliased },
-            Strength::Surface(_) => Self::Surface { is_one_sided },
-            Strength::Translucent(_) => Self::Translucent { is_one_sided },
-            Strength::Classified { .. } | Strength::Mass(_) => Self::Kernel,
+            StrengthIn::Surface(_) => Self::Surface { is_one_sided },
+            StrengthIn::Translucent(_) => Self::Translucent { is_one_sided },
+            StrengthIn::Classified { .. } | StrengthIn::Mass(_) => Self::Kernel,
         }
     }
 }

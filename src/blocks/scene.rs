@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 
 use super::build::{BuildOptions, Exchangeable, build};
 use super::density::densities;
-use super::{BlockedVolume, set_transfer_function};
+use super::{AmplitudeSummary, BlockedVolume, set_transfer_function};
 use crate::error::{Error, Result};
-use crate::scene::{Colour, PointVolume, Requirements, Strength, TransferFunction, Values};
+use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::task::Task;
 use crate::view::Bounds;
 
@@ -52,6 +52,29 @@ pub struct BlockedScene {
     densities: OnceLock<Vec<Vec<f64>>>,
     /// Of each volume, where values can be exchanged.
     exchangeable: Vec<Exchangeable>,
+    /// Of each volume what is known without a look at its particles.
+    known: Vec<Known>,
+}
+
+/// What of a volume follows from its particles, and is known beforehand where they lie in a file.
+#[derive(Debug, Clone, Default)]
+struct Known {
+    /// Boxes of what is visible, under the transfer function that is shown.
+    visible: Option<Vec<Bounds>>,
+    amplitudes: Option<AmplitudeSummary>,
+}
+
+/// What a file keeps of a volume besides its particles.
+#[cfg(feature = "prepared")]
+#[derive(Debug)]
+pub(crate) struct KeptOfVolume {
+    /// Of each block the box of what is visible.
+    pub(crate) visible: Vec<Option<Bounds>>,
+    /// Of the blocks of the volume, and of each level of detail.
+    pub(crate) densities: Vec<Vec<f64>>,
+    pub(crate) amplitudes: AmplitudeSummary,
+    /// The function that is shown.
+    pub(crate) transfer_function: Option<TransferFunction>,
 }
 
 impl BlockedScene {
@@ -64,16 +87,7 @@ impl BlockedScene {
         for volume in &scene {
             volume.validate()?;
         }
-        let total: usize = scene.iter().map(|v| v.particles.len()).sum();
-        if u32::try_from(total).is_err() {
-            return Err(Error::invalid(
-                "scene",
-                "particles",
-                "at most 4,294,967,295 particles",
-                total.to_string(),
-                "render a part of the data",
-            ));
-        }
+        check_count(scene.iter().map(|v| v.particles.len()).sum())?;
         let requirements = scene.iter().map(Requirements::of).collect();
         let mut volumes = Vec::new();
         let mut families = Vec::new();
@@ -95,6 +109,7 @@ impl BlockedScene {
             families.push(first..volumes.len());
         }
         Ok(Self {
+            known: vec![Known::default(); families.len()],
             volumes,
             families,
             requirements,
@@ -102,6 +117,89 @@ impl BlockedScene {
             densities: OnceLock::new(),
             exchangeable,
         })
+    }
+
+    /// Leaves out the particles of all blocks but some of each volume, in the order of [`Self::volumes`].
+    pub(crate) fn keep(&mut self, own: &[Vec<Range<u32>>]) {
+        // They are found of all particles.
+        self.densities();
+        for (volume, own) in self.volumes.iter_mut().zip(own) {
+            volume.keep(own);
+        }
+        self.exchangeable.clear();
+    }
+
+    /// Volumes that are in blocks already, each with its levels of detail after it, and what is known of each.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_families(
+        mut families: Vec<Vec<BlockedVolume>>,
+        kept: Vec<KeptOfVolume>,
+    ) -> Result<Self> {
+        let mut scene = Self {
+            volumes: Vec::new(),
+            families: Vec::new(),
+            requirements: Vec::new(),
+            carried: None,
+            densities: OnceLock::new(),
+            exchangeable: Vec::new(),
+            known: Vec::new(),
+        };
+        let mut densities = Vec::new();
+        for (family, kept) in families.iter_mut().zip(kept) {
+            if let Some(transfer) = &kept.transfer_function {
+                set_transfer_function(family, transfer, None);
+            }
+            let first = scene.volumes.len();
+            scene
+                .requirements
+                .extend(family.first().map(BlockedVolume::requirements));
+            scene.volumes.append(family);
+            scene.families.push(first..scene.volumes.len());
+            scene.known.push(Known {
+                visible: Some(kept.visible.into_iter().flatten().collect()),
+                amplitudes: Some(kept.amplitudes),
+            });
+            densities.extend(kept.densities);
+        }
+        check_count(scene.particle_count())?;
+        scene.densities = densities.into();
+        Ok(scene)
+    }
+
+    /// Several scenes as one, in their order.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn joined(scenes: impl IntoIterator<Item = Self>) -> Result<Self> {
+        let mut scenes = scenes.into_iter();
+        let Some(mut all) = scenes.next() else {
+            return Self::new(Vec::new(), &SceneOptions::default());
+        };
+        for scene in scenes {
+            let first = all.volumes.len();
+            let densities = all.densities.take().zip(scene.densities.into_inner());
+            all.densities = match densities {
+                Some((mut own, more)) => {
+                    own.extend(more);
+                    own.into()
+                }
+                None => OnceLock::new(),
+            };
+            let later = scene.families.into_iter();
+            all.families
+                .extend(later.map(|f| f.start + first..f.end + first));
+            all.volumes.extend(scene.volumes);
+            all.requirements.extend(scene.requirements);
+            all.known.extend(scene.known);
+            // Of all volumes or of none.
+            all.exchangeable.clear();
+        }
+        check_count(all.particle_count())?;
+        Ok(all)
     }
 
     /// Volumes and their levels of detail.
@@ -161,11 +259,35 @@ impl BlockedScene {
 
     /// Middles and half extents of the boxes that hold what is visible, world units.
     pub fn visible_boxes(&self) -> Vec<Bounds> {
-        let of_volume = |volume: &BlockedVolume| match &self.carried {
-            Some(transfer) if !volume.is_surface() => volume.visible_boxes_under(Some(transfer)),
-            _ => volume.visible_boxes(),
+        let of_volume = |(i, known): (usize, &Known)| match &known.visible {
+            Some(boxes) => boxes.clone(),
+            None => self.visible_box_of_each(i).into_iter().flatten().collect(),
         };
-        self.data().flat_map(of_volume).collect()
+        self.known.iter().enumerate().flat_map(of_volume).collect()
+    }
+
+    /// Of each block of a volume the box of what is visible of it.
+    pub(crate) fn visible_box_of_each(&self, volume: usize) -> Vec<Option<Bounds>> {
+        self.family(volume)[0].visible_box_of_each(self.shown_function(volume))
+    }
+
+    /// The transfer function that a volume is shown by: the one that slabs are classified by, where its particles carry
+    /// their values.
+    pub(crate) fn shown_function(&self, volume: usize) -> Option<&TransferFunction> {
+        let own = &self.family(volume)[0];
+        match &self.carried {
+            Some(transfer) if !own.is_surface() => Some(transfer),
+            _ => own.transfer_function.as_ref(),
+        }
+    }
+
+    /// What column densities sum, of each volume.
+    pub(crate) fn amplitudes_of_volumes(&self) -> Vec<AmplitudeSummary> {
+        let of_volume = |(known, volume): (&Known, &BlockedVolume)| match known.amplitudes {
+            Some(amplitudes) => amplitudes,
+            None => AmplitudeSummary::of(std::iter::once(volume)),
+        };
+        self.known.iter().zip(self.data()).map(of_volume).collect()
     }
 
     /// Middles and half extents of the boxes that hold all particles, grown by one standard
@@ -198,6 +320,7 @@ impl BlockedScene {
                 "give the number of a volume whose masses or colours come from values",
             ));
         }
+        self.known[volume].visible = None;
         let family = &mut self.volumes[self.families[volume].clone()];
         if self.carried.is_some() && !family[0].is_surface() {
             set_transfer_function(family, &transfer.carrier(), Some(&transfer));
@@ -254,6 +377,7 @@ impl BlockedScene {
             *later = later.start - before + after..later.end - before + after;
         }
         self.densities = OnceLock::new();
+        self.known[volume] = Known::default();
         Ok(())
     }
 
@@ -281,7 +405,7 @@ impl BlockedScene {
             ))
         };
         let is_field = |v: &BlockedVolume| {
-            matches!(v.strength, Strength::Classified { .. }) && v.colour == Colour::Classified
+            matches!(v.strength, StrengthIn::Classified { .. }) && v.colour == ColourIn::Classified
         };
         let mut volumes = (0..self.families.len())
             .filter(|&i| !self.volumes[self.families[i].start].is_surface());
@@ -299,7 +423,24 @@ impl BlockedScene {
                 transfer
             }
         };
+        // The same is shown.
+        let visible = self.known[volume].visible.take();
         self.set_transfer_function(volume, own)?;
+        self.known[volume].visible = visible;
         Ok(Some(volume))
     }
+}
+
+/// Refuses more particles than indices can name.
+fn check_count(total: usize) -> Result<()> {
+    if u32::try_from(total).is_ok() {
+        return Ok(());
+    }
+    Err(Error::invalid(
+        "scene",
+        "particles",
+        "at most 4,294,967,295 particles",
+        total.to_string(),
+        "render a part of the data",
+    ))
 }

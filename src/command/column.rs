@@ -38,6 +38,9 @@ impl Arguments {
                 progress.inc(1);
             }
         }
+        if renderer.rank().is_some_and(|rank| rank != 0) {
+            return Ok(());
+        }
         progress.set_message("writing");
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();

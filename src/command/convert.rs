@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::Result;
 use crate::io::{
     Dataset, Geometry, PlyForm, SplatCloud, SplatFileOptions, SpzVersion, Up, WrittenSplats,
-    check_splats_path, write_splats,
+    check_folder, check_splats_path, write_splats,
 };
 use crate::sample::mesh::MeshReport;
 use crate::sample::{
     BoundaryChoice, ConversionReport, Finding, SampleOptions, scene, sound_splats, splat_cloud,
 };
+use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use glam::{DQuat, DVec3};
 use indicatif::ProgressBar;
@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 
 use super::input::DataOptions;
 use super::outputs::check_collisions;
+use super::prepare::{PrepareOptions, is_scene};
 use super::progress;
 use super::source::Input;
 
@@ -26,7 +27,8 @@ pub(crate) struct Arguments {
     /// Files to convert into one
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
-    /// File of splats to write: ply, compressed.ply, splat, spz, sog or glb
+    /// File of splats to write: ply, compressed.ply, splat, spz, sog or glb; or arrow: a prepared scene, blocks and levels
+    /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// PLY without a third scale, as 2-D Gaussian splatting stores surfels; all splats must be flat
@@ -42,6 +44,8 @@ pub(crate) struct Arguments {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    prepare: PrepareOptions,
     #[command(flatten)]
     data: DataOptions,
 }
@@ -69,10 +73,21 @@ struct Converted {
 /// # Errors
 /// What reading, sampling, converting and writing say; an output that is an input.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    check_splats_path(&arguments.out)?;
+    let is_scene = is_scene(&arguments.out);
+    match is_scene {
+        true => arguments.check_scene()?,
+        false => {
+            check_splats_path(&arguments.out)?;
+            arguments.prepare.check_unused()?;
+        }
+    }
     check_collisions(arguments.inputs.iter(), std::iter::once(&arguments.out))?;
     let named = arguments.inputs.iter().cloned().map(Input::file);
     let inputs = arguments.data.inputs(named.collect(), false)?;
+    if is_scene {
+        let (out, data) = (&arguments.out, &arguments.data);
+        return arguments.prepare.run(&inputs, out, data, arguments.json);
+    }
     let bar = progress::bar(inputs.len() as u64 + 1);
     let mut converted = Converted::default();
     for input in &inputs {
@@ -138,6 +153,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print(&summary);
     }
     Ok(())
+}
+
+impl Arguments {
+    /// Refuses what says nothing of a prepared scene.
+    fn check_scene(&self) -> Result<()> {
+        check_folder(&self.out)?;
+        let given = [
+            ("--surfels", self.surfels),
+            ("--spz-version", self.spz_version.is_some()),
+            ("--keep-axes", self.keep_axes),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => {
+                let (expected, found) = ("a file of splats", "a prepared scene");
+                Err(Error::invalid(
+                    *option,
+                    "--out",
+                    expected,
+                    found,
+                    "leave it out",
+                ))
+            }
+        }
+    }
 }
 
 /// Says how coordinates were turned, and which inputs have another way up than the one that all were turned by.

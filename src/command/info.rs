@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 use super::files::Files;
 use super::info_table::{print_rows, print_table, problem_line};
 use super::input::DataOptions;
+use super::prepared::is_prepared;
 use super::progress::bar;
 use super::source::Input;
 use super::words::problem;
@@ -117,6 +118,9 @@ impl Arguments {
     /// # Errors
     /// A file that cannot be read, and a field named that is not there.
     fn description(&self, input: &Input, with_blocks: bool) -> Result<Value> {
+        if is_prepared(&input.path) {
+            return describe_prepared(input);
+        }
         let dataset = self.data.open(input)?;
         let mut description = describe(&dataset);
         let steps = format_of(&input.path, &self.data.open_options())?.time_steps(&input.path)?;
@@ -195,6 +199,50 @@ impl Arguments {
         description["bytes_per_particle"] = json!(BlockedVolume::bytes_per_particle(&family));
         Ok(description)
     }
+}
+
+/// What a prepared scene holds; its particles are not read.
+fn describe_prepared(input: &Input) -> Result<Value> {
+    let (scene, about) = super::prepared::open_any(input)?;
+    let volumes = scene.volumes().iter();
+    let own = volumes.clone().filter(|v| v.merged.is_none());
+    let per_volume: Vec<Value> = own
+        .zip(scene.requirements())
+        .zip(scene.transfer_functions())
+        .enumerate()
+        .map(|(i, ((volume, requirements), function))| {
+            json!({
+                "field": about.fields.get(i),
+                "particles": volume.particle_count(),
+                "blocks": volume.blocks.len(),
+                "function_range": function.map(|function| function.range()),
+                "requirements": requirements,
+            })
+        })
+        .collect();
+    let corners = about.corners.iter().copied().reduce(|[a, b], [c, d]| {
+        [
+            std::array::from_fn(|i| a[i].min(c[i])),
+            std::array::from_fn(|i| b[i].max(d[i])),
+        ]
+    });
+    let blocks: usize = volumes.map(|v| v.blocks.len()).sum();
+    Ok(json!({
+        "file": input.path.display().to_string(),
+        "format": "prepared scene",
+        "geometry": { "kind": "particles in blocks", "count": scene.particle_count(), "blocks": blocks },
+        "up": { "direction": about.up, "reason": "as the scene was prepared" },
+        "is_plane": about.is_plane,
+        "front": about.front,
+        "bounds": corners,
+        "fields": [],
+        "particle_types": [],
+        "notes": [format!("made of {}", about.inputs.join(", "))],
+        "volumes": per_volume,
+        "particles": scene.particle_count(),
+        "requirements": scene.requirements(),
+        "bytes_per_particle": scene.bytes_per_particle(),
+    }))
 }
 
 /// What is said of scales below 0 that are taken as standard deviations: they look like logarithms.

@@ -340,6 +340,11 @@ impl DataOptions {
             .collect())
     }
 
+    /// Whether types of samples or particles are asked for.
+    pub(crate) fn has_types(&self) -> bool {
+        !self.types.is_empty()
+    }
+
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
     fn check_spacing(&self) -> Result<()> {
         let fault = |expected: &str, found: String, advice: &str| {

@@ -14,12 +14,13 @@ use crate::reference::{PixelFilter, ReferenceFrame, ReferenceSettings};
 use crate::sample::SampleOptions;
 use crate::scene::Classification;
 use crate::view::{Bounds, Camera};
-use crate::{Error, Image, Renderer, Result, Settings};
+use crate::{Error, Image, Result, SceneOptions, Settings};
 use clap::Args;
 
 use super::input::DataOptions;
 use super::outputs::{check_collisions, warn_unconverged};
 use super::parse;
+use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, spinner, task_of, with_bar};
 use super::scene::Scene;
 use super::source::{Input, paths};
@@ -97,10 +98,18 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         let of_boxes = |boxes: &[Bounds]| Ok(vec![arguments.camera.camera(boxes, up, &canvas)?]);
         most_pixels(mesh, &[], of_boxes)
     };
-    let scene = arguments
+    let mut scene = arguments
         .data
         .scene(&arguments.inputs, &options, densest, &progress)?;
-    let mut renderer = Renderer::new(scene.volumes.clone())?;
+    refuse_beside(
+        &scene.prepared,
+        &[(
+            "measure without --reference-image",
+            arguments.reference_image.is_none(),
+        )],
+    )?;
+    let prepared = std::mem::take(&mut scene.prepared);
+    let mut renderer = renderer_of(scene.volumes.clone(), prepared, &SceneOptions::default())?;
     let boxes = renderer.visible_boxes();
     let camera = arguments.camera.camera(&boxes, scene.up, &canvas)?;
     let suitable = renderer.suitable_low_pass_px2();

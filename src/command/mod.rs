@@ -33,7 +33,10 @@ mod lit;
 mod measure;
 mod outputs;
 mod parse;
+mod prepare;
+mod prepared;
 mod progress;
+mod ranks;
 mod render;
 mod scene;
 mod sequence;
@@ -72,7 +75,7 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Say what files hold and what rendering them requires
     Info(Box<info::Arguments>),
-    /// Turn data into a file of splats for viewers of radiance fields
+    /// Turn data into a file of splats for viewers of radiance fields, or into a prepared scene
     Convert(Box<convert::Arguments>),
     /// Show data in a window
     View(view::Arguments),
@@ -105,6 +108,16 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     if arguments.quiet {
         progress::be_quiet();
     }
+    #[cfg(not(feature = "mpi"))]
+    if let Command::Render(render) = &arguments.command
+        && render.mpi
+    {
+        eprintln!(
+            "error: --mpi: this program was built without it; {}",
+            ranks::WITHOUT
+        );
+        return ExitCode::from(2);
+    }
     let result = match arguments.command {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
@@ -121,7 +134,9 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", words::line(&error));
+            if !progress::is_silent() {
+                eprintln!("error: {}", words::line(&error));
+            }
             ExitCode::FAILURE
         }
     }

@@ -15,6 +15,20 @@ pub(crate) fn be_quiet() {
     IS_QUIET.store(true, Ordering::Relaxed);
 }
 
+/// One for the whole program: whether another process says what is to be said.
+static IS_SILENT: AtomicBool = AtomicBool::new(false);
+
+/// From now on nothing is said at all: another process speaks for this one.
+#[cfg(feature = "mpi")]
+pub(crate) fn be_silent() {
+    IS_SILENT.store(true, Ordering::Relaxed);
+    be_quiet();
+}
+
+pub(crate) fn is_silent() -> bool {
+    IS_SILENT.load(Ordering::Relaxed)
+}
+
 pub(crate) fn is_quiet() -> bool {
     IS_QUIET.load(Ordering::Relaxed)
 }

@@ -4,26 +4,29 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
+use crate::distributed::Ranks;
 use crate::image::DARK_GREY;
 use crate::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
     write_depth, write_normals,
 };
-use crate::legend::legend_width;
+use crate::legend::{ColourBar, legend_width};
 use crate::measure::{ErrorSample, SampledError};
 use crate::reference::ReferenceSettings;
 use crate::render::{Classification, ClassifyAt, Composite};
 use crate::sample::SampleOptions;
 use crate::scene::{Lighting, Particles, PointVolume, ScaleName, TransferFunction};
 use crate::view::{Bounds, Camera, ClipPlane, Lens};
-use crate::{Backend, ColumnSettings, Error, Renderer, Result, SceneOptions, Settings, Show, Task};
+use crate::{
+    Backend, ColumnSettings, Error, Image, Renderer, Result, SceneOptions, Settings, Show, Task,
+};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::animation::{self, Animation};
 use super::annotations::{AnnotationOptions, Overlays};
-use super::column_mean;
+use super::column_mean::{self, ColumnMean};
 use super::count::describe;
 use super::cut::{CutOptions, add_faces};
 use super::input::DataOptions;
@@ -31,7 +34,9 @@ use super::legend::{LegendOptions, bars};
 use super::lit::LightOptions;
 use super::outputs::{check_collisions, warn_unconverged};
 use super::parse::{self, Background, Clip};
+use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, spinner, task_of, with_bar};
+use super::ranks;
 use super::sequence::SequenceOptions;
 use super::source::{Input, paths};
 use super::statistics::{Prepared, stats};
@@ -54,6 +59,10 @@ pub(crate) struct Arguments {
     /// What renders
     #[arg(long, value_enum, default_value = "auto")]
     pub(super) backend: BackendName,
+    /// Under mpirun or srun: the ranks share the scene and draw it together, on their processors, or draw the pictures
+    /// of a sequence in turn; the first writes. The picture is that of one process. (A build with the feature mpi)
+    #[arg(long, conflicts_with_all = ["reference", "measure_error", "calibrate", "column_mean"])]
+    pub(super) mpi: bool,
     #[command(flatten)]
     pub(super) camera: CameraOptions,
     #[command(flatten)]
@@ -256,8 +265,26 @@ struct Output {
     frames: Option<u32>,
 }
 
+/// A scene ready to be drawn, and what goes with it.
+struct Made {
+    renderer: Renderer,
+    cameras: Vec<Camera>,
+    legend: Vec<ColourBar>,
+    bounds: Option<Bounds>,
+    fields: Vec<Option<String>>,
+    mean: Option<ColumnMean>,
+    truth: Option<Truth>,
+    read_ms: f64,
+    prepare_start: Instant,
+}
+
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
+    let mut ranks = arguments.mpi.then(ranks::start).transpose()?;
+    let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
+    if ranks.is_some() && arguments.backend == BackendName::Gpu {
+        return Err(ranks::refuse("--backend gpu"));
+    }
     arguments.check_sequence()?;
     let named = std::mem::take(&mut arguments.inputs);
     arguments.inputs = arguments
@@ -296,83 +323,37 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
 
     let task = task_of(&progress);
 
-    let read_start = Instant::now();
     let options = arguments.sample_options(task.clone());
     if arguments.sequence.is_series() {
-        return arguments.draw_series(&options, &progress);
+        return arguments.draw_series(&options, &progress, ranks);
     }
-    let planes = arguments.clip_planes();
-    let cameras = |boxes: &[Bounds], up, canvas: &Canvas| {
-        let sequence = &arguments.sequence;
-        sequence.cameras(&arguments.camera, boxes, up, canvas)
+    let made = arguments.made(&options, &progress, is_first);
+    let Made {
+        renderer,
+        cameras,
+        legend,
+        bounds,
+        fields,
+        mean,
+        truth,
+        read_ms,
+        prepare_start,
+    } = match &mut ranks {
+        Some(ranks) => ranks.agree(made)?,
+        None => made?,
     };
-    let whole = Canvas::of(arguments.size);
-    let densest = |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
-    let scene = arguments
-        .data
-        .scene(&arguments.inputs, &options, densest, &progress)?;
     let is_column = arguments.method.column_density;
-    let legend = match arguments.legend.legend {
-        true if !is_column => bars(&scene)?,
-        _ => Vec::new(),
-    };
-    let bounds = scene.bounds();
-    let (mut scene, up, fields) = (scene.volumes, scene.up, scene.fields);
-    arguments.method.check_use(&scene)?;
-    if arguments.is_lit() && !arguments.method.post_classification {
-        check_lit(&scene)?;
-    }
-    if arguments.cut.cut_faces {
-        add_faces(&mut scene, &arguments.clip_planes(), arguments.is_lit())?;
-    }
-    if let Some(path) = &arguments.output.write_transfer_function {
-        write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
-    }
-    let mean = match &arguments.method.column_mean {
-        None => None,
-        Some(field) => {
-            let of = (scene.as_slice(), field.as_str());
-            let (data, inputs) = (&arguments.data, &arguments.inputs);
-            Some(column_mean::weighed(data, inputs, of, &options, &progress)?)
-        }
-    };
-    let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
-
-    progress.set_message("sorting into blocks");
-    let prepare_start = Instant::now();
-    let truth = match arguments.method.reference {
-        None => None,
-        Some(ReferenceName::Kernels) => Some(Truth::of_kernels(
-            &scene,
-            arguments.method.classification(),
-        )?),
-        Some(ReferenceName::Data) => {
-            let (data, inputs) = (&arguments.data, &arguments.inputs);
-            Some(Truth::of_data(data, inputs, &scene, &fields)?)
-        }
-    };
-    let truth = truth.map(|truth| truth.clipped(&arguments.clip_planes()));
-    let draws_merged = arguments.settings(0.0).draws_merged();
-    let scene_options = SceneOptions {
-        level_of_detail: draws_merged && !is_column && truth.is_none(),
-        task: task.clone(),
-        ..SceneOptions::default()
-    };
-    let renderer = Renderer::with_options(scene, &scene_options)?;
-    let (all, canvas) = if is_column {
-        let lens = Lens::OrthoHeight(None);
-        (renderer.boxes(), Canvas { lens, ..whole })
-    } else {
-        let room_px = legend_width(&legend, whole.size());
-        (renderer.visible_boxes(), Canvas { room_px, ..whole })
-    };
-    let mut boxes = left_of(all, &arguments.clip_planes());
-    // An outline is seen whole, what it is around as a whole or not.
-    boxes.extend(bounds.filter(|_| arguments.annotations.has_outline()));
-    let cameras = cameras(&boxes, up, &canvas)?;
     let camera = cameras[0].clone();
-    let backend = arguments.backend(&renderer, &camera);
-    let mut renderer = renderer.on_backend(backend)?;
+    let is_sequence = arguments.sequence.is_asked_for();
+    let mut renderer = match ranks.take_if(|_| !is_sequence) {
+        Some(ranks) => renderer.over_ranks(ranks)?,
+        // One of a sequence's ranks, of which a node may have several, and one GPU.
+        None if ranks.is_some() => renderer,
+        None => {
+            let backend = arguments.backend(&renderer, &camera);
+            renderer.on_backend(backend)?
+        }
+    };
     let prepare_ms = prepare_start.elapsed().as_secs_f64() * 1e3;
     let prepared = Prepared {
         begun,
@@ -398,17 +379,14 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
     }
     let mut settings = arguments.settings(low_pass);
-    if arguments.sequence.is_asked_for() {
-        let mut animation = arguments.animation(&cameras)?;
-        let bar = bar(cameras.len() as u64).with_message("rendering");
-        for camera in &cameras {
+    if is_sequence {
+        let mut draw = |n: usize| {
+            let camera = &cameras[n];
             let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
             let image = renderer.render(camera, &settings)?;
-            animation.push(&*over.drawn(image)?)?;
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
-        return animation.finish();
+            Ok(over.drawn(image)?.into_owned())
+        };
+        return arguments.draw_all(&cameras, &mut draw, ranks);
     }
     let asked = settings.tolerance;
     let mut sample = None;
@@ -437,6 +415,9 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
             times.push(renderer.times());
             progress.inc(1);
         }
+    }
+    if !is_first {
+        return Ok(());
     }
     progress.set_message("writing");
     let shows_count = settings.show == Show::Count;
@@ -577,28 +558,165 @@ impl Arguments {
         }
     }
 
+    /// Reads the inputs and sorts them into blocks, and places the cameras.
+    ///
+    /// - `is_first`: whether this process writes what there is to write.
+    fn made(
+        &self,
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        is_first: bool,
+    ) -> Result<Made> {
+        let read_start = Instant::now();
+        let planes = self.clip_planes();
+        let cameras = |boxes: &[Bounds], up, canvas: &Canvas| {
+            let sequence = &self.sequence;
+            sequence.cameras(&self.camera, boxes, up, canvas)
+        };
+        let whole = Canvas::of(self.size);
+        let densest =
+            |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
+        let scene = self.data.scene(&self.inputs, options, densest, progress)?;
+        let is_column = self.method.column_density;
+        let legend = match self.legend.legend {
+            true if !is_column => bars(&scene)?,
+            _ => Vec::new(),
+        };
+        let bounds = scene.bounds();
+        let (mut scene, prepared, up, fields) =
+            (scene.volumes, scene.prepared, scene.up, scene.fields);
+        let refused = [
+            ("--reference", self.method.reference.is_some()),
+            ("--cut-faces", self.cut.cut_faces),
+            ("--column-mean", self.method.column_mean.is_some()),
+        ];
+        refuse_beside(&prepared, &refused)?;
+        self.method.check_use(&scene)?;
+        if self.is_lit() && !self.method.post_classification {
+            check_lit(&scene)?;
+        }
+        if self.cut.cut_faces {
+            add_faces(&mut scene, &self.clip_planes(), self.is_lit())?;
+        }
+        if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
+            write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
+        }
+        let mean = match &self.method.column_mean {
+            None => None,
+            Some(field) => {
+                let of = (scene.as_slice(), field.as_str());
+                let (data, inputs) = (&self.data, &self.inputs);
+                Some(column_mean::weighed(data, inputs, of, options, progress)?)
+            }
+        };
+        let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
+
+        progress.set_message("sorting into blocks");
+        let prepare_start = Instant::now();
+        let truth = match self.method.reference {
+            None => None,
+            Some(ReferenceName::Kernels) => {
+                Some(Truth::of_kernels(&scene, self.method.classification())?)
+            }
+            Some(ReferenceName::Data) => {
+                let (data, inputs) = (&self.data, &self.inputs);
+                Some(Truth::of_data(data, inputs, &scene, &fields)?)
+            }
+        };
+        let truth = truth.map(|truth| truth.clipped(&self.clip_planes()));
+        let draws_merged = self.settings(0.0).draws_merged();
+        let scene_options = SceneOptions {
+            level_of_detail: draws_merged && !is_column && truth.is_none(),
+            task: options.task.clone(),
+            ..SceneOptions::default()
+        };
+        let renderer = renderer_of(scene, prepared, &scene_options)?;
+        let (all, canvas) = if is_column {
+            let lens = Lens::OrthoHeight(None);
+            (renderer.boxes(), Canvas { lens, ..whole })
+        } else {
+            let room_px = legend_width(&legend, whole.size());
+            (renderer.visible_boxes(), Canvas { room_px, ..whole })
+        };
+        let mut boxes = left_of(all, &self.clip_planes());
+        // An outline is seen whole, what it is around as a whole or not.
+        boxes.extend(bounds.filter(|_| self.annotations.has_outline()));
+        let cameras = cameras(&boxes, up, &canvas)?;
+        Ok(Made {
+            renderer,
+            cameras,
+            legend,
+            bounds,
+            fields,
+            mean,
+            truth,
+            read_ms,
+            prepare_start,
+        })
+    }
+
     /// A file or files for pictures of these cameras.
     fn animation(&self, cameras: &[Camera]) -> Result<Animation> {
         let size = [cameras[0].width, cameras[0].height];
         Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
     }
 
-    /// A picture of each input, from one camera and by one transfer function.
-    fn draw_series(&self, options: &SampleOptions, progress: &ProgressBar) -> Result<()> {
-        let series = self.data.series(&self.inputs, options, progress)?;
-        let options = SampleOptions {
-            transfer: series.transfer,
-            ..options.clone()
+    /// Draws the pictures of cameras, by ranks in turn where there are any, and writes them.
+    fn draw_all(
+        &self,
+        cameras: &[Camera],
+        draw: &mut dyn FnMut(usize) -> Result<Image>,
+        ranks: Option<Ranks>,
+    ) -> Result<()> {
+        let count = cameras.len();
+        let Some(mut ranks) = ranks else {
+            let mut animation = self.animation(cameras)?;
+            let bar = bar(count as u64).with_message("rendering");
+            for n in 0..count {
+                animation.push(&draw(n)?)?;
+                bar.inc(1);
+            }
+            bar.finish_and_clear();
+            return animation.finish();
         };
+        let is_first = ranks.rank() == 0;
+        let animation = is_first.then(|| self.animation(cameras)).transpose();
+        let mut animation = ranks.agree(animation)?;
+        let bar = bar(count as u64).with_message("rendering");
+        ranks::in_turn(&mut ranks, count, draw, |image| {
+            bar.inc(1);
+            animation.as_mut().map_or(Ok(()), |own| own.push(image))
+        })?;
+        bar.finish_and_clear();
+        ranks.agree(animation.map_or(Ok(()), Animation::finish))
+    }
+
+    /// A picture of each input, from one camera and by one transfer function.
+    fn draw_series(
+        &self,
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        mut ranks: Option<Ranks>,
+    ) -> Result<()> {
+        let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         let planes = self.clip_planes();
-        let boxes = left_of(series.boxes, &planes);
         let whole = Canvas::of(self.size);
-        let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
         let steps: Vec<&[Input]> = self.inputs.chunk_by(|a, b| a.step == b.step).collect();
-        let bar = bar(steps.len() as u64).with_message("rendering");
-        let mut camera = None;
-        let mut animation = None;
-        for step in &steps {
+        let begun = || {
+            let series = self.data.series(&self.inputs, options, progress)?;
+            let options = SampleOptions {
+                transfer: series.transfer,
+                ..options.clone()
+            };
+            Ok((options, left_of(series.boxes, &planes)))
+        };
+        let begun = begun();
+        let (options, boxes) = match &mut ranks {
+            Some(ranks) => ranks.agree(begun)?,
+            None => begun?,
+        };
+        let place = |up, canvas: &Canvas| self.camera.camera(&boxes, up, canvas);
+        let read = |step: &[Input]| {
             let densest =
                 |mesh: &Mesh, up| most_pixels(mesh, &[], |_| Ok(vec![place(up, &whole)?]));
             let mut scene = self.data.scene(step, &options, densest, progress)?;
@@ -611,38 +729,49 @@ impl Arguments {
             if self.cut.cut_faces {
                 add_faces(&mut scene.volumes, &planes, self.is_lit())?;
             }
-            if let (Some(path), None) = (&self.output.write_transfer_function, &camera) {
+            Ok((scene, bounds, legend))
+        };
+        let first = || {
+            let first = read(steps[0])?;
+            let (scene, _, legend) = &first;
+            if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
                 let function = written_function(&scene.volumes)?;
                 write_bytes_atomically(path, function.to_json().as_bytes())?;
             }
             // What is up of the first step is up of all.
-            let camera = match &camera {
-                Some(camera) => camera,
-                None => {
-                    let room_px = legend_width(&legend, whole.size());
-                    camera.insert(place(scene.up, &Canvas { room_px, ..whole })?)
-                }
+            let room_px = legend_width(legend, whole.size());
+            let camera = place(scene.up, &Canvas { room_px, ..whole })?;
+            Ok((first, camera))
+        };
+        let first = first();
+        let (first, camera) = match &mut ranks {
+            Some(ranks) => ranks.agree(first)?,
+            None => first?,
+        };
+        let mut first = Some(first);
+        let is_alone = ranks.is_none();
+        let mut draw = |n: usize| {
+            let (scene, bounds, legend) = match first.take_if(|_| n == 0) {
+                Some(first) => first,
+                None => read(steps[n])?,
             };
-            let animation = match &mut animation {
-                Some(animation) => animation,
-                None => {
-                    let cameras = vec![camera.clone(); steps.len()];
-                    animation.insert(self.animation(&cameras)?)
-                }
-            };
-            let renderer = Renderer::new(scene.volumes)?;
-            let backend = self.backend(&renderer, camera);
-            let mut renderer = renderer.on_backend(backend)?;
+            let cut_faces = ("--cut-faces", self.cut.cut_faces);
+            refuse_beside(&scene.prepared, &[cut_faces])?;
+            let whole = SceneOptions::default();
+            let mut renderer = renderer_of(scene.volumes, scene.prepared, &whole)?;
+            if is_alone {
+                let backend = self.backend(&renderer, &camera);
+                renderer = renderer.on_backend(backend)?;
+            }
             let suitable = renderer.suitable_low_pass_px2();
             let settings = self.settings(self.method.low_pass.unwrap_or(suitable));
-            let image = renderer.render(camera, &settings)?;
-            let annotations = self.annotations.at(step);
-            let over = Overlays::new(&annotations, legend, bounds, camera)?;
-            animation.push(&*over.drawn(image)?)?;
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
-        animation.map_or(Ok(()), Animation::finish)
+            let image = renderer.render(&camera, &settings)?;
+            let annotations = self.annotations.at(steps[n]);
+            let over = Overlays::new(&annotations, legend, bounds, &camera)?;
+            Ok(over.drawn(image)?.into_owned())
+        };
+        let cameras = vec![camera.clone(); steps.len()];
+        self.draw_all(&cameras, &mut draw, ranks)
     }
 
     /// Writes the true image, and its stated error with the statistics.

@@ -1,7 +1,10 @@
 //! What the inputs of a command hold together: which fields they show, and by which functions.
 
+use std::path::Path;
+
 use crate::io::{Dataset, Geometry, Mesh, Up};
 use crate::legend::title_of;
+use crate::prepared::{About, PreparedScene};
 use crate::sample::mesh::Spread;
 use crate::sample::{
     SampleOptions, SampleReport, SampledScene, TransferChoice, automatic, shared_functions,
@@ -13,6 +16,7 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 
 use super::input::{DataOptions, refused_surface, transfer_of};
+use super::prepared::{self, Members, is_prepared};
 use super::progress::note;
 use super::source::Input;
 use super::usage::{Kind, Uses, is_surface};
@@ -20,6 +24,8 @@ use super::usage::{Kind, Uses, is_surface};
 /// What the inputs hold.
 pub(crate) struct Scene {
     pub(crate) volumes: Vec<PointVolume>,
+    /// Prepared scenes, and which volumes stand for those of each.
+    pub(crate) prepared: Members,
     /// What each volume shows: the name of its field.
     pub(crate) fields: Vec<Option<String>>,
     /// What legends call these: with their units, where they are known.
@@ -37,6 +43,40 @@ pub(crate) struct Scene {
 }
 
 impl Scene {
+    /// Adds a prepared scene, and volumes that stand for its own.
+    fn add(&mut self, own: PreparedScene, about: About) {
+        let first = self.volumes.len();
+        self.volumes.extend(own.stand_ins());
+        let count = self.volumes.len();
+        self.fields.extend(about.fields);
+        self.titles.extend(about.titles);
+        self.fields.resize(count, None);
+        self.titles.resize(count, None);
+        let corners = about.corners.into_iter();
+        self.corners
+            .extend(corners.map(|[a, b]| (DVec3::from(a), DVec3::from(b))));
+        self.prepared.push((first..count, own));
+    }
+
+    /// What a file keeps of the data besides their particles.
+    ///
+    /// - `inputs`: what they were read from.
+    pub(crate) fn about(&self, inputs: &[Input], for_columns: bool) -> About {
+        let name = |input: &Input| input.path.display().to_string();
+        let corners = self.corners.iter();
+        About {
+            inputs: inputs.iter().map(name).collect(),
+            fields: self.fields.clone(),
+            titles: self.titles.clone(),
+            corners: corners.map(|(a, b)| [a.to_array(), b.to_array()]).collect(),
+            up: self.up.direction.to_array(),
+            front: self.up.front.map(|front| front.to_array()),
+            is_plane: self.up.is_plane,
+            is_of_mesh: self.up.is_of_mesh,
+            for_columns,
+        }
+    }
+
     /// The box of all data; `None` where nothing has a place.
     pub(crate) fn bounds(&self) -> Option<Bounds> {
         let corners = self.corners.iter().copied();
@@ -93,6 +133,19 @@ impl DataOptions {
         };
         let mut missing = Vec::new();
         let mut reads = Vec::new();
+        // Of each input a prepared scene, where it is one.
+        let mut opened = Vec::new();
+        let all = inputs;
+        let mut data = Vec::new();
+        for input in all {
+            let own = is_prepared(&input.path);
+            let own = own.then(|| prepared::open(input, options.for_columns));
+            if own.is_none() {
+                data.push(input.clone());
+            }
+            opened.push(own.transpose()?);
+        }
+        let inputs = &*data;
         for input in inputs {
             progress.set_message(format!("reading {}", input.path.display()));
             let dataset = self.open(input)?;
@@ -133,16 +186,26 @@ impl DataOptions {
             let (path, field) = (input.path.display(), wanted);
             progress.suspend(|| note!("{path}: no field `{field}`: shown by its own"));
         }
-        self.check_use(&uses(&reads, &options))?;
+        let is_prepared = inputs.is_empty() && !all.is_empty();
+        let mut shown = uses(&reads, &options);
+        shown.of_prepared = is_prepared.then(|| {
+            let scenes = opened.iter().flatten();
+            scenes
+                .flat_map(|(scene, _)| scene.requirements())
+                .any(|r| r.classification)
+        });
+        self.check_use(&shown)?;
         self.share_functions(inputs, &options, &mut reads, progress)?;
         let mut scene = Scene {
             volumes: Vec::new(),
+            prepared: Vec::new(),
             fields: Vec::new(),
             titles: Vec::new(),
             selectors: Vec::new(),
-            grids_only: reads
-                .iter()
-                .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
+            grids_only: opened.iter().all(Option::is_none)
+                && reads
+                    .iter()
+                    .all(|read| !matches!(read.kind, Kind::Points | Kind::Mesh)),
             has_boundary: self.flatten.is_none()
                 && self.shepard == 0
                 && reads.iter().any(|read| read.kind.is_grid()),
@@ -150,7 +213,16 @@ impl DataOptions {
             corners: reads.iter().filter_map(|read| read.corners).collect(),
         };
         let mut ups = Vec::new();
-        for (i, read) in reads.into_iter().enumerate() {
+        let mut reads = reads.into_iter();
+        for (i, (input, own)) in all.iter().zip(opened).enumerate() {
+            if let Some((own, about)) = own {
+                ups.push(prepared::up_of(&about));
+                scene.add(self.shown(own, &input.path, is_prepared)?, about);
+                continue;
+            }
+            let Some(read) = reads.next() else {
+                break;
+            };
             if i == 0 {
                 scene.selectors = read.selectors;
             }
@@ -166,6 +238,18 @@ impl DataOptions {
         }
         scene.up = Up::of_scene(ups);
         Ok(scene)
+    }
+
+    /// A prepared scene by the transfer function that is asked for.
+    ///
+    /// - `is_alone`: whether there are no data beside, for which the function may be meant.
+    fn shown(&self, scene: PreparedScene, path: &Path, is_alone: bool) -> Result<PreparedScene> {
+        match self.sample_options().transfer {
+            TransferChoice::File(function) if is_alone => {
+                prepared::with_function(scene, path, &function)
+            }
+            _ => Ok(scene),
+        }
     }
 
     /// The options of one input.
@@ -291,6 +375,7 @@ fn uses(reads: &[Read], options: &SampleOptions) -> Uses {
             .iter()
             .any(|read| !read.is_automatic && read.report.field.is_some()),
         for_columns: options.for_columns,
+        of_prepared: None,
     }
 }
 
@@ -307,7 +392,25 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
     dataset.scalar(selector).err()
 }
 
+/// Bytes that a point takes at the least while it is sampled and sorted, beyond the 44 of what was read of four million
+/// spheres with masses: there were 114 in all at the peak, with levels of detail.
+const LEAST_PER_POINT: usize = 60;
+
+/// The same of a value on a lattice: as it is read, and with ghosts or in blocks.
+const LEAST_PER_CELL: usize = 2;
+
+/// Refuses data that do not fit into memory once they are particles.
+fn check_memory(dataset: &Dataset) -> Result<()> {
+    let (count, each) = match &dataset.geometry {
+        Geometry::Points { positions } => (positions.len(), LEAST_PER_POINT),
+        Geometry::Lattice(lattice) => (lattice.len(), LEAST_PER_CELL),
+        _ => return Ok(()),
+    };
+    crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
+}
+
 fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
+    check_memory(&dataset)?;
     let kind = Kind::of(&dataset);
     let (up, corners) = (dataset.up(), dataset.bounds());
     let selectors = dataset.selectors();

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use crate::distributed::RankStats;
 use crate::measure::median_times;
 use crate::render::{FrameCounts, StageTimes};
 use crate::stages::blocks::{BlockedParticles, BlockedVolume};
@@ -29,7 +30,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
     let is_flat = |v: &&BlockedVolume| matches!(v.particles, BlockedParticles::Surfels { .. });
     let surfels = renderer.volumes().iter().filter(is_flat);
     let surfels: usize = surfels.map(BlockedVolume::particle_count).sum();
-    json!({
+    let mut stats = json!({
         "particles": renderer.particle_count(),
         "surfels": surfels,
         "blocks": {
@@ -78,5 +79,48 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
         },
         "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
         "frames": times.len(),
+    });
+    let ranks = renderer.rank_stats();
+    if !ranks.is_empty() {
+        stats["particles"] = json!(ranks.iter().map(|rank| rank.particles).sum::<u64>());
+        stats["ranks"] = ranks.iter().map(of_rank).collect();
+        let balance = |of: fn(&RankStats) -> f64| RankStats::balance(ranks, of);
+        stats["balance"] = json!({
+            "particles": balance(|rank| rank.particles as f64),
+            "bytes": balance(|rank| rank.bytes as f64),
+            "footprints_made": balance(|rank| rank.footprints_made as f64),
+            "footprints_received": balance(|rank| rank.footprints_received as f64),
+            "splat_pixels": balance(|rank| rank.splat_pixels as f64),
+        });
+    }
+    stats
+}
+
+/// What one rank has and did.
+fn of_rank(rank: &RankStats) -> serde_json::Value {
+    let times = &rank.times;
+    json!({
+        "particles": rank.particles,
+        "bytes": rank.bytes,
+        "tiles": rank.tiles,
+        "classified": rank.classified,
+        "footprints_made": rank.footprints_made,
+        "footprints_sent": rank.footprints_sent,
+        "footprints_received": rank.footprints_received,
+        "bytes_sent": rank.bytes_sent,
+        "bytes_received": rank.bytes_received,
+        "tile_entries": rank.tile_entries,
+        "splat_pixels": rank.splat_pixels,
+        "times_ms": {
+            "cull": times.cull,
+            "classify": times.classify,
+            "project": times.project,
+            "sort": times.sort,
+            "exchange": times.exchange,
+            "bin": times.bin,
+            "rasterise": times.rasterise,
+            "resolve": times.resolve,
+            "frame": times.frame,
+        },
     })
 }

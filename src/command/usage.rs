@@ -1,6 +1,7 @@
 //! Options that nothing in the inputs uses, which are refused: a wrong picture without a word is worse.
 
 use crate::io::{Dataset, Geometry};
+use crate::sample::TransferChoice;
 use crate::scene::{PointVolume, Strength};
 use crate::{Error, Result};
 
@@ -44,6 +45,8 @@ pub(crate) struct Uses {
     pub(crate) has_file_function: bool,
     /// Whether their column densities are asked for.
     pub(crate) for_columns: bool,
+    /// Of prepared scenes alone: whether a transfer function shows any of them.
+    pub(crate) of_prepared: Option<bool>,
 }
 
 /// An option, whether it is given, whether anything uses it, and what would.
@@ -92,7 +95,15 @@ impl DataOptions {
         let has_unit = !columns && (uses.has_file_function || (points && !is_classified));
         let mesh_or_raw = "a mesh or a raw volume";
         let function = self.transfer_function.is_some();
+        let is_file = matches!(self.sample_options().transfer, TransferChoice::File(_));
+        let is_data = uses.of_prepared.is_none();
+        let data = "data that are no prepared scene, which has its kernels";
         refuse_unused(&[
+            ("--kernel-width", self.kernel_width.is_some(), is_data, data),
+            ("--as", self.read_as.is_some(), is_data, data),
+            ("--scales", self.scales.is_some(), is_data, data),
+            ("--flatten", is_surface, is_data, data),
+            ("--type", self.has_types(), is_data, data),
             (
                 "--field",
                 self.field.is_some(),
@@ -115,7 +126,12 @@ impl DataOptions {
                 meshes || raw,
                 mesh_or_raw,
             ),
-            ("--transfer-function", function, is_coloured, CLASSIFIED),
+            (
+                "--transfer-function",
+                function,
+                is_coloured || (uses.of_prepared == Some(true) && is_file),
+                CLASSIFIED,
+            ),
             ("--range", self.range.is_some(), is_coloured, CLASSIFIED),
             ("--scale", self.scale.is_some(), is_coloured, CLASSIFIED),
             (

@@ -1,6 +1,7 @@
 //! `ewa-splat view`, and what the window takes of the command line: the options of `render` that a window understands.
 
 use std::ffi::OsString;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::process::Command as Process;
 use std::sync::{Arc, OnceLock};
@@ -14,10 +15,11 @@ use super::scene::Scene;
 use super::source::Input;
 use super::viewpoint::{Canvas, left_of};
 use crate::io::Up;
+use crate::prepared::PreparedScene;
 use crate::sample::{BoundaryChoice, SampleOptions, TransferChoice};
 use crate::scene::{PointVolume, ScaleName};
 use crate::view::{Bounds, Camera};
-use crate::{Backend, Error, Result, Settings, Task};
+use crate::{Backend, Error, Renderer, Result, SceneOptions, Settings, Task};
 
 /// The window's program.
 const PROGRAM: &str = "ewa-splat-view";
@@ -125,8 +127,10 @@ pub struct Frame {
 
 /// What was read for a window.
 pub struct Shown {
-    /// The volumes, ready to be sorted into blocks.
+    /// The volumes, ready to be sorted into blocks; without particles those that stand for prepared scenes'.
     pub volumes: Vec<PointVolume>,
+    /// Prepared scenes, and which volumes stand for those of each.
+    pub prepared: Vec<(Range<usize>, PreparedScene)>,
     /// What each volume shows: the name of its field.
     pub fields: Vec<Option<String>>,
     /// What legends call these.
@@ -144,6 +148,17 @@ pub struct Shown {
 impl std::fmt::Debug for Asked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Asked").finish_non_exhaustive()
+    }
+}
+
+impl Shown {
+    /// Sorts the volumes into blocks; none are left.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::with_options`].
+    pub fn renderer(&mut self, options: &SceneOptions) -> Result<Renderer> {
+        let volumes = std::mem::take(&mut self.volumes);
+        super::prepared::renderer(volumes, std::mem::take(&mut self.prepared), options)
     }
 }
 
@@ -371,6 +386,7 @@ impl Asked {
         let bounds = scene.bounds();
         let Scene {
             mut volumes,
+            prepared,
             fields,
             titles,
             selectors,
@@ -379,10 +395,12 @@ impl Asked {
             ..
         } = scene;
         if arguments.cut.cut_faces {
+            super::prepared::refuse_beside(&prepared, &[("--cut-faces", true)])?;
             super::cut::add_faces(&mut volumes, &planes, arguments.is_lit())?;
         }
         Ok(Shown {
             volumes,
+            prepared,
             fields,
             titles,
             selectors,

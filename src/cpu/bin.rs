@@ -34,7 +34,7 @@ struct ChunkBins {
 }
 
 impl Bins {
-    /// The tiles that have lists: some rows of the picture's.
+    /// The tiles that have lists: a run of the picture's.
     pub fn tiles(&self) -> Range<usize> {
         self.tiles.clone()
     }
@@ -67,17 +67,16 @@ impl Bins {
     }
 }
 
-/// Bins sorted footprints into tiles of [`TILE_SIZE`]², of `columns` in a row those
-/// of `rows` alone.
+/// Bins sorted footprints into tiles of [`TILE_SIZE`]², `columns` in a row, of which a run has lists.
 pub fn bin(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
     order: &[u64],
     columns: usize,
-    rows: Range<usize>,
+    tiles: Range<usize>,
     bins: &mut Bins,
 ) {
-    bin_into::<TILE_SIZE>(footprints, terms, order, columns, rows, bins);
+    bin_into::<TILE_SIZE>(footprints, terms, order, columns, tiles, bins);
 }
 
 /// [`bin`] into tiles of any size.
@@ -86,11 +85,11 @@ pub(super) fn bin_into<const SIZE: usize>(
     terms: FootprintTerms<'_>,
     order: &[u64],
     columns: usize,
-    rows: Range<usize>,
+    tiles: Range<usize>,
     bins: &mut Bins,
 ) {
-    bins.tiles = rows.start * columns..rows.end * columns;
-    let first_tile = bins.tiles.start;
+    bins.tiles = tiles.clone();
+    let rows = tiles.start / columns..tiles.end.div_ceil(columns);
     // Enough chunks for the threads to share evenly; each costs a word per tile.
     let chunk_count = (4 * rayon::current_num_threads())
         .min(order.len().div_ceil(1024))
@@ -121,11 +120,16 @@ pub(super) fn bin_into<const SIZE: usize>(
                     i as usize,
                     columns,
                     &rows,
-                    |t| found.push([(t - first_tile) as u32, i]),
+                    |t| {
+                        // The first and the last row may be there in part.
+                        if tiles.contains(&t) {
+                            found.push([(t - tiles.start) as u32, i]);
+                        }
+                    },
                 );
             }
             starts.clear();
-            starts.resize(columns * rows.len() + 1, 0);
+            starts.resize(tiles.len() + 1, 0);
             for &[t, _] in found.iter() {
                 starts[t as usize + 1] += 1;
             }

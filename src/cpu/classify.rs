@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, Neighbours};
 use crate::math::ein_share;
 use crate::record::{BlockView, Carried, ClassifiedBy, ClassifiedParticle};
-use crate::scene::{Colour, Strength, Values};
+use crate::scene::{ColourIn, StrengthIn, ValuesIn};
 
 /// Views per leaf of the parallel recursion.
 const GRAIN: usize = 16;
@@ -116,7 +116,7 @@ pub(super) fn fill(
 /// The transfer function at every byte, where values are bytes.
 fn byte_table(volume: &BlockedVolume) -> Vec<[f32; 4]> {
     match (&volume.values, &volume.transfer_function) {
-        (Some(Values::U8(_)), Some(transfer)) => (0..=u8::MAX)
+        (Some(ValuesIn::U8(_)), Some(transfer)) => (0..=u8::MAX)
             .map(|v| transfer.classify(f32::from(v)))
             .collect(),
         _ => Vec::new(),
@@ -140,13 +140,13 @@ fn visit(
     }
     match &volume.values {
         None => visit_with(volume, block, |_| [0.0; 4], emit),
-        Some(Values::U8(v)) if !table.is_empty() => {
+        Some(ValuesIn::U8(v)) if !table.is_empty() => {
             visit_with(volume, block, |i| table[v[i] as usize], emit);
         }
-        Some(Values::U8(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
-        Some(Values::I16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
-        Some(Values::U16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
-        Some(Values::F32(v)) => visit_with(volume, block, |i| of(v[i]), emit),
+        Some(ValuesIn::U8(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
+        Some(ValuesIn::I16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
+        Some(ValuesIn::U16(v)) => visit_with(volume, block, |i| of(f32::from(v[i])), emit),
+        Some(ValuesIn::F32(v)) => visit_with(volume, block, |i| of(v[i]), emit),
     }
 }
 
@@ -164,7 +164,7 @@ fn visit_with(
     let mut each = |local, i, cell: Option<(&BrickGrid, [usize; 3])>| {
         let class = class_of(i);
         let mass = match &volume.strength {
-            Strength::Classified { volumes } => {
+            StrengthIn::Classified { volumes } => {
                 // Most cells of most volumes end here.
                 if !(class[3] > 0.0) {
                     return;
@@ -204,18 +204,18 @@ fn visit_with(
 #[inline]
 pub(super) fn colour_of(volume: &BlockedVolume, i: usize, class: [f32; 3]) -> [f32; 3] {
     match &volume.colour {
-        Colour::Classified => class,
-        Colour::PerParticle(colours) => colours[i],
-        Colour::Uniform(colour) => *colour,
+        ColourIn::Classified => class,
+        ColourIn::PerParticle(colours) => colours[i],
+        ColourIn::Uniform(colour) => *colour,
         // `shade` fills these in.
-        Colour::Harmonics { .. } => [0.0; 3],
+        ColourIn::Harmonics { .. } => [0.0; 3],
     }
 }
 
 /// The first particle of a block of points and which of the block the transfer function may leave
 /// visible: their values are in order.
 fn seen_run(volume: &BlockedVolume, block: u32) -> Option<(u32, Range<u32>)> {
-    let (Strength::Classified { .. }, Some(transfer), Some(values)) =
+    let (StrengthIn::Classified { .. }, Some(transfer), Some(values)) =
         (&volume.strength, &volume.transfer_function, &volume.values)
     else {
         return None;

@@ -12,7 +12,7 @@ use super::classify::{Classes, Visit, colour_of};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid, Halo, reached};
 use crate::math::Factor;
 use crate::record::{BlockView, Carried, ClassifiedParticle, PieceTerms};
-use crate::scene::{LOBE_REACH, Lobes, LocalModel, Strength, TransferFunction};
+use crate::scene::{LOBE_REACH, Lobes, LocalModel, StrengthIn, TransferFunction};
 
 /// What a run of views comes to, in memory that frames share.
 #[derive(Debug, Default)]
@@ -161,7 +161,7 @@ impl Kernels<'_> {
 
     fn visit_points(&self, block: u32, mut emit: impl FnMut(u32, f32, Carried, PieceTerms)) {
         let volume = self.volume;
-        let (Some(values), Some(models), Strength::Classified { volumes }) =
+        let (Some(values), Some(models), StrengthIn::Classified { volumes }) =
             (&volume.values, &volume.local_models, &volume.strength)
         else {
             return;

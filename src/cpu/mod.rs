@@ -35,6 +35,7 @@ mod classify;
 mod extent;
 mod frame;
 mod light;
+mod pass;
 mod pick;
 mod project;
 mod resolve;
@@ -49,11 +50,13 @@ pub use classify::{classify, count_classified};
 pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
 pub use light::{Sides, light, lit};
+pub(crate) use pass::{MOST_ENTRIES, cut_into_bands, tile_size};
 pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};
+pub(crate) use tile::TileSums;
 pub use tile::{
     ColumnInput, ColumnSums, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,
     list_visible, rasterise, rasterise_surface,

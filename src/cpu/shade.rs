@@ -6,7 +6,7 @@ use crate::blocks::BlockedVolume;
 use crate::image::linear_from_srgb;
 use crate::math::{harmonics, harmonics_count, harmonics_sum};
 use crate::record::{BlockView, Carried, ClassifiedParticle};
-use crate::scene::Colour;
+use crate::scene::ColourIn;
 use crate::view::{Camera, Projection};
 
 /// Fills the colours of `classified` where they are harmonics of the direction from the eye to
@@ -21,7 +21,7 @@ pub fn shade(
 ) {
     /// Particles per parallel task at least.
     const GRAIN: usize = 1024;
-    let Colour::Harmonics {
+    let ColourIn::Harmonics {
         degree,
         coefficients,
     } = &volume.colour

@@ -3,7 +3,7 @@
 use crate::blocks::{BlockedParticles, BlockedVolume, Rule};
 use crate::math::harmonics_count;
 use crate::record::{BlockView, ClassifiedParticle, DeviceBlock, Footprint};
-use crate::scene::{Colour, Strength, Values, is_classified};
+use crate::scene::{ColourIn, StrengthIn, ValuesIn, is_classified};
 
 /// What positions and shapes follow from: which of `shaders/shared/particles_*.wgsl`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -105,28 +105,28 @@ impl Kinds {
             rule: Rule::of(volume),
             values: match &volume.values {
                 Some(_) if is_classified && volume.merged.is_some() => ValueKind::Spread,
-                Some(Values::U8(_)) if is_classified => ValueKind::U8,
-                Some(Values::U16(_)) if is_classified => ValueKind::U16,
-                Some(Values::I16(_)) if is_classified => ValueKind::I16,
-                Some(Values::F32(_)) if is_classified => ValueKind::F32,
+                Some(ValuesIn::U8(_)) if is_classified => ValueKind::U8,
+                Some(ValuesIn::U16(_)) if is_classified => ValueKind::U16,
+                Some(ValuesIn::I16(_)) if is_classified => ValueKind::I16,
+                Some(ValuesIn::F32(_)) if is_classified => ValueKind::F32,
                 _ => ValueKind::None,
             },
             strength: match (&volume.strength, &volume.particles) {
-                (Strength::Classified { .. }, BlockedParticles::Lattice(grid)) => {
+                (StrengthIn::Classified { .. }, BlockedParticles::Lattice(grid)) => {
                     if grid.uniform_volume().is_some() {
                         StrengthKind::Cell
                     } else {
                         StrengthKind::Widths
                     }
                 }
-                (Strength::Classified { .. }, _) => StrengthKind::Volumes,
+                (StrengthIn::Classified { .. }, _) => StrengthKind::Volumes,
                 _ => StrengthKind::Given,
             },
             colour: match volume.colour {
-                Colour::Classified => ColourKind::Classified,
-                Colour::PerParticle(_) => ColourKind::PerParticle,
-                Colour::Uniform(_) => ColourKind::Uniform,
-                Colour::Harmonics { .. } => ColourKind::Harmonics,
+                ColourIn::Classified => ColourKind::Classified,
+                ColourIn::PerParticle(_) => ColourKind::PerParticle,
+                ColourIn::Uniform(_) => ColourKind::Uniform,
+                ColourIn::Harmonics { .. } => ColourKind::Harmonics,
             },
             harmonics_count: volume
                 .colour

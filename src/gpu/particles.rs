@@ -10,7 +10,7 @@ use super::packed::words;
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use crate::constants::{BLOCK_CAPACITY, MOST_EDGES};
 use crate::record::{DeviceBlock, LatticeUniform};
-use crate::scene::BoundaryPlanes;
+use crate::scene::{BoundaryPlanesIn, Shared};
 
 /// The blocks of a part. The part's arrays of one entry per particle hold the blocks' particles one
 /// after the other; those of a lattice, [`BLOCK_CAPACITY`] cells per brick, whatever lies beyond
@@ -119,7 +119,7 @@ pub(super) fn pack_shapes(volume: &BlockedVolume, blocks: Range<usize>) -> Vec<f
 }
 
 /// Whether planes cut any of a block's particles.
-fn has_edges(boundary: &BoundaryPlanes, block: &Block) -> bool {
+fn has_edges(boundary: &BoundaryPlanesIn<Shared>, block: &Block) -> bool {
     (block.first..block.first + block.count).any(|i| boundary.of(i as usize).is_some())
 }
 

@@ -18,8 +18,8 @@ use crate::record::{
     LightingUniform, PartState, PieceTerms, ViewUniform,
 };
 use crate::scene::{
-    CLASSIFICATION_TABLE_LEN, Colour, LobeRow, Lobes, LocalModels, MAX_LOBE_CELLS, MAX_LOBE_ROWS,
-    MAX_LOBES, MAX_WINDOW_CELLS, MAX_WINDOWS, Strength, TransferFunction, Values,
+    CLASSIFICATION_TABLE_LEN, ColourIn, LobeRow, Lobes, MAX_LOBE_CELLS, MAX_LOBE_ROWS, MAX_LOBES,
+    MAX_WINDOW_CELLS, MAX_WINDOWS, StrengthIn, TransferFunction, ValuesIn,
 };
 
 /// A run of a volume's blocks on the device.
@@ -233,19 +233,19 @@ fn upload(
             gpu.upload(label, &in_block_order(volume, &run, &pairs, 1))
         };
         let values = match &volume.values {
-            Some(Values::F32(v)) if kinds.values == ValueKind::Spread => {
+            Some(ValuesIn::F32(v)) if kinds.values == ValueKind::Spread => {
                 pairs("values and spreads", v, spreads)?
             }
             Some(values) if kinds.values != ValueKind::None => match values {
-                Values::U8(v) => upload_values(gpu, volume, &with_values, v)?,
-                Values::I16(v) => upload_values(gpu, volume, &with_values, v)?,
-                Values::U16(v) => upload_values(gpu, volume, &with_values, v)?,
-                Values::F32(v) => upload_values(gpu, volume, &with_values, v)?,
+                ValuesIn::U8(v) => upload_values(gpu, volume, &with_values, v)?,
+                ValuesIn::I16(v) => upload_values(gpu, volume, &with_values, v)?,
+                ValuesIn::U16(v) => upload_values(gpu, volume, &with_values, v)?,
+                ValuesIn::F32(v) => upload_values(gpu, volume, &with_values, v)?,
             },
             _ => nothing.clone(),
         };
         let strengths = match (&volume.strength, cells(volume)) {
-            (Strength::Classified { .. }, Some(cells)) => gpu.upload("cell widths", &cells)?,
+            (StrengthIn::Classified { .. }, Some(cells)) => gpu.upload("cell widths", &cells)?,
             (strength, _) => {
                 let given = strength.stored();
                 if kinds.has_member_depths {
@@ -265,12 +265,12 @@ fn upload(
             }
         };
         let colours = match &volume.colour {
-            Colour::Classified => nothing.clone(),
-            Colour::PerParticle(colours) => {
+            ColourIn::Classified => nothing.clone(),
+            ColourIn::PerParticle(colours) => {
                 per_particle("colours", bytemuck::cast_slice(colours), 3)?
             }
-            Colour::Uniform(colour) => gpu.upload("colour", colour)?,
-            Colour::Harmonics { coefficients, .. } => {
+            ColourIn::Uniform(colour) => gpu.upload("colour", colour)?,
+            ColourIn::Harmonics { coefficients, .. } => {
                 let stride = 3 * kinds.harmonics_count as usize;
                 per_particle("harmonics", coefficients, stride)?
             }
@@ -296,7 +296,7 @@ fn upload(
             model_scales: volume
                 .local_models
                 .as_ref()
-                .map_or([0.0; 2], LocalModels::scales),
+                .map_or([0.0; 2], |models| models.scales()),
             ..BrickUniform::default()
         };
         parts.push(Part {

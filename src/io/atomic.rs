@@ -16,6 +16,16 @@ use crate::error::{Error, Result};
 /// # Errors
 /// The folder is missing, or the system refuses.
 pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomically(path, |file| file.write_all(bytes))
+}
+
+/// The same of what is written part by part.
+///
+/// - `write`: into a file that is empty.
+pub(crate) fn write_atomically<T>(
+    path: &Path,
+    write: impl FnOnce(&mut File) -> io::Result<T>,
+) -> Result<T> {
     let failed = |e| {
         Error::io(
             path,
@@ -34,7 +44,10 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
                 "name a file in it",
             ));
         }
-        Ok(meta) if !meta.is_file() => return fs::write(path, bytes).map_err(failed),
+        Ok(meta) if !meta.is_file() => {
+            let opened = File::options().write(true).open(path);
+            return opened.and_then(|mut file| write(&mut file)).map_err(failed);
+        }
         _ => {}
     }
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
@@ -52,10 +65,11 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
         ));
     }
     let (mut file, temporary) = Temporary::create(folder).map_err(failed)?;
-    file.write_all(bytes).map_err(failed)?;
+    let written = write(&mut file).map_err(failed)?;
     // Some systems rename no open file.
     drop(file);
-    fs::rename(&temporary.path, &target).map_err(failed)
+    fs::rename(&temporary.path, &target).map_err(failed)?;
+    Ok(written)
 }
 
 /// A file under a name of its own, which is removed unless it has been renamed.

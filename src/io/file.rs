@@ -8,6 +8,7 @@ use std::io::{self, Cursor, Read};
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::memory::{left, trying};
 
 /// Bytes that are enough for every magic number and for a line of column names.
 pub(crate) const HEAD: usize = 4096;
@@ -49,7 +50,9 @@ pub(crate) fn open_regular(path: &Path) -> Result<(File, u64)> {
 pub(crate) fn read_all(path: &Path) -> Result<Vec<u8>> {
     let (file, len) = open_regular(path)?;
     // Refused before memory is taken that is all zeros, which cannot be refused.
-    let fits = |n: &usize| Vec::<u8>::new().try_reserve_exact(*n).is_ok();
+    let has_room = |n: usize| Vec::<u8>::new().try_reserve_exact(n).is_ok();
+    let is_left = |n: usize| left().is_none_or(|(left, _)| n as u64 <= left);
+    let fits = |n: &usize| is_left(*n) && trying(|| has_room(*n));
     let len = usize::try_from(len).ok().filter(fits).ok_or_else(|| {
         Error::format(
             path,

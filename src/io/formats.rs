@@ -16,10 +16,10 @@ use super::netcdf;
 use super::probe::Probe;
 use super::time_steps::{self, TimeStep};
 use super::{
-    Dataset, OpenOptions, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series, ksplat, las,
-    meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d, plotfile, ply, pvd,
-    raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection, vtk_legacy,
-    vtk_xml, vtk_xml_kinds, xyz, zip,
+    Dataset, OpenOptions, arrow, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series,
+    ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d,
+    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection,
+    vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -94,11 +94,13 @@ pub enum Family {
     Splats,
     /// Files that name others.
     Collections,
+    /// What is drawn as it is.
+    Scenes,
 }
 
 impl Family {
     /// All of them, in the order of lists.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Grids,
         Self::Volumes,
         Self::Simulations,
@@ -107,6 +109,7 @@ impl Family {
         Self::Meshes,
         Self::Splats,
         Self::Collections,
+        Self::Scenes,
     ];
 
     /// For headings.
@@ -120,6 +123,7 @@ impl Family {
             Self::Meshes => "meshes",
             Self::Splats => "splats",
             Self::Collections => "collections",
+            Self::Scenes => "scenes",
         }
     }
 }
@@ -197,6 +201,16 @@ static FORMATS: &[Format] = &[
                 pattern of them. See [Images with headers](#images-with-headers)",
         begins: |p| p.head.starts_with(nrrd::MAGIC),
         read: |input, _| nrrd::read(input),
+        ..PLAIN
+    },
+    Format {
+        name: "prepared scenes",
+        family: Family::Scenes,
+        endings: &["arrow"],
+        reads: "what `ewa-splat convert` wrote as such, mapped into memory: drawn, described and measured as it is, and no data \
+                to be sampled or converted anew. See [Prepared scenes](#prepared-scenes)",
+        begins: |p| arrow::looks_like(p.head),
+        read: |input, _| arrow::read(input),
         ..PLAIN
     },
     Format {

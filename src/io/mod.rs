@@ -6,6 +6,7 @@
 //! temporary file that is renamed when complete.
 
 mod amr;
+mod arrow;
 mod atomic;
 mod blanking;
 mod cells;
@@ -115,6 +116,8 @@ mod zip_write;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "prepared")]
+pub(crate) use atomic::write_atomically;
 pub use atomic::write_bytes_atomically;
 pub(crate) use blanking::Blanking;
 pub use cells::{CellKind, CellMesh};

@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::constants::TILE_SIZE;
+
 /// What a particle and its footprint carry to the pixels: three words, which mean what the pass says
 /// ([`Classify`](crate::splat::Classify), [`Accumulate`](crate::splat::Accumulate)).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
@@ -122,6 +124,37 @@ impl Footprint {
     #[inline]
     pub fn row_range(&self) -> (u32, u32) {
         (self.rows & 0xffff, self.rows >> 16)
+    }
+
+    /// How many tiles the box of one that reaches the image touches.
+    #[inline(always)]
+    pub(crate) fn tile_count(&self) -> u64 {
+        let size = TILE_SIZE as u64;
+        let tile = |px: u32| u64::from(px) / size;
+        let touched = |(first, end): (u32, u32)| tile(end - 1) - tile(first) + 1;
+        touched(self.column_range()) * touched(self.row_range())
+    }
+
+    /// Where its [`NearTerms`](super::NearTerms) lie, if what evaluates it reads any.
+    ///
+    /// - `is_surfel`: whether it is of an opaque surface.
+    #[inline]
+    pub(crate) fn near_place(&self, is_surfel: bool) -> Option<u32> {
+        if is_surfel {
+            return (self.path & 15 == PATH_NEAR_SURFEL).then_some(self.path >> 4);
+        }
+        matches!(self.path & 3, PATH_NEAR | PATH_HALF_LINE).then_some(self.path >> 2)
+    }
+
+    /// The same footprint with terms that lie elsewhere.
+    #[inline]
+    pub(crate) fn with_near_place(self, place: u32, is_surfel: bool) -> Self {
+        let path = if is_surfel {
+            place << 4 | PATH_NEAR_SURFEL
+        } else {
+            place << 2 | self.path & 3
+        };
+        Self { path, ..self }
     }
 
     /// Whether it reaches any pixel.

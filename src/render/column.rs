@@ -45,7 +45,7 @@ impl Renderer {
     ) -> Result<FramePlan> {
         check(camera, &settings.shared())?;
         let states_opacity = |volume: &BlockedVolume| {
-            use crate::scene::Strength::{PeakOpacity, Surface, Translucent};
+            use crate::scene::StrengthIn::{PeakOpacity, Surface, Translucent};
             matches!(
                 volume.strength,
                 PeakOpacity { .. } | Surface(_) | Translucent(_)
@@ -90,6 +90,6 @@ impl Renderer {
     pub fn amplitudes(&mut self) -> AmplitudeSummary {
         *self
             .amplitudes
-            .get_or_insert_with(|| AmplitudeSummary::of(self.scene.data()))
+            .get_or_insert_with(|| AmplitudeSummary::joined(self.scene.amplitudes_of_volumes()))
     }
 }

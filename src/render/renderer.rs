@@ -13,11 +13,14 @@ use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
 };
 use crate::cpu::CpuFrames;
+use crate::distributed::{RankFrames, RankStats, Ranks};
 use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
 use crate::image::{DepthImage, Image, NormalImage};
-use crate::scene::{PointVolume, Requirements, Strength, TransferFunction, Values};
+#[cfg(feature = "prepared")]
+use crate::prepared::PreparedScene;
+use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
@@ -53,6 +56,8 @@ pub struct Renderer {
     pub(super) cpu: CpuFrames,
     /// What draws instead of the processor, where anything does.
     pub(super) device: Option<Device>,
+    /// What draws instead of either where ranks share the scene's particles.
+    ranks: Option<RankFrames>,
     /// Whether the processor draws what the device cannot.
     falls_back: bool,
     /// Why the last frame was drawn on the processor although there is a device.
@@ -79,13 +84,28 @@ impl Renderer {
     /// # Errors
     /// Those of [`Renderer::new`]; work that was cancelled.
     pub fn with_options(scene: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
-        let scene = BlockedScene::new(scene, options)?;
+        Self::of_scene(BlockedScene::new(scene, options)?)
+    }
+
+    /// Draws prepared scenes together, in their order; frames are drawn on the CPU. What no frame asks for of scenes in
+    /// files is not read.
+    ///
+    /// # Errors
+    /// More particles than a 32-bit index can name.
+    #[cfg(feature = "prepared")]
+    pub fn of_prepared(scenes: Vec<PreparedScene>) -> Result<Self> {
+        let scenes = scenes.into_iter().map(PreparedScene::into_scene);
+        Self::of_scene(BlockedScene::joined(scenes)?)
+    }
+
+    fn of_scene(scene: BlockedScene) -> Result<Self> {
         let mut cpu = CpuFrames::default();
         cpu.upload(&scene)?;
         Ok(Self {
             scene,
             cpu,
             device: None,
+            ranks: None,
             falls_back: false,
             fallback: None,
             images: Images::default(),
@@ -225,8 +245,34 @@ impl Renderer {
         self.edited(Edit::Values)
     }
 
+    /// Keeps this rank's share of the scene, which all ranks have: frames are drawn by all of them, and the first has
+    /// the images.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
+        let mut frames = RankFrames::sharing(ranks, &mut self.scene);
+        frames.upload(&self.scene)?;
+        self.amplitudes = Some(frames.amplitudes(&self.scene)?);
+        self.ranks = Some(frames);
+        Ok(self)
+    }
+
+    /// This rank, where ranks share the scene.
+    pub(crate) fn rank(&self) -> Option<usize> {
+        self.ranks.as_ref().map(RankFrames::rank)
+    }
+
+    /// What each rank did for the last frame; none where there are none.
+    pub(crate) fn rank_stats(&self) -> &[RankStats] {
+        self.ranks.as_ref().map_or(&[], RankFrames::stats)
+    }
+
     fn edited(&mut self, edit: Edit) -> Result<()> {
         self.cpu.edit(&self.scene, edit)?;
+        if let Some(ranks) = &mut self.ranks {
+            ranks.edit(&self.scene, edit)?;
+        }
         let Some(device) = &mut self.device else {
             return Ok(());
         };
@@ -279,6 +325,9 @@ impl Renderer {
 
     /// Draws a plan on the device, where there is one that can, on the processor otherwise.
     pub(super) fn draw(&mut self, plan: &FramePlan) -> Result<FrameReport> {
+        if let Some(ranks) = &mut self.ranks {
+            return ranks.draw(&self.scene, plan, &mut self.images);
+        }
         let device = self.device.as_mut();
         let drawn = device.map(|device| device.draw(&self.scene, plan, &mut self.images));
         self.or_on_cpu(plan, drawn)
@@ -348,7 +397,7 @@ impl Renderer {
             volume.is_of_splats() || matches!(volume.particles, BlockedParticles::Surfels { .. })
         };
         let is_of_field = |volume: &BlockedVolume| {
-            matches!(volume.strength, Strength::Classified { .. }) && volume.values.is_some()
+            matches!(volume.strength, StrengthIn::Classified { .. }) && volume.values.is_some()
         };
         if self.scene.data().any(is_flat) {
             DEFAULT_LOW_PASS_VARIANCE_PX2

@@ -8,6 +8,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::storage::{Owned, Shared, Storage};
 use super::{Lattice, LatticeSpacing, Values};
 use crate::math::Truncated;
 
@@ -33,20 +34,32 @@ pub enum Boundary {
     Planes(BoundaryPlanes),
 }
 
+/// Planes of the boundary in vectors.
+pub type BoundaryPlanes = BoundaryPlanesIn<Owned>;
+
 /// Which particles the boundary of their domain cuts, and where.
 ///
 /// Of one kernel the domain is what lies inside all of its planes, a convex piece.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct BoundaryPlanes {
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoundaryPlanesIn<S: Storage> {
     /// One word per particle: 0 where nothing cuts it, otherwise one more than its place in `edges`.
-    pub of_particle: Vec<u32>,
+    pub of_particle: S::Of<u32>,
     /// Of each particle that is cut up to [`MOST_EDGES`] planes: a unit normal into the domain and
     /// how far the particle's centre lies inside \[world units\], negative outside; an infinite
     /// distance where there are fewer.
-    pub edges: Vec<[[f32; 4]; MOST_EDGES]>,
+    pub edges: S::Of<[[f32; 4]; MOST_EDGES]>,
 }
 
-impl BoundaryPlanes {
+impl Default for BoundaryPlanes {
+    fn default() -> Self {
+        Self {
+            of_particle: Vec::new(),
+            edges: Vec::new(),
+        }
+    }
+}
+
+impl<S: Storage> BoundaryPlanesIn<S> {
     /// The planes that cut a particle.
     pub(crate) fn of(&self, particle: usize) -> Option<&[[f32; 4]; MOST_EDGES]> {
         let word = *self.of_particle.get(particle)?;
@@ -55,19 +68,32 @@ impl BoundaryPlanes {
 
     /// The same for particles in another order.
     pub(crate) fn gather(&self, order: &[u32]) -> Self {
-        let mut out = Self::default();
-        out.of_particle.reserve(order.len());
+        let mut of_particle = Vec::with_capacity(order.len());
+        let mut kept = Vec::new();
         for &i in order {
             let word = match self.of(i as usize) {
                 None => 0,
                 Some(edges) => {
-                    out.edges.push(*edges);
-                    u32::try_from(out.edges.len()).unwrap_or(0)
+                    kept.push(*edges);
+                    u32::try_from(kept.len()).unwrap_or(0)
                 }
             };
-            out.of_particle.push(word);
+            of_particle.push(word);
         }
-        out
+        Self {
+            of_particle: of_particle.into(),
+            edges: kept.into(),
+        }
+    }
+}
+
+impl BoundaryPlanes {
+    /// The same as a renderer keeps them.
+    pub(crate) fn shared(self) -> BoundaryPlanesIn<Shared> {
+        BoundaryPlanesIn {
+            of_particle: self.of_particle.into(),
+            edges: self.edges.into(),
+        }
     }
 }
 

@@ -14,6 +14,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::storage::{Owned, Shared, Storage};
 use crate::math::{from_octahedral, to_octahedral};
 
 /// Bits of each octahedral coordinate of a slope's direction.
@@ -67,10 +68,13 @@ impl LocalModel {
     };
 }
 
+/// Local models in vectors.
+pub type LocalModels = LocalModelsIn<Owned>;
+
 /// Local models of a volume's particles, six bytes each; the head of this file has their bits.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LocalModels {
-    codes: Vec<[u16; 3]>,
+pub struct LocalModelsIn<S: Storage> {
+    codes: S::Of<[u16; 3]>,
     greatest_slope: f32,
     greatest_departure: f32,
 }
@@ -130,6 +134,57 @@ impl LocalModels {
         Self::new(&all)
     }
 
+    /// Codes of other particles that were made with the same scales.
+    pub(crate) fn with_codes(&self, codes: Vec<[u16; 3]>) -> Self {
+        Self { codes, ..*self }
+    }
+
+    /// The same codes, counted from other scales.
+    pub(crate) fn with_scales(self, [greatest_slope, greatest_departure]: [f32; 2]) -> Self {
+        Self {
+            greatest_slope,
+            greatest_departure,
+            ..self
+        }
+    }
+
+    /// The same as a renderer keeps them.
+    pub(crate) fn shared(self) -> LocalModelsIn<Shared> {
+        LocalModelsIn {
+            codes: self.codes.into(),
+            greatest_slope: self.greatest_slope,
+            greatest_departure: self.greatest_departure,
+        }
+    }
+}
+
+impl<S: Storage> LocalModelsIn<S> {
+    /// The models at `indices`, in that order.
+    #[must_use]
+    pub fn gather(&self, indices: &[u32]) -> Self {
+        Self {
+            codes: indices
+                .iter()
+                .map(|&i| self.codes[i as usize])
+                .collect::<Vec<_>>()
+                .into(),
+            ..*self
+        }
+    }
+
+    /// Of codes, and what these count from: [`Self::codes`] and [`Self::scales`] of others.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_codes(
+        codes: S::Of<[u16; 3]>,
+        [greatest_slope, greatest_departure]: [f32; 2],
+    ) -> Self {
+        Self {
+            codes,
+            greatest_slope,
+            greatest_departure,
+        }
+    }
+
     /// How many there are.
     pub fn len(&self) -> usize {
         self.codes.len()
@@ -154,15 +209,6 @@ impl LocalModels {
     /// The greatest length of a slope \[value units\].
     pub fn greatest_slope(&self) -> f32 {
         self.greatest_slope
-    }
-
-    /// The models at `indices`, in that order.
-    #[must_use]
-    pub fn gather(&self, indices: &[u32]) -> Self {
-        Self {
-            codes: indices.iter().map(|&i| self.codes[i as usize]).collect(),
-            ..*self
-        }
     }
 
     /// The model of particle `i`, in operations that shaders have too: whole numbers, f32, and
@@ -198,6 +244,7 @@ impl LocalModels {
         }
     }
 
+    /// Of a model, its bits.
     fn code(&self, model: &LocalModel) -> [u16; 3] {
         let direction = model.slope.as_dvec3().normalize_or(DVec3::Z);
         let coordinates = to_octahedral(direction.as_vec3());

@@ -9,12 +9,13 @@ mod lighting;
 mod local_models;
 mod point_volume;
 mod requirements;
+mod storage;
 mod transfer_function;
 mod values;
 
 pub(crate) use boundary::NO_EDGE;
 pub(crate) use boundary::cut_kernel;
-pub use boundary::{Boundary, BoundaryPlanes, MOST_EDGES};
+pub use boundary::{Boundary, BoundaryPlanes, BoundaryPlanesIn, MOST_EDGES};
 pub use classification::Classification;
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
@@ -24,11 +25,14 @@ pub(crate) use local_models::{
     DEPARTURE_BITS, DEPARTURE_STEPS_PER_OCTAVE, DIRECTION_BITS, DIRECTION_STEPS, RANGE_BITS,
     RANGE_STEPS, SLOPE_BITS, SLOPE_STEPS_PER_OCTAVE,
 };
-pub use local_models::{LocalModel, LocalModels, NO_BOUND};
+pub use local_models::{LocalModel, LocalModels, LocalModelsIn, NO_BOUND};
 #[cfg(feature = "gpu")]
 pub(crate) use point_volume::is_classified;
-pub use point_volume::{Colour, Particles, PointVolume, Strength};
+pub use point_volume::{Colour, ColourIn, Particles, PointVolume, Strength, StrengthIn};
 pub use requirements::Requirements;
+#[cfg(feature = "prepared")]
+pub(crate) use storage::SharedBytes;
+pub use storage::{Column, Owned, Shared, Storage};
 pub use transfer_function::{
     ALONE_DEPTH, AutomaticOptions, Averages, CLASSIFICATION_TABLE_LEN, COLOUR_MAP_NAMES,
     ColourSpace, ControlPoint, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_LOBES, MAX_OPACITY,
@@ -40,4 +44,4 @@ pub(crate) use transfer_function::{
     FAR_ENTRIES, LOBE_CELLS_PER_DEVIATION, LOBE_ROWS_PER_OCTAVE, LobeRow, MAX_LOBE_CELLS,
     MAX_LOBE_ROWS, MAX_WINDOW_CELLS, MAXIMUM_ROUNDING,
 };
-pub use values::Values;
+pub use values::{Values, ValuesIn};

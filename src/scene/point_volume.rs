@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::storage::{Owned, Shared, Storage};
 use super::{Boundary, Lattice, LocalModels, TransferFunction, Values};
 use crate::error::{Error, Parameter, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count, lower_matrix};
@@ -74,16 +75,22 @@ pub enum Particles {
     },
 }
 
+/// Where masses come from, in vectors.
+pub type Strength = StrengthIn<Owned>;
+
+/// Where colours come from, in vectors.
+pub type Colour = ColourIn<Owned>;
+
 /// Where the mass of a particle comes from.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Strength {
+pub enum StrengthIn<S: Storage> {
     /// extinction(value) x cell volume.
     Classified {
         /// Cell volumes \[length³\]; empty for a lattice, whose volumes follow from the index.
-        volumes: Vec<f32>,
+        volumes: S::Of<f32>,
     },
     /// The masses themselves \[length²\].
-    Mass(Vec<f32>),
+    Mass(S::Of<f32>),
     /// Splats of a radiance field: no extinction, but an opacity on the image of
     /// peak x exp(-Q/2), the same from every side and distance.
     ///
@@ -91,27 +98,27 @@ pub enum Strength {
     /// opacities ([`crate::splat::peak_footprint`]).
     PeakOpacity {
         /// The opacity at the centre, 0 to 1.
-        opacities: Vec<f32>,
+        opacities: S::Of<f32>,
         /// Whether the opacity falls as the low-pass filter widens the footprint.
         is_anti_aliased: bool,
     },
     /// Surfels of an opaque surface: the area \[length²\] of which each stands for, times the
     /// share of it that is there. Together they cover what lies behind them; where they overlap they
     /// are averaged instead of absorbing one another ([`crate::splat::surfel_footprint`]).
-    Surface(Vec<f32>),
+    Surface(S::Of<f32>),
     /// Surfels of a translucent surface whose opacity is the same from every side, as a mesh's
     /// material has it: area x -ln(1 - opacity) \[length²\]. (Surfels with a
     /// [`Strength::Mass`] absorb as sheets do: the more, the flatter they are seen.)
-    Translucent(Vec<f32>),
+    Translucent(S::Of<f32>),
 }
 
 /// Where the colour of a particle comes from.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Colour {
+pub enum ColourIn<S: Storage> {
     /// The transfer function's colour of the particle's value.
     Classified,
     /// One linear RGB each.
-    PerParticle(Vec<[f32; 3]>),
+    PerParticle(S::Of<[f32; 3]>),
     /// One linear RGB for all.
     Uniform([f32; 3]),
     /// Colours that depend on the side from which a particle is seen: the sRGB-encoded value is
@@ -120,11 +127,32 @@ pub enum Colour {
         /// 1 to 3.
         degree: u8,
         /// (degree + 1)² coefficients of R, G and B per particle, one particle after another.
-        coefficients: Vec<f32>,
+        coefficients: S::Of<f32>,
     },
 }
 
 impl Strength {
+    /// The same as a renderer keeps it.
+    pub(crate) fn shared(self) -> StrengthIn<Shared> {
+        match self {
+            Self::Classified { volumes } => StrengthIn::Classified {
+                volumes: volumes.into(),
+            },
+            Self::Mass(masses) => StrengthIn::Mass(masses.into()),
+            Self::PeakOpacity {
+                opacities,
+                is_anti_aliased,
+            } => StrengthIn::PeakOpacity {
+                opacities: opacities.into(),
+                is_anti_aliased,
+            },
+            Self::Surface(areas) => StrengthIn::Surface(areas.into()),
+            Self::Translucent(areas) => StrengthIn::Translucent(areas.into()),
+        }
+    }
+}
+
+impl<S: Storage> StrengthIn<S> {
     /// The numbers that are stored, one per particle: volumes, masses, areas or opacities; none of a
     /// classified lattice.
     pub fn stored(&self) -> &[f32] {
@@ -198,6 +226,24 @@ impl Particles {
 }
 
 impl Colour {
+    /// The same as a renderer keeps it.
+    pub(crate) fn shared(self) -> ColourIn<Shared> {
+        match self {
+            Self::Classified => ColourIn::Classified,
+            Self::PerParticle(colours) => ColourIn::PerParticle(colours.into()),
+            Self::Uniform(colour) => ColourIn::Uniform(colour),
+            Self::Harmonics {
+                degree,
+                coefficients,
+            } => ColourIn::Harmonics {
+                degree,
+                coefficients: coefficients.into(),
+            },
+        }
+    }
+}
+
+impl<S: Storage> ColourIn<S> {
     /// The degree of its spherical harmonics, if it has any.
     pub fn harmonics_degree(&self) -> Option<u8> {
         match self {
@@ -208,8 +254,8 @@ impl Colour {
 }
 
 /// Whether a transfer function gives masses or colours.
-pub(crate) fn is_classified(strength: &Strength, colour: &Colour) -> bool {
-    matches!(strength, Strength::Classified { .. }) || *colour == Colour::Classified
+pub(crate) fn is_classified<S: Storage>(strength: &StrengthIn<S>, colour: &ColourIn<S>) -> bool {
+    matches!(strength, StrengthIn::Classified { .. }) || matches!(colour, ColourIn::Classified)
 }
 
 impl PointVolume {

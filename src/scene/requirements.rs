@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::{Colour, Particles, PointVolume, Strength};
+use super::point_volume::is_classified;
+use super::{ColourIn, Particles, PointVolume, Storage, StrengthIn, ValuesIn};
 use crate::math::harmonics_count;
 
 /// What one volume makes the renderer store and run.
@@ -35,30 +36,51 @@ pub struct Requirements {
 impl Requirements {
     /// What `volume` requires.
     pub fn of(volume: &PointVolume) -> Self {
-        let (positions, shape_floats) = match volume.particles {
-            Particles::Lattice { .. } => (false, 0),
-            Particles::Isotropic { .. } => (true, 1),
-            Particles::Anisotropic { .. } | Particles::Surfels { .. } => (true, 6),
+        let shape_floats = match volume.particles {
+            Particles::Lattice { .. } => None,
+            Particles::Isotropic { .. } => Some(1),
+            Particles::Anisotropic { .. } | Particles::Surfels { .. } => Some(6),
         };
-        let harmonics_degree = volume.colour.harmonics_degree();
         Self {
-            positions,
-            shape_floats,
-            values: volume.values.as_ref().map_or("none", |v| v.type_name()),
-            classification: volume.is_classified(),
-            strength_floats: match &volume.strength {
-                Strength::Classified { volumes } => usize::from(!volumes.is_empty()),
-                _ => 1,
-            },
-            colour_floats: match volume.colour {
-                Colour::PerParticle(_) => 3,
-                _ => harmonics_degree.map_or(0, |degree| 3 * harmonics_count(degree)),
-            },
-            surface: matches!(volume.strength, Strength::Surface(_)),
-            peak_opacity: matches!(volume.strength, Strength::PeakOpacity { .. }),
-            harmonics_degree: harmonics_degree.unwrap_or(0),
             normals: volume.normals.is_some(),
             local_models: volume.local_models.is_some(),
+            ..Self::of_columns(
+                shape_floats,
+                &volume.strength,
+                &volume.colour,
+                volume.values.as_ref(),
+            )
+        }
+    }
+
+    /// What columns require, without normals and local models.
+    ///
+    /// - `shape_floats`: per particle; `None` of a lattice.
+    pub(crate) fn of_columns<S: Storage>(
+        shape_floats: Option<usize>,
+        strength: &StrengthIn<S>,
+        colour: &ColourIn<S>,
+        values: Option<&ValuesIn<S>>,
+    ) -> Self {
+        let harmonics_degree = colour.harmonics_degree();
+        Self {
+            positions: shape_floats.is_some(),
+            shape_floats: shape_floats.unwrap_or(0),
+            values: values.map_or("none", |v| v.type_name()),
+            classification: is_classified(strength, colour),
+            strength_floats: match strength {
+                StrengthIn::Classified { volumes } => usize::from(!volumes.is_empty()),
+                _ => 1,
+            },
+            colour_floats: match colour {
+                ColourIn::PerParticle(_) => 3,
+                _ => harmonics_degree.map_or(0, |degree| 3 * harmonics_count(degree)),
+            },
+            surface: matches!(strength, StrengthIn::Surface(_)),
+            peak_opacity: matches!(strength, StrengthIn::PeakOpacity { .. }),
+            harmonics_degree: harmonics_degree.unwrap_or(0),
+            normals: false,
+            local_models: false,
         }
     }
 }

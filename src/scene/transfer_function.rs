@@ -223,6 +223,23 @@ impl TransferFunction {
         }
     }
 
+    /// From what another function has: [`Self::table`], [`Self::range`], [`Self::unit_distance`] and
+    /// [`Self::value_scale`]. `None` where no function has that.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_entries(
+        table: Vec<[f32; 4]>,
+        range: [f32; 2],
+        unit_distance: f64,
+        value_scale: ValueScale,
+    ) -> Option<Self> {
+        let is_finite = table.as_flattened().iter().all(|x| x.is_finite());
+        let is_table = table.len() == CLASSIFICATION_TABLE_LEN && is_finite;
+        let is_range = widened(range).is_ok_and(|wide| wide == range);
+        let is_unit = check_unit_distance(unit_distance).is_ok();
+        (is_table && is_range && is_unit)
+            .then(|| Self::from_table(table, range, unit_distance).on_scale(value_scale))
+    }
+
     /// Linear red, green, blue and the extinction \[1/length\] of a value.
     ///
     /// Values outside the range, infinities included, take its ends; NaN is transparent.

@@ -1,16 +1,21 @@
 //! Scalar values in the type that their file holds them in.
 
+use super::storage::{Owned, Shared, Storage};
+
+/// Scalar values in vectors.
+pub type Values = ValuesIn<Owned>;
+
 /// One scalar per particle, cell or node, not widened in memory.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Values {
+pub enum ValuesIn<S: Storage> {
     /// Unsigned bytes.
-    U8(Vec<u8>),
+    U8(S::Of<u8>),
     /// Signed 16-bit integers.
-    I16(Vec<i16>),
+    I16(S::Of<i16>),
     /// Unsigned 16-bit integers.
-    U16(Vec<u16>),
+    U16(S::Of<u16>),
     /// Single precision; wider file types are narrowed to this.
-    F32(Vec<f32>),
+    F32(S::Of<f32>),
 }
 
 impl From<Vec<u8>> for Values {
@@ -37,7 +42,7 @@ impl From<Vec<f32>> for Values {
     }
 }
 
-impl Values {
+impl<S: Storage> ValuesIn<S> {
     /// How many values there are.
     pub fn len(&self) -> usize {
         match self {
@@ -74,6 +79,23 @@ impl Values {
         }
     }
 
+    /// The values at `indices`, in that order.
+    pub fn gather(&self, indices: &[u32]) -> Self {
+        fn pick<T: Copy, C: From<Vec<T>>>(v: &[T], indices: &[u32]) -> C {
+            indices
+                .iter()
+                .map(|&i| v[i as usize])
+                .collect::<Vec<T>>()
+                .into()
+        }
+        match self {
+            Self::U8(v) => Self::U8(pick(v, indices)),
+            Self::I16(v) => Self::I16(pick(v, indices)),
+            Self::U16(v) => Self::U16(pick(v, indices)),
+            Self::F32(v) => Self::F32(pick(v, indices)),
+        }
+    }
+
     /// Bytes per value.
     pub fn bytes_per_value(&self) -> usize {
         match self {
@@ -93,16 +115,28 @@ impl Values {
         }
     }
 
-    /// The values at `indices`, in that order.
-    pub fn gather(&self, indices: &[u32]) -> Self {
-        fn pick<T: Copy>(v: &[T], indices: &[u32]) -> Vec<T> {
-            indices.iter().map(|&i| v[i as usize]).collect()
-        }
+    /// How many values are NaN or infinite.
+    pub fn non_finite_count(&self) -> usize {
         match self {
-            Self::U8(v) => Self::U8(pick(v, indices)),
-            Self::I16(v) => Self::I16(pick(v, indices)),
-            Self::U16(v) => Self::U16(pick(v, indices)),
-            Self::F32(v) => Self::F32(pick(v, indices)),
+            Self::F32(v) => v.iter().filter(|x| !x.is_finite()).count(),
+            _ => 0,
+        }
+    }
+
+    /// Whether any value is infinite.
+    pub(crate) fn has_infinite(&self) -> bool {
+        matches!(self, Self::F32(v) if v.iter().any(|x| x.is_infinite()))
+    }
+}
+
+impl Values {
+    /// The same as a renderer keeps them.
+    pub(crate) fn shared(self) -> ValuesIn<Shared> {
+        match self {
+            Self::U8(v) => ValuesIn::U8(v.into()),
+            Self::I16(v) => ValuesIn::I16(v.into()),
+            Self::U16(v) => ValuesIn::U16(v.into()),
+            Self::F32(v) => ValuesIn::F32(v.into()),
         }
     }
 
@@ -134,19 +168,6 @@ impl Values {
             Self::F32(v) => v.iter().filter(|x| x.is_finite()).fold(None, |r, &x| {
                 Some(r.map_or([x, x], |[a, b]: [f32; 2]| [a.min(x), b.max(x)]))
             }),
-        }
-    }
-
-    /// Whether any value is infinite.
-    pub(crate) fn has_infinite(&self) -> bool {
-        matches!(self, Self::F32(v) if v.iter().any(|x| x.is_infinite()))
-    }
-
-    /// How many values are NaN or infinite.
-    pub fn non_finite_count(&self) -> usize {
-        match self {
-            Self::F32(v) => v.iter().filter(|x| !x.is_finite()).count(),
-            _ => 0,
         }
     }
 }

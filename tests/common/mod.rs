@@ -782,7 +782,7 @@ pub mod frame {
                 self.terms(),
                 &self.order,
                 self.tiles[0],
-                0..self.tiles[1],
+                0..self.tiles[0] * self.tiles[1],
                 &mut bins,
             );
             bins

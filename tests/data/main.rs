@@ -35,6 +35,8 @@ mod openfoam;
 mod packed_meshes;
 mod particles;
 mod plot3d;
+#[cfg(feature = "prepared")]
+mod prepared;
 mod public_data;
 mod readers;
 mod refused;

@@ -8,7 +8,8 @@
 
 use crate::common::{Random, lower_factor};
 use ewa_splat::scene::{
-    Colour, Lattice, Particles, PointVolume, Strength, TransferFunction, Values,
+    Colour, ColourIn, Lattice, Particles, PointVolume, Strength, StrengthIn, TransferFunction,
+    Values,
 };
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume, NO_PARENT};
 use ewa_splat::stages::splat::budget::{MERGE_FOURTH, MERGE_THIRD};
@@ -85,7 +86,8 @@ impl Sums {
 /// What a volume's particles of one level sum to, positions relative to `middle`.
 fn sums(volume: &BlockedVolume, level: u32, middle: DVec3) -> Sums {
     let mut sums = Sums::default();
-    let (Strength::Mass(masses), Colour::PerParticle(colours)) = (&volume.strength, &volume.colour)
+    let (StrengthIn::Mass(masses), ColourIn::PerParticle(colours)) =
+        (&volume.strength, &volume.colour)
     else {
         panic!("masses and colours stay what they are");
     };
@@ -220,7 +222,7 @@ fn columns_of_clusters_are_within_their_bound() {
         };
         let family = BlockedVolume::with_detail(points);
         let levels = &family[1];
-        let (BlockedParticles::Anisotropic { offsets, factors }, Strength::Mass(merged)) =
+        let (BlockedParticles::Anisotropic { offsets, factors }, StrengthIn::Mass(merged)) =
             (&levels.particles, &levels.strength)
         else {
             panic!("points are merged to ellipsoids");

@@ -73,7 +73,7 @@ impl Input {
             self.terms(0, self.footprints.len()),
             order,
             self.tiles[0],
-            0..self.tiles[1],
+            0..self.tiles[0] * self.tiles[1],
             &mut bins,
         );
         let ([x, y], [columns, rows]) = (chunk.band_first, chunk.band_size);

@@ -10,8 +10,8 @@ use crate::common::gpu::gpu;
 use ewa_splat::image::linear_from_srgb;
 use ewa_splat::math::{ein, ein_share, harmonics, harmonics_count, harmonics_sum};
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Particles, PointVolume, Slopes, Strength, TransferFunction,
-    Values, Weighting,
+    Colour, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Slopes, Strength,
+    StrengthIn, TransferFunction, Values, ValuesIn, Weighting,
 };
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid};
 use ewa_splat::stages::cpu;
@@ -162,7 +162,7 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
             let transfer = volume.transfer_function.as_ref().unwrap();
             let class = transfer.classify(value);
             let context = || format!("{i}: {value:e}, {class:?}: {a:?}, {b:?}");
-            if matches!(volume.strength, Strength::Classified { .. }) {
+            if matches!(volume.strength, StrengthIn::Classified { .. }) {
                 let cell = b.mass / class[3];
                 let bound = transfer.max_extinction(value, value) * cell * ROUNDING;
                 let difference = (a.mass - b.mass).abs();
@@ -171,7 +171,7 @@ fn check(volume: &BlockedVolume, views: &[BlockView], part_bytes: u64, tally: &m
                 assert!(same(a.mass, b.mass), "{}", context());
             }
             for (x, y) in a.carried.colour().iter().zip(b.carried.colour()) {
-                let is_close = volume.colour == Colour::Classified && (x - y).abs() <= ROUNDING;
+                let is_close = volume.colour == ColourIn::Classified && (x - y).abs() <= ROUNDING;
                 assert!(same(*x, y) || is_close, "{}", context());
             }
         }
@@ -641,14 +641,16 @@ fn more_views_than_a_dispatch_has_columns_are_classified_alike() {
     let volume = BlockedVolume {
         blocks: (0..count / 2).map(block).collect(),
         particles: BlockedParticles::Isotropic {
-            offsets: vec![[0.0; 3]; count as usize],
-            sigmas: vec![1.0; count as usize],
+            offsets: vec![[0.0; 3]; count as usize].into(),
+            sigmas: vec![1.0; count as usize].into(),
         },
-        strength: Strength::Classified {
-            volumes: vec![0.5; count as usize],
+        strength: StrengthIn::Classified {
+            volumes: vec![0.5; count as usize].into(),
         },
-        colour: Colour::Classified,
-        values: values(1, count as usize, &mut random),
+        colour: ColourIn::Classified,
+        values: Some(ValuesIn::U8(
+            (0..count).map(|_| random.bits() as u8).collect(),
+        )),
         transfer_function: Some(transfer()),
         boundary: None,
         normals: None,
@@ -784,7 +786,7 @@ fn harmonics_are_shaded_alike() {
         let mut on_device = particles.clone();
         let part_bytes = [u64::MAX, 100_000][case % 2];
         gpu::shade(gpu, &volume, &views, &camera, &mut on_device, part_bytes).unwrap();
-        let Colour::Harmonics { coefficients, .. } = &volume.colour else {
+        let ColourIn::Harmonics { coefficients, .. } = &volume.colour else {
             panic!("harmonics stay harmonics");
         };
         let (BlockedParticles::Isotropic { offsets, .. }

@@ -12,8 +12,8 @@ use crate::common::gpu::gpu;
 use crate::common::{Random, lower_factor};
 use ewa_splat::Filter;
 use ewa_splat::scene::{
-    Colour, ColourSpace, ControlPoint, Lattice, LatticeSpacing, Particles, PointVolume, Strength,
-    TransferFunction, Values, Weighting,
+    Colour, ColourIn, ColourSpace, Column, ControlPoint, Lattice, LatticeSpacing, Particles,
+    PointVolume, Strength, StrengthIn, TransferFunction, Values, ValuesIn, Weighting,
 };
 use ewa_splat::stages::blocks::{
     Block, BlockedParticles, BlockedVolume, DepthRange, Frustum, MergeBounds, Merged,
@@ -592,11 +592,11 @@ fn more_blocks_than_one_workgroup_has_runs_of_are_placed_alike() {
     let volume = BlockedVolume {
         blocks: (0..count).map(block).collect(),
         particles: BlockedParticles::Isotropic {
-            offsets: vec![[0.0; 3]; count as usize],
-            sigmas: vec![1e-3; count as usize],
+            offsets: vec![[0.0; 3]; count as usize].into(),
+            sigmas: vec![1e-3; count as usize].into(),
         },
-        strength: Strength::Mass(vec![1.0; count as usize]),
-        colour: Colour::Uniform([1.0; 3]),
+        strength: StrengthIn::Mass(vec![1.0; count as usize].into()),
+        colour: ColourIn::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
         boundary: None,
@@ -970,11 +970,11 @@ fn degenerate_blocks_are_chosen_alike() {
         normals: None,
         blocks,
         particles: BlockedParticles::Anisotropic {
-            offsets: vec![[0.0; 3]; count as usize],
-            factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize],
+            offsets: vec![[0.0; 3]; count as usize].into(),
+            factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize].into(),
         },
-        strength: Strength::Mass(vec![1e-3; count as usize]),
-        colour: Colour::Uniform([1.0; 3]),
+        strength: StrengthIn::Mass(vec![1e-3; count as usize].into()),
+        colour: ColourIn::Uniform([1.0; 3]),
         values: None,
         transfer_function: None,
         indices: None,
@@ -1074,17 +1074,17 @@ fn clusters_of_classified_particles_are_chosen_alike() {
     let shots = [1e-4, 1e-3, 4e-3, 2e-2, 0.1]
         .map(|t| shot.with(|c| (c.tolerance, c.merge_tolerance) = (t, t)));
     for case in 0..3 {
-        let ones = vec![1.0; count as usize];
+        let ones = Column::from(vec![1.0; count as usize]);
         let (strength, weighting) = match case {
             0 | 1 => (
-                Strength::Classified { volumes: ones },
+                StrengthIn::Classified { volumes: ones },
                 Weighting::Extinction,
             ),
-            _ => (Strength::Mass(ones), Weighting::Even),
+            _ => (StrengthIn::Mass(ones), Weighting::Even),
         };
         let colour = match case {
-            1 => Colour::Uniform([1.0; 3]),
-            _ => Colour::Classified,
+            1 => ColourIn::Uniform([1.0; 3]),
+            _ => ColourIn::Classified,
         };
         let bounds = (0..count).map(|_| MergeBounds {
             third_mean: random.log_range(1e-3, 1e-2) as f32,
@@ -1097,21 +1097,21 @@ fn clusters_of_classified_particles_are_chosen_alike() {
         });
         let merged = Merged {
             bounds: bounds.collect(),
-            spreads: vec![1.0; count as usize],
+            spreads: vec![1.0; count as usize].into(),
             transfer: Some(Arc::new(MergedTransfer::new(&transfer, weighting))),
-            member_depths: vec![0.0; count as usize],
+            member_depths: vec![0.0; count as usize].into(),
         };
         let volume = |blocks, merged| BlockedVolume {
             boundary: None,
             normals: None,
             blocks,
             particles: BlockedParticles::Anisotropic {
-                offsets: vec![[0.0; 3]; count as usize],
-                factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize],
+                offsets: vec![[0.0; 3]; count as usize].into(),
+                factors: vec![[1e-2, 0.0, 1e-2, 0.0, 0.0, 1e-2]; count as usize].into(),
             },
             strength: strength.clone(),
             colour: colour.clone(),
-            values: Some(Values::F32(vec![100.0; count as usize])),
+            values: Some(ValuesIn::F32(vec![100.0; count as usize].into())),
             transfer_function: Some(transfer.clone()),
             indices: None,
             local_models: None,

@@ -12,7 +12,10 @@ use crate::common::gpu::gpu;
 use crate::common::{Random, lower_factor};
 use ewa_splat::constants::{MAX_CUTOFF, NEAR_MARGIN, TILE_SIZE};
 use ewa_splat::math::Factor;
-use ewa_splat::scene::{Colour, Lattice, LatticeSpacing, Particles, PointVolume, Strength, Values};
+use ewa_splat::scene::{
+    Colour, ColourIn, Column, Lattice, LatticeSpacing, Particles, PointVolume, Shared, Strength,
+    StrengthIn, Values,
+};
 use ewa_splat::stages::blocks::{Block, BlockedParticles, BlockedVolume, BrickGrid, NO_PARENT};
 use ewa_splat::stages::cpu::{self, ProjectOutput};
 use ewa_splat::stages::gpu::{Projected, project};
@@ -129,7 +132,7 @@ impl Input {
 
     fn splats(&self) -> Option<bool> {
         match self.volume.strength {
-            Strength::PeakOpacity {
+            StrengthIn::PeakOpacity {
                 is_anti_aliased, ..
             } => Some(is_anti_aliased),
             _ => None,
@@ -691,15 +694,21 @@ impl Scene {
             blocks.push(block(first, size));
         }
         let particles = match self.kind {
-            Kind::Spheres => BlockedParticles::Isotropic { offsets, sigmas },
-            _ => BlockedParticles::Anisotropic { offsets, factors },
+            Kind::Spheres => BlockedParticles::Isotropic {
+                offsets: offsets.into(),
+                sigmas: sigmas.into(),
+            },
+            _ => BlockedParticles::Anisotropic {
+                offsets: offsets.into(),
+                factors: factors.into(),
+            },
         };
         let strength = match self.kind {
-            Kind::Splats | Kind::AntiAliasedSplats => Strength::PeakOpacity {
-                opacities: Vec::new(),
+            Kind::Splats | Kind::AntiAliasedSplats => StrengthIn::PeakOpacity {
+                opacities: Column::default(),
                 is_anti_aliased: matches!(self.kind, Kind::AntiAliasedSplats),
             },
-            _ => Strength::Mass(Vec::new()),
+            _ => StrengthIn::Mass(Column::default()),
         };
         Input {
             volume: volume(blocks, particles, strength),
@@ -730,12 +739,16 @@ fn block(first: u32, size: usize) -> Block {
     }
 }
 
-fn volume(blocks: Vec<Block>, particles: BlockedParticles, strength: Strength) -> BlockedVolume {
+fn volume(
+    blocks: Vec<Block>,
+    particles: BlockedParticles,
+    strength: StrengthIn<Shared>,
+) -> BlockedVolume {
     BlockedVolume {
         blocks,
         particles,
         strength,
-        colour: Colour::PerParticle(Vec::new()),
+        colour: ColourIn::PerParticle(Column::default()),
         values: None,
         transfer_function: None,
         boundary: None,
@@ -1027,10 +1040,10 @@ fn edges_on_pixel_borders_and_depths_on_thresholds_fall_alike() {
                 volume: volume(
                     (0..count).map(|i| block(i as u32, 1)).collect(),
                     BlockedParticles::Isotropic {
-                        offsets: vec![[0.0; 3]; count],
-                        sigmas: vec![sigma; count],
+                        offsets: vec![[0.0; 3]; count].into(),
+                        sigmas: vec![sigma; count].into(),
                     },
-                    Strength::Mass(Vec::new()),
+                    StrengthIn::Mass(Column::default()),
                 ),
                 views: (0..count)
                     .map(|i| BlockView {
@@ -1175,6 +1188,7 @@ fn poison_stays_where_it_is() {
                 let mut poisoned = vec![false; 2000];
                 match &mut input.volume.particles {
                     BlockedParticles::Isotropic { offsets, sigmas } => {
+                        let (offsets, sigmas) = (offsets.to_mut(), sigmas.to_mut());
                         for i in (0..offsets.len()).step_by(3) {
                             let (poison, place) = pick();
                             *offsets[i].get_mut(place).unwrap_or(&mut sigmas[i]) = poison;
@@ -1187,6 +1201,7 @@ fn poison_stays_where_it_is() {
                         tangents: factors,
                         ..
                     } => {
+                        let (offsets, factors) = (offsets.to_mut(), factors.to_mut());
                         for i in (0..offsets.len()).step_by(3) {
                             let (poison, place) = pick();
                             if place < 3 {

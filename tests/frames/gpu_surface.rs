@@ -457,6 +457,7 @@ fn poison_stays_where_it_is() {
             offsets, tangents, ..
         } = &mut frame.volume.particles
         {
+            let (offsets, tangents) = (offsets.to_mut(), tangents.to_mut());
             for i in (0..tangents.len()).step_by(3) {
                 let poison = POISON[random.index(POISON.len())];
                 match random.index(9) {

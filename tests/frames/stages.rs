@@ -9,7 +9,9 @@ use crate::common::Random;
 use crate::common::frame::Frame;
 use crate::common::scene::{self, Particle, difference, render, volume};
 use ewa_splat::constants::TILE_SIZE;
-use ewa_splat::scene::{Colour, Particles, PointVolume, Strength, TransferFunction, Values};
+use ewa_splat::scene::{
+    Colour, Particles, PointVolume, Strength, StrengthIn, TransferFunction, Values,
+};
 use ewa_splat::stages::blocks::{BlockedParticles, BlockedVolume};
 use ewa_splat::stages::cpu::{Bins, bin, classify, count_classified, sort};
 use ewa_splat::stages::record::{
@@ -252,7 +254,7 @@ fn many_footprints_keep_their_order_in_every_tile() {
 }
 
 #[test]
-fn bands_of_tiles_have_the_lists_of_the_whole() {
+fn runs_of_tiles_have_the_lists_of_the_whole() {
     let settings = Settings::default();
     let camera = scene::camera(Projection::Perspective, [240.0; 2], [130, 150]);
     let frame = Frame::new(volume(&particles(31, 3000, 30.0)), &camera, &settings);
@@ -260,8 +262,10 @@ fn bands_of_tiles_have_the_lists_of_the_whole() {
     let whole = frame.bins();
     assert_eq!(whole.tiles(), 0..columns * rows);
     let mut entries = 0;
-    for first in (0..rows).step_by(3) {
-        let band = first..(first + 3).min(rows);
+    // Runs that begin and end within a row.
+    assert_eq!(columns, 9);
+    for first in (0..columns * rows).step_by(17) {
+        let run = first..(first + 17).min(columns * rows);
         let mut bins = Bins::default();
         let (footprints, order) = (&frame.footprints, &frame.order);
         bin(
@@ -269,10 +273,10 @@ fn bands_of_tiles_have_the_lists_of_the_whole() {
             frame.terms(),
             order,
             columns,
-            band.clone(),
+            run.clone(),
             &mut bins,
         );
-        assert_eq!(bins.tiles(), band.start * columns..band.end * columns);
+        assert_eq!(bins.tiles(), run);
         for tile in bins.tiles() {
             assert!(bins.tile(tile).eq(whole.tile(tile)), "{tile}");
             entries += bins.tile_len(tile);
@@ -530,7 +534,7 @@ fn particles_of_a_block_are_in_the_order_of_their_values() {
         else {
             panic!("spheres stay spheres");
         };
-        let Strength::Classified { volumes } = &volume.strength else {
+        let StrengthIn::Classified { volumes } = &volume.strength else {
             panic!("volumes stay volumes");
         };
         // All arrays follow.
@@ -568,7 +572,7 @@ fn what_classify_leaves_out_is_invisible() {
         for shape in shapes {
             let colour = |v: f32| [v / 300.0, 0.5, 1.0];
             let transfer = TransferFunction::from_curves(colour, shape, [0.0, 300.0], 1.0).unwrap();
-            let (values, Strength::Classified { volumes }) =
+            let (values, StrengthIn::Classified { volumes }) =
                 (volume.values.as_ref().unwrap(), &volume.strength)
             else {
                 panic!("volumes stay volumes");

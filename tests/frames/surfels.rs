@@ -173,7 +173,7 @@ fn left_out_by_ellipses(frame: &Frame) -> LeftOut {
         FootprintTerms::None,
         &frame.order,
         frame.tiles[0],
-        0..frame.tiles[1],
+        0..frame.tiles[0] * frame.tiles[1],
         &mut bins,
     );
     left_out_of(frame, &bins)

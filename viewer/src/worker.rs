@@ -436,8 +436,7 @@ fn read(shared: &Arc<Shared>, load: &Load) -> ewa_splat::Result<Stage> {
         task: Some(task),
         ..SceneOptions::default()
     };
-    let scene = std::mem::take(&mut shown.volumes);
-    let renderer = Renderer::with_options(scene, &options)?;
+    let renderer = shown.renderer(&options)?;
     let renderer = match &load.gpu {
         Some(gpu) if asked.backend() == Backend::Gpu => renderer.on(gpu.clone())?,
         Some(gpu) => renderer.on_if_it_can(gpu.clone()),
@@ -667,6 +666,15 @@ impl Stage {
         let task = begin(shared, Purpose::Truth);
         let (chosen, field) = (&load.chosen, load.field.as_deref());
         let mut shown = load.asked.read(field, chosen, load.step, &task)?;
+        if !shown.prepared.is_empty() {
+            return Err(Error::invalid(
+                "the true picture",
+                "inputs",
+                "the data themselves",
+                "a prepared scene, which keeps its particles alone",
+                "open the data",
+            ));
+        }
         for (volume, function) in shown.volumes.iter_mut().zip(&view.functions) {
             if let Some(function) = function {
                 volume.transfer_function = Some(function.clone());

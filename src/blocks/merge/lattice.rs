@@ -8,7 +8,7 @@ use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
-use crate::scene::{Colour, Strength, Values};
+use crate::scene::{ColourIn, Column, Shared, StrengthIn, ValuesIn};
 use crate::task::{Stage, Task};
 
 /// Cells along the edge of a cube of the first level: 64 cells share what it stores.
@@ -25,8 +25,8 @@ pub(in crate::blocks) fn merge_lattice(
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
     let mut levels: Vec<BlockedVolume> = Vec::new();
-    let is_mergeable = matches!(&base.strength, Strength::Classified { volumes } if volumes.is_empty())
-        && matches!(base.colour, Colour::Classified | Colour::Uniform(_));
+    let is_mergeable = matches!(&base.strength, StrengthIn::Classified { volumes } if volumes.is_empty())
+        && matches!(base.colour, ColourIn::Classified | ColourIn::Uniform(_));
     let (Some(values), BlockedParticles::Lattice(cells)) = (&base.values, &base.particles) else {
         return Ok(levels);
     };
@@ -82,7 +82,7 @@ fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first
 fn level(
     base: &BlockedVolume,
     cells: &BrickGrid,
-    values: &Values,
+    values: &ValuesIn<Shared>,
     extents: &[Vec<f64>; 3],
     cube: usize,
     level: u32,
@@ -140,7 +140,7 @@ fn level(
         particles: BlockedParticles::Lattice(Box::new(grid)),
         strength: base.strength.clone(),
         colour: base.colour.clone(),
-        values: Some(Values::F32(means)),
+        values: Some(ValuesIn::F32(means.into())),
         transfer_function: None,
         normals: None,
         local_models: None,
@@ -149,9 +149,9 @@ fn level(
         boundary: None,
         merged: Some(Merged {
             bounds,
-            spreads,
+            spreads: spreads.into(),
             transfer: None,
-            member_depths: Vec::new(),
+            member_depths: Column::default(),
         }),
     })
 }
@@ -173,7 +173,13 @@ struct Cubes {
 
 impl Cubes {
     /// Reads the line of cubes at `[j, k]` along y and z.
-    fn gather(&mut self, cells: &BrickGrid, values: &Values, at: [usize; 2], cube: usize) {
+    fn gather(
+        &mut self,
+        cells: &BrickGrid,
+        values: &ValuesIn<Shared>,
+        at: [usize; 2],
+        cube: usize,
+    ) {
         let [columns, rows, slices] = cells.dims();
         let range = |at: usize, count: usize| at * cube..((at + 1) * cube).min(count);
         (self.cube, self.columns) = (cube, columns);

@@ -19,7 +19,9 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 
 use super::{Block, BlockedVolume};
-use crate::scene::{Averages, Slopes, Strength, TransferFunction, Values, Weighting};
+use crate::scene::{
+    Averages, Column, Shared, Slopes, StrengthIn, TransferFunction, ValuesIn, Weighting,
+};
 
 pub(super) use lattice::merge_lattice;
 pub(super) use points::{Shapes, Source, merge_points};
@@ -37,13 +39,13 @@ pub struct Merged {
     pub bounds: Vec<MergeBounds>,
     /// Half widths of the intervals that the members' values fill evenly, per particle; empty
     /// without values.
-    pub spreads: Vec<f32>,
+    pub spreads: Column<f32>,
     /// What the transfer function is to intervals of values; with values and a transfer function.
     pub transfer: Option<Arc<MergedTransfer>>,
     /// Peak optical depth of a member by itself, before any filter, over the optical depth of the
     /// cluster's mass \[1/length²\], as far as its kernels lie apart; per particle, empty where
     /// kernels overlap.
-    pub member_depths: Vec<f32>,
+    pub member_depths: Column<f32>,
 }
 
 /// A transfer function's averages over intervals of values and how fast it changes, as the strength
@@ -67,9 +69,9 @@ impl MergedTransfer {
 }
 
 /// How colours of merged particles are averaged.
-pub(super) fn weighting(strength: &Strength) -> Weighting {
+pub(super) fn weighting(strength: &StrengthIn<Shared>) -> Weighting {
     match strength {
-        Strength::Classified { .. } => Weighting::Extinction,
+        StrengthIn::Classified { .. } => Weighting::Extinction,
         _ => Weighting::Even,
     }
 }
@@ -77,7 +79,7 @@ pub(super) fn weighting(strength: &Strength) -> Weighting {
 impl Merged {
     /// Linear RGB and extinction of particle `i`; `values`: the means.
     #[inline]
-    pub(crate) fn classify(&self, values: Option<&Values>, i: usize) -> [f32; 4] {
+    pub(crate) fn classify(&self, values: Option<&ValuesIn<Shared>>, i: usize) -> [f32; 4] {
         match (&self.transfer, values) {
             (Some(transfer), Some(values)) => {
                 let averages = &transfer.averages;

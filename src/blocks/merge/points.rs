@@ -13,7 +13,10 @@ use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARE
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{eigen, lower_factor, lower_matrix, symmetric};
-use crate::scene::{BoundaryPlanes, Colour, LocalModels, Strength, Values, cut_kernel};
+use crate::scene::{
+    BoundaryPlanes, Colour, ColourIn, LocalModels, Strength, StrengthIn, Values, ValuesIn,
+    cut_kernel,
+};
 use crate::task::{Stage, Task};
 
 /// The particles that are merged, in block order.
@@ -135,8 +138,8 @@ pub(in crate::blocks) fn merge_points(
     crowds: &Crowds,
     task: Option<&Task>,
 ) -> Result<Option<MergedPoints>> {
-    let is_mergeable = !matches!(source.strength, Strength::PeakOpacity { .. })
-        && !matches!(source.colour, Colour::Harmonics { .. })
+    let is_mergeable = !matches!(source.strength, StrengthIn::PeakOpacity { .. })
+        && !matches!(source.colour, ColourIn::Harmonics { .. })
         && source.values.is_none_or(|v| !v.has_infinite());
     if !is_mergeable || source.positions.len() <= BLOCK_CAPACITY {
         return Ok(None);
@@ -359,7 +362,7 @@ impl Sums {
                 sums.value += w * v;
                 sums.square += w * v * v;
             }
-            if let Colour::PerParticle(colours) = source.colour {
+            if let ColourIn::PerParticle(colours) = source.colour {
                 let c = DVec3::from(colours[i].map(f64::from));
                 sums.colour += c * w;
                 sums.colour_square += w * c.length_squared();
@@ -498,6 +501,7 @@ impl MergedPoints {
         let mut strengths = Vec::with_capacity(count);
         let mut colours = Vec::new();
         let mut values = Vec::new();
+        let (mut member_depths, mut spreads) = (Vec::new(), Vec::new());
         for (level, of_level) in self.levels.iter().enumerate().rev() {
             for block in of_level {
                 let strongest = block.particles.iter().map(|p| p.strength);
@@ -526,29 +530,36 @@ impl MergedPoints {
                     offsets.push(particle.centre.as_vec3().to_array());
                     factors.push(particle.factor);
                     strengths.push(particle.strength);
-                    merged.member_depths.push(particle.member_depth);
-                    if matches!(source.colour, Colour::PerParticle(_)) {
+                    member_depths.push(particle.member_depth);
+                    if matches!(source.colour, ColourIn::PerParticle(_)) {
                         colours.push(particle.colour);
                     }
                     if source.values.is_some() {
                         values.push(particle.value);
-                        merged.spreads.push(particle.spread);
+                        spreads.push(particle.spread);
                     }
                 }
             }
         }
+        merged.member_depths = member_depths.into();
+        merged.spreads = spreads.into();
         BlockedVolume {
             blocks,
-            particles: BlockedParticles::Anisotropic { offsets, factors },
+            particles: BlockedParticles::Anisotropic {
+                offsets: offsets.into(),
+                factors: factors.into(),
+            },
             strength: match source.strength {
-                Strength::Classified { .. } => Strength::Classified { volumes: strengths },
-                _ => Strength::Mass(strengths),
+                StrengthIn::Classified { .. } => StrengthIn::Classified {
+                    volumes: strengths.into(),
+                },
+                _ => StrengthIn::Mass(strengths.into()),
             },
             colour: match source.colour {
-                Colour::PerParticle(_) => Colour::PerParticle(colours),
-                other => other.clone(),
+                ColourIn::PerParticle(_) => ColourIn::PerParticle(colours.into()),
+                other => other.clone().shared(),
             },
-            values: source.values.map(|_| Values::F32(values)),
+            values: source.values.map(|_| ValuesIn::F32(values.into())),
             transfer_function: None,
             normals: None,
             local_models: None,
@@ -586,15 +597,15 @@ mod tests {
             .zip(of(1))
             .map(|(a, b)| [a, b, b, 0.1, a - b, 0.2].map(|l| 0.01 * l))
             .collect();
-        let strength = Strength::Classified {
+        let strength = StrengthIn::Classified {
             // Every seventh draws nothing.
             volumes: of(2)
                 .enumerate()
                 .map(|(n, v)| if n % 7 == 0 { 0.0 } else { v })
                 .collect(),
         };
-        let colour = Colour::PerParticle(of(3).map(|c| [c, 1.0 - c, 0.5]).collect());
-        let values = Values::F32(of(4).collect());
+        let colour = ColourIn::PerParticle(of(3).map(|c| [c, 1.0 - c, 0.5]).collect());
+        let values = ValuesIn::F32(of(4).collect());
         let source = Source {
             positions: &positions,
             shapes: Shapes::Factors(&factors),

@@ -19,7 +19,6 @@ use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::blocks::{BlockedVolume, Rule};
-use crate::constants::TILE_SIZE;
 use crate::record::{
     BlockView, Carried, ClassifiedParticle, ExactTerms, Footprint, PATH_EXACT, PieceTerms,
     SurfelTerms, ViewUniform,
@@ -159,19 +158,12 @@ impl SimdWork for Task<'_> {
         let (mut exact, mut tiles) = (0, 0);
         for footprint in self.footprints.iter().filter(|f| f.is_visible()) {
             exact += usize::from(footprint.path == PATH_EXACT);
-            tiles += touched(footprint.column_range()) * touched(footprint.row_range());
+            tiles += footprint.tile_count();
         }
         let output = self.projection.output;
         output.exact_count.fetch_add(exact, Ordering::Relaxed);
         output.tile_count.fetch_add(tiles, Ordering::Relaxed);
     }
-}
-
-/// How many tiles a range of pixels touches.
-#[inline(always)]
-fn touched((first, end): (u32, u32)) -> u64 {
-    let size = TILE_SIZE as u32;
-    u64::from((end - 1) / size - first / size + 1)
 }
 
 /// Particles of one block.

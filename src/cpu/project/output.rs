@@ -16,6 +16,16 @@ pub struct ProjectOutput {
 }
 
 impl ProjectOutput {
+    /// What was found elsewhere.
+    pub(crate) fn of(near: Vec<NearTerms>, exact_count: usize, tile_count: u64) -> Self {
+        Self {
+            near: Mutex::new(near),
+            cut_count: AtomicUsize::default(),
+            exact_count: exact_count.into(),
+            tile_count: tile_count.into(),
+        }
+    }
+
     /// Forgets the last frame.
     pub fn clear(&mut self) {
         self.near

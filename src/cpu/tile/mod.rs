@@ -37,6 +37,7 @@ mod pixels;
 mod rasterise;
 mod settings;
 
+pub(crate) use accumulate::column::TileSums;
 pub use accumulate::column::{ColumnInput, ColumnSums, bin_columns, list_visible};
 pub use accumulate::opaque::{NormalTile, rasterise_surface};
 pub use classify::slab::PostClassification;

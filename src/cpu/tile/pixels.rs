@@ -1,5 +1,6 @@
 //! The pixels of a tile: their planes, where they lie, and where a footprint meets them.
 
+use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use crate::constants::{TILE_PIXELS, TILE_SIZE};
@@ -33,8 +34,8 @@ pub(in crate::cpu) fn prefetch<T>(what: Option<&T>) {
 }
 
 /// A raster tile, one array per channel, rows from the top.
-#[derive(Debug, Clone)]
-#[repr(align(64))]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(64))]
 pub struct Tile {
     /// Accumulated opacity. Opacity rather than transmittance: it starts at zero, where f32 is
     /// fine enough for a hundred thousand layers of 1e-8.

@@ -148,7 +148,7 @@ fn put_together(path: &Path, slices: Vec<Slice>) -> Result<Vec<Values>> {
 fn with_room(path: &Path, like: &Values, count: usize) -> Result<Values> {
     fn room<T>(count: usize) -> Option<Vec<T>> {
         let mut values = Vec::new();
-        values.try_reserve_exact(count).ok()?;
+        crate::memory::trying(|| values.try_reserve_exact(count)).ok()?;
         Some(values)
     }
     let empty = match like {

@@ -13,6 +13,7 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use glam::Vec2;
 use rayon::prelude::*;
 
@@ -67,9 +68,10 @@ struct ListPart {
     count: usize,
 }
 
-#[derive(Debug, Clone)]
-#[repr(align(64))]
-struct TileSums([f64; PIXELS]);
+/// The sums of a tile's pixels, or of a part of its list.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(64))]
+pub struct TileSums([f64; PIXELS]);
 
 #[repr(align(64))]
 struct FineSums([f32; PIXELS]);
@@ -87,6 +89,8 @@ pub struct ColumnInput<'a> {
     pub near: &'a [NearTerms],
     /// From [`bin_columns`].
     pub bins: &'a Bins,
+    /// Entries of the lists of all tiles of the picture's band: of these, and of those that are summed elsewhere.
+    pub entries: usize,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
     /// Is told how much is summed, and may leave out the rest.
@@ -101,16 +105,16 @@ pub fn list_visible(footprints: &[Footprint], order: &mut Vec<u64>) {
     order.extend(numbered.filter(|(_, f)| f.is_visible()).map(|(i, _)| i));
 }
 
-/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]², of `columns` in a row those of `rows` alone.
+/// Bins footprints into tiles of [`COLUMN_TILE_SIZE`]², `columns` in a row, of which a run has lists.
 pub fn bin_columns(
     footprints: &[Footprint],
     terms: FootprintTerms<'_>,
     order: &[u64],
     columns: usize,
-    rows: Range<usize>,
+    tiles: Range<usize>,
     bins: &mut Bins,
 ) {
-    bin_into::<SIZE>(footprints, terms, order, columns, rows, bins);
+    bin_into::<SIZE>(footprints, terms, order, columns, tiles, bins);
 }
 
 /// Columns and rows of tiles.
@@ -129,10 +133,11 @@ impl ColumnSums {
     /// Sums the footprints of the tiles that have lists, which follow those of the last call. Returns the number of splat-pixels: kernels evaluated at pixel
     /// centres within their cut-off (of separable footprints: within its bounding box).
     ///
-    /// The result does not depend on the number of threads: tasks follow from the lists alone.
+    /// The result does not depend on the number of threads, nor on where the other tiles are summed: tasks follow
+    /// from the lists alone.
     pub fn add_all(&mut self, input: &ColumnInput) -> u64 {
         let [columns, _] = tiles(input.view);
-        let longest = (input.bins.len() / TASKS).max(TASK);
+        let longest = (input.entries / TASKS).max(TASK);
         let first = self.tasks.len();
         for tile in input.bins.tiles() {
             let len = input.bins.tile_len(tile);
@@ -169,6 +174,30 @@ impl ColumnSums {
                 splat_pixels
             })
             .sum()
+    }
+
+    /// The sums of each tile that had lists, in order.
+    pub fn totals(&self) -> Vec<TileSums> {
+        let tiles = self.starts.par_windows(2);
+        let total = |parts: &[u32]| {
+            let mut total = TileSums([0.0; PIXELS]);
+            for part in &self.sums[parts[0] as usize..parts[1] as usize] {
+                for (sum, own) in total.0.iter_mut().zip(&part.0) {
+                    *sum += own;
+                }
+            }
+            total
+        };
+        tiles.map(total).collect()
+    }
+
+    /// Sums that were formed elsewhere: those of every tile of a picture.
+    pub fn of_totals(totals: Vec<TileSums>) -> Self {
+        Self {
+            tasks: Vec::new(),
+            starts: (0..=totals.len() as u32).collect(),
+            sums: totals,
+        }
     }
 
     /// Writes the sums times `scale`, row by row from the top. Returns the largest magnitude

@@ -1,0 +1,121 @@
+//! A share of a scene: all its blocks, and the particles of some.
+
+use std::mem::{replace, take};
+use std::ops::Range;
+
+use super::build::{Rest, pick};
+use super::{BlockedParticles, BlockedVolume};
+use crate::scene::{ColourIn, Column, StrengthIn};
+
+/// How many runs of blocks each of several owners has of a volume, about: a view of a part of the scene then meets
+/// blocks of all of them.
+const RUNS: usize = 64;
+
+/// Blocks in a run at most.
+const LONGEST_RUN: usize = 64;
+
+/// Which blocks of a volume an owner has, of `owners` that have all together: runs in turn, ascending.
+///
+/// - `first`: the owner of the first run.
+pub(crate) fn runs_in_turn(
+    block_count: usize,
+    owners: usize,
+    owner: usize,
+    first: usize,
+) -> Vec<Range<u32>> {
+    let len = (block_count / (RUNS * owners)).clamp(1, LONGEST_RUN);
+    let turn = (owner + owners - first % owners) % owners;
+    (turn * len..block_count)
+        .step_by(owners * len)
+        .map(|start| start as u32..(start + len).min(block_count) as u32)
+        .collect()
+}
+
+impl BlockedVolume {
+    /// Leaves out the particles of all but some blocks. The blocks stay: which of them a frame draws does not depend on
+    /// who has their particles. A lattice keeps its values, which neighbours ask for.
+    ///
+    /// - `own`: ascending. Nothing may be asked of others' particles from now on.
+    pub(super) fn keep(&mut self, own: &[Range<u32>]) {
+        if matches!(self.particles, BlockedParticles::Lattice(_)) {
+            return;
+        }
+        let mut order = Vec::new();
+        let mut next = own.iter().cloned().flatten().peekable();
+        for (i, block) in (0..).zip(&mut self.blocks) {
+            let first = block.first;
+            block.first = 0;
+            if next.next_if_eq(&i).is_some() {
+                block.first = order.len() as u32;
+                order.extend(first..first + block.count);
+            }
+        }
+        match &mut self.particles {
+            BlockedParticles::Lattice(_) => {}
+            BlockedParticles::Isotropic { offsets, sigmas } => {
+                *offsets = pick(take(offsets), &order);
+                *sigmas = pick(take(sigmas), &order);
+            }
+            BlockedParticles::Anisotropic {
+                offsets,
+                factors: shapes,
+            }
+            | BlockedParticles::Surfels {
+                offsets,
+                tangents: shapes,
+                ..
+            } => {
+                *offsets = pick(take(offsets), &order);
+                *shapes = pick(take(shapes), &order);
+            }
+        }
+        let rest = Rest {
+            strength: replace(&mut self.strength, StrengthIn::Mass(Column::default())),
+            colour: replace(&mut self.colour, ColourIn::Classified),
+            values: self.values.take(),
+            boundary: self.boundary.take(),
+            normals: self.normals.take(),
+            local_models: self.local_models.take(),
+        };
+        let rest = rest.gather(&order);
+        self.strength = rest.strength;
+        self.colour = rest.colour;
+        self.values = rest.values;
+        self.boundary = rest.boundary;
+        self.normals = rest.normals;
+        self.local_models = rest.local_models;
+        self.indices = self.indices.take().map(|indices| pick(indices, &order));
+        if let Some(merged) = &mut self.merged {
+            for of_particle in [&mut merged.spreads, &mut merged.member_depths] {
+                if !of_particle.is_empty() {
+                    *of_particle = pick(take(of_particle), &order);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_all_owners_are_all_blocks() {
+        for (blocks, owners) in [(0, 3), (1, 7), (5, 2), (1000, 1), (1000, 7), (100_000, 4)] {
+            for first in 0..3 {
+                let mut owned = vec![0; blocks];
+                let mut most = 0;
+                for owner in 0..owners {
+                    let runs = runs_in_turn(blocks, owners, owner, first);
+                    assert!(runs.windows(2).all(|w| w[0].end <= w[1].start));
+                    let own: Vec<u32> = runs.into_iter().flatten().collect();
+                    own.iter().for_each(|&i| owned[i as usize] += 1);
+                    most = most.max(own.len());
+                }
+                assert!(owned.iter().all(|&n| n == 1));
+                // One run more than others at most.
+                assert!(most <= blocks / owners + LONGEST_RUN);
+            }
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! `ewa-splat convert INPUT --out FILE.arrow`
+
+use std::path::{Path, PathBuf};
+
+use crate::prepared::PreparedScene;
+use crate::sample::SampleOptions;
+use crate::{Error, Result, SceneOptions};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::input::DataOptions;
+use super::prepared::refuse_beside;
+use super::progress;
+use super::source::Input;
+
+/// What a scene is prepared for.
+#[derive(Args)]
+#[command(next_help_heading = "Prepared scenes (--out FILE.arrow)")]
+pub(crate) struct PrepareOptions {
+    /// Keep normals, for pictures with --lit or --light
+    #[arg(long)]
+    lit: bool,
+    /// Prepare the scene for column densities, not for pictures
+    #[arg(long, conflicts_with = "lit")]
+    column_density: bool,
+    /// Whether levels of detail are kept, by which distant particles are drawn together
+    #[arg(long, value_enum, default_value = "auto", value_name = "auto|off")]
+    level_of_detail: Detail,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum Detail {
+    Auto,
+    Off,
+}
+
+/// Whether a name is that of a prepared scene.
+pub(crate) fn is_scene(out: &Path) -> bool {
+    out.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("arrow"))
+}
+
+impl PrepareOptions {
+    /// Refuses what says nothing of a file of splats.
+    pub(crate) fn check_unused(&self) -> Result<()> {
+        let given = [
+            ("--lit", self.lit),
+            ("--column-density", self.column_density),
+            ("--level-of-detail", self.level_of_detail == Detail::Off),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => {
+                let (expected, found) = ("a prepared scene, FILE.arrow", "a file of splats");
+                Err(Error::invalid(
+                    *option,
+                    "--out",
+                    expected,
+                    found,
+                    "leave it out",
+                ))
+            }
+        }
+    }
+
+    /// Writes a scene of all inputs.
+    ///
+    /// # Errors
+    /// What reading, sampling and writing say; an input that is a prepared scene.
+    pub(crate) fn run(
+        &self,
+        inputs: &[Input],
+        out: &Path,
+        data: &DataOptions,
+        prints_json: bool,
+    ) -> Result<()> {
+        let bar = progress::spinner();
+        let task = progress::task_of(&bar);
+        let options = SampleOptions {
+            for_columns: self.column_density,
+            normals: self.lit,
+            local_models: !self.column_density,
+            task: task.clone(),
+            ..data.sample_options()
+        };
+        let scene = data.scene(inputs, &options, |_, _| Ok(None), &bar)?;
+        refuse_beside(&scene.prepared, &[("convert", true)])?;
+        let about = scene.about(inputs, self.column_density);
+        bar.set_message("sorting into blocks");
+        let scene_options = SceneOptions {
+            level_of_detail: self.level_of_detail == Detail::Auto && !self.column_density,
+            task,
+            ..SceneOptions::default()
+        };
+        let prepared = PreparedScene::new(scene.volumes, &scene_options)?;
+        bar.set_message("writing");
+        let bytes = prepared.write(out, &about)?;
+        bar.finish_and_clear();
+        let blocks: usize = prepared.volumes().iter().map(|v| v.blocks.len()).sum();
+        let levels = prepared.volumes().len() - about.fields.len();
+        let out: PathBuf = out.into();
+        let summary = json!({
+            "out": out.display().to_string(),
+            "particles": prepared.particle_count(),
+            "volumes": about.fields.len(),
+            "levels_of_detail": levels,
+            "blocks": blocks,
+            "bytes": bytes,
+            "fields": about.fields,
+        });
+        if prints_json {
+            super::say!("{summary:#}");
+            return Ok(());
+        }
+        let row = |name: &str, value: String| super::say!("{name:<18} {value}");
+        row("file", out.display().to_string());
+        row("particles", prepared.particle_count().to_string());
+        row("blocks", blocks.to_string());
+        let per_particle = bytes as f64 / prepared.particle_count().max(1) as f64;
+        row("bytes", format!("{bytes}, {per_particle:.1} per particle"));
+        Ok(())
+    }
+}

@@ -1,0 +1,154 @@
+//! Prepared scenes among the inputs, and as what `ewa-splat convert` writes.
+
+use std::ops::Range;
+use std::path::Path;
+
+use crate::io::Up;
+use crate::prepared::{About, PreparedScene, looks_like};
+use crate::scene::{PointVolume, TransferDefaults, TransferFunction};
+use crate::{Error, Renderer, Result, SceneOptions};
+use glam::DVec3;
+
+use super::source::Input;
+
+/// Prepared scenes, and which of a scene's volumes stand for those of each.
+pub(crate) type Members = Vec<(Range<usize>, PreparedScene)>;
+
+/// Whether a file is a prepared scene; one that cannot be read is none, and reading it says why.
+pub(crate) fn is_prepared(path: &Path) -> bool {
+    let mut head = [0; 8];
+    let read = std::fs::File::open(path)
+        .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut head));
+    read.is_ok() && looks_like(&head)
+}
+
+/// The same of pictures, or of column densities.
+///
+/// - `for_columns`: whether its column densities are asked for.
+pub(crate) fn open(input: &Input, for_columns: bool) -> Result<(PreparedScene, About)> {
+    let (scene, about) = open_any(input)?;
+    if about.for_columns != for_columns {
+        let (expected, found) = match for_columns {
+            true => ("a scene prepared with --column-density", "one for pictures"),
+            false => ("a scene prepared for pictures", "one for column densities"),
+        };
+        let advice = "prepare another";
+        return Err(Error::format(
+            &input.path,
+            "prepared scene",
+            expected,
+            found,
+            advice,
+        ));
+    }
+    Ok((scene, about))
+}
+
+/// Opens a prepared scene, of which nothing else can be asked for than it was made for.
+pub(crate) fn open_any(input: &Input) -> Result<(PreparedScene, About)> {
+    let refuse = |place: &str, expected: &str, found: &str, advice: &str| {
+        Err(Error::format(&input.path, place, expected, found, advice))
+    };
+    if input.field.is_some() || input.function.is_some() {
+        let expected = "its file alone";
+        let advice = "name the field and the function when the scene is prepared";
+        return refuse(
+            "prepared scene",
+            expected,
+            "a field or a function of it",
+            advice,
+        );
+    }
+    if input.edit != super::edits::Edit::default() {
+        let advice = "place the data when the scene is prepared";
+        return refuse(
+            "prepared scene",
+            "data as they were prepared",
+            "another place",
+            advice,
+        );
+    }
+    PreparedScene::open(&input.path)
+}
+
+/// The scene with another transfer function, of a file, whose values lie on the scale of the one it was prepared with.
+pub(crate) fn with_function(
+    mut scene: PreparedScene,
+    path: &Path,
+    function: &Path,
+) -> Result<PreparedScene> {
+    let text = std::fs::read_to_string(function)
+        .map_err(|e| Error::io(function, "reading", e, "check the path and its permissions"))?;
+    let own: Vec<Option<TransferFunction>> = scene.transfer_functions();
+    for (volume, own) in own.into_iter().enumerate() {
+        let Some(own) = own else {
+            continue;
+        };
+        let defaults = TransferDefaults {
+            range: own.range(),
+            unit_distance: own.unit_distance(),
+        };
+        let transfer = TransferFunction::from_json(function, &text, &defaults)?;
+        if transfer.value_scale() != own.value_scale() {
+            let advice = "prepare the scene with this function";
+            let (expected, found) = ("values on the function's scale", "another scale");
+            return Err(Error::format(
+                path,
+                "prepared scene",
+                expected,
+                found,
+                advice,
+            ));
+        }
+        scene.set_transfer_function(volume, transfer)?;
+    }
+    Ok(scene)
+}
+
+/// What points up of what a scene was made of.
+pub(crate) fn up_of(about: &About) -> Up {
+    Up {
+        direction: DVec3::from(about.up),
+        reason: "as the scene was prepared",
+        front: about.front.map(DVec3::from),
+        is_plane: about.is_plane,
+        is_of_mesh: about.is_of_mesh,
+    }
+}
+
+/// The scene's renderer: of volumes, and of prepared scenes in place of those that stand for these.
+pub(crate) fn renderer(
+    mut volumes: Vec<PointVolume>,
+    prepared: Members,
+    options: &SceneOptions,
+) -> Result<Renderer> {
+    if prepared.is_empty() {
+        return Renderer::with_options(volumes, options);
+    }
+    let mut scenes = Vec::new();
+    for (place, scene) in prepared.into_iter().rev() {
+        scenes.push(PreparedScene::new(volumes.split_off(place.end), options)?);
+        volumes.truncate(place.start);
+        scenes.push(scene);
+    }
+    scenes.push(PreparedScene::new(volumes, options)?);
+    scenes.reverse();
+    Renderer::of_prepared(scenes)
+}
+
+/// Refuses what only the data themselves can show.
+pub(crate) fn refuse_beside(prepared: &Members, asked: &[(&'static str, bool)]) -> Result<()> {
+    if prepared.is_empty() {
+        return Ok(());
+    }
+    match asked.iter().find(|(_, is_asked)| *is_asked) {
+        None => Ok(()),
+        Some((option, _)) => Err(Error::invalid(
+            *option,
+            "inputs",
+            "the data themselves",
+            "a prepared scene, which keeps its particles alone",
+            "name the data, or leave it out",
+        )),
+    }
+}

@@ -1,0 +1,68 @@
+//! `ewa-splat render --mpi`: one program of many processes, the first of which writes and speaks.
+
+use crate::distributed::Ranks;
+use crate::{Error, Image, Result};
+
+/// Starts MPI: from now on only the first rank says anything, and one that panics ends them all.
+#[cfg(feature = "mpi")]
+pub(crate) fn start() -> Result<Ranks> {
+    use crate::distributed::MpiRank;
+
+    let ranks = Ranks::new(Box::new(MpiRank::world()?));
+    let rank = ranks.rank();
+    if rank != 0 {
+        super::progress::be_silent();
+    }
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        eprintln!("error: rank {rank}: a bug ended it");
+        report(panic);
+        MpiRank::end_all();
+    }));
+    Ok(ranks)
+}
+
+/// Never: the command line has refused the option.
+#[cfg(not(feature = "mpi"))]
+pub(crate) fn start() -> Result<Ranks> {
+    Err(Error::invalid(
+        "--mpi",
+        "this program",
+        "one built with the feature mpi",
+        "one without",
+        WITHOUT,
+    ))
+}
+
+/// How a program gets to know the option.
+#[cfg(not(feature = "mpi"))]
+pub(crate) const WITHOUT: &str = "build it with `cargo install --path . --features mpi`";
+
+/// Draws pictures in turn, one on each rank at a time, and hands them to `push` on the first, in their order.
+pub(crate) fn in_turn(
+    ranks: &mut Ranks,
+    count: usize,
+    mut draw: impl FnMut(usize) -> Result<Image>,
+    mut push: impl FnMut(&Image) -> Result<()>,
+) -> Result<()> {
+    let size = ranks.size();
+    for first in (0..count).step_by(size) {
+        let own = first + ranks.rank();
+        let drawn = (own < count).then(|| draw(own)).transpose();
+        let pictures = ranks.gather_images(drawn)?;
+        let pushed = pictures.iter().try_for_each(&mut push);
+        ranks.agree(pushed)?;
+    }
+    Ok(())
+}
+
+/// Refuses what a picture of ranks has not.
+pub(crate) fn refuse(option: &'static str) -> Error {
+    Error::invalid(
+        option,
+        "use",
+        "one process",
+        "--mpi beside it",
+        "leave out one of the two",
+    )
+}

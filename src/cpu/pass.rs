@@ -1,0 +1,562 @@
+//! One pass of a frame on the CPU: all stages but the last.
+
+use std::ops::Range;
+
+use super::frame::CpuFrames;
+use super::{
+    ColumnInput, NormalTile, Pieces, PostClassification, ProjectInput, RasteriseSettings, Tile,
+    bin, bin_columns, classify, count_amplitudes, count_classified, fill_amplitudes, light,
+    list_visible, project, rasterise, rasterise_surface, shade, sort,
+};
+use crate::blocks::{
+    BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
+    distance_interval,
+};
+use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
+use crate::error::Result;
+use crate::record::{
+    BlockView, ClassifiedBy, ClassifiedParticle, FootprintTerms, PieceTerms, ViewUniform,
+};
+use crate::render::backend::FrameReport;
+use crate::render::plan::{Carries, Draws, FramePlan, PassPlan};
+use crate::splat::{Accumulate, Axes};
+use crate::stats::{FrameCounts, Stopwatch};
+use crate::task::check;
+
+/// Entries of tiles' lists at a time: 400 MB with what they are made from. Of more the picture is drawn in bands, and
+/// is the same.
+pub(crate) const MOST_ENTRIES: u64 = 1 << 25;
+
+impl CpuFrames {
+    /// All stages of one pass but the last.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(super) fn draw_pass(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let view = self.see(scene, plan, pass, report)?;
+        self.make_footprints(scene, plan, pass, &view, report)?;
+        self.order_footprints(pass, &view, report);
+        self.count_footprints(pass, self.order.len(), report);
+        let tile_size = tile_size(pass);
+        let columns = (view.size[0] as usize).div_ceil(tile_size);
+        for rows in self.bands(&view, tile_size, MOST_ENTRIES) {
+            let tiles = rows.start * columns..rows.end * columns;
+            let entries = self.list(pass, &view, tiles, report);
+            self.draw_tiles(scene, plan, pass, &view, entries, report)?;
+        }
+        check(plan.task.as_ref())
+    }
+
+    /// The first stage: which blocks the pass draws, in `self.views`. Returns the view with the scale of the depth
+    /// keys.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(crate) fn see(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        report: &mut FrameReport,
+    ) -> Result<ViewUniform> {
+        check(plan.task.as_ref())?;
+        let mut clock = Stopwatch::start();
+        let view = self.cull(scene, plan, pass, &mut report.counts);
+        report.times.cull += clock.lap();
+        Ok(view)
+    }
+
+    /// The stages from the blocks in `self.views` to footprints.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(crate) fn make_footprints(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let FrameReport { counts, times } = report;
+        let task = plan.task.as_ref();
+        check(task)?;
+        let mut clock = Stopwatch::start();
+        self.classify(scene.volumes(), plan, pass);
+        counts.classified += self.classified.len();
+        counts.pieces += self.terms.len();
+        times.classify += clock.lap();
+        check(task)?;
+
+        self.project(scene.volumes(), plan, pass, view);
+        times.project += clock.lap();
+        check(task)
+    }
+
+    /// Counts footprints, `visible` of which reach the image.
+    pub(crate) fn count_footprints(
+        &mut self,
+        pass: &PassPlan,
+        visible: usize,
+        report: &mut FrameReport,
+    ) {
+        let counts = &mut report.counts;
+        counts.footprints += visible;
+        counts.footprints_near += self.project_output.near_count();
+        if pass.axes.accumulate == Accumulate::Opaque {
+            counts.surfels += visible;
+        }
+        if pass.draws == Draws::Volumes {
+            counts.footprints_exact += self.project_output.exact_count();
+        }
+    }
+
+    /// The order of the footprints, and room for tiles.
+    pub(crate) fn order_footprints(
+        &mut self,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        report: &mut FrameReport,
+    ) {
+        let mut clock = Stopwatch::start();
+        if pass.axes.accumulate == Accumulate::Column {
+            list_visible(&self.footprints, &mut self.order);
+        } else {
+            sort(&self.footprints, &mut self.order);
+        }
+        report.times.sort += clock.lap();
+        self.make_room(pass, view);
+    }
+
+    /// Lists of a run of tiles. Returns how many entries they have.
+    pub(crate) fn list(
+        &mut self,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        tiles: Range<usize>,
+        report: &mut FrameReport,
+    ) -> usize {
+        let mut clock = Stopwatch::start();
+        let terms = if pass.axes.accumulate == Accumulate::Opaque {
+            FootprintTerms::Surfel(&self.surfels)
+        } else {
+            FootprintTerms::Exact(&self.exact)
+        };
+        let bin = if pass.axes.accumulate == Accumulate::Column {
+            bin_columns
+        } else {
+            bin
+        };
+        let columns = (view.size[0] as usize).div_ceil(tile_size(pass));
+        let (footprints, order) = (&self.footprints, &self.order);
+        bin(footprints, terms, order, columns, tiles, &mut self.bins);
+        report.counts.tile_entries += self.bins.len();
+        report.times.bin += clock.lap();
+        self.bins.len()
+    }
+
+    /// Draws the tiles that have lists.
+    ///
+    /// - `entries`: of the lists of all tiles of the band.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(crate) fn draw_tiles(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        entries: usize,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        check(plan.task.as_ref())?;
+        let mut clock = Stopwatch::start();
+        report.counts.splat_pixels += match pass.axes.accumulate {
+            Accumulate::Opaque => self.rasterise_surface(plan, pass, view),
+            Accumulate::Column => self.sum_columns(plan, view, entries),
+            _ => self.rasterise(scene, plan, pass, view),
+        };
+        report.times.rasterise += clock.lap();
+        Ok(())
+    }
+
+    /// Which blocks the pass draws, by what, and their depth keys. Returns the view with the scale of
+    /// these.
+    fn cull(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        counts: &mut FrameCounts,
+    ) -> ViewUniform {
+        let camera = &plan.camera;
+        let cull_by = plan.culls.then_some(&plan.frustum);
+        let volumes = scene.volumes();
+        for family in scene.families() {
+            let volumes = &volumes[family.clone()];
+            let views = &mut self.views[family.clone()];
+            views.iter_mut().for_each(Vec::clear);
+            if !pass.draws.draws(&volumes[0]) {
+                continue;
+            }
+            if let Carries::Amplitude { .. } = pass.carries {
+                // Nothing is transparent.
+                cull_outside(&volumes[0], camera, cull_by, &mut views[0]);
+                for view in &mut views[0] {
+                    view.filter_kind = plan.choice.filter_kind;
+                }
+                continue;
+            }
+            if plan.has_detail() {
+                cull_detail(
+                    volumes,
+                    camera,
+                    cull_by,
+                    &plan.choice,
+                    &mut self.closed,
+                    views,
+                );
+            } else {
+                cull(&volumes[0], camera, cull_by, &plan.choice, &mut views[0]);
+            }
+            for (volume, views) in volumes.iter().zip(views) {
+                choose(volume, camera, &plan.choice, views);
+                for view in &*views {
+                    counts.block_filters[view.filter_kind as usize] += 1;
+                }
+                if volume.merged.is_some() {
+                    counts.blocks_merged += views.len();
+                }
+            }
+        }
+        if pass.axes.accumulate == Accumulate::Column {
+            // Depths order nothing.
+            return pass.view;
+        }
+        let in_view = volumes
+            .iter()
+            .zip(&self.views)
+            .flat_map(|(volume, views)| {
+                let block = |v: &BlockView| (&volume.blocks[v.block as usize], v.is_spread());
+                views.iter().map(block)
+            })
+            .filter(|(block, is_spread)| plan.frustum.sees(camera, block, *is_spread));
+        let range = match &pass.layers {
+            None => DepthRange::of(
+                in_view.map(|(block, is_spread)| distance_interval(camera, block, is_spread)),
+            ),
+            Some(layers) => layers.depth_range(),
+        };
+        for (volume, views) in volumes.iter().zip(&mut self.views) {
+            for view in views {
+                let block = &volume.blocks[view.block as usize];
+                let distance = match &pass.layers {
+                    None => distance_interval(camera, block, false).0,
+                    Some(layers) => layers.axis.dot(camera.camera_point(block.origin)),
+                };
+                view.key = range.key(distance);
+            }
+        }
+        ViewUniform {
+            key_scale: range.keys_per_unit(),
+            ..pass.view
+        }
+    }
+
+    /// Visible particles, with masses and what they carry.
+    fn classify(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
+        self.terms.clear();
+        if let Carries::Amplitude { scale, .. } = pass.carries {
+            self.count_classified(volumes, |_, volume, views| {
+                count_amplitudes(volume, views, scale)
+            });
+            self.fill_classified(volumes, |_, volume, views, out| {
+                fill_amplitudes(volume, views, scale, out);
+            });
+            return;
+        }
+        let rotation = plan.camera.camera_from_world.as_mat3();
+        let mut pieces = std::mem::take(&mut self.pieces);
+        pieces.resize_with(volumes.len(), Pieces::default);
+        self.count_classified(volumes, |i, volume, views| {
+            if has_pieces(plan, volume) {
+                pieces[i].find(volume, views)
+            } else {
+                count_classified(volume, views)
+            }
+        });
+        let mut terms = std::mem::take(&mut self.terms);
+        self.fill_classified(volumes, |i, volume, views, out| {
+            if has_pieces(plan, volume) {
+                let first = terms.len();
+                terms.resize(first + out.len(), PieceTerms::WHOLE);
+                pieces[i].place(out, &mut terms[first..]);
+            } else {
+                classify(volume, views, out);
+            }
+            shade(volume, views, &plan.camera, out);
+            if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
+                light(volume, views, rotation, lighting, out);
+            }
+        });
+        self.terms = terms;
+        self.pieces = pieces;
+    }
+
+    /// Counts the particles of all views, the first argument the number of the volume, and makes room for
+    /// them.
+    fn count_classified(
+        &mut self,
+        volumes: &[BlockedVolume],
+        mut count: impl FnMut(usize, &BlockedVolume, &mut [BlockView]) -> usize,
+    ) {
+        self.totals.clear();
+        for (i, (volume, views)) in volumes.iter().zip(&mut self.views).enumerate() {
+            self.totals.push(count(i, volume, views));
+        }
+        overwrite(&mut self.classified, self.totals.iter().sum());
+    }
+
+    /// Fills the places of what was counted.
+    fn fill_classified(
+        &mut self,
+        volumes: &[BlockedVolume],
+        mut fill: impl FnMut(usize, &BlockedVolume, &[BlockView], &mut [ClassifiedParticle]),
+    ) {
+        let mut rest = self.classified.as_mut_slice();
+        let counted = volumes.iter().zip(&self.views).zip(&self.totals);
+        for (i, ((volume, views), &total)) in counted.enumerate() {
+            let (out, others) = rest.split_at_mut(total);
+            fill(i, volume, views, out);
+            rest = others;
+        }
+    }
+
+    /// Projects what was classified.
+    fn project(
+        &mut self,
+        volumes: &[BlockedVolume],
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+    ) {
+        let count = self.classified.len();
+        overwrite(&mut self.footprints, count);
+        let all_have_depths = pass.axes.needs_depth_terms();
+        let is_opaque = pass.axes.accumulate == Accumulate::Opaque;
+        let has_edges = pass.axes.edges;
+        let is_exact = !is_opaque && (pass.axes.may_be_exact || all_have_depths || has_edges);
+        overwrite(&mut self.exact, if is_exact { count } else { 0 });
+        overwrite(&mut self.surfels, if is_opaque { count } else { 0 });
+        self.project_output.clear();
+        let rotation = plan.camera.camera_from_world.as_mat3();
+        let mut rest_of_terms = self.terms.as_slice();
+        let mut first = 0;
+        for ((volume, views), &total) in volumes.iter().zip(&self.views).zip(&self.totals) {
+            let range = first..first + total;
+            let own = if has_pieces(plan, volume) { total } else { 0 };
+            let (terms, others) = rest_of_terms.split_at(own);
+            rest_of_terms = others;
+            project(
+                &ProjectInput {
+                    volume,
+                    views,
+                    classified: &self.classified[range.clone()],
+                    pieces: terms,
+                    view,
+                    rotation,
+                    is_cut: all_have_depths,
+                    has_edges,
+                    level: plan.simd,
+                },
+                &mut self.footprints[range.clone()],
+                self.exact.get_mut(range.clone()).unwrap_or_default(),
+                self.surfels.get_mut(range).unwrap_or_default(),
+                &self.project_output,
+            );
+            first += total;
+        }
+    }
+
+    /// Makes room for the tiles of a pass.
+    fn make_room(&mut self, pass: &PassPlan, view: &ViewUniform) {
+        let [columns, rows] = tile_grid(view);
+        match pass.axes.accumulate {
+            Accumulate::Opaque => {
+                self.surface.resize_with(columns * rows, Tile::default);
+                let wanted = if pass.axes.normals { columns * rows } else { 0 };
+                self.surface_normals
+                    .resize_with(wanted, NormalTile::default);
+            }
+            Accumulate::Column => self.sums.clear(),
+            _ => self.tiles.resize_with(columns * rows, Tile::default),
+        }
+    }
+
+    /// The rows of tiles whose lists are made and drawn at once: all, unless footprints touch more
+    /// than `most` tiles.
+    pub(crate) fn bands(
+        &self,
+        view: &ViewUniform,
+        tile_size: usize,
+        most: u64,
+    ) -> Vec<Range<usize>> {
+        let rows = (view.size[1] as usize).div_ceil(tile_size);
+        if self.project_output.tile_count() <= most {
+            return std::iter::once(0..rows).collect();
+        }
+        cut_into_bands(&self.entries_of_rows(view, tile_size), most)
+    }
+
+    /// How many tiles of each row footprints touch.
+    pub(crate) fn entries_of_rows(&self, view: &ViewUniform, tile_size: usize) -> Vec<u64> {
+        let mut counts = vec![0; (view.size[1] as usize).div_ceil(tile_size)];
+        let touched = |(first, end): (u32, u32)| {
+            first as usize / tile_size..(end as usize).div_ceil(tile_size)
+        };
+        for footprint in self.footprints.iter().filter(|f| f.is_visible()) {
+            let columns = touched(footprint.column_range()).len() as u64;
+            for count in &mut counts[touched(footprint.row_range())] {
+                *count += columns;
+            }
+        }
+        counts
+    }
+
+    /// Draws the surfaces of a band of tiles, whose lists `self.bins` has.
+    pub(super) fn rasterise_surface(
+        &mut self,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+    ) -> u64 {
+        let [columns, _] = tile_grid(view);
+        rasterise_surface(
+            view,
+            RasteriseSettings {
+                axes: pass.axes,
+                level: plan.simd,
+                task: plan.task.as_ref(),
+            },
+            &self.footprints,
+            &self.surfels,
+            self.project_output.near(),
+            &self.bins,
+            columns,
+            &mut self.surface,
+            &mut self.surface_normals,
+        )
+    }
+
+    /// The same of what light passes through.
+    pub(super) fn rasterise(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+    ) -> u64 {
+        let [columns, _] = tile_grid(view);
+        let settings = RasteriseSettings {
+            axes: Axes {
+                may_be_exact: self.project_output.exact_count() > 0,
+                ..pass.axes
+            },
+            level: plan.simd,
+            task: plan.task.as_ref(),
+        };
+        let post = scene.carried().map(|transfer| PostClassification {
+            transfer,
+            per_extinction: 1.0 / transfer.greatest_extinction(),
+            lighting: plan.lighting.as_ref(),
+        });
+        rasterise(
+            view,
+            settings,
+            &self.footprints,
+            &self.exact,
+            self.project_output.near(),
+            &self.bins,
+            columns,
+            &self.surface,
+            post,
+            &mut self.tiles,
+        )
+    }
+
+    fn sum_columns(&mut self, plan: &FramePlan, view: &ViewUniform, entries: usize) -> u64 {
+        self.sums.add_all(&ColumnInput {
+            view,
+            footprints: &self.footprints,
+            exact: &self.exact,
+            near: self.project_output.near(),
+            bins: &self.bins,
+            entries,
+            level: plan.simd,
+            task: plan.task.as_ref(),
+        })
+    }
+}
+
+/// Pixels along a side of the tiles of a pass.
+pub(crate) fn tile_size(pass: &PassPlan) -> usize {
+    if pass.axes.accumulate == Accumulate::Column {
+        COLUMN_TILE_SIZE
+    } else {
+        TILE_SIZE
+    }
+}
+
+/// Columns and rows of tiles.
+fn tile_grid(view: &ViewUniform) -> [usize; 2] {
+    view.size.map(|n| (n as usize).div_ceil(TILE_SIZE))
+}
+
+/// Rows of tiles in bands of no more than `most` entries, or of one row.
+pub(crate) fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
+    let mut bands = Vec::new();
+    let (mut first, mut sum) = (0, 0);
+    for (row, count) in counts.iter().enumerate() {
+        if row > first && sum + count > most {
+            bands.push(first..row);
+            (first, sum) = (row, 0);
+        }
+        sum += count;
+    }
+    bands.push(first..counts.len());
+    bands
+}
+
+/// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
+/// for their values alone somewhere.
+fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
+    plan.classified_by() == ClassifiedBy::Extent
+        && volume.lobes.is_some()
+        && volume.merged.is_none()
+}
+
+/// Resizes a buffer that will be overwritten: keeps its memory, clears nothing it holds.
+fn overwrite<T: bytemuck::Zeroable + Clone>(buffer: &mut Vec<T>, len: usize) {
+    buffer.resize(len, T::zeroed());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::cut_into_bands;
+
+    #[test]
+    fn bands_hold_no_more_than_they_may_or_one_row() {
+        let cut = |counts: &[u64]| cut_into_bands(counts, 10);
+        assert_eq!(cut(&[3, 4, 3, 1]), [0..3, 3..4]);
+        assert_eq!(cut(&[30, 2, 9, 2]), [0..1, 1..2, 2..3, 3..4]);
+        assert_eq!(cut(&[0, 0, 11, 0, 10]), [0..2, 2..3, 3..5]);
+        assert_eq!(cut(&[7, 3]).len(), 1);
+    }
+}

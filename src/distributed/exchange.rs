@@ -1,0 +1,228 @@
+//! Footprints on their way from the rank that projects a particle to those that draw it.
+//!
+//! They arrive in the order that one machine alone would give them: that of the blocks in view, which every rank knows,
+//! whoever has their particles.
+
+use rayon::prelude::*;
+
+use super::message::{put, take};
+use super::tiles::TileShares;
+use crate::cpu::{CpuFrames, ProjectOutput};
+use crate::error::Result;
+use crate::record::{BlockView, ExactTerms, Footprint, NearTerms, SurfelTerms};
+
+/// Blocks in view that one task sorts by their destinations.
+const GRAIN: usize = 64;
+
+/// A block of a volume among those in view, and how many of its footprints follow.
+type Run = [u32; 3];
+
+/// What goes to one rank.
+#[derive(Debug, Default)]
+struct Parcel {
+    runs: Vec<Run>,
+    footprints: Vec<Footprint>,
+    /// As many, or none.
+    exact: Vec<ExactTerms>,
+    surfels: Vec<SurfelTerms>,
+    near: Vec<NearTerms>,
+}
+
+impl Parcel {
+    fn put(&self, bytes: &mut Vec<u8>) {
+        put(bytes, &self.runs);
+        put(bytes, &self.footprints);
+        put(bytes, &self.exact);
+        put(bytes, &self.surfels);
+        put(bytes, &self.near);
+    }
+
+    fn take(bytes: &mut &[u8]) -> Result<Self> {
+        Ok(Self {
+            runs: take(bytes)?,
+            footprints: take(bytes)?,
+            exact: take(bytes)?,
+            surfels: take(bytes)?,
+            near: take(bytes)?,
+        })
+    }
+}
+
+/// What footprints of some blocks are sorted by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sorting<'a> {
+    /// Who draws what.
+    pub(super) shares: &'a TileShares,
+    /// How many ranks there are.
+    pub(super) ranks: usize,
+    /// Whether they are surfels of opaque surfaces.
+    pub(super) is_opaque: bool,
+}
+
+/// A frame's footprints for each rank, as bytes; how many reach the image, and how many are sent.
+///
+/// - `frames`: of the blocks in its `views`.
+/// - `numbers`: of each volume's views there, their numbers among all that are in view.
+pub(super) fn parcels(
+    frames: &mut CpuFrames,
+    numbers: &[Vec<u32>],
+    sorting: Sorting<'_>,
+) -> (Vec<Vec<u8>>, [usize; 2]) {
+    let near = frames.project_output.near().to_vec();
+    let mut firsts = Vec::with_capacity(frames.totals.len());
+    let mut first = 0;
+    for total in &frames.totals {
+        firsts.push(first);
+        first += total;
+    }
+    let frames = &*frames;
+    let blocks: Vec<(u32, u32, &BlockView)> = (0..)
+        .zip(numbers.iter().zip(&frames.views))
+        .flat_map(|(volume, (numbers, views))| {
+            let own = numbers.iter().zip(views);
+            own.map(move |(number, view)| (volume, *number, view))
+        })
+        .collect();
+    let sorted: Vec<(Vec<Parcel>, [usize; 2])> = blocks
+        .par_chunks(GRAIN)
+        .map(|blocks| {
+            let mut parcels = Vec::new();
+            parcels.resize_with(sorting.ranks, Parcel::default);
+            let mut counts = [0; 2];
+            for &(volume, number, view) in blocks {
+                let first = firsts[volume as usize] + view.first as usize;
+                for i in first..first + view.count as usize {
+                    let of = (i, [volume, number]);
+                    sort_one(frames, &near, of, sorting, &mut parcels, &mut counts);
+                }
+            }
+            (parcels, counts)
+        })
+        .collect();
+    let parts = (0..sorting.ranks).into_par_iter().map(|rank| {
+        let mut bytes = Vec::new();
+        for (parcels, _) in &sorted {
+            if !parcels[rank].runs.is_empty() {
+                parcels[rank].put(&mut bytes);
+            }
+        }
+        bytes
+    });
+    let counts = sorted.iter().map(|(_, counts)| counts);
+    let sum = counts.fold([0; 2], |sum, own| [sum[0] + own[0], sum[1] + own[1]]);
+    (parts.collect(), sum)
+}
+
+/// Puts a footprint of a block in view into the parcels of those who draw it.
+fn sort_one(
+    frames: &CpuFrames,
+    near: &[NearTerms],
+    (i, [volume, number]): (usize, [u32; 2]),
+    sorting: Sorting<'_>,
+    parcels: &mut [Parcel],
+    counts: &mut [usize; 2],
+) {
+    let footprint = &frames.footprints[i];
+    if !footprint.is_visible() {
+        return;
+    }
+    counts[0] += 1;
+    sorting.shares.for_each_rank(footprint, |rank| {
+        counts[1] += 1;
+        let parcel = &mut parcels[rank];
+        match parcel.runs.last_mut() {
+            Some([v, n, count]) if [*v, *n] == [volume, number] => *count += 1,
+            _ => parcel.runs.push([volume, number, 1]),
+        }
+        let mut own = *footprint;
+        if let Some(place) = own.near_place(sorting.is_opaque) {
+            own = own.with_near_place(parcel.near.len() as u32, sorting.is_opaque);
+            parcel.near.extend(near.get(place as usize));
+        }
+        parcel.footprints.push(own);
+        parcel.surfels.extend(frames.surfels.get(i));
+        if let Some(exact) = frames.exact.get(i) {
+            let mut exact = *exact;
+            let edges = (exact.edges as usize).checked_sub(1);
+            if let Some(edges) = edges.and_then(|place| near.get(place)) {
+                parcel.near.push(*edges);
+                exact.edges = parcel.near.len() as u32;
+            }
+            parcel.exact.push(exact);
+        }
+    });
+}
+
+/// What arrived of a pass.
+#[derive(Debug, Default)]
+pub(super) struct Arrived {
+    parcels: Vec<Parcel>,
+}
+
+impl Arrived {
+    /// Takes what one rank sent.
+    pub(super) fn add(&mut self, mut bytes: &[u8]) -> Result<()> {
+        while !bytes.is_empty() {
+            self.parcels.push(Parcel::take(&mut bytes)?);
+        }
+        Ok(())
+    }
+
+    /// How many footprints there are.
+    pub(super) fn len(&self) -> usize {
+        self.parcels.iter().map(|p| p.footprints.len()).sum()
+    }
+
+    /// Puts them in their order into a frame, in place of its own.
+    ///
+    /// - `exact_count`: how many footprints of all ranks are on the exact path.
+    pub(super) fn put(self, frames: &mut CpuFrames, exact_count: usize, is_opaque: bool) {
+        /// A run: its block, which parcel, and where there.
+        type Place = (u32, u32, usize, usize, usize);
+        let mut runs: Vec<Place> = Vec::new();
+        let mut near_firsts = Vec::with_capacity(self.parcels.len());
+        let mut near = Vec::new();
+        for (p, parcel) in self.parcels.iter().enumerate() {
+            let mut first = 0;
+            for &[volume, number, count] in &parcel.runs {
+                runs.push((volume, number, p, first, count as usize));
+                first += count as usize;
+            }
+            near_firsts.push(near.len() as u32);
+            near.extend_from_slice(&parcel.near);
+        }
+        runs.par_sort_unstable();
+        let count = self.len();
+        frames.footprints.clear();
+        frames.exact.clear();
+        frames.surfels.clear();
+        frames.footprints.reserve(count);
+        for (_, _, p, first, count) in runs {
+            let parcel = &self.parcels[p];
+            let run = first..first + count;
+            let moved = near_firsts[p];
+            for footprint in &parcel.footprints[run.clone()] {
+                let place = footprint.near_place(is_opaque);
+                let place = place.map(|place| footprint.with_near_place(moved + place, is_opaque));
+                frames.footprints.push(place.unwrap_or(*footprint));
+            }
+            let exact = parcel.exact.get(run.clone()).unwrap_or_default();
+            frames.exact.extend(exact.iter().map(|terms| ExactTerms {
+                edges: if terms.edges > 0 {
+                    moved + terms.edges
+                } else {
+                    0
+                },
+                ..*terms
+            }));
+            let surfels = parcel.surfels.get(run).unwrap_or_default();
+            frames.surfels.extend_from_slice(surfels);
+        }
+        let tile_count = frames
+            .footprints
+            .par_iter()
+            .map(Footprint::tile_count)
+            .sum();
+        frames.project_output = ProjectOutput::of(near, exact_count, tile_count);
+    }
+}

@@ -1,0 +1,50 @@
+//! One picture by many ranks, each of which has a share of the scene.
+//!
+//! Sort-middle: a rank culls, classifies and projects the particles that it has; their footprints travel to the ranks
+//! that own the image's tiles; these sort them by depth, list them by tile and draw; the first rank gathers the tiles.
+//! What crosses the network is footprints, and the picture is that of one machine, bit for bit, whatever the number of
+//! ranks and wherever the particles are: blocks, levels of detail, depth keys and layers are those of the whole scene,
+//! footprints are drawn in the order that one machine gives them, and sums are formed in its order.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `communicator.rs` | what ranks say to one another |
+//! | `threads.rs` | ranks that are threads of one process |
+//! | `mpi.rs` | ranks that are processes (feature `mpi`) |
+//! | `ranks.rs` | ranks that know of one another's failures |
+//! | `message.rs` | records as bytes |
+//! | `share.rs`, `rows.rs` | what each rank brings of a scene, and how it travels |
+//! | `tiles.rs` | which rank draws which tiles |
+//! | `exchange.rs` | footprints on their way |
+//! | `frames.rs` | frames, stage after stage |
+//! | `statistics.rs` | what each rank did |
+//! | `renderer.rs` | a scene, and its pictures |
+
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "places among footprints are 32-bit numbers by design, and counts that travel were usize where they come from"
+)]
+
+mod communicator;
+mod exchange;
+mod frames;
+mod message;
+#[cfg(feature = "mpi")]
+mod mpi;
+mod ranks;
+mod renderer;
+mod rows;
+mod share;
+mod statistics;
+mod threads;
+mod tiles;
+
+pub use communicator::Communicator;
+pub(crate) use frames::RankFrames;
+#[cfg(feature = "mpi")]
+pub use mpi::MpiRank;
+pub(crate) use ranks::Ranks;
+pub use renderer::Renderer;
+pub use share::Share;
+pub use statistics::{RankStats, RankTimes};
+pub use threads::ThreadRank;

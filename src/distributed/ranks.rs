@@ -1,0 +1,164 @@
+//! Ranks that know of one another's failures.
+
+use bytemuck::Pod;
+
+use super::communicator::Communicator;
+use super::message::{put, take};
+use crate::error::{Error, Result};
+#[cfg(feature = "cli")]
+use crate::image::Image;
+
+/// The last byte of every part: whether it is what was asked for, or why there is none.
+const WHOLE: u8 = 0;
+const FAILED: u8 = 1;
+
+/// A communicator whose ranks take part in everything, also where they failed: the others learn why, and none waits
+/// for what never comes.
+#[derive(Debug)]
+pub(crate) struct Ranks {
+    communicator: Box<dyn Communicator>,
+}
+
+impl Ranks {
+    pub(crate) fn new(communicator: Box<dyn Communicator>) -> Self {
+        Self { communicator }
+    }
+
+    pub(crate) fn rank(&self) -> usize {
+        self.communicator.rank()
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.communicator.size()
+    }
+
+    /// Begins to send a part to every rank, or the reason why there is none.
+    ///
+    /// # Errors
+    /// That reason.
+    pub(super) fn begin(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<()> {
+        match parts {
+            Ok(parts) => {
+                let whole = parts.into_iter().map(|part| flagged(part, WHOLE));
+                self.communicator.begin(whole.collect())
+            }
+            Err(error) => {
+                let told = flagged(error.to_string().into_bytes(), FAILED);
+                self.communicator.begin(vec![told; self.size()])?;
+                Err(error)
+            }
+        }
+    }
+
+    /// What each rank sent in the oldest exchange that is not completed.
+    ///
+    /// # Errors
+    /// The first rank that failed, and why.
+    pub(super) fn complete(&mut self) -> Result<Vec<Vec<u8>>> {
+        unflagged(self.communicator.complete()?)
+    }
+
+    /// What each rank gives, for all; or the reason of the first that failed.
+    pub(super) fn gather_to_all(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+        let flagged = match &part {
+            Ok(part) => flagged(part.clone(), WHOLE),
+            Err(error) => flagged(error.to_string().into_bytes(), FAILED),
+        };
+        let all = self
+            .communicator
+            .gather_to_all(&flagged)
+            .and_then(unflagged);
+        match part {
+            // Its own words, where it has any.
+            Err(error) => Err(error),
+            Ok(_) => all,
+        }
+    }
+
+    /// The records of each rank, for all.
+    pub(super) fn gather_records<T: Pod>(
+        &mut self,
+        records: Result<Vec<T>>,
+    ) -> Result<Vec<Vec<T>>> {
+        let part = records.map(|records| {
+            let mut part = Vec::new();
+            put(&mut part, &records);
+            part
+        });
+        let all = self.gather_to_all(part)?;
+        all.iter().map(|part| take(&mut part.as_slice())).collect()
+    }
+
+    /// The sums of the ranks' numbers, place by place.
+    pub(super) fn sums(&mut self, numbers: Result<Vec<u64>>) -> Result<Vec<u64>> {
+        let all = self.gather_records(numbers)?;
+        let mut sums = Vec::new();
+        for own in all {
+            sums.resize(sums.len().max(own.len()), 0);
+            for (sum, number) in sums.iter_mut().zip(own) {
+                *sum += number;
+            }
+        }
+        Ok(sums)
+    }
+
+    /// The pictures that ranks have, by rank, on the first; none on others.
+    #[cfg(feature = "cli")]
+    pub(crate) fn gather_images(&mut self, own: Result<Option<Image>>) -> Result<Vec<Image>> {
+        let size = self.size();
+        let parts = own.map(|image| {
+            let mut parts = vec![Vec::new(); size];
+            if let Some(image) = image {
+                put(&mut parts[0], &[image.width as u64, image.height as u64]);
+                put(&mut parts[0], &image.pixels);
+            }
+            parts
+        });
+        let begun = self.begin(parts);
+        let parts = self.complete();
+        begun?;
+        let mut images = Vec::new();
+        for part in parts?.iter().filter(|part| !part.is_empty()) {
+            let mut part = part.as_slice();
+            let sides = take::<u64>(&mut part)?;
+            let pixels = take(&mut part)?;
+            let side = |n: usize| sides.get(n).map_or(0, |&n| usize::try_from(n).unwrap_or(0));
+            images.push(Image {
+                width: side(0),
+                height: side(1),
+                pixels,
+            });
+        }
+        Ok(images)
+    }
+
+    /// A result of this rank, once all have one.
+    ///
+    /// # Errors
+    /// Its own, or that of the first rank that has none.
+    pub(crate) fn agree<T>(&mut self, result: Result<T>) -> Result<T> {
+        let mut value = None;
+        let part = result.map(|own| {
+            value = Some(own);
+            Vec::new()
+        });
+        self.gather_to_all(part)?;
+        value.ok_or(Error::Cancelled)
+    }
+}
+
+fn flagged(mut part: Vec<u8>, flag: u8) -> Vec<u8> {
+    part.push(flag);
+    part
+}
+
+fn unflagged(parts: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+    let without = |(rank, mut part): (usize, Vec<u8>)| match part.pop() {
+        Some(WHOLE) => Ok(part),
+        _ => Err(Error::of_rank(
+            rank,
+            String::from_utf8_lossy(&part).into_owned(),
+        )),
+    };
+    parts.into_iter().enumerate().map(without).collect()
+}

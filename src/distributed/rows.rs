@@ -1,0 +1,274 @@
+//! Particles as rows of bytes, each with its number: whatever a volume has of each of them.
+
+use std::borrow::Cow;
+use std::fmt::Write;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::math::harmonics_count;
+use crate::scene::{
+    Boundary, BoundaryPlanes, Colour, LocalModels, MOST_EDGES, Particles, PointVolume, Strength,
+    Values,
+};
+
+/// Where the domain cuts a particle, or that it does not.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Cut {
+    is_cut: u32,
+    edges: [[f32; 4]; MOST_EDGES],
+}
+
+/// A column: bytes of each particle, and all of them.
+type Column<'a> = (usize, Cow<'a, [u8]>);
+
+fn column<T: Pod>(entries: &[T], each: usize) -> Column<'_> {
+    (each * size_of::<T>(), bytemuck::cast_slice(entries).into())
+}
+
+/// What is stored of each particle of a set of points.
+fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
+    let mut columns = vec![column(volume.particles.positions(), 1)];
+    match &volume.particles {
+        Particles::Lattice { .. } => {}
+        Particles::Isotropic { sigmas, .. } => columns.push(column(sigmas, 1)),
+        Particles::Anisotropic {
+            factors: shapes, ..
+        }
+        | Particles::Surfels {
+            tangents: shapes, ..
+        } => columns.push(column(shapes, 1)),
+    }
+    columns.push(column(volume.strength.stored(), 1));
+    match &volume.colour {
+        Colour::PerParticle(colours) => columns.push(column(colours, 1)),
+        Colour::Harmonics {
+            degree,
+            coefficients,
+        } => columns.push(column(coefficients, 3 * harmonics_count(*degree))),
+        Colour::Classified | Colour::Uniform(_) => {}
+    }
+    match &volume.values {
+        Some(Values::U8(values)) => columns.push(column(values, 1)),
+        Some(Values::I16(values)) => columns.push(column(values, 1)),
+        Some(Values::U16(values)) => columns.push(column(values, 1)),
+        Some(Values::F32(values)) => columns.push(column(values, 1)),
+        None => {}
+    }
+    if let Some(Boundary::Planes(planes)) = &volume.boundary {
+        let cut = |i| match planes.of(i) {
+            Some(edges) => Cut {
+                is_cut: 1,
+                edges: *edges,
+            },
+            None => Cut::zeroed(),
+        };
+        let cuts: Vec<Cut> = (0..planes.of_particle.len()).map(cut).collect();
+        columns.push((
+            size_of::<Cut>(),
+            bytemuck::cast_slice(&cuts).to_vec().into(),
+        ));
+    }
+    if let Some(normals) = &volume.normals {
+        columns.push(column(normals, 1));
+    }
+    if let Some(models) = &volume.local_models {
+        columns.push(column(models.codes(), 1));
+    }
+    columns
+}
+
+/// The particles of a set of points as rows: the number of each, and what is stored of it.
+pub(super) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
+    let columns = columns(volume);
+    let stride = stride(&columns);
+    let mut rows = vec![0; numbers.len() * stride];
+    let each = rows.par_chunks_exact_mut(stride).zip(numbers).enumerate();
+    each.for_each(|(i, (row, number))| {
+        let (own, mut rest) = row.split_at_mut(8);
+        own.copy_from_slice(&number.to_le_bytes());
+        for (size, bytes) in &columns {
+            let (own, others) = rest.split_at_mut(*size);
+            own.copy_from_slice(&bytes[i * size..][..*size]);
+            rest = others;
+        }
+    });
+    rows
+}
+
+fn stride(columns: &[Column<'_>]) -> usize {
+    8 + columns.iter().map(|(size, _)| size).sum::<usize>()
+}
+
+/// Rows of a volume in the order of their numbers.
+struct Sorted<'a> {
+    rows: Vec<&'a [u8]>,
+    /// Where the next column begins.
+    at: usize,
+}
+
+impl Sorted<'_> {
+    /// The next column, `each` entries of every particle.
+    fn next<T: Pod + Send>(&mut self, each: usize) -> Vec<T> {
+        let (at, size) = (self.at, size_of::<T>());
+        self.at += each * size;
+        let entries = self.rows.par_iter().flat_map_iter(|row| {
+            let own = row[at..at + each * size].chunks_exact(size);
+            own.map(bytemuck::pod_read_unaligned)
+        });
+        entries.collect()
+    }
+}
+
+/// A volume of rows, in the order of their numbers, which has everything else of another.
+///
+/// # Errors
+/// A number that two particles have; rows of another kind of volume.
+pub(super) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolume> {
+    let stride = stride(&columns(like));
+    if parts.iter().any(|part| part.len() % stride != 0) {
+        return Err(refused("particles of one kind", "particles of several"));
+    }
+    let rows = parts.iter().flat_map(|part| part.chunks_exact(stride));
+    let mut rows: Vec<&[u8]> = rows.collect();
+    let number = |row: &[u8]| row.first_chunk::<8>().map(|n| u64::from_le_bytes(*n));
+    rows.par_sort_unstable_by_key(|row| number(row));
+    if let Some(pair) = rows.windows(2).find(|w| number(w[0]) == number(w[1])) {
+        let found = format!("two of number {}", number(pair[0]).unwrap_or(0));
+        return Err(refused("a number of its own for each particle", &found));
+    }
+    let mut rows = Sorted { rows, at: 8 };
+    let positions = rows.next(1);
+    let particles = match &like.particles {
+        Particles::Lattice { .. } => like.particles.clone(),
+        Particles::Isotropic { .. } => Particles::Isotropic {
+            positions,
+            sigmas: rows.next(1),
+        },
+        Particles::Anisotropic { .. } => Particles::Anisotropic {
+            positions,
+            factors: rows.next(1),
+        },
+        Particles::Surfels { is_one_sided, .. } => Particles::Surfels {
+            positions,
+            tangents: rows.next(1),
+            is_one_sided: *is_one_sided,
+        },
+    };
+    let stored = rows.next(1);
+    let strength = match &like.strength {
+        Strength::Classified { .. } => Strength::Classified { volumes: stored },
+        Strength::Mass(_) => Strength::Mass(stored),
+        Strength::Surface(_) => Strength::Surface(stored),
+        Strength::Translucent(_) => Strength::Translucent(stored),
+        Strength::PeakOpacity {
+            is_anti_aliased, ..
+        } => Strength::PeakOpacity {
+            opacities: stored,
+            is_anti_aliased: *is_anti_aliased,
+        },
+    };
+    let colour = match &like.colour {
+        Colour::PerParticle(_) => Colour::PerParticle(rows.next(1)),
+        Colour::Harmonics { degree, .. } => Colour::Harmonics {
+            degree: *degree,
+            coefficients: rows.next(3 * harmonics_count(*degree)),
+        },
+        other => other.clone(),
+    };
+    let values = like.values.as_ref().map(|values| match values {
+        Values::U8(_) => Values::U8(rows.next(1)),
+        Values::I16(_) => Values::I16(rows.next(1)),
+        Values::U16(_) => Values::U16(rows.next(1)),
+        Values::F32(_) => Values::F32(rows.next(1)),
+    });
+    let boundary = match &like.boundary {
+        Some(Boundary::Planes(_)) => Some(Boundary::Planes(planes_of(&rows.next(1)))),
+        other => other.clone(),
+    };
+    let normals = like.normals.as_ref().map(|_| rows.next(1));
+    let models = like.local_models.as_ref();
+    Ok(PointVolume {
+        particles,
+        strength,
+        colour,
+        values,
+        transfer_function: like.transfer_function.clone(),
+        boundary,
+        normals,
+        local_models: models.map(|models| models.with_codes(rows.next(1))),
+    })
+}
+
+fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {
+    let mut planes = BoundaryPlanes::default();
+    for cut in cuts {
+        if cut.is_cut != 0 {
+            planes.edges.push(cut.edges);
+        }
+        let place = u32::try_from(planes.edges.len()).unwrap_or(0);
+        planes.of_particle.push(cut.is_cut * place);
+    }
+    planes
+}
+
+/// A number for all that volumes have besides their particles, the same on ranks that may share one.
+///
+/// Scales of local models are part of it where there are any particles: their codes mean nothing without.
+pub(super) fn kind_of(volume: &PointVolume) -> u64 {
+    let mut words = String::new();
+    let mut say = |what: &dyn std::fmt::Debug| {
+        // Writing to a string does not fail.
+        let _ = write!(words, "{what:?};");
+    };
+    match &volume.particles {
+        Particles::Lattice {
+            lattice,
+            kernel_width,
+        } => say(&(lattice, kernel_width)),
+        Particles::Isotropic { .. } => say(&"spheres"),
+        Particles::Anisotropic { .. } => say(&"ellipsoids"),
+        Particles::Surfels { is_one_sided, .. } => say(&("surfels", is_one_sided)),
+    }
+    match &volume.strength {
+        Strength::Classified { .. } => say(&"classified"),
+        Strength::Mass(_) => say(&"mass"),
+        Strength::Surface(_) => say(&"surface"),
+        Strength::Translucent(_) => say(&"translucent"),
+        Strength::PeakOpacity {
+            is_anti_aliased, ..
+        } => say(&("opacity", is_anti_aliased)),
+    }
+    match &volume.colour {
+        Colour::Classified => say(&"classified"),
+        Colour::PerParticle(_) => say(&"colours"),
+        Colour::Uniform(colour) => say(colour),
+        Colour::Harmonics { degree, .. } => say(&("harmonics", degree)),
+    }
+    say(&volume.values.as_ref().map(Values::type_name));
+    say(&volume.transfer_function);
+    match &volume.boundary {
+        None => say(&"no boundary"),
+        Some(Boundary::Lattice) => say(&"box"),
+        Some(Boundary::Planes(_)) => say(&"planes"),
+    }
+    say(&volume.normals.is_some());
+    say(&volume.local_models.is_some());
+    let mut hasher = DefaultHasher::new();
+    words.hash(&mut hasher);
+    hasher.finish()
+}
+
+pub(super) fn refused(expected: &str, found: &str) -> Error {
+    let advice = "give every rank a share of the same volumes";
+    Error::invalid("scene", "shares of ranks", expected, found, advice)
+}
+
+/// The scales of a volume's local models, where it has any particles with some.
+pub(super) fn model_scales(volume: &PointVolume) -> Option<[f32; 2]> {
+    let models = volume.local_models.as_ref().filter(|m| !m.is_empty());
+    models.map(LocalModels::scales)
+}

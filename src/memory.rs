@@ -1,0 +1,175 @@
+//! How much memory a process may still take: what does not fit is said before it is tried.
+
+use std::cell::Cell;
+use std::fs::read_to_string;
+use std::path::Path;
+
+#[cfg(feature = "cli")]
+use crate::error::{Error, Result};
+
+thread_local!(static TRIES: Cell<bool> = const { Cell::new(false) });
+
+/// Makes room that may be refused: the caller says what there is none for.
+pub(crate) fn trying<T>(room: impl FnOnce() -> T) -> T {
+    let before = TRIES.replace(true);
+    let made = room();
+    TRIES.set(before);
+    made
+}
+
+/// Whether this thread makes room that may be refused. An allocator that ends the program where there is none leaves
+/// such alone.
+#[doc(hidden)]
+pub fn is_tried() -> bool {
+    TRIES.try_with(Cell::get).unwrap_or(true)
+}
+
+/// The least of what the machine, the process's cgroups and its limit of addresses leave, bytes, and which of them it
+/// is; `None` where none says anything.
+pub(crate) fn left() -> Option<(u64, &'static str)> {
+    let machine = || {
+        let text = read_to_string("/proc/meminfo").ok()?;
+        Some((kilobytes(&text, "MemAvailable:")?, "the machine leaves"))
+    };
+    let group = || Some((group_left(Path::new("/"))?, "the control group leaves"));
+    let addresses = || {
+        let limits = read_to_string("/proc/self/limits").ok()?;
+        let line = limits
+            .lines()
+            .find(|line| line.starts_with("Max address space"))?;
+        let limit: u64 = line.split_whitespace().nth(3)?.parse().ok()?;
+        let used = kilobytes(&read_to_string("/proc/self/status").ok()?, "VmSize:")?;
+        Some((
+            limit.saturating_sub(used),
+            "the limit of addresses (ulimit -v) leaves",
+        ))
+    };
+    let all = [machine(), group(), addresses()];
+    all.into_iter().flatten().min_by_key(|(bytes, _)| *bytes)
+}
+
+/// Bytes of a line `NAME   123 kB`.
+fn kilobytes(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find(|line| line.starts_with(name))?;
+    let number: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    number.checked_mul(1024)
+}
+
+/// What the process's control groups leave, of either version of them; those above limit it, too.
+///
+/// - `root`: of the file system.
+fn group_left(root: &Path) -> Option<u64> {
+    let groups = read_to_string(root.join("proc/self/cgroup")).ok()?;
+    let of_line = |line: &str| {
+        let mut parts = line.splitn(3, ':');
+        let (_, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
+        let is_old = controllers.split(',').any(|name| name == "memory");
+        let (folder, limit, usage) = match (controllers, is_old) {
+            (_, true) => (
+                "sys/fs/cgroup/memory",
+                "memory.limit_in_bytes",
+                "memory.usage_in_bytes",
+            ),
+            ("", _) => ("sys/fs/cgroup", "memory.max", "memory.current"),
+            _ => return None,
+        };
+        let base = root.join(folder);
+        let own = base.join(path.trim_start_matches('/'));
+        let number = |at: &Path, name| -> Option<u64> {
+            read_to_string(at.join(name)).ok()?.trim().parse().ok()
+        };
+        let of_group = |at: &Path| {
+            // Pages of files, which give way, count as used.
+            let stat = read_to_string(at.join("memory.stat")).unwrap_or_default();
+            let cached = stat
+                .lines()
+                .find_map(|line| line.strip_prefix("inactive_file "));
+            let cached: u64 = cached.and_then(|n| n.trim().parse().ok()).unwrap_or(0);
+            let used = number(at, usage)?.saturating_sub(cached);
+            Some(number(at, limit)?.saturating_sub(used))
+        };
+        let groups = own.ancestors().take_while(|at| at.starts_with(&base));
+        groups.filter_map(of_group).min()
+    };
+    groups.lines().filter_map(of_line).min()
+}
+
+/// Refuses what takes more memory than there is.
+///
+/// - `count`: of particles.
+/// - `each`: the bytes that one takes at least while the scene is made.
+#[cfg(feature = "cli")]
+pub(crate) fn check(count: usize, each: usize) -> Result<()> {
+    let needed = count as u64 * each as u64;
+    match left() {
+        Some((left, whose)) if needed > left => Err(Error::invalid(
+            "memory",
+            format!("{count} particles"),
+            format!(
+                "{} at the least while they are sorted into blocks",
+                gigabytes(needed)
+            ),
+            format!("{}, which {whose}", gigabytes(left)),
+            "take a part of the data (--crop), or prepare the scene where there is more (convert --out FILE.arrow): it is \
+             then drawn from the disk",
+        )),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(feature = "cli")]
+fn gigabytes(bytes: u64) -> String {
+    format!("{:.2} GB", bytes as f64 * 1e-9)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_is_what_the_narrowest_group_leaves() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |path: &str, text: &str| {
+            let path = root.path().join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        write("proc/self/cgroup", "0::/job/step\n");
+        write("sys/fs/cgroup/job/memory.max", "1000\n");
+        write("sys/fs/cgroup/job/memory.current", "700\n");
+        write(
+            "sys/fs/cgroup/job/memory.stat",
+            "anon 3\ninactive_file 150\n",
+        );
+        write("sys/fs/cgroup/job/step/memory.max", "max\n");
+        write("sys/fs/cgroup/job/step/memory.current", "700\n");
+        assert_eq!(group_left(root.path()), Some(450));
+        write("sys/fs/cgroup/job/step/memory.max", "800\n");
+        assert_eq!(group_left(root.path()), Some(100));
+        write("proc/self/cgroup", "4:memory:/old\n0::/\n");
+        assert_eq!(group_left(root.path()), None);
+        write("sys/fs/cgroup/memory/old/memory.limit_in_bytes", "500\n");
+        write("sys/fs/cgroup/memory/old/memory.usage_in_bytes", "600\n");
+        assert_eq!(group_left(root.path()), Some(0));
+    }
+
+    #[cfg(feature = "cli")]
+    #[test]
+    fn what_does_not_fit_is_refused_before_it_is_tried() {
+        assert!(check(1000, 100).is_ok());
+        if left().is_some() {
+            let error = check(usize::MAX / 256, 200).unwrap_err().to_string();
+            assert!(
+                error.starts_with("memory: ") && error.contains("--crop"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn rooms_that_may_be_refused_are_told_apart() {
+        assert!(!is_tried());
+        assert!(trying(is_tried));
+        assert!(!is_tried());
+    }
+}

@@ -1,0 +1,257 @@
+//! What is said of a scene beside its columns: the value of the schema's key `ewa_splat`, JSON.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::blocks::AmplitudeSummary;
+use crate::scene::{Lattice, LatticeSpacing, TransferFunction, ValueScale};
+
+/// The version of files that are written, and alone are read.
+pub(super) const VERSION: u32 = 1;
+
+/// What a front end keeps of the data that a scene was made of.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct About {
+    /// The files that it was made of.
+    pub inputs: Vec<String>,
+    /// What each volume shows: the name of its field.
+    pub fields: Vec<Option<String>>,
+    /// What legends call these.
+    pub titles: Vec<Option<String>>,
+    /// Least and greatest coordinates of the data; where nothing has a place, none.
+    pub corners: Vec<[[f64; 3]; 2]>,
+    /// What points up, unit length.
+    pub up: [f64; 3],
+    /// The direction of view of a picture that is told none, where the data have a front.
+    pub front: Option<[f64; 3]>,
+    /// Whether the data are a plane.
+    pub is_plane: bool,
+    /// Whether a mesh says what points up, which says nothing beside other data.
+    pub is_of_mesh: bool,
+    /// Whether the scene was made for column densities, which end softly.
+    pub for_columns: bool,
+}
+
+/// All that the key has.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Head {
+    pub(super) version: u32,
+    pub(super) about: About,
+    pub(super) volumes: Vec<Volume>,
+}
+
+/// A volume and its levels of detail: as many batches as `batches` has.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Volume {
+    pub(super) transfer_function: Option<Function>,
+    pub(super) amplitudes: Amplitudes,
+    pub(super) lattice: Option<Grid>,
+    /// The volume itself, and then its levels of detail, the finest first.
+    pub(super) batches: Vec<BatchHead>,
+}
+
+/// What the particles of a batch are.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BatchHead {
+    pub(super) particles: Particles,
+    pub(super) strength: Strength,
+    pub(super) colour: Colour,
+    pub(super) values: Option<Values>,
+    /// What local models' codes count from.
+    pub(super) local_model_scales: Option<[f32; 2]>,
+    pub(super) has_normals: bool,
+    pub(super) has_indices: bool,
+    pub(super) has_planes: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Particles {
+    /// Cubes of so many of the lattice's cells along each edge.
+    Lattice {
+        cube: usize,
+    },
+    Isotropic,
+    Anisotropic,
+    Surfels {
+        is_one_sided: bool,
+    },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Strength {
+    Classified,
+    Mass,
+    PeakOpacity { is_anti_aliased: bool },
+    Surface,
+    Translucent,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Colour {
+    Classified,
+    PerParticle,
+    Uniform([f32; 3]),
+    Harmonics { degree: u8 },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Values {
+    U8,
+    I16,
+    U16,
+    F32,
+}
+
+/// [`AmplitudeSummary`].
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Amplitudes {
+    largest: f64,
+    sum: f64,
+    not_finite: usize,
+}
+
+/// A lattice with its ghosts, and where faces cut its kernels.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Grid {
+    pub(super) dims: [usize; 3],
+    pub(super) spacing: Spacing,
+    pub(super) kernel_width: f64,
+    /// Ghosts before the first sample along each axis, and as many behind the last; none where no face cuts.
+    pub(super) ghosts: Option<[usize; 3]>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Spacing {
+    /// The first sample, and the columns of the step.
+    Uniform {
+        origin: [f64; 3],
+        step: [[f64; 3]; 3],
+    },
+    /// Coordinates along x, y and z.
+    Rectilinear { coordinates: [Vec<f64>; 3] },
+}
+
+/// A transfer function, bit for bit.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Function {
+    range: [f32; 2],
+    scale: Scale,
+    unit_distance: f64,
+    /// Red, green, blue and extinction of each entry, f32, little-endian, as base64.
+    table: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+enum Scale {
+    Linear,
+    Log,
+    Symlog { linear: f32 },
+}
+
+impl Function {
+    pub(super) fn of(transfer: &TransferFunction) -> Self {
+        let entries = transfer.table().as_flattened();
+        let bytes: Vec<u8> = entries.iter().flat_map(|x| x.to_le_bytes()).collect();
+        Self {
+            range: transfer.range(),
+            scale: match transfer.value_scale() {
+                ValueScale::Linear => Scale::Linear,
+                ValueScale::Log => Scale::Log,
+                ValueScale::Symlog { linear } => Scale::Symlog { linear },
+            },
+            unit_distance: transfer.unit_distance(),
+            table: STANDARD.encode(bytes),
+        }
+    }
+
+    /// `None` where it is no function.
+    pub(super) fn transfer(&self) -> Option<TransferFunction> {
+        let bytes = STANDARD.decode(&self.table).ok()?;
+        let (words, []) = bytes.as_chunks::<4>() else {
+            return None;
+        };
+        let numbers: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
+        let (entries, []) = numbers.as_chunks::<4>() else {
+            return None;
+        };
+        let scale = match self.scale {
+            Scale::Linear => ValueScale::Linear,
+            Scale::Log => ValueScale::Log,
+            Scale::Symlog { linear } if linear > 0.0 && linear.is_finite() => {
+                ValueScale::Symlog { linear }
+            }
+            Scale::Symlog { .. } => return None,
+        };
+        let table = entries.to_vec();
+        TransferFunction::of_entries(table, self.range, self.unit_distance, scale)
+    }
+}
+
+impl Grid {
+    pub(super) fn of(lattice: &Lattice, kernel_width: f64, ghosts: Option<[usize; 3]>) -> Self {
+        Self {
+            dims: lattice.dims,
+            spacing: match &lattice.spacing {
+                LatticeSpacing::Uniform { origin, step } => Spacing::Uniform {
+                    origin: origin.to_array(),
+                    step: step.to_cols_array_2d(),
+                },
+                LatticeSpacing::Rectilinear { coordinates } => Spacing::Rectilinear {
+                    coordinates: coordinates.clone(),
+                },
+            },
+            kernel_width,
+            ghosts,
+        }
+    }
+
+    pub(super) fn lattice(&self) -> Lattice {
+        Lattice {
+            dims: self.dims,
+            spacing: match &self.spacing {
+                Spacing::Uniform { origin, step } => LatticeSpacing::Uniform {
+                    origin: DVec3::from(*origin),
+                    step: DMat3::from_cols_array_2d(step),
+                },
+                Spacing::Rectilinear { coordinates } => LatticeSpacing::Rectilinear {
+                    coordinates: coordinates.clone(),
+                },
+            },
+        }
+    }
+}
+
+impl From<AmplitudeSummary> for Amplitudes {
+    fn from(summary: AmplitudeSummary) -> Self {
+        Self {
+            largest: summary.largest,
+            sum: summary.sum,
+            not_finite: summary.not_finite,
+        }
+    }
+}
+
+impl From<Amplitudes> for AmplitudeSummary {
+    fn from(amplitudes: Amplitudes) -> Self {
+        Self {
+            largest: amplitudes.largest,
+            sum: amplitudes.sum,
+            not_finite: amplitudes.not_finite,
+        }
+    }
+}

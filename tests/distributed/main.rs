@@ -1,0 +1,16 @@
+//! Ranks in threads: their picture is that of one machine, bit for bit.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "tests fail by panicking; numbers are narrowed on purpose"
+)]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod faults;
+mod pictures;
+mod ranks;
+mod scenes;
+mod shares;

@@ -1,0 +1,144 @@
+//! Groups of ranks in threads, and what they are compared with.
+
+use ewa_splat::distributed::{RankStats, Renderer, ThreadRank};
+use ewa_splat::render::FrameCounts;
+use ewa_splat::scene::PointVolume;
+use ewa_splat::view::Camera;
+use ewa_splat::{ColumnImage, ColumnSettings, DepthImage, Image, NormalImage};
+use ewa_splat::{SceneOptions, Settings};
+
+/// One rank alone, few, and numbers that divide nothing evenly.
+pub(crate) const SIZES: [usize; 5] = [1, 2, 3, 4, 7];
+
+/// What each rank of a group makes, in threads of their own.
+pub(crate) fn each<T: Send>(size: usize, work: impl Fn(ThreadRank) -> T + Sync) -> Vec<T> {
+    let work = &work;
+    std::thread::scope(|scope| {
+        let ranks = ThreadRank::group(size).into_iter();
+        let threads: Vec<_> = ranks.map(|rank| scope.spawn(move || work(rank))).collect();
+        threads.into_iter().map(|t| t.join().unwrap()).collect()
+    })
+}
+
+/// All that a frame makes; of f32 numbers the bits.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Frame {
+    pixels: Vec<[u32; 4]>,
+    depths: Option<Vec<u32>>,
+    normals: Option<Vec<[u32; 3]>>,
+    pub(crate) counts: FrameCounts,
+}
+
+impl Frame {
+    fn of(
+        image: &Image,
+        depth: Option<&DepthImage>,
+        normals: Option<&NormalImage>,
+        counts: FrameCounts,
+    ) -> Self {
+        let bits = |numbers: &[f32]| numbers.iter().map(|n| n.to_bits()).collect();
+        Self {
+            pixels: image.pixels.iter().map(|p| p.map(f32::to_bits)).collect(),
+            depths: depth.map(|depth| bits(&depth.depths)),
+            normals: normals.map(|n| n.normals.iter().map(|n| n.map(f32::to_bits)).collect()),
+            counts,
+        }
+    }
+
+    /// How many pixels show anything.
+    pub(crate) fn shown(&self) -> usize {
+        self.pixels.iter().filter(|p| p[3] != 0).count()
+    }
+}
+
+/// The frames of one machine, one after another of one renderer.
+pub(crate) fn alone(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec<Frame> {
+    let mut renderer = ewa_splat::Renderer::new(scene.to_vec()).unwrap();
+    let draw = |(camera, settings): &(Camera, Settings)| {
+        let image = renderer.render(camera, settings).unwrap().clone();
+        let (depth, normals) = (renderer.depth(), renderer.normals());
+        Frame::of(&image, depth, normals, renderer.counts())
+    };
+    frames.iter().map(draw).collect()
+}
+
+/// The frames of a group of ranks each of which has the whole scene to begin with, and what each did for the last.
+pub(crate) fn together(
+    size: usize,
+    scene: &[PointVolume],
+    frames: &[(Camera, Settings)],
+) -> (Vec<Frame>, Vec<RankStats>) {
+    let mut all = each(size, |rank| {
+        let options = SceneOptions::default();
+        let renderer = Renderer::of_whole(rank, scene.to_vec(), &options).unwrap();
+        drawn(renderer, frames)
+    });
+    // Others than the first have nothing.
+    assert!(all.iter().skip(1).all(|(frames, _)| frames.is_empty()));
+    all.swap_remove(0)
+}
+
+/// The frames of a rank, none but of the first; and the ranks' statistics of the last.
+pub(crate) fn drawn(
+    mut renderer: Renderer,
+    frames: &[(Camera, Settings)],
+) -> (Vec<Frame>, Vec<RankStats>) {
+    let mut drawn = Vec::new();
+    for (camera, settings) in frames {
+        let image = renderer.render(camera, settings).unwrap().cloned();
+        if let Some(image) = image {
+            let (depth, normals) = (renderer.depth(), renderer.normals());
+            drawn.push(Frame::of(&image, depth, normals, renderer.counts()));
+        }
+    }
+    (drawn, renderer.stats().to_vec())
+}
+
+/// Asserts that the frames of every number of ranks are those of one machine. Returns these.
+pub(crate) fn assert_same(scene: &[PointVolume], frames: &[(Camera, Settings)]) -> Vec<Frame> {
+    let expected = alone(scene, frames);
+    for size in SIZES {
+        let (found, stats) = together(size, scene, frames);
+        for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            assert_eq!(found.counts, expected.counts, "frame {n} of {size} ranks");
+            assert!(found == expected, "frame {n} of {size} ranks");
+        }
+        assert_eq!(found.len(), expected.len());
+        let sum = |of: fn(&RankStats) -> u64| stats.iter().map(of).sum::<u64>();
+        assert_eq!(stats.len(), size);
+        assert_eq!(sum(|s| s.footprints_sent), sum(|s| s.footprints_received));
+        assert_eq!(sum(|s| s.bytes_sent), sum(|s| s.bytes_received));
+        let count = ewa_splat::Renderer::new(scene.to_vec())
+            .unwrap()
+            .particle_count();
+        assert_eq!(sum(|s| s.particles), count as u64);
+    }
+    expected
+}
+
+/// The same of column densities.
+pub(crate) fn assert_same_column(
+    scene: &[PointVolume],
+    camera: &Camera,
+    settings: &ColumnSettings,
+) -> ColumnImage {
+    let mut renderer = ewa_splat::Renderer::new(scene.to_vec()).unwrap();
+    let expected = renderer.column_density(camera, settings).unwrap().clone();
+    let counts = renderer.counts();
+    let bits =
+        |image: &ColumnImage| -> Vec<u32> { image.values.iter().map(|v| v.to_bits()).collect() };
+    for size in SIZES {
+        let all = each(size, |rank| {
+            let options = SceneOptions::default();
+            let mut renderer = Renderer::of_whole(rank, scene.to_vec(), &options).unwrap();
+            let column = renderer.column_density(camera, settings).unwrap().cloned();
+            (column, renderer.counts())
+        });
+        let (found, found_counts) = &all[0];
+        let found = found.as_ref().unwrap();
+        assert_eq!(*found_counts, counts, "{size} ranks");
+        assert!(bits(found) == bits(&expected), "{size} ranks");
+        assert!(all[1..].iter().all(|(column, _)| column.is_none()));
+    }
+    expected
+}
