@@ -1,5 +1,7 @@
 //! Which blocks a frame sees.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -20,7 +22,12 @@ pub(crate) const PIECE_REACH: f32 = LOBE_REACH + MAX_PIECE_WIDTH * MAX_CUTOFF;
 pub struct Frustum {
     /// Inward unit normals in camera space and distances: inside where n . u + d >= 0.
     planes: Vec<(DVec3, f64)>,
+    /// How far the low-pass filter reaches beyond the image.
+    margin_px: f64,
 }
+
+/// Where the planes of the image's first and last row stand.
+const TOP_AND_BOTTOM: Range<usize> = 2..4;
 
 impl Frustum {
     /// The frustum of a camera whose low-pass filter reaches `margin_px` pixels beyond the image.
@@ -40,7 +47,21 @@ impl Frustum {
                 side(DVec3::Y, -1.0, upper.y),
                 (DVec3::Z, 0.0),
             ],
+            margin_px,
         }
+    }
+
+    /// The same of some rows of the image's pixels alone.
+    pub(crate) fn of_rows(&self, camera: &Camera, rows: Range<usize>) -> Self {
+        let picture = Camera {
+            height: rows.len(),
+            centre_px: camera.centre_px - glam::DVec2::Y * rows.start as f64,
+            ..camera.clone()
+        };
+        let mut cut = self.clone();
+        let of_rows = Self::new(&picture, self.margin_px).planes;
+        cut.planes[TOP_AND_BOTTOM].copy_from_slice(&of_rows[TOP_AND_BOTTOM]);
+        cut
     }
 
     /// The same and cut by planes, in camera space.

@@ -248,6 +248,16 @@ impl BlockedVolume {
             + self.particle_count() * per_particle
     }
 
+    /// Whether its particles lie in a file that is mapped: what nobody asks for takes no memory.
+    pub(crate) fn is_mapped(&self) -> bool {
+        match &self.particles {
+            BlockedParticles::Lattice(_) => false,
+            BlockedParticles::Isotropic { offsets, .. }
+            | BlockedParticles::Anisotropic { offsets, .. }
+            | BlockedParticles::Surfels { offsets, .. } => offsets.is_mapped(),
+        }
+    }
+
     /// How many particles there are.
     pub fn particle_count(&self) -> usize {
         match &self.particles {

@@ -281,6 +281,11 @@ impl BlockedScene {
         }
     }
 
+    /// What column densities sum of a volume, where that is known without a look at its particles.
+    pub(crate) fn known_amplitudes(&self, volume: usize) -> Option<AmplitudeSummary> {
+        self.known[volume].amplitudes
+    }
+
     /// What column densities sum, of each volume.
     pub(crate) fn amplitudes_of_volumes(&self) -> Vec<AmplitudeSummary> {
         let of_volume = |(known, volume): (&Known, &BlockedVolume)| match known.amplitudes {

@@ -33,11 +33,12 @@ pub(crate) fn runs_in_turn(
 
 impl BlockedVolume {
     /// Leaves out the particles of all but some blocks. The blocks stay: which of them a frame draws does not depend on
-    /// who has their particles. A lattice keeps its values, which neighbours ask for.
+    /// who has their particles. A lattice keeps its values, which neighbours ask for, and what is mapped stays as it
+    /// is: of the particles of others no page is ever read.
     ///
     /// - `own`: ascending. Nothing may be asked of others' particles from now on.
     pub(super) fn keep(&mut self, own: &[Range<u32>]) {
-        if matches!(self.particles, BlockedParticles::Lattice(_)) {
+        if matches!(self.particles, BlockedParticles::Lattice(_)) || self.is_mapped() {
             return;
         }
         let mut order = Vec::new();

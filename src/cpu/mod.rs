@@ -21,6 +21,9 @@
 //! | `amplitude.rs` | blocks in view, values | particles with signed amplitudes |
 //! | `tile/` | lists, footprints | sums per pixel |
 //!
+//! Of more particles than a frame has memory for, `strips.rs` has these stages draw one strip of the picture after the
+//! other.
+//!
 //! Cull comes first and is shared: [`crate::blocks::cull`]. `tile/` has a file for each way to evaluate,
 //! cut, accumulate and classify kernels on the pixels of a tile.
 
@@ -41,6 +44,7 @@ mod project;
 mod resolve;
 mod shade;
 mod sort;
+mod strips;
 mod tile;
 
 pub use crate::simd::SimdLevel;
@@ -56,6 +60,7 @@ pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};
+use strips::is_cut_into_strips;
 pub(crate) use tile::TileSums;
 pub use tile::{
     ColumnInput, ColumnSums, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,

@@ -5,8 +5,8 @@ use std::ops::Range;
 use super::frame::CpuFrames;
 use super::{
     ColumnInput, NormalTile, Pieces, PostClassification, ProjectInput, RasteriseSettings, Tile,
-    bin, bin_columns, classify, count_amplitudes, count_classified, fill_amplitudes, light,
-    list_visible, project, rasterise, rasterise_surface, shade, sort,
+    bin, bin_columns, classify, count_amplitudes, count_classified, fill_amplitudes,
+    is_cut_into_strips, light, list_visible, project, rasterise, rasterise_surface, shade, sort,
 };
 use crate::blocks::{
     BlockedScene, BlockedVolume, DepthRange, choose, cull, cull_detail, cull_outside,
@@ -40,15 +40,35 @@ impl CpuFrames {
         report: &mut FrameReport,
     ) -> Result<()> {
         let view = self.see(scene, plan, pass, report)?;
+        if is_cut_into_strips(plan, pass) {
+            return self.draw_strips(scene, plan, pass, &view, MOST_PARTICLES, report);
+        }
         self.make_footprints(scene, plan, pass, &view, report)?;
         self.order_footprints(pass, &view, report);
         self.count_footprints(pass, self.order.len(), report);
+        let rows = (view.size[1] as usize).div_ceil(tile_size(pass));
+        self.draw_rows(scene, plan, pass, &view, 0..rows, report)
+    }
+
+    /// Draws some rows of tiles of footprints that are in order.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(super) fn draw_rows(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        rows: Range<usize>,
+        report: &mut FrameReport,
+    ) -> Result<()> {
         let tile_size = tile_size(pass);
         let columns = (view.size[0] as usize).div_ceil(tile_size);
-        for rows in self.bands(&view, tile_size, MOST_ENTRIES) {
+        for rows in self.bands(view, tile_size, rows, MOST_ENTRIES) {
             let tiles = rows.start * columns..rows.end * columns;
-            let entries = self.list(pass, &view, tiles, report);
-            self.draw_tiles(scene, plan, pass, &view, entries, report)?;
+            let entries = self.list(pass, view, tiles, report);
+            self.draw_tiles(scene, plan, pass, view, entries, report)?;
         }
         check(plan.task.as_ref())
     }
@@ -84,13 +104,47 @@ impl CpuFrames {
         view: &ViewUniform,
         report: &mut FrameReport,
     ) -> Result<()> {
-        let FrameReport { counts, times } = report;
+        self.count_particles(scene, plan, pass, report)?;
+        self.make_counted(scene, plan, pass, view, report)?;
+        report.counts.classified += self.classified.len();
+        report.counts.pieces += self.terms.len();
+        Ok(())
+    }
+
+    /// Counts the visible particles of the blocks in `self.views`; returns how many there are.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(super) fn count_particles(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        report: &mut FrameReport,
+    ) -> Result<usize> {
+        check(plan.task.as_ref())?;
+        let mut clock = Stopwatch::start();
+        self.count(scene.volumes(), plan, pass);
+        report.times.classify += clock.lap();
+        Ok(self.totals.iter().sum())
+    }
+
+    /// Footprints of what was counted.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(super) fn make_counted(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let times = &mut report.times;
         let task = plan.task.as_ref();
-        check(task)?;
         let mut clock = Stopwatch::start();
         self.classify(scene.volumes(), plan, pass);
-        counts.classified += self.classified.len();
-        counts.pieces += self.terms.len();
         times.classify += clock.lap();
         check(task)?;
 
@@ -270,28 +324,32 @@ impl CpuFrames {
         }
     }
 
-    /// Visible particles, with masses and what they carry.
+    /// How many particles of the views are visible, of each volume in `self.totals`.
+    fn count(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
+        self.pieces.resize_with(volumes.len(), Pieces::default);
+        self.totals.clear();
+        let of_volumes = volumes.iter().zip(&mut self.views).zip(&mut self.pieces);
+        self.totals.extend(
+            of_volumes.map(|((volume, views), pieces)| match pass.carries {
+                Carries::Amplitude { scale, .. } => count_amplitudes(volume, views, scale),
+                _ if has_pieces(plan, volume) => pieces.find(volume, views),
+                _ => count_classified(volume, views),
+            }),
+        );
+    }
+
+    /// The particles that were counted, with masses and what they carry.
     fn classify(&mut self, volumes: &[BlockedVolume], plan: &FramePlan, pass: &PassPlan) {
         self.terms.clear();
+        overwrite(&mut self.classified, self.totals.iter().sum());
         if let Carries::Amplitude { scale, .. } = pass.carries {
-            self.count_classified(volumes, |_, volume, views| {
-                count_amplitudes(volume, views, scale)
-            });
             self.fill_classified(volumes, |_, volume, views, out| {
                 fill_amplitudes(volume, views, scale, out);
             });
             return;
         }
         let rotation = plan.camera.camera_from_world.as_mat3();
-        let mut pieces = std::mem::take(&mut self.pieces);
-        pieces.resize_with(volumes.len(), Pieces::default);
-        self.count_classified(volumes, |i, volume, views| {
-            if has_pieces(plan, volume) {
-                pieces[i].find(volume, views)
-            } else {
-                count_classified(volume, views)
-            }
-        });
+        let pieces = std::mem::take(&mut self.pieces);
         let mut terms = std::mem::take(&mut self.terms);
         self.fill_classified(volumes, |i, volume, views, out| {
             if has_pieces(plan, volume) {
@@ -308,20 +366,6 @@ impl CpuFrames {
         });
         self.terms = terms;
         self.pieces = pieces;
-    }
-
-    /// Counts the particles of all views, the first argument the number of the volume, and makes room for
-    /// them.
-    fn count_classified(
-        &mut self,
-        volumes: &[BlockedVolume],
-        mut count: impl FnMut(usize, &BlockedVolume, &mut [BlockView]) -> usize,
-    ) {
-        self.totals.clear();
-        for (i, (volume, views)) in volumes.iter().zip(&mut self.views).enumerate() {
-            self.totals.push(count(i, volume, views));
-        }
-        overwrite(&mut self.classified, self.totals.iter().sum());
     }
 
     /// Fills the places of what was counted.
@@ -400,19 +444,23 @@ impl CpuFrames {
         }
     }
 
-    /// The rows of tiles whose lists are made and drawn at once: all, unless footprints touch more
+    /// The runs of some rows of tiles whose lists are made and drawn at once: all, unless footprints touch more
     /// than `most` tiles.
     pub(crate) fn bands(
         &self,
         view: &ViewUniform,
         tile_size: usize,
+        rows: Range<usize>,
         most: u64,
     ) -> Vec<Range<usize>> {
-        let rows = (view.size[1] as usize).div_ceil(tile_size);
         if self.project_output.tile_count() <= most {
-            return std::iter::once(0..rows).collect();
+            return std::iter::once(rows).collect();
         }
-        cut_into_bands(&self.entries_of_rows(view, tile_size), most)
+        let entries = self.entries_of_rows(view, tile_size);
+        let bands = cut_into_bands(&entries[rows.clone()], most).into_iter();
+        bands
+            .map(|band| rows.start + band.start..rows.start + band.end)
+            .collect()
     }
 
     /// How many tiles of each row footprints touch.
@@ -505,6 +553,10 @@ impl CpuFrames {
     }
 }
 
+/// Visible particles at a time: 600 MB to 1 GB with their footprints. Of more the picture is drawn in strips, and is the
+/// same.
+const MOST_PARTICLES: usize = 1 << 22;
+
 /// Pixels along a side of the tiles of a pass.
 pub(crate) fn tile_size(pass: &PassPlan) -> usize {
     if pass.axes.accumulate == Accumulate::Column {
@@ -536,7 +588,7 @@ pub(crate) fn cut_into_bands(counts: &[u64], most: u64) -> Vec<Range<usize>> {
 
 /// Whether a volume's particles become pieces: kernels are classified over their extents, and are too wide
 /// for their values alone somewhere.
-fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
+pub(super) fn has_pieces(plan: &FramePlan, volume: &BlockedVolume) -> bool {
     plan.classified_by() == ClassifiedBy::Extent
         && volume.lobes.is_some()
         && volume.merged.is_none()

@@ -66,11 +66,15 @@ impl RankFrames {
     /// A rank that is gone.
     pub(crate) fn amplitudes(&mut self, scene: &BlockedScene) -> Result<AmplitudeSummary> {
         let mut own = AmplitudeSummary::default();
-        for (volume, runs) in scene.volumes().iter().zip(&self.own) {
-            if volume.merged.is_none() {
-                for run in runs {
-                    own = own.and(&AmplitudeSummary::of_blocks(volume, run.clone()));
-                }
+        let mut known = AmplitudeSummary::default();
+        for (i, family) in scene.families().iter().enumerate() {
+            if let Some(of_volume) = scene.known_amplitudes(i) {
+                known = known.and(&of_volume);
+                continue;
+            }
+            let volume = &scene.volumes()[family.start];
+            for run in &self.own[family.start] {
+                own = own.and(&AmplitudeSummary::of_blocks(volume, run.clone()));
             }
         }
         let not_finite = own.not_finite as f64;
@@ -83,7 +87,7 @@ impl RankFrames {
             sum,
             not_finite: not_finite as usize,
         });
-        Ok(all.fold(AmplitudeSummary::default(), |a, b| a.and(&b)))
+        Ok(all.fold(known, |a, b| a.and(&b)))
     }
 
     /// Of the last frame, by rank.
@@ -269,7 +273,8 @@ impl RankFrames {
         let own = shares.of(self.ranks.rank());
         let size = tile_size(pass);
         let bands = if !is_column {
-            self.cpu.bands(view, size, MOST_ENTRIES)
+            let rows = (view.size[1] as usize).div_ceil(size);
+            self.cpu.bands(view, size, 0..rows, MOST_ENTRIES)
         } else if tile_count > MOST_ENTRIES {
             // Sums are formed in parts that follow from the lists of a band: all ranks have the same bands.
             cut_into_bands(rows, MOST_ENTRIES)

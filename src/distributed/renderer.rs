@@ -73,6 +73,21 @@ impl Renderer {
         Self::shared(ranks.agree(whole)?, ranks)
     }
 
+    /// Of prepared scenes, which every rank has mapped: each reads of them what it draws, so that no rank needs the
+    /// memory of the whole.
+    ///
+    /// # Errors
+    /// Those of [`render::Renderer::of_prepared`], on any rank; a rank that is gone.
+    #[cfg(feature = "prepared")]
+    pub fn of_prepared(
+        communicator: impl Communicator + 'static,
+        scenes: Vec<crate::prepared::PreparedScene>,
+    ) -> Result<Self> {
+        let mut ranks = Ranks::new(Box::new(communicator));
+        let whole = render::Renderer::of_prepared(scenes);
+        Self::shared(ranks.agree(whole)?, ranks)
+    }
+
     fn shared(whole: render::Renderer, ranks: Ranks) -> Result<Self> {
         let (visible, boxes) = (whole.visible_boxes(), whole.boxes());
         Ok(Self {

@@ -14,7 +14,8 @@ use crate::stats::FrameCounts;
 pub struct RankStats {
     /// Particles that it has, without merged ones.
     pub particles: u64,
-    /// Bytes that it keeps of the scene: particles, levels of detail, and the blocks of all ranks.
+    /// Bytes that it keeps of the scene: particles, levels of detail, and the blocks of all ranks. Of a prepared scene,
+    /// which is mapped, those that it may come to read.
     pub bytes: u64,
     /// Tiles that it draws.
     pub tiles: u64,
@@ -75,11 +76,19 @@ impl RankStats {
     pub(super) fn of(scene: &BlockedScene, own: &[Vec<Range<u32>>]) -> Self {
         let mut stats = Self::default();
         for (volume, own) in scene.volumes().iter().zip(own) {
-            stats.bytes += volume.bytes() as u64;
+            let blocks = own.iter().cloned().flatten();
+            let count = |i: u32| u64::from(volume.blocks[i as usize].count);
+            let particles = blocks.map(count).sum::<u64>();
+            let bytes = volume.bytes() as u64;
+            stats.bytes += if volume.is_mapped() {
+                let of_blocks = size_of_val(&*volume.blocks) as u64;
+                let all = volume.particle_count().max(1) as u64;
+                of_blocks + (bytes - of_blocks) / all * particles
+            } else {
+                bytes
+            };
             if volume.merged.is_none() {
-                let blocks = own.iter().cloned().flatten();
-                let count = |i: u32| u64::from(volume.blocks[i as usize].count);
-                stats.particles += blocks.map(count).sum::<u64>();
+                stats.particles += particles;
             }
         }
         stats

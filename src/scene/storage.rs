@@ -60,6 +60,17 @@ impl<T: Pod> Column<T> {
     }
 }
 
+impl<T> Column<T> {
+    /// Whether others keep it too: a part of a file that is mapped.
+    pub(crate) fn is_mapped(&self) -> bool {
+        match &self.0 {
+            Kept::Vector(_) => false,
+            #[cfg(feature = "prepared")]
+            Kept::Part(_) => true,
+        }
+    }
+}
+
 impl<T: Clone> Column<T> {
     /// Its elements to be changed: what others keep too is copied first.
     pub fn to_mut(&mut self) -> &mut Vec<T> {

@@ -11,6 +11,8 @@ mod common;
 
 mod faults;
 mod pictures;
+#[cfg(feature = "prepared")]
+mod prepared;
 mod ranks;
 mod scenes;
 mod shares;

@@ -1,0 +1,301 @@
+//! Pictures of very many particles: drawn strip by strip, so that the memory of a frame is bounded, whatever is in view.
+//!
+//! A strip has the blocks whose kernels may reach its rows, by the planes through these; a kernel that reaches two
+//! strips is projected for both. Depth keys are those of the whole picture and the order of blocks stays, so that a
+//! tile's list, and with it every pixel, is the same to the last bit.
+
+use std::mem::take;
+use std::ops::Range;
+
+use super::frame::CpuFrames;
+use super::pass::{has_pieces, tile_size};
+use crate::blocks::BlockedScene;
+use crate::error::Result;
+use crate::record::{BlockView, ClassifiedBy, PATH_EXACT, ViewUniform};
+use crate::render::backend::FrameReport;
+use crate::render::plan::{Draws, FramePlan, PassPlan};
+use crate::splat::Accumulate;
+
+/// Whether a pass can be drawn in strips: sums of columns are formed in parts that follow from all lists, and where
+/// nothing bounds a kernel every strip would have all.
+pub(super) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
+    plan.culls && pass.axes.accumulate != Accumulate::Column
+}
+
+/// A frame's pass, and what draws it.
+struct Strips<'a> {
+    scene: &'a BlockedScene,
+    plan: &'a FramePlan,
+    pass: &'a PassPlan,
+    view: &'a ViewUniform,
+    /// Particles at a time.
+    most: usize,
+}
+
+/// The blocks of a strip, of each volume; and whether a strip above had each already.
+#[derive(Default)]
+struct InStrip {
+    views: Vec<Vec<BlockView>>,
+    again: Vec<Vec<bool>>,
+}
+
+impl CpuFrames {
+    /// Draws the blocks in `self.views`, in as many strips as `most` particles at a time ask for, or of one row of tiles
+    /// each.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(super) fn draw_strips(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        view: &ViewUniform,
+        most: usize,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let strips = Strips {
+            scene,
+            plan,
+            pass,
+            view,
+            most,
+        };
+        let count = self.count_particles(scene, plan, pass, report)?;
+        let rows = 0..(view.size[1] as usize).div_ceil(tile_size(pass));
+        if count <= most {
+            return strips.draw(self, None, rows, report);
+        }
+        let again = self.views.iter().map(|views| vec![false; views.len()]);
+        let mut all = InStrip {
+            again: again.collect(),
+            views: take(&mut self.views),
+        };
+        let drawn = strips.cut(self, &mut all, rows, report);
+        self.views = all.views;
+        drawn
+    }
+}
+
+impl Strips<'_> {
+    /// Draws rows of tiles in halves, and these in halves, until few enough particles are in each.
+    fn cut(
+        &self,
+        frames: &mut CpuFrames,
+        all: &mut InStrip,
+        rows: Range<usize>,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let count = |views: &Vec<BlockView>| views.iter().map(|v| v.count as usize).sum::<usize>();
+        if rows.len() <= 1 || all.views.iter().map(count).sum::<usize>() <= self.most {
+            frames.views = take(&mut all.views);
+            let counted = frames.count_particles(self.scene, self.plan, self.pass, report);
+            let drawn = counted.and_then(|_| self.draw(frames, Some(&all.again), rows, report));
+            all.views = take(&mut frames.views);
+            return drawn;
+        }
+        let middle = rows.start + rows.len() / 2;
+        for half in [rows.start..middle, middle..rows.end] {
+            let mut own = self.narrowed(all, &half);
+            self.cut(frames, &mut own, half, report)?;
+        }
+        Ok(())
+    }
+
+    /// The blocks that may reach some rows of tiles; those are marked as had already.
+    fn narrowed(&self, all: &mut InStrip, rows: &Range<usize>) -> InStrip {
+        let (size, height) = (tile_size(self.pass), self.view.size[1] as usize);
+        let camera = &self.plan.camera;
+        let rows = rows.start * size..(rows.end * size).min(height);
+        let frustum = self.plan.frustum.of_rows(camera, rows);
+        let mut own = InStrip::default();
+        for ((volume, views), again) in self
+            .scene
+            .volumes()
+            .iter()
+            .zip(&all.views)
+            .zip(&mut all.again)
+        {
+            let (mut views_here, mut again_here) = (Vec::new(), Vec::new());
+            for (view, again) in views.iter().zip(again) {
+                let block = &volume.blocks[view.block as usize];
+                let is_spread = view.classified_by == ClassifiedBy::Extent as u32;
+                if frustum.sees(camera, block, is_spread) {
+                    views_here.push(*view);
+                    again_here.push(std::mem::replace(again, true));
+                }
+            }
+            own.views.push(views_here);
+            own.again.push(again_here);
+        }
+        own
+    }
+
+    /// Draws rows of tiles of the particles that were counted.
+    ///
+    /// - `again`: which blocks were counted with a strip above; `None` where the picture is one.
+    fn draw(
+        &self,
+        frames: &mut CpuFrames,
+        again: Option<&[Vec<bool>]>,
+        rows: Range<usize>,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let (scene, plan, pass, view) = (self.scene, self.plan, self.pass, self.view);
+        frames.make_counted(scene, plan, pass, view, report)?;
+        frames.order_footprints(pass, view, report);
+        match again {
+            None => {
+                report.counts.classified += frames.classified.len();
+                report.counts.pieces += frames.terms.len();
+                frames.count_footprints(pass, frames.order.len(), report);
+            }
+            Some(again) => self.count_once(frames, again, report),
+        }
+        frames.draw_rows(scene, plan, pass, view, rows, report)
+    }
+
+    /// Counts what blocks show that no strip above had: all that they show, in whatever strip.
+    fn count_once(&self, frames: &CpuFrames, again: &[Vec<bool>], report: &mut FrameReport) {
+        let counts = &mut report.counts;
+        let is_opaque = self.pass.axes.accumulate == Accumulate::Opaque;
+        let volumes = self.scene.volumes().iter().zip(&frames.views).zip(again);
+        let mut first = 0;
+        for (((volume, views), again), total) in volumes.zip(&frames.totals) {
+            for view in views.iter().zip(again).filter(|(_, again)| !**again) {
+                let (view, _) = view;
+                let start = first + view.first as usize;
+                let own = &frames.footprints[start..start + view.count as usize];
+                counts.classified += own.len();
+                if has_pieces(self.plan, volume) {
+                    counts.pieces += own.len();
+                }
+                let mut visible = 0;
+                for footprint in own {
+                    let is_near = footprint.near_place(is_opaque).is_some();
+                    counts.footprints_near += usize::from(is_near);
+                    if footprint.is_visible() {
+                        visible += 1;
+                        if self.pass.draws == Draws::Volumes {
+                            counts.footprints_exact += usize::from(footprint.path == PATH_EXACT);
+                        }
+                    }
+                }
+                counts.footprints += visible;
+                if is_opaque {
+                    counts.surfels += visible;
+                }
+            }
+            first += total;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::blocks::{BlockedScene, SceneOptions};
+    use crate::image::Image;
+    use crate::render::backend::{DrawFrames, Images};
+    use crate::render::{Composite, Settings};
+    use crate::scene::{Colour, Particles, PointVolume, Strength};
+    use crate::stats::FrameCounts;
+    use crate::view::Camera;
+
+    fn drawn(
+        scene: &BlockedScene,
+        camera: &Camera,
+        settings: &Settings,
+        most: usize,
+    ) -> (Image, FrameCounts) {
+        let plan = FramePlan::new(scene, camera, settings).unwrap();
+        let mut frames = CpuFrames::default();
+        frames.upload(scene).unwrap();
+        let mut report = FrameReport::default();
+        for pass in &plan.passes {
+            let view = frames.see(scene, &plan, pass, &mut report).unwrap();
+            frames
+                .draw_strips(scene, &plan, pass, &view, most, &mut report)
+                .unwrap();
+        }
+        let mut images = Images::default();
+        frames.resolve(&plan, &mut images);
+        (images.image, report.counts)
+    }
+
+    /// Spheres about the origin, and surfels of an opaque plane among them.
+    fn scene() -> BlockedScene {
+        // Steps of three irrational numbers fill a cube evenly.
+        let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
+        let count = 20_000;
+        let places: Vec<DVec3> = (0..count).map(at).collect();
+        let sigmas: Vec<f32> = (0..count)
+            .map(|i| 0.002 + 0.02 * (i % 7) as f32 / 7.0)
+            .collect();
+        let spheres = PointVolume::spheres(places, sigmas).with_masses(vec![2e-5; count]);
+        let grid: Vec<DVec3> = (0..400)
+            .map(|i| DVec3::new((i % 20) as f64 - 9.5, (i / 20) as f64 - 9.5, 4.0) * 0.05)
+            .collect();
+        let plane = PointVolume {
+            particles: Particles::Surfels {
+                tangents: vec![[0.04, 0.0, 0.0, 0.0, 0.04, 0.0]; grid.len()],
+                positions: grid,
+                is_one_sided: false,
+            },
+            strength: Strength::Surface(vec![2.5e-3; 400]),
+            colour: Colour::Uniform([0.2, 0.6, 0.3]),
+            values: None,
+            transfer_function: None,
+            boundary: None,
+            normals: None,
+            local_models: None,
+        };
+        BlockedScene::new(vec![spheres, plane], &SceneOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn strips_are_the_picture_to_the_last_bit_and_count_what_it_counts() {
+        let scene = scene();
+        let from = |z: f64| {
+            let eye = DVec3::new(0.1, -0.2, z);
+            Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 50.0, [45, 131])
+        };
+        let flat = Camera::orthographic(
+            DVec3::new(1.0, 2.0, -4.0),
+            DVec3::ZERO,
+            DVec3::Y,
+            1.2,
+            [40, 90],
+        );
+        // Far enough for levels of detail; among the particles, some of which cross the plane of the eye; flat.
+        for (name, camera) in [
+            ("far", from(-12.0)),
+            ("near", from(-1.4)),
+            ("within", from(-0.2)),
+            ("flat", flat),
+        ] {
+            for composite in [Composite::Over, Composite::SLABS] {
+                let settings = Settings {
+                    composite,
+                    ..Settings::default()
+                };
+                let (image, counts) = drawn(&scene, &camera, &settings, usize::MAX);
+                assert!(
+                    counts.footprints > 100 && counts.surfels > 0,
+                    "{name}: {counts:?}"
+                );
+                assert_eq!(counts.footprints_near > 0, name == "within");
+                for most in [2000, 1] {
+                    let (cut, cut_counts) = drawn(&scene, &camera, &settings, most);
+                    assert_eq!(cut_counts, counts, "{name} {composite:?} {most}");
+                    let bits = |image: &Image| -> Vec<[u32; 4]> {
+                        image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
+                    };
+                    assert!(bits(&cut) == bits(&image), "{name} {composite:?} {most}");
+                }
+            }
+        }
+    }
+}
