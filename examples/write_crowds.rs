@@ -8,18 +8,22 @@ use std::f32::consts::{PI, TAU};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
-const CROWDS: usize = 100;
+const CROWDS: u64 = 100;
 
 /// Numbers from 0 to 1, the same for every run (splitmix64).
 struct Random(u64);
 
 impl Random {
-    fn next(&mut self) -> f32 {
+    fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1_u64 << 24) as f32
+        z ^ (z >> 31)
+    }
+
+    fn next(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1_u64 << 24) as f32
     }
 }
 
@@ -37,7 +41,7 @@ fn main() -> io::Result<()> {
     // With the ten bytes before it a multiple of 64.
     let len = (10 + header.len() + 1).next_multiple_of(64) - 10;
     file.write_all(b"\x93NUMPY\x01\x00")?;
-    file.write_all(&(len as u16).to_le_bytes())?;
+    file.write_all(&u16::try_from(len).map_err(io::Error::other)?.to_le_bytes())?;
     writeln!(file, "{header:<width$}", width = len - 1)?;
 
     let mut random = Random(24);
@@ -54,7 +58,8 @@ fn main() -> io::Result<()> {
     // So many of each, in no order.
     let share = count as f32 / CROWDS as f32;
     for _ in 0..count {
-        let [x, y, z, reach] = crowds[(random.next() * CROWDS as f32) as usize % CROWDS];
+        let [x, y, z, reach] =
+            crowds[usize::try_from(random.bits() % CROWDS).map_err(io::Error::other)?];
         let r = reach * random.next().max(1e-4);
         let (cos, turn) = (2.0 * random.next() - 1.0, TAU * random.next());
         let sin = (1.0 - cos * cos).sqrt();

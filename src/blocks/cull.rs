@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::choose::merge_fits;
@@ -26,14 +26,14 @@ pub struct Frustum {
     margin_px: f64,
 }
 
-/// Where the planes of the image's first and last row stand.
-const TOP_AND_BOTTOM: Range<usize> = 2..4;
+/// Where the planes of the image's sides stand.
+const SIDES: Range<usize> = 0..4;
 
 impl Frustum {
     /// The frustum of a camera whose low-pass filter reaches `margin_px` pixels beyond the image.
     pub fn new(camera: &Camera, margin_px: f64) -> Self {
         let lower = (-camera.centre_px - margin_px) / camera.focal_px;
-        let size = glam::DVec2::new(camera.width as f64, camera.height as f64);
+        let size = DVec2::new(camera.width as f64, camera.height as f64);
         let upper = (size - camera.centre_px + margin_px) / camera.focal_px;
         let side = |axis: DVec3, sign: f64, bound: f64| match camera.projection {
             Projection::Perspective => ((axis - DVec3::Z * bound).normalize() * sign, 0.0),
@@ -51,16 +51,17 @@ impl Frustum {
         }
     }
 
-    /// The same of some rows of the image's pixels alone.
-    pub(crate) fn of_rows(&self, camera: &Camera, rows: Range<usize>) -> Self {
-        let picture = Camera {
+    /// The same of a part of the image's pixels alone.
+    pub(crate) fn of_part(&self, camera: &Camera, [columns, rows]: &[Range<usize>; 2]) -> Self {
+        let part = Camera {
+            width: columns.len(),
             height: rows.len(),
-            centre_px: camera.centre_px - glam::DVec2::Y * rows.start as f64,
+            centre_px: camera.centre_px - DVec2::new(columns.start as f64, rows.start as f64),
             ..camera.clone()
         };
         let mut cut = self.clone();
-        let of_rows = Self::new(&picture, self.margin_px).planes;
-        cut.planes[TOP_AND_BOTTOM].copy_from_slice(&of_rows[TOP_AND_BOTTOM]);
+        let sides = Self::new(&part, self.margin_px).planes;
+        cut.planes[SIDES].copy_from_slice(&sides[SIDES]);
         cut
     }
 

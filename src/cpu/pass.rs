@@ -41,7 +41,7 @@ impl CpuFrames {
     ) -> Result<()> {
         let view = self.see(scene, plan, pass, report)?;
         if is_cut_into_strips(plan, pass) {
-            return self.draw_strips(scene, plan, pass, &view, MOST_PARTICLES, report);
+            return self.draw_strips(scene, plan, pass, &view, Self::most_particles, report);
         }
         self.make_footprints(scene, plan, pass, &view, report)?;
         self.order_footprints(pass, &view, report);
@@ -552,10 +552,6 @@ impl CpuFrames {
         })
     }
 }
-
-/// Visible particles at a time: 600 MB to 1 GB with their footprints. Of more the picture is drawn in strips, and is the
-/// same.
-const MOST_PARTICLES: usize = 1 << 22;
 
 /// Pixels along a side of the tiles of a pass.
 pub(crate) fn tile_size(pass: &PassPlan) -> usize {

@@ -1,7 +1,7 @@
 //! Pictures of very many particles: drawn strip by strip, so that the memory of a frame is bounded, whatever is in view.
 //!
-//! A strip has the blocks whose kernels may reach its rows, by the planes through these; a kernel that reaches two
-//! strips is projected for both. Depth keys are those of the whole picture and the order of blocks stays, so that a
+//! A strip is rows of tiles, or a part of one row. It has the blocks whose kernels may reach it, by the planes through
+//! its sides; a kernel that reaches two strips is projected for both. Depth keys are those of the whole picture and the order of blocks stays, so that a
 //! tile's list, and with it every pixel, is the same to the last bit.
 
 use std::mem::take;
@@ -11,10 +11,19 @@ use super::frame::CpuFrames;
 use super::pass::{has_pieces, tile_size};
 use crate::blocks::BlockedScene;
 use crate::error::Result;
+use crate::memory::left;
 use crate::record::{BlockView, ClassifiedBy, PATH_EXACT, ViewUniform};
 use crate::render::backend::FrameReport;
 use crate::render::plan::{Draws, FramePlan, PassPlan};
 use crate::splat::Accumulate;
+
+/// Visible particles at a time where there is memory for more.
+const MOST_PARTICLES: usize = 1 << 22;
+/// So many are always drawn at once: 40 MB.
+const FEW_PARTICLES: usize = 1 << 18;
+/// Bytes of a visible particle while it is drawn: itself, its footprint with exact terms, its place in the order, its
+/// entries in lists.
+const BYTES_EACH: u64 = 160;
 
 /// Whether a pass can be drawn in strips: sums of columns are formed in parts that follow from all lists, and where
 /// nothing bounds a kernel every strip would have all.
@@ -40,8 +49,24 @@ struct InStrip {
 }
 
 impl CpuFrames {
-    /// Draws the blocks in `self.views`, in as many strips as `most` particles at a time ask for, or of one row of tiles
-    /// each.
+    /// How many of some particles may be drawn at a time: of what memory is left half, besides what earlier frames took.
+    pub(super) fn most_particles(&self, count: usize) -> usize {
+        if count <= FEW_PARTICLES {
+            return count;
+        }
+        let Some((left, _)) = left() else {
+            return MOST_PARTICLES;
+        };
+        let more = usize::try_from(left / 2 / BYTES_EACH).unwrap_or(usize::MAX);
+        self.footprints
+            .capacity()
+            .saturating_add(more)
+            .clamp(FEW_PARTICLES, MOST_PARTICLES)
+    }
+
+    /// Draws the blocks in `self.views`, in as many strips as their particles ask for, or of one tile each.
+    ///
+    /// - `most`: how many of so many are drawn at a time.
     ///
     /// # Errors
     /// Cancelled.
@@ -51,63 +76,73 @@ impl CpuFrames {
         plan: &FramePlan,
         pass: &PassPlan,
         view: &ViewUniform,
-        most: usize,
+        most: impl Fn(&Self, usize) -> usize,
         report: &mut FrameReport,
     ) -> Result<()> {
+        let count = self.count_particles(scene, plan, pass, report)?;
         let strips = Strips {
             scene,
             plan,
             pass,
             view,
-            most,
+            most: most(self, count),
         };
-        let count = self.count_particles(scene, plan, pass, report)?;
-        let rows = 0..(view.size[1] as usize).div_ceil(tile_size(pass));
-        if count <= most {
-            return strips.draw(self, None, rows, report);
+        let tiles = view.size.map(|n| 0..(n as usize).div_ceil(tile_size(pass)));
+        if count <= strips.most {
+            return strips.draw(self, None, tiles, report);
         }
         let again = self.views.iter().map(|views| vec![false; views.len()]);
         let mut all = InStrip {
             again: again.collect(),
             views: take(&mut self.views),
         };
-        let drawn = strips.cut(self, &mut all, rows, report);
+        let drawn = strips.cut(self, &mut all, tiles, report);
         self.views = all.views;
         drawn
     }
 }
 
 impl Strips<'_> {
-    /// Draws rows of tiles in halves, and these in halves, until few enough particles are in each.
+    /// Draws columns and rows of tiles in halves, and these in halves, until few enough particles are in each.
     fn cut(
         &self,
         frames: &mut CpuFrames,
         all: &mut InStrip,
-        rows: Range<usize>,
+        tiles: [Range<usize>; 2],
         report: &mut FrameReport,
     ) -> Result<()> {
         let count = |views: &Vec<BlockView>| views.iter().map(|v| v.count as usize).sum::<usize>();
-        if rows.len() <= 1 || all.views.iter().map(count).sum::<usize>() <= self.most {
+        let [columns, rows] = tiles.clone();
+        let is_one = columns.len() <= 1 && rows.len() <= 1;
+        if is_one || all.views.iter().map(count).sum::<usize>() <= self.most {
             frames.views = take(&mut all.views);
             let counted = frames.count_particles(self.scene, self.plan, self.pass, report);
-            let drawn = counted.and_then(|_| self.draw(frames, Some(&all.again), rows, report));
+            let drawn = counted.and_then(|_| self.draw(frames, Some(&all.again), tiles, report));
             all.views = take(&mut frames.views);
             return drawn;
         }
-        let middle = rows.start + rows.len() / 2;
-        for half in [rows.start..middle, middle..rows.end] {
+        // A run of tiles: parts of rows are parts of one.
+        let halves = if rows.len() > 1 {
+            cut_in_two(&rows).map(|rows| [columns.clone(), rows])
+        } else {
+            cut_in_two(&columns).map(|columns| [columns, rows.clone()])
+        };
+        for half in halves {
             let mut own = self.narrowed(all, &half);
             self.cut(frames, &mut own, half, report)?;
         }
         Ok(())
     }
 
-    /// The blocks that may reach some rows of tiles; those are marked as had already.
-    fn narrowed(&self, all: &mut InStrip, rows: &Range<usize>) -> InStrip {
-        let (size, height) = (tile_size(self.pass), self.view.size[1] as usize);
+    /// The blocks that may reach some tiles; those are marked as had already.
+    fn narrowed(&self, all: &mut InStrip, tiles: &[Range<usize>; 2]) -> InStrip {
+        let size = tile_size(self.pass);
         let camera = &self.plan.camera;
-        let rows = rows.start * size..(rows.end * size).min(height);
-        let frustum = self.plan.frustum.of_rows(camera, rows);
+        let pixels = [0, 1].map(|axis| {
+            let end = (tiles[axis].end * size).min(self.view.size[axis] as usize);
+            tiles[axis].start * size..end
+        });
+        let frustum = self.plan.frustum.of_part(camera, &pixels);
         let mut own = InStrip::default();
         for ((volume, views), again) in self
             .scene
@@ -131,14 +166,14 @@ impl Strips<'_> {
         own
     }
 
-    /// Draws rows of tiles of the particles that were counted.
+    /// Draws some columns and rows of tiles of the particles that were counted.
     ///
     /// - `again`: which blocks were counted with a strip above; `None` where the picture is one.
     fn draw(
         &self,
         frames: &mut CpuFrames,
         again: Option<&[Vec<bool>]>,
-        rows: Range<usize>,
+        [columns, rows]: [Range<usize>; 2],
         report: &mut FrameReport,
     ) -> Result<()> {
         let (scene, plan, pass, view) = (self.scene, self.plan, self.pass, self.view);
@@ -152,7 +187,14 @@ impl Strips<'_> {
             }
             Some(again) => self.count_once(frames, again, report),
         }
-        frames.draw_rows(scene, plan, pass, view, rows, report)
+        let in_a_row = (view.size[0] as usize).div_ceil(tile_size(pass));
+        if columns.len() == in_a_row {
+            return frames.draw_rows(scene, plan, pass, view, rows, report);
+        }
+        let first = rows.start * in_a_row;
+        let run = first + columns.start..first + columns.end;
+        let entries = frames.list(pass, view, run, report);
+        frames.draw_tiles(scene, plan, pass, view, entries, report)
     }
 
     /// Counts what blocks show that no strip above had: all that they show, in whatever strip.
@@ -191,6 +233,11 @@ impl Strips<'_> {
     }
 }
 
+fn cut_in_two(range: &Range<usize>) -> [Range<usize>; 2] {
+    let middle = range.start + range.len() / 2;
+    [range.start..middle, middle..range.end]
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
@@ -217,7 +264,7 @@ mod tests {
         for pass in &plan.passes {
             let view = frames.see(scene, &plan, pass, &mut report).unwrap();
             frames
-                .draw_strips(scene, &plan, pass, &view, most, &mut report)
+                .draw_strips(scene, &plan, pass, &view, |_, _| most, &mut report)
                 .unwrap();
         }
         let mut images = Images::default();
@@ -256,18 +303,26 @@ mod tests {
     }
 
     #[test]
+    fn few_particles_are_drawn_at_once_and_of_many_no_more_than_memory_is_for() {
+        let frames = CpuFrames::default();
+        assert_eq!(frames.most_particles(FEW_PARTICLES), FEW_PARTICLES);
+        let most = frames.most_particles(usize::MAX);
+        assert!((FEW_PARTICLES..=MOST_PARTICLES).contains(&most), "{most}");
+    }
+
+    #[test]
     fn strips_are_the_picture_to_the_last_bit_and_count_what_it_counts() {
         let scene = scene();
         let from = |z: f64| {
             let eye = DVec3::new(0.1, -0.2, z);
-            Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 50.0, [45, 131])
+            Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 50.0, [70, 99])
         };
         let flat = Camera::orthographic(
             DVec3::new(1.0, 2.0, -4.0),
             DVec3::ZERO,
             DVec3::Y,
             1.2,
-            [40, 90],
+            [50, 70],
         );
         // Far enough for levels of detail; among the particles, some of which cross the plane of the eye; flat.
         for (name, camera) in [
