@@ -19,11 +19,11 @@ use crate::splat::Accumulate;
 
 /// Visible particles at a time where there is memory for more.
 const MOST_PARTICLES: usize = 1 << 22;
-/// So many are always drawn at once: 40 MB.
+/// So many are always drawn at once: 64 MB.
 const FEW_PARTICLES: usize = 1 << 18;
-/// Bytes of a visible particle while it is drawn: itself, its footprint with exact terms, its place in the order, its
-/// entries in lists.
-const BYTES_EACH: u64 = 160;
+/// Bytes of a visible particle while it is drawn, measured: itself, its footprint with exact terms, its place in the
+/// order, its entries in lists of small kernels.
+const BYTES_EACH: u64 = 256;
 
 /// Whether a pass can be drawn in strips: sums of columns are formed in parts that follow from all lists, and where
 /// nothing bounds a kernel every strip would have all.
