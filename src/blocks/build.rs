@@ -580,10 +580,7 @@ fn block_order(positions: &[DVec3]) -> Ordered {
     let subtrees = tree.subtrees(BLOCK_CAPACITY);
     Ordered {
         order,
-        runs: subtrees
-            .into_iter()
-            .map(|subtree| tree.run(subtree))
-            .collect(),
+        runs: subtrees.into_iter().map(|subtree| subtree.run()).collect(),
         tree,
     }
 }

@@ -22,22 +22,40 @@ const SLACK: f64 = 4e-6;
 /// A BVH whose subtrees are runs of particles in block order.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tree {
-    /// The root first, children after their parents; empty where there are no particles.
+    /// Of every subtree of two particles and more, in depth-first order: the root, all of its first child's, all of its
+    /// second's. So a child's place follows from how many particles are before it, and nobody has to keep it.
     nodes: Vec<Node>,
+    /// How many particles there are.
+    count: u32,
     /// World units in the units of its boxes.
     unit: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Node {
+    /// How many particles its first child has.
+    first: u32,
+    /// Squared diagonal of its box, in units of its own.
+    size: f32,
+}
+
+/// A subtree: one particle or more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Subtree {
     /// Its first particle in block order.
     start: u32,
     /// How many it has.
     count: u32,
-    /// The first of its two children; 0 for a leaf.
-    child: u32,
-    /// Squared diagonal of its box, in units of its own.
-    size: f32,
+    /// Its root among the nodes, if it has two particles or more.
+    node: u32,
+}
+
+impl Subtree {
+    /// Its particles: a run of block order.
+    pub(super) fn run(self) -> Range<usize> {
+        let start = self.start as usize;
+        start..start + self.count as usize
+    }
 }
 
 impl Tree {
@@ -67,47 +85,37 @@ impl Tree {
                 points.fold(Aabb::empty(), |all, p| all.union(&p))
             })
             .collect();
+        // Of n particles there are n - 1 subtrees of two and more.
+        let mut all = vec![Node::default(); positions.len() - 1];
         let top = ploc(&mut PlocBuilder::new(), &boxes);
-        let (mut top, leaves) = nodes(&top, 0, |chunk| chunks[chunk].len());
-        // Of n leaves there are n - 1 pairs of children; a chunk's root is a leaf of the top.
-        let top_count = top.len();
-        let mut all = vec![Node::default(); top_count + 2 * (positions.len() - chunks.len())];
+        let mut leaves = lay_out(&top, |chunk| chunks[chunk].len(), |i, node| all[i] = node);
+        leaves.sort_unstable_by_key(|leaf| leaf.start);
         let mut order = vec![0; positions.len()];
-        let (mut rest, mut places) = (&mut all[top_count..], &mut order[..]);
-        let mut first = top_count;
+        let (mut rest, mut places, mut end) = (&mut all[..], &mut order[..], 0);
         let mut work = Vec::with_capacity(chunks.len());
-        for (node, chunk) in leaves {
-            let chunk = &members[chunks[chunk].clone()];
-            let (own, others) = rest.split_at_mut(2 * (chunk.len() - 1));
+        for leaf in leaves {
+            let chunk = &members[chunks[leaf.primitive].clone()];
             let (run, later) = places.split_at_mut(chunk.len());
-            work.push((node, top[node].start, first, chunk, own, run));
-            first += 2 * (chunk.len() - 1);
-            (rest, places) = (others, later);
+            let mut own: &mut [Node] = &mut [];
+            if chunk.len() > 1 {
+                let (_, others) = rest.split_at_mut(leaf.node - end);
+                (own, rest) = others.split_at_mut(chunk.len() - 1);
+                end = leaf.node + chunk.len() - 1;
+            }
+            work.push((chunk, own, run));
+            places = later;
         }
-        let roots: Vec<(usize, Node)> = work
-            .into_par_iter()
-            .map_init(
-                PlocBuilder::new,
-                |builder, (node, start, first, chunk, own, run)| {
-                    let points: Vec<Aabb> = chunk.iter().map(|&i| point(i)).collect();
-                    let (mut nodes, leaves) = nodes(&ploc(builder, &points), start, |_| 1);
-                    for (place, (_, local)) in run.iter_mut().zip(leaves) {
-                        *place = chunk[local];
-                    }
-                    for node in nodes.iter_mut().filter(|node| node.child > 0) {
-                        node.child += first as u32 - 1;
-                    }
-                    own.copy_from_slice(&nodes[1..]);
-                    (node, nodes[0])
-                },
-            )
-            .collect();
-        for (node, root) in roots {
-            top[node] = root;
-        }
-        all[..top_count].copy_from_slice(&top);
+        work.into_par_iter()
+            .for_each_init(PlocBuilder::new, |builder, (chunk, own, run)| {
+                let points: Vec<Aabb> = chunk.iter().map(|&i| point(i)).collect();
+                let bvh = ploc(builder, &points);
+                for leaf in lay_out(&bvh, |_| 1, |i, node| own[i] = node) {
+                    run[leaf.start] = chunk[leaf.primitive];
+                }
+            });
         let tree = Self {
             nodes: all,
+            count: positions.len() as u32,
             unit: 1.0 / scale,
         };
         (tree, order)
@@ -115,69 +123,93 @@ impl Tree {
 
     /// Whether it has no particles.
     pub(super) fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
+        self.count == 0
+    }
+
+    /// All of it; none where there are no particles.
+    fn root(&self) -> Option<Subtree> {
+        (self.count > 0).then_some(Subtree {
+            start: 0,
+            count: self.count,
+            node: 0,
+        })
+    }
+
+    fn node(&self, of: Subtree) -> Option<&Node> {
+        let node = of.node as usize;
+        (of.count > 1).then(|| &self.nodes[node])
+    }
+
+    /// The two parts of a subtree; none of one particle.
+    fn children(&self, of: Subtree) -> Option<[Subtree; 2]> {
+        let first = self.node(of)?.first;
+        Some([
+            Subtree {
+                start: of.start,
+                count: first,
+                node: of.node + 1,
+            },
+            Subtree {
+                start: of.start + first,
+                count: of.count - first,
+                node: of.node + first,
+            },
+        ])
+    }
+
+    /// Squared diagonal of its box.
+    fn size(&self, of: Subtree) -> f32 {
+        self.node(of).map_or(0.0, |node| node.size)
     }
 
     /// Calls `each(run, diagonal)` for the root, and for the children of each subtree for which it
     /// says so, in block order. The diagonal of its box is a lower bound, world units.
     pub(super) fn visit(&self, mut each: impl FnMut(Range<usize>, f64) -> bool) {
-        let mut stack: Vec<usize> = (0..self.nodes.len().min(1)).collect();
-        while let Some(i) = stack.pop() {
-            let node = &self.nodes[i];
-            let diagonal = (f64::from(node.size).sqrt() - SLACK).max(0.0) * self.unit;
-            if each(self.run(i), diagonal) && node.child > 0 {
-                stack.extend([node.child as usize + 1, node.child as usize]);
+        let mut stack: Vec<Subtree> = self.root().into_iter().collect();
+        while let Some(subtree) = stack.pop() {
+            let size = f64::from(self.size(subtree));
+            let diagonal = (size.sqrt() - SLACK).max(0.0) * self.unit;
+            if each(subtree.run(), diagonal) {
+                stack.extend(self.children(subtree).into_iter().flatten().rev());
             }
         }
     }
 
     /// The largest subtrees with at most `capacity` particles, in block order.
-    pub(super) fn subtrees(&self, capacity: usize) -> Vec<usize> {
+    pub(super) fn subtrees(&self, capacity: usize) -> Vec<Subtree> {
         let mut found = Vec::new();
-        let mut stack = vec![0];
-        while let Some(i) = stack.pop() {
-            let Some(node) = self.nodes.get(i) else {
-                break;
-            };
-            if node.count as usize <= capacity || node.child == 0 {
-                found.push(i);
-            } else {
-                stack.extend([node.child as usize + 1, node.child as usize]);
+        let mut stack: Vec<Subtree> = self.root().into_iter().collect();
+        while let Some(subtree) = stack.pop() {
+            match self.children(subtree) {
+                Some(children) if subtree.count as usize > capacity => {
+                    stack.extend(children.into_iter().rev());
+                }
+                _ => found.push(subtree),
             }
         }
         found
     }
 
-    /// The particles of a subtree: a run of block order.
-    pub(super) fn run(&self, subtree: usize) -> Range<usize> {
-        let node = &self.nodes[subtree];
-        node.start as usize..(node.start + node.count) as usize
-    }
-
     /// Cuts a subtree into `count` subtrees at most: the one with the widest box first, so that
     /// what merging leaves out is even.
-    pub(super) fn clusters(&self, subtree: usize, count: usize) -> Vec<usize> {
-        let mut widest = BinaryHeap::from([Widest {
-            size: self.nodes[subtree].size,
-            node: subtree,
-        }]);
+    pub(super) fn clusters(&self, subtree: Subtree, count: usize) -> Vec<Subtree> {
+        let widest = |subtree| Widest {
+            size: self.size(subtree),
+            subtree,
+        };
+        let mut heap = BinaryHeap::from([widest(subtree)]);
         let mut leaves = Vec::new();
-        while widest.len() + leaves.len() < count {
-            let Some(Widest { node, .. }) = widest.pop() else {
+        while heap.len() + leaves.len() < count {
+            let Some(Widest { subtree, .. }) = heap.pop() else {
                 break;
             };
-            let child = self.nodes[node].child as usize;
-            if child == 0 {
-                leaves.push(node);
-                continue;
+            match self.children(subtree) {
+                Some(children) => heap.extend(children.map(widest)),
+                None => leaves.push(subtree),
             }
-            widest.extend([child, child + 1].map(|node| Widest {
-                size: self.nodes[node].size,
-                node,
-            }));
         }
-        leaves.extend(widest.into_iter().map(|w| w.node));
-        leaves.sort_unstable_by_key(|&node| self.nodes[node].start);
+        leaves.extend(heap.into_iter().map(|w| w.subtree));
+        leaves.sort_unstable_by_key(|subtree| subtree.start);
         leaves
     }
 }
@@ -208,46 +240,60 @@ fn ploc(builder: &mut PlocBuilder, boxes: &[Aabb]) -> Bvh2 {
     )
 }
 
-/// The nodes of a BVH, and its leaves in the order of their runs: each node, and the box that it has.
+/// A leaf of a BVH where it comes to lie.
+struct Leaf {
+    /// Which box it has.
+    primitive: usize,
+    /// Where the nodes of what the box stands for begin.
+    node: usize,
+    /// Where its particles begin.
+    start: usize,
+}
+
+/// Puts the nodes of a BVH into depth-first order, and finds its leaves.
 ///
-/// - `start`: where its first run starts.
 /// - `count`: how many particles a box stands for.
-fn nodes(
+/// - `put`: is given each node and its place.
+fn lay_out(
     bvh: &Bvh2,
-    start: u32,
     count: impl Fn(usize) -> usize,
-) -> (Vec<Node>, Vec<(usize, usize)>) {
-    let of_leaf = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize] as usize;
-    let mut nodes: Vec<Node> = bvh
-        .nodes
-        .iter()
-        .map(|node| Node {
-            start,
-            count: 0,
-            child: if node.is_leaf() { 0 } else { node.first_index },
-            size: (node.aabb().max - node.aabb().min).length_squared(),
-        })
-        .collect();
-    for i in (0..nodes.len()).rev() {
-        let child = nodes[i].child as usize;
-        nodes[i].count = match child {
-            0 => count(of_leaf(i)) as u32,
-            _ => nodes[child].count + nodes[child + 1].count,
+    mut put: impl FnMut(usize, Node),
+) -> Vec<Leaf> {
+    let primitive = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize] as usize;
+    // Children come after their parents.
+    let mut counts = vec![0; bvh.nodes.len()];
+    for i in (0..bvh.nodes.len()).rev() {
+        let node = &bvh.nodes[i];
+        let child = node.first_index as usize;
+        counts[i] = if node.is_leaf() {
+            count(primitive(i))
+        } else {
+            counts[child] + counts[child + 1]
         };
     }
-    let mut leaves = Vec::with_capacity(nodes.len() / 2 + 1);
-    for i in 0..nodes.len() {
-        let Node { start, child, .. } = nodes[i];
-        let child = child as usize;
-        if child > 0 {
-            nodes[child].start = start;
-            nodes[child + 1].start = start + nodes[child].count;
-        } else {
-            leaves.push((i, of_leaf(i)));
+    let mut leaves = Vec::with_capacity(bvh.nodes.len() / 2 + 1);
+    let mut stack = vec![(0, 0, 0)];
+    while let Some((i, place, start)) = stack.pop() {
+        let node = &bvh.nodes[i];
+        if node.is_leaf() {
+            leaves.push(Leaf {
+                primitive: primitive(i),
+                node: place,
+                start,
+            });
+            continue;
         }
+        let child = node.first_index as usize;
+        let first = counts[child];
+        let own = Node {
+            first: first as u32,
+            size: (node.aabb().max - node.aabb().min).length_squared(),
+        };
+        put(place, own);
+        stack.push((child, place + 1, start));
+        stack.push((child + 1, place + first, start + first));
     }
-    leaves.sort_unstable_by_key(|&(i, _)| nodes[i].start);
-    (nodes, leaves)
+    leaves
 }
 
 /// The numbers of points in the order of chunks, and the chunks: cells of an octree, or halves and quarters of
@@ -313,7 +359,7 @@ fn place(keys: &mut [u64], positions: &[DVec3]) {
 #[derive(Debug, Clone, Copy)]
 struct Widest {
     size: f32,
-    node: usize,
+    subtree: Subtree,
 }
 
 impl PartialEq for Widest {
@@ -333,7 +379,7 @@ impl PartialOrd for Widest {
 impl Ord for Widest {
     fn cmp(&self, other: &Self) -> Ordering {
         let by_size = self.size.total_cmp(&other.size);
-        by_size.then(other.node.cmp(&self.node))
+        by_size.then(other.subtree.start.cmp(&self.subtree.start))
     }
 }
 
@@ -400,35 +446,34 @@ mod tests {
             let mut sorted = order.clone();
             sorted.sort_unstable();
             assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
-            assert_eq!(tree.nodes.len(), 2 * positions.len() - 1);
-            assert_eq!(tree.run(0), 0..positions.len());
-            let mut children = vec![0; tree.nodes.len()];
-            for (i, node) in tree.nodes.iter().enumerate() {
-                let child = node.child as usize;
-                if child == 0 {
-                    assert_eq!(node.count, 1);
-                    continue;
-                }
-                assert!(child > i);
-                let (own, first, second) = (tree.run(i), tree.run(child), tree.run(child + 1));
-                assert!(
-                    own.start == first.start && first.end == second.start && second.end == own.end
-                );
-                children[child] += 1;
-                children[child + 1] += 1;
-            }
-            assert!(children[0] == 0 && children[1..].iter().all(|&n| n == 1));
+            assert_eq!(tree.nodes.len(), positions.len() - 1);
+            let root = tree.root().unwrap();
+            assert_eq!(root.run(), 0..positions.len());
             // Every particle moved by a millionth, and rounded: of the widest extent, either way.
             let (lower, upper) = bounds(positions.par_iter());
             let slack = 2.0 * SLACK * (upper - lower).max_element();
-            for i in (0..tree.nodes.len()).step_by(97) {
-                let members = order[tree.run(i)]
-                    .par_iter()
-                    .map(|&i| &positions[i as usize]);
-                let (lower, upper) = bounds(members);
-                let size = f64::from(tree.nodes[i].size).sqrt() * tree.unit;
-                assert!(((upper - lower).length() - size).abs() <= slack);
+            let mut is_met = vec![false; tree.nodes.len()];
+            let mut singles = 0;
+            let mut stack = vec![root];
+            while let Some(subtree) = stack.pop() {
+                let Some([first, second]) = tree.children(subtree) else {
+                    assert_eq!(subtree.count, 1);
+                    singles += 1;
+                    continue;
+                };
+                assert!(!std::mem::replace(&mut is_met[subtree.node as usize], true));
+                assert!(first.count > 0 && second.count > 0);
+                let (own, a, b) = (subtree.run(), first.run(), second.run());
+                assert!(own.start == a.start && a.end == b.start && b.end == own.end);
+                if subtree.node % 97 == 0 {
+                    let members = order[own].par_iter().map(|&i| &positions[i as usize]);
+                    let (lower, upper) = bounds(members);
+                    let size = f64::from(tree.size(subtree)).sqrt() * tree.unit;
+                    assert!(((upper - lower).length() - size).abs() <= slack);
+                }
+                stack.extend([first, second]);
             }
+            assert!(singles == positions.len() && is_met.into_iter().all(|met| met));
         }
     }
 
@@ -438,12 +483,7 @@ mod tests {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let (tree, order) = pool.unwrap().install(|| Tree::over(&positions));
-            let nodes: Vec<_> = tree
-                .nodes
-                .iter()
-                .map(|n| (n.start, n.count, n.child, n.size.to_bits()))
-                .collect();
-            (nodes, order)
+            (tree.nodes, order)
         };
         let one = with(1);
         assert!([2, 5].into_iter().all(|threads| with(threads) == one));

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::moments::{Moments, Symmetric, Tensors};
 use super::{LAST_LEVEL, MERGE_RATIO, MergeBounds, Merged, unevenness};
 use crate::blocks::overlap::Crowds;
-use crate::blocks::tree::Tree;
+use crate::blocks::tree::{Subtree, Tree};
 use crate::blocks::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE, NO_PARENT};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -159,10 +159,10 @@ pub(in crate::blocks) fn merge_points(
             .par_iter()
             .filter(|_| stage.goes_on())
             .map(|&subtree| {
-                let run = tree.run(subtree);
+                let run = subtree.run();
                 let count = run.len().div_ceil(members);
                 let clusters = tree.clusters(subtree, count).into_iter();
-                let clusters: Vec<_> = clusters.map(|node| tree.run(node)).collect();
+                let clusters: Vec<_> = clusters.map(Subtree::run).collect();
                 // A block's clusters are as many as fit its particles, the widest cut first: in
                 // one place there is no more than their share.
                 let crowding = crowds.greatest(&run, 1.0 / members as f32);
@@ -620,10 +620,10 @@ mod tests {
         let clusters_of = |members: usize| {
             let subtrees = tree.subtrees(BLOCK_CAPACITY * members);
             let clusters = subtrees.into_iter().flat_map(move |subtree| {
-                let count = tree.run(subtree).len().div_ceil(members);
+                let count = subtree.run().len().div_ceil(members);
                 tree.clusters(subtree, count)
             });
-            clusters.map(|node| tree.run(node))
+            clusters.map(Subtree::run)
         };
         let clusters: Vec<Cluster> = clusters_of(16)
             .map(|run| Cluster {
