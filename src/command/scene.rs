@@ -392,9 +392,9 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
     dataset.scalar(selector).err()
 }
 
-/// Bytes that a point takes at the least while it is sampled and sorted, beyond the 44 of what was read of four million
-/// spheres with masses: there were 114 in all at the peak, with levels of detail.
-const LEAST_PER_POINT: usize = 60;
+/// Bytes that a point takes at the least while it is sampled and sorted, beyond what was read: a hundred million spheres
+/// with masses, 32 bytes each once they are read, take 67 at the peak.
+const LEAST_PER_POINT: usize = 32;
 
 /// The same of a value on a lattice: as it is read, and with ghosts or in blocks.
 const LEAST_PER_CELL: usize = 2;

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::{LAST_LEVEL, MergeBounds, Merged, unevenness};
+use super::{LAST_LEVEL, MergeBounds, Merged, Places, unevenness};
 use crate::blocks::{BlockedParticles, BlockedVolume, BrickGrid};
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
@@ -16,6 +16,10 @@ const FIRST_CUBE: usize = 4;
 
 /// How much longer the edges of the next level's cubes are.
 const NEXT_CUBE: usize = 2;
+
+/// Cubes with longer edges are read where they lie, in parts on all cores: copies of several would take many times the
+/// memory of the lattice.
+const LONGEST_COPIED: usize = 32;
 
 /// The coarser grids of a lattice, the finest first, and the parents of its own bricks are set;
 /// none where merging means nothing (masses or colours of its own, cells without a number) or does
@@ -103,10 +107,18 @@ fn level(
         .for_each_init(
             Cubes::default,
             |cubes, (line, ((means, spreads), uneven))| {
-                cubes.gather(cells, values, [line % rows, line / rows], cube);
+                cubes.move_to(cells, [line % rows, line / rows], cube);
+                let is_copied = cube <= LONGEST_COPIED;
+                if is_copied {
+                    cubes.copy(cells, values);
+                }
                 let out = means.iter_mut().zip(spreads).zip(uneven);
                 for (i, ((mean, spread), uneven)) in out.enumerate() {
-                    [*mean, *spread, *uneven] = cubes.moments(extents, i);
+                    [*mean, *spread, *uneven] = if is_copied {
+                        cubes.moments(extents, i)
+                    } else {
+                        cubes.moments_in_place(cells, values, extents, i)
+                    };
                 }
             },
         );
@@ -172,31 +184,34 @@ struct Cubes {
 }
 
 impl Cubes {
-    /// Reads the line of cubes at `[j, k]` along y and z.
-    fn gather(
-        &mut self,
-        cells: &BrickGrid,
-        values: &ValuesIn<Shared>,
-        at: [usize; 2],
-        cube: usize,
-    ) {
+    /// The line of cubes at `[j, k]` along y and z.
+    fn move_to(&mut self, cells: &BrickGrid, at: [usize; 2], cube: usize) {
         let [columns, rows, slices] = cells.dims();
         let range = |at: usize, count: usize| at * cube..((at + 1) * cube).min(count);
         (self.cube, self.columns) = (cube, columns);
         (self.rows, self.slices) = (range(at[0], rows), range(at[1], slices));
+    }
+
+    /// Copies the values of its cells.
+    fn copy(&mut self, cells: &BrickGrid, values: &ValuesIn<Shared>) {
         self.values.clear();
         for k in self.slices.clone() {
             for j in self.rows.clone() {
                 let first = cells.index([0, j, k]);
-                values.append_to(first..first + columns, &mut self.values);
+                values.append_to(first..first + self.columns, &mut self.values);
             }
         }
+    }
+
+    /// Where the cells of cube `i` lie along x.
+    fn of_cube(&self, i: usize) -> Range<usize> {
+        i * self.cube..((i + 1) * self.cube).min(self.columns)
     }
 
     /// Mean of the values of cube `i`'s cells, weighted by their volumes, the half width of the interval
     /// over which even values would have their variance, and how far they are from being even.
     fn moments(&mut self, extents: &[Vec<f64>; 3], i: usize) -> [f32; 3] {
-        let range = i * self.cube..((i + 1) * self.cube).min(self.columns);
+        let range = self.of_cube(i);
         let [along_x, along_y, along_z] = extents;
         let widths = &along_x[range.clone()];
         // Relative to the first, so that nothing cancels.
@@ -216,14 +231,141 @@ impl Cubes {
             sum += own * value;
             square += own * value * value;
         }
-        let mean = sum / volume;
-        let variance = (square / volume - mean * mean).max(0.0);
-        let spread = (3.0 * variance).sqrt();
+        let (mean, spread) = mean_and_spread(volume, sum, square);
         let shares = self
             .members
             .iter()
             .map(|&(own, value)| (own / volume, value));
         let uneven = unevenness(shares, mean, spread);
         [(first + mean) as f32, spread as f32, uneven as f32]
+    }
+
+    /// The same of values that were not copied: in sums of slices, so that the result does not depend on threads.
+    fn moments_in_place(
+        &self,
+        cells: &BrickGrid,
+        values: &ValuesIn<Shared>,
+        extents: &[Vec<f64>; 3],
+        i: usize,
+    ) -> [f32; 3] {
+        let range = self.of_cube(i);
+        let at = cells.index([range.start, self.rows.start, self.slices.start]);
+        let slice = |k: usize| Slice {
+            cells,
+            values,
+            extents,
+            columns: range.clone(),
+            rows: self.rows.clone(),
+            k,
+            first: f64::from(values.get(at)),
+        };
+        let slices = || self.slices.clone().into_par_iter();
+        let sums: Vec<[f64; 3]> = slices()
+            .map(|k| {
+                let mut sums = [0.0; 3];
+                slice(k).for_each(|own, value| {
+                    sums[0] += own;
+                    sums[1] += own * value;
+                    sums[2] += own * value * value;
+                });
+                sums
+            })
+            .collect();
+        let of_all = |n: usize| sums.iter().map(|sums| sums[n]).sum::<f64>();
+        let volume = of_all(0);
+        let (mean, spread) = mean_and_spread(volume, of_all(1), of_all(2));
+        let places: Vec<Places> = slices()
+            .map(|k| {
+                let mut places = Places::new(mean, spread);
+                slice(k).for_each(|own, value| places.add(own / volume, value));
+                places
+            })
+            .collect();
+        let places = places
+            .iter()
+            .fold(Places::new(mean, spread), |all, own| all.and(own));
+        [
+            (slice(0).first + mean) as f32,
+            spread as f32,
+            places.unevenness() as f32,
+        ]
+    }
+}
+
+/// The cells of a cube at one place along z.
+struct Slice<'a> {
+    cells: &'a BrickGrid,
+    values: &'a ValuesIn<Shared>,
+    extents: &'a [Vec<f64>; 3],
+    columns: Range<usize>,
+    rows: Range<usize>,
+    k: usize,
+    /// What values are relative to.
+    first: f64,
+}
+
+impl Slice<'_> {
+    /// Calls `each` with every cell's volume and value.
+    fn for_each(&self, mut each: impl FnMut(f64, f64)) {
+        let [along_x, along_y, along_z] = self.extents;
+        let mut line = Vec::with_capacity(self.columns.len());
+        for j in self.rows.clone() {
+            let start = self.cells.index([self.columns.start, j, self.k]);
+            line.clear();
+            self.values
+                .append_to(start..start + self.columns.len(), &mut line);
+            let yz = along_y[j] * along_z[self.k];
+            for (x, value) in along_x[self.columns.clone()].iter().zip(&line) {
+                each(x * yz, f64::from(*value) - self.first);
+            }
+        }
+    }
+}
+
+/// The mean of values, and the half width of the interval over which even values would have their variance, of sums
+/// over them weighted by `volume` in all.
+fn mean_and_spread(volume: f64, sum: f64, square: f64) -> (f64, f64) {
+    let mean = sum / volume;
+    let variance = (square / volume - mean * mean).max(0.0);
+    (mean, (3.0 * variance).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Lattice, LatticeSpacing};
+
+    #[test]
+    fn cubes_that_are_read_where_they_lie_have_the_moments_of_copies() {
+        let dims = [45, 38, 41];
+        let line = |n: usize| (0..n).map(|i| (i as f64).powf(1.2)).collect::<Vec<f64>>();
+        let lattice = Lattice {
+            dims,
+            spacing: LatticeSpacing::Rectilinear {
+                coordinates: dims.map(line),
+            },
+        };
+        let at = |n: usize| ((n * n) as f64 * 0.37).sin() as f32 + (n % dims[0]) as f32 * 0.1;
+        let values: Vec<f32> = (0..lattice.len()).map(at).collect();
+        let values = ValuesIn::F32(values.into());
+        let cells = BrickGrid::new(lattice, 0.6);
+        let extents = cells.axis_extents();
+        let mut cubes = Cubes::default();
+        for (cube, lines) in [(4, [3, 5]), (16, [2, 2]), (32, [1, 0]), (64, [0, 0])] {
+            cubes.move_to(&cells, lines, cube);
+            cubes.copy(&cells, &values);
+            for i in 0..dims[0].div_ceil(cube) {
+                let copied = cubes.moments(&extents, i);
+                let in_place = cubes.moments_in_place(&cells, &values, &extents, i);
+                // Sums in another order, narrowed.
+                for (a, b) in copied.iter().zip(in_place) {
+                    assert!(
+                        (a - b).abs() <= 2e-6 * a.abs().max(1e-3),
+                        "{copied:?} {in_place:?}"
+                    );
+                }
+                assert!(copied[1] > 0.0 && copied[2] > 0.0);
+            }
+        }
     }
 }

@@ -135,27 +135,64 @@ impl MergeBounds {
 ///
 /// - `members`: the share of each, 1 together, and its value.
 fn unevenness(members: impl Iterator<Item = (f64, f64)>, mean: f64, spread: f64) -> f64 {
-    /// Places where cumulative shares are compared.
-    const BINS: usize = 32;
-    if !(spread > 0.0) {
-        return 0.0;
+    let mut places = Places::new(mean, spread);
+    members.for_each(|(share, value)| places.add(share, value));
+    places.unevenness()
+}
+
+/// Places where cumulative shares are compared.
+const BINS: usize = 32;
+
+/// Where values lie about their mean: what [`unevenness`] sums.
+#[derive(Debug, Clone, Copy)]
+struct Places {
+    mean: f64,
+    spread: f64,
+    shares: [f64; BINS],
+    beyond: f64,
+}
+
+impl Places {
+    /// None yet.
+    fn new(mean: f64, spread: f64) -> Self {
+        Self {
+            mean,
+            spread,
+            shares: [0.0; BINS],
+            beyond: 0.0,
+        }
     }
-    let mut shares = [0.0; BINS];
-    let mut beyond = 0.0;
-    for (share, value) in members {
-        let place = (value - mean) / spread;
+
+    #[inline]
+    fn add(&mut self, share: f64, value: f64) {
+        let place = (value - self.mean) / self.spread;
         let inside = place.clamp(-1.0, 1.0);
-        beyond += share * (place - inside).abs();
+        self.beyond += share * (place - inside).abs();
         let bin = (0.5 * (inside + 1.0) * BINS as f64) as usize;
-        shares[bin.min(BINS - 1)] += share;
+        self.shares[bin.min(BINS - 1)] += share;
     }
-    let mut below = 0.0;
-    let mut between = 0.0;
-    for (i, share) in shares.iter().enumerate() {
-        below += share;
-        between += (below - (i + 1) as f64 / BINS as f64).abs();
+
+    /// Those of both.
+    fn and(mut self, other: &Self) -> Self {
+        self.beyond += other.beyond;
+        for (own, other) in self.shares.iter_mut().zip(other.shares) {
+            *own += other;
+        }
+        self
     }
-    spread * (beyond + between * 2.0 / BINS as f64)
+
+    fn unevenness(&self) -> f64 {
+        if !(self.spread > 0.0) {
+            return 0.0;
+        }
+        let mut below = 0.0;
+        let mut between = 0.0;
+        for (i, share) in self.shares.iter().enumerate() {
+            below += share;
+            between += (below - (i + 1) as f64 / BINS as f64).abs();
+        }
+        self.spread * (self.beyond + between * 2.0 / BINS as f64)
+    }
 }
 
 /// Gives the blocks of a family's volumes the ranges and bounds that hold for all they stand for:
