@@ -1,6 +1,6 @@
 //! Blocks of a point set: the subtrees of a BVH that hold few enough particles.
 
-use std::ops::{Deref, Range};
+use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,6 +9,8 @@ use super::brick::outwards;
 use super::extent::spread_of;
 use super::merge::{Shapes, Source, merge_lattice, merge_points, widen_to_members};
 use super::overlap::Crowds;
+use super::points::{PointShapes, Points};
+use super::room::{MEMORY, RUN, Room};
 use super::tree::Tree;
 use super::{
     Block, BlockedParticles, BlockedVolume, BrickGrid, EMPTY_RANGE, NO_PARENT,
@@ -16,10 +18,9 @@ use super::{
 };
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
-use crate::math::{harmonics_count, principal_sigmas};
+use crate::math::principal_sigmas;
 use crate::scene::{
-    Boundary, BoundaryPlanes, BoundaryPlanesIn, ColourIn, LocalModels, LocalModelsIn, Particles,
-    PointVolume, Storage, StrengthIn, Values, ValuesIn,
+    Column, Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
 };
 use crate::task::{Stage, Task};
 
@@ -105,6 +106,33 @@ fn build_ordered(
     ordered: Option<Ordered>,
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
+    if matches!(volume.particles, Particles::Lattice { .. }) {
+        return build_lattice(volume, options, task);
+    }
+    let Some((points, transfer_function)) = Points::of(volume) else {
+        return Ok(Vec::new());
+    };
+    let Ordered { order, runs, tree } = match ordered {
+        Some(ordered) => ordered,
+        None => finite_block_order(&points.positions, task)?,
+    };
+    // In the order of the tree from here on: what reads runs of it again and again finds them together.
+    let points = points.gather(&order, MEMORY)?;
+    let sorted = Sorted {
+        points,
+        numbers: order.into(),
+        runs,
+        tree,
+        transfer_function,
+    };
+    build_sorted(sorted, options, MEMORY, task)
+}
+
+fn build_lattice(
+    volume: PointVolume,
+    options: BuildOptions,
+    task: Option<&Task>,
+) -> Result<Vec<BlockedVolume>> {
     let own = match &volume.particles {
         Particles::Lattice { lattice, .. } if volume.boundary.is_some() => Some(lattice.clone()),
         _ => None,
@@ -115,90 +143,96 @@ fn build_ordered(
         colour,
         values,
         transfer_function,
-        boundary,
         normals,
-        local_models,
+        ..
     } = volume.with_ghosts();
+    let Particles::Lattice {
+        lattice,
+        kernel_width,
+    } = particles
+    else {
+        return Ok(Vec::new());
+    };
     // Merged particles reflect like none of their members; see `PointVolume::normals`.
     let detail = options.detail && normals.is_none();
-    let mut sides = None;
-    let (positions, shapes) = match particles {
-        Particles::Lattice {
-            lattice,
-            kernel_width,
-        } => {
-            let grid = match own {
-                None => BrickGrid::new(lattice, kernel_width),
-                Some(own) => BrickGrid::with_faces(&own, kernel_width),
-            };
-            let values = values.map(Values::shared);
-            let blocks = if grid.is_empty() {
-                Vec::new()
-            } else {
-                let is_classified = matches!(strength, StrengthIn::Classified { .. });
-                grid.blocks(values.as_ref(), is_classified, 0)
-            };
-            let mut base = BlockedVolume {
-                blocks,
-                particles: BlockedParticles::Lattice(Box::new(grid)),
-                strength: strength.shared(),
-                colour: colour.shared(),
-                values,
-                transfer_function,
-                normals: normals.map(Into::into),
-                boundary: None,
-                // A cell's number is its place.
-                indices: None,
-                local_models: None,
-                lobes: None,
-                merged: None,
-            };
-            let levels = if detail {
-                merge_lattice(&mut base, task)?
-            } else {
-                Vec::new()
-            };
-            return Ok(family(base, levels));
-        }
-        Particles::Isotropic { positions, sigmas } => (positions, Ok(sigmas)),
-        Particles::Anisotropic { positions, factors } => (positions, Err(factors)),
-        Particles::Surfels {
-            positions,
-            tangents,
-            is_one_sided,
-        } => {
-            sides = Some(is_one_sided);
-            (positions, Err(tangents))
-        }
+    let grid = match own {
+        None => BrickGrid::new(lattice, kernel_width),
+        Some(own) => BrickGrid::with_faces(&own, kernel_width),
     };
-    let Ordered { order, runs, tree } = match ordered {
-        Some(ordered) => ordered,
-        None => finite_block_order(&positions, task)?,
+    let values = values.map(Values::shared);
+    let blocks = if grid.is_empty() {
+        Vec::new()
+    } else {
+        let is_classified = matches!(strength, StrengthIn::Classified { .. });
+        grid.blocks(values.as_ref(), is_classified, 0)
     };
-    // In the order of the tree from here on: what reads runs of it again and again finds them together.
-    let positions = pick(positions, &order);
-    let sigmas = match shapes {
-        Ok(sigmas) => Ok(pick(sigmas, &order)),
-        Err(factors) => Err(pick(factors, &order)),
-    };
-    let rest = Rest {
-        strength,
-        colour,
+    let mut base = BlockedVolume {
+        blocks,
+        particles: BlockedParticles::Lattice(Box::new(grid)),
+        strength: strength.shared(),
+        colour: colour.shared(),
         values,
-        boundary: match boundary {
-            Some(Boundary::Planes(planes)) => Some(planes),
-            Some(Boundary::Lattice) | None => None,
-        },
-        normals,
-        local_models,
+        transfer_function,
+        normals: normals.map(Into::into),
+        boundary: None,
+        // A cell's number is its place.
+        indices: None,
+        local_models: None,
+        lobes: None,
+        merged: None,
     };
-    let rest = rest.gather(&order);
-    let principal = principal_ranges(&sigmas, sides.is_some());
+    let levels = if detail {
+        merge_lattice(&mut base, task)?
+    } else {
+        Vec::new()
+    };
+    Ok(family(base, levels))
+}
+
+/// Points in the order of a tree over them.
+#[derive(Debug)]
+pub(super) struct Sorted {
+    pub(super) points: Points,
+    /// The number of each among those that were given.
+    pub(super) numbers: Column<u32>,
+    /// The blocks: runs of that order.
+    pub(super) runs: Vec<Range<usize>>,
+    /// Empty where all points are in one block.
+    pub(super) tree: Tree,
+    pub(super) transfer_function: Option<TransferFunction>,
+}
+
+/// Points in blocks, and their levels of detail.
+///
+/// - `room`: where the columns of the blocks are going to lie.
+pub(super) fn build_sorted(
+    sorted: Sorted,
+    options: BuildOptions,
+    room: Room<'_>,
+    task: Option<&Task>,
+) -> Result<Vec<BlockedVolume>> {
+    let Sorted {
+        points,
+        numbers,
+        runs,
+        tree,
+        transfer_function,
+    } = sorted;
+    let Points {
+        positions,
+        shapes,
+        rest,
+    } = points;
+    let are_surfels = shapes.are_surfels();
+    // Merged particles reflect like none of their members; see `PointVolume::normals`.
+    let detail = options.detail && rest.normals.is_none();
+    let principal = principal_ranges(&shapes);
     let source = Source {
         positions: &positions,
-        shapes: match &sigmas {
-            Ok(sigmas) => Shapes::Spheres(sigmas),
-            Err(factors) => Shapes::Factors(factors),
+        shapes: match &shapes {
+            PointShapes::Spheres(sigmas) => Shapes::Spheres(sigmas),
+            PointShapes::Ellipsoids(factors) => Shapes::Factors(factors),
+            PointShapes::Surfels { tangents, .. } => Shapes::Factors(tangents),
         },
         principal: &principal,
         strength: &rest.strength,
@@ -209,7 +243,7 @@ fn build_ordered(
     };
     // Surfels are not merged: a cluster of them need not lie in a plane.
     let crowds = Crowds::new(&tree, &source);
-    let merged = if detail && sides.is_none() {
+    let merged = if detail && !are_surfels {
         merge_points(&source, &tree, &crowds, task)?
     } else {
         None
@@ -221,12 +255,12 @@ fn build_ordered(
         .map(|run| (run.end, crowds.greatest(run, 1.0)))
         .collect();
     // Within their blocks, particles have an order of their own.
-    let mut places: Vec<u32> = (0..order.len() as u32).collect();
+    let mut places: Vec<u32> = (0..numbers.len() as u32).collect();
     let runs = without_outliers(&mut places, &runs, &positions, &|i| {
         source.sigmas(i as usize)[1]
     });
     if let Some(values) = &rest.values {
-        sort_by_value(&mut places, &runs, values, &order);
+        sort_by_value(&mut places, &runs, values, &numbers);
     }
     let mut blocks: Vec<Block> = runs
         .par_iter()
@@ -243,130 +277,73 @@ fn build_ordered(
     }
     let coarse = merged.map(|merged| merged.into_volume(&source));
     drop(principal);
-    let offsets: Vec<[f32; 3]> = blocks
-        .par_iter()
-        .zip(&runs)
-        .flat_map_iter(|(block, run)| {
-            let at = |&i: &u32| positions[i as usize] - block.origin;
-            places[run.clone()]
-                .iter()
-                .map(move |i| at(i).as_vec3().into())
-        })
-        .collect();
+    let offsets = offsets(&positions, &places, &blocks, room)?;
     drop(positions);
     let is_moved = !places.par_windows(2).all(|w| w[0] < w[1]);
-    let moved = is_moved.then_some(&*places);
-    let rest = match moved {
-        Some(places) => rest.gather(places),
-        None => rest,
+    let (shapes, rest) = match is_moved {
+        true => (shapes.gather(&places, room)?, rest.gather(&places, room)?),
+        false => (shapes, rest),
     };
     let base = BlockedVolume {
-        particles: match sigmas {
-            Ok(sigmas) => BlockedParticles::Isotropic {
-                offsets: offsets.into(),
-                sigmas: match moved {
-                    Some(places) => pick(sigmas, places),
-                    None => sigmas,
-                }
-                .into(),
+        particles: match shapes {
+            PointShapes::Spheres(sigmas) => BlockedParticles::Isotropic { offsets, sigmas },
+            PointShapes::Ellipsoids(factors) => BlockedParticles::Anisotropic { offsets, factors },
+            PointShapes::Surfels {
+                tangents,
+                is_one_sided,
+            } => BlockedParticles::Surfels {
+                offsets,
+                tangents,
+                is_one_sided,
             },
-            Err(factors) => {
-                let factors = match moved {
-                    Some(places) => pick(factors, places),
-                    None => factors,
-                };
-                let (offsets, factors) = (offsets.into(), factors.into());
-                match sides {
-                    None => BlockedParticles::Anisotropic { offsets, factors },
-                    Some(is_one_sided) => BlockedParticles::Surfels {
-                        offsets,
-                        tangents: factors,
-                        is_one_sided,
-                    },
-                }
-            }
         },
-        strength: rest.strength.shared(),
-        colour: rest.colour.shared(),
-        values: rest.values.map(Values::shared),
+        strength: rest.strength,
+        colour: rest.colour,
+        values: rest.values,
         transfer_function,
-        normals: rest.normals.map(Into::into),
-        boundary: rest.boundary.map(BoundaryPlanes::shared),
+        normals: rest.normals,
+        boundary: rest.boundary,
         blocks,
-        local_models: rest.local_models.map(LocalModels::shared),
+        local_models: rest.local_models,
         lobes: None,
-        indices: options.indices.then(|| pick(order, &places).into()),
+        indices: match options.indices {
+            true => Some(room.pick(numbers, &places)?),
+            false => None,
+        },
         merged: None,
     };
     Ok(family(base, coarse.into_iter().collect()))
 }
 
-/// What particles have besides places and shapes.
-pub(super) struct Rest<S: Storage> {
-    pub(super) strength: StrengthIn<S>,
-    pub(super) colour: ColourIn<S>,
-    pub(super) values: Option<ValuesIn<S>>,
-    pub(super) boundary: Option<BoundaryPlanesIn<S>>,
-    pub(super) normals: Option<S::Of<u32>>,
-    pub(super) local_models: Option<LocalModelsIn<S>>,
-}
-
-impl<S: Storage> Rest<S> {
-    /// That of the particles of an order.
-    pub(super) fn gather(self, order: &[u32]) -> Self {
-        Self {
-            strength: match self.strength {
-                StrengthIn::Classified { volumes } => StrengthIn::Classified {
-                    volumes: pick(volumes, order),
-                },
-                StrengthIn::Mass(masses) => StrengthIn::Mass(pick(masses, order)),
-                StrengthIn::Surface(areas) => StrengthIn::Surface(pick(areas, order)),
-                StrengthIn::Translucent(areas) => StrengthIn::Translucent(pick(areas, order)),
-                StrengthIn::PeakOpacity {
-                    opacities,
-                    is_anti_aliased,
-                } => StrengthIn::PeakOpacity {
-                    opacities: pick(opacities, order),
-                    is_anti_aliased,
-                },
-            },
-            colour: match self.colour {
-                ColourIn::PerParticle(colours) => ColourIn::PerParticle(pick(colours, order)),
-                ColourIn::Harmonics {
-                    degree,
-                    coefficients,
-                } => {
-                    let stride = 3 * harmonics_count(degree);
-                    let set = |&i: &u32| &coefficients[i as usize * stride..][..stride];
-                    ColourIn::Harmonics {
-                        degree,
-                        coefficients: order
-                            .iter()
-                            .flat_map(set)
-                            .copied()
-                            .collect::<Vec<_>>()
-                            .into(),
-                    }
-                }
-                other => other,
-            },
-            values: self.values.map(|values| values.gather(order)),
-            boundary: self.boundary.map(|planes| planes.gather(order)),
-            normals: self.normals.map(|normals| pick(normals, order)),
-            local_models: self.local_models.map(|models| models.gather(order)),
-        }
+/// Of particles of blocks, from their blocks' origins.
+///
+/// - `places`: where each lies among `positions`, block by block.
+fn offsets(
+    positions: &[DVec3],
+    places: &[u32],
+    blocks: &[Block],
+    room: Room<'_>,
+) -> Result<Column<[f32; 3]>> {
+    let mut all = room.column(places.len())?;
+    let mut of_run: Vec<[f32; 3]> = Vec::new();
+    let mut rest = blocks;
+    while let Some(first) = rest.first() {
+        // Whole blocks, some of the order of a run together.
+        let end = first.first as usize + RUN;
+        let count = rest.partition_point(|block| (block.first as usize) < end);
+        let (own, later) = rest.split_at(count);
+        rest = later;
+        of_run.par_extend(own.par_iter().flat_map_iter(|block| {
+            let members = block.first as usize..(block.first + block.count) as usize;
+            let at = |&i: &u32| positions[i as usize] - block.origin;
+            places[members]
+                .iter()
+                .map(move |i| at(i).as_vec3().to_array())
+        }));
+        all.extend(&of_run)?;
+        of_run.clear();
     }
-}
-
-/// Elements in an order.
-pub(super) fn pick<T, C>(elements: C, order: &[u32]) -> C
-where
-    T: Copy + Send + Sync,
-    C: Deref<Target = [T]> + From<Vec<T>>,
-{
-    let from = &*elements;
-    let picked: Vec<T> = order.par_iter().map(|&i| from[i as usize]).collect();
-    picked.into()
+    all.finish()
 }
 
 /// A volume and its levels of detail, which share a transfer function.
@@ -382,14 +359,14 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
 }
 
 /// Least and greatest standard deviation of each kernel that is no sphere, rounded outwards.
-fn principal_ranges(sigmas: &Result<Vec<f32>, Vec<[f32; 6]>>, are_surfels: bool) -> Vec<[f32; 2]> {
-    match sigmas {
-        Ok(_) => Vec::new(),
-        Err(tangents) if are_surfels => tangents
+fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
+    match shapes {
+        PointShapes::Spheres(_) => Vec::new(),
+        PointShapes::Surfels { tangents, .. } => tangents
             .par_iter()
             .map(|tangents| outwards(0.0, widest_tangent(tangents.map(f64::from))))
             .collect(),
-        Err(factors) => factors
+        PointShapes::Ellipsoids(factors) => factors
             .par_iter()
             .map(|factor| {
                 let [greatest, _, least] = principal_sigmas(factor.map(f64::from));
@@ -484,7 +461,12 @@ fn members_of<'a>(mut order: &'a mut [u32], runs: &[Range<usize>]) -> Vec<&'a mu
 /// a run of their own.
 ///
 /// - `numbers`: those of the particles as they were given: equal values keep their order.
-fn sort_by_value(places: &mut [u32], runs: &[Range<usize>], values: &Values, numbers: &[u32]) {
+fn sort_by_value(
+    places: &mut [u32],
+    runs: &[Range<usize>],
+    values: &ValuesIn<Shared>,
+    numbers: &[u32],
+) {
     members_of(places, runs)
         .into_par_iter()
         .for_each(|members| {
@@ -533,12 +515,12 @@ fn block(members: &[u32], first: usize, source: &Source<'_>) -> Block {
 
 /// Particles in the order of a tree.
 #[derive(Debug, Clone, Default)]
-struct Ordered {
-    order: Vec<u32>,
+pub(super) struct Ordered {
+    pub(super) order: Vec<u32>,
     /// The blocks: runs of the order.
-    runs: Vec<Range<usize>>,
+    pub(super) runs: Vec<Range<usize>>,
     /// Empty where all particles are in one block.
-    tree: Tree,
+    pub(super) tree: Tree,
 }
 
 /// [`block_order`] of the particles whose positions are numbers; the others, which would take
@@ -546,11 +528,11 @@ struct Ordered {
 fn finite_block_order(positions: &[DVec3], task: Option<&Task>) -> Result<Ordered> {
     let stage = Stage::new(task, "sorting into blocks", 1);
     let ordered = if positions.par_iter().all(|p| p.is_finite()) {
-        block_order(positions)
+        block_order(positions, &[])
     } else {
         let (kept, finite): (Vec<u32>, Vec<DVec3>) =
             (0..).zip(positions).filter(|(_, p)| p.is_finite()).unzip();
-        let mut ordered = block_order(&finite);
+        let mut ordered = block_order(&finite, &[]);
         for i in &mut ordered.order {
             *i = kept[*i as usize];
         }
@@ -563,7 +545,9 @@ fn finite_block_order(positions: &[DVec3], task: Option<&Task>) -> Result<Ordere
 
 /// The particles' order in which every block is a run, and the runs: the largest subtrees of a
 /// PLOC BVH with at most [`BLOCK_CAPACITY`] particles.
-fn block_order(positions: &[DVec3]) -> Ordered {
+///
+/// - `positions`, `numbers`: as [`Tree::over`] has them.
+pub(super) fn block_order(positions: &[DVec3], numbers: &[u32]) -> Ordered {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
     if positions.is_empty() {
         return Ordered::default();
@@ -576,7 +560,7 @@ fn block_order(positions: &[DVec3]) -> Ordered {
             tree: Tree::default(),
         };
     }
-    let (tree, order) = Tree::over(positions);
+    let (tree, order) = Tree::over(positions, numbers);
     let subtrees = tree.subtrees(BLOCK_CAPACITY);
     Ordered {
         order,
@@ -590,6 +574,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
+    use crate::scene::ColourIn;
 
     fn points(n: usize, f: impl Fn(f64) -> DVec3) -> Vec<DVec3> {
         (0..n).map(|i| f(i as f64)).collect()
@@ -607,7 +592,7 @@ mod tests {
             points(3_000, |t| DVec3::new(1e7 + t, 0.0, 0.0)),
             points(2_000, |t| DVec3::splat(t * 1e-14)),
         ] {
-            let Ordered { order, runs, .. } = block_order(&positions);
+            let Ordered { order, runs, .. } = block_order(&positions, &[]);
             let mut seen = vec![0; positions.len()];
             order.iter().for_each(|&i| seen[i as usize] += 1);
             assert!(seen.iter().all(|&n| n == 1));

@@ -5,7 +5,7 @@ use super::layers::THICKEST_SLAB;
 use super::{Block, BlockedParticles, BlockedVolume, EMPTY_RANGE};
 use crate::record::{ChoiceUniform, ClassifiedBy};
 use crate::scene::{
-    LOBE_REACH, Lobes, LocalModel, LocalModels, StrengthIn, TransferFunction, Values,
+    LOBE_REACH, Lobes, LocalModel, LocalModelsIn, Shared, StrengthIn, TransferFunction, ValuesIn,
 };
 
 /// The values that a lobe of a kernel may have: those around its sample, as far as its linear model
@@ -26,8 +26,8 @@ pub(crate) fn reached(value: f32, model: &LocalModel, around: [f32; 2]) -> [f32;
 /// greatest standard deviation of values over a kernel; nothing without models.
 pub(super) fn spread_of(
     members: &[u32],
-    values: Option<&Values>,
-    models: Option<&LocalModels>,
+    values: Option<&ValuesIn<Shared>>,
+    models: Option<&LocalModelsIn<Shared>>,
 ) -> ([f32; 2], f32) {
     let (mut around, mut greatest) = (EMPTY_RANGE, 0.0_f32);
     let (Some(values), Some(models)) = (values, models) else {

@@ -14,9 +14,12 @@
 //! | `halo.rs` | the field around a lattice's cells |
 //! | `neighbours.rs` | beside which particles slabs show anything |
 //! | `layers.rs` | the sheets and slabs in which kernels are summed |
+//! | `points.rs` | a point set as columns |
+//! | `room.rs` | where columns lie while a scene is made: in memory or on the disk |
 //! | `rule.rs` | by what rule particles are drawn: as kernels, splats or surfels |
 //! | `scene.rs` | all volumes of a scene |
 //! | `share.rs` | the part of a scene that one of several owners keeps |
+//! | `stream.rs` | points that come a part at a time, sorted on the disk |
 //! | `tree.rs` | a BVH over particles, built by obvhs in chunks |
 
 #![allow(
@@ -36,9 +39,13 @@ mod layers;
 mod merge;
 mod neighbours;
 mod overlap;
+mod points;
+mod room;
 mod rule;
 mod scene;
 mod share;
+#[cfg(feature = "prepared")]
+mod stream;
 mod tree;
 
 use std::sync::Arc;
@@ -75,6 +82,8 @@ pub(crate) use rule::Rule;
 pub(crate) use scene::KeptOfVolume;
 pub use scene::{BlockedScene, SceneOptions};
 pub(crate) use share::runs_in_turn;
+#[cfg(feature = "prepared")]
+pub use stream::ParticleStream;
 
 /// A point volume made ready for rendering: its particles in blocks of at most
 /// [`BLOCK_CAPACITY`](crate::constants::BLOCK_CAPACITY).

@@ -218,14 +218,14 @@ mod tests {
         let place = |i: usize| DVec3::from([7, 11, 17].map(|k| (k * i % 38) as f64));
         let crowds = (0..38).map(|i| vec![place(i); i + 1]);
         let unordered: Vec<DVec3> = crowds.flatten().collect();
-        let (tree, order) = Tree::over(&unordered);
+        let (tree, order) = Tree::over(&unordered, &[]);
         let positions: Vec<DVec3> = order.iter().map(|&i| unordered[i as usize]).collect();
         let sigmas = vec![1e-3; positions.len()];
         let source = Source {
             positions: &positions,
             shapes: Shapes::Spheres(&sigmas),
             principal: &[],
-            strength: &StrengthIn::Mass(vec![1.0; positions.len()]),
+            strength: &StrengthIn::Mass(vec![1.0; positions.len()].into()),
             colour: &ColourIn::Uniform([1.0; 3]),
             values: None,
             models: None,

@@ -1,10 +1,14 @@
 //! A scene made ready: its volumes in blocks, each with its levels of detail after it.
 
 use std::ops::Range;
+#[cfg(feature = "prepared")]
+use std::path::Path;
 use std::sync::OnceLock;
 
 use super::build::{BuildOptions, Exchangeable, build};
 use super::density::densities;
+#[cfg(feature = "prepared")]
+use super::stream::{ParticleStream, build_stream};
 use super::{AmplitudeSummary, BlockedVolume, set_transfer_function};
 use crate::error::{Error, Result};
 use crate::scene::{ColourIn, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
@@ -119,14 +123,53 @@ impl BlockedScene {
         })
     }
 
+    /// Of points that come a part at a time: a volume of them, the same as of all at once.
+    ///
+    /// - `folder`: where temporary files may lie, some 80 bytes for each.
+    ///
+    /// # Errors
+    /// As [`build_stream`]; shapes that are to be kept.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_stream(
+        stream: &mut dyn ParticleStream,
+        options: &SceneOptions,
+        folder: &Path,
+    ) -> Result<Self> {
+        if options.keep_shapes {
+            let (expected, advice) = ("all of them at once", "leave it out");
+            return Err(Error::invalid(
+                "scene",
+                "SceneOptions::keep_shapes",
+                expected,
+                "a stream of particles",
+                advice,
+            ));
+        }
+        let volumes = build_stream(stream, options, folder)?;
+        let requirements = volumes.first().map(BlockedVolume::requirements);
+        Ok(Self {
+            families: std::iter::once(0..volumes.len()).collect(),
+            known: vec![Known::default()],
+            volumes,
+            requirements: requirements.into_iter().collect(),
+            carried: None,
+            densities: OnceLock::new(),
+            exchangeable: Vec::new(),
+        })
+    }
+
     /// Leaves out the particles of all blocks but some of each volume, in the order of [`Self::volumes`].
-    pub(crate) fn keep(&mut self, own: &[Vec<Range<u32>>]) {
+    ///
+    /// # Errors
+    /// None that is known: what is kept lies in memory.
+    pub(crate) fn keep(&mut self, own: &[Vec<Range<u32>>]) -> Result<()> {
         // They are found of all particles.
         self.densities();
         for (volume, own) in self.volumes.iter_mut().zip(own) {
-            volume.keep(own);
+            volume.keep(own)?;
         }
         self.exchangeable.clear();
+        Ok(())
     }
 
     /// Volumes that are in blocks already, each with its levels of detail after it, and what is known of each.
@@ -437,7 +480,7 @@ impl BlockedScene {
 }
 
 /// Refuses more particles than indices can name.
-fn check_count(total: usize) -> Result<()> {
+pub(super) fn check_count(total: usize) -> Result<()> {
     if u32::try_from(total).is_ok() {
         return Ok(());
     }

@@ -3,8 +3,10 @@
 use std::mem::{replace, take};
 use std::ops::Range;
 
-use super::build::{Rest, pick};
+use super::points::Rest;
+use super::room::MEMORY;
 use super::{BlockedParticles, BlockedVolume};
+use crate::error::Result;
 use crate::scene::{ColourIn, Column, StrengthIn};
 
 /// How many runs of blocks each of several owners has of a volume, about: a view of a part of the scene then meets
@@ -37,9 +39,9 @@ impl BlockedVolume {
     /// is: of the particles of others no page is ever read.
     ///
     /// - `own`: ascending. Nothing may be asked of others' particles from now on.
-    pub(super) fn keep(&mut self, own: &[Range<u32>]) {
+    pub(super) fn keep(&mut self, own: &[Range<u32>]) -> Result<()> {
         if matches!(self.particles, BlockedParticles::Lattice(_)) || self.is_mapped() {
-            return;
+            return Ok(());
         }
         let mut order = Vec::new();
         let mut next = own.iter().cloned().flatten().peekable();
@@ -54,8 +56,8 @@ impl BlockedVolume {
         match &mut self.particles {
             BlockedParticles::Lattice(_) => {}
             BlockedParticles::Isotropic { offsets, sigmas } => {
-                *offsets = pick(take(offsets), &order);
-                *sigmas = pick(take(sigmas), &order);
+                *offsets = MEMORY.pick(take(offsets), &order)?;
+                *sigmas = MEMORY.pick(take(sigmas), &order)?;
             }
             BlockedParticles::Anisotropic {
                 offsets,
@@ -66,8 +68,8 @@ impl BlockedVolume {
                 tangents: shapes,
                 ..
             } => {
-                *offsets = pick(take(offsets), &order);
-                *shapes = pick(take(shapes), &order);
+                *offsets = MEMORY.pick(take(offsets), &order)?;
+                *shapes = MEMORY.pick(take(shapes), &order)?;
             }
         }
         let rest = Rest {
@@ -78,21 +80,24 @@ impl BlockedVolume {
             normals: self.normals.take(),
             local_models: self.local_models.take(),
         };
-        let rest = rest.gather(&order);
+        let rest = rest.gather(&order, MEMORY)?;
         self.strength = rest.strength;
         self.colour = rest.colour;
         self.values = rest.values;
         self.boundary = rest.boundary;
         self.normals = rest.normals;
         self.local_models = rest.local_models;
-        self.indices = self.indices.take().map(|indices| pick(indices, &order));
+        if let Some(indices) = self.indices.take() {
+            self.indices = Some(MEMORY.pick(indices, &order)?);
+        }
         if let Some(merged) = &mut self.merged {
             for of_particle in [&mut merged.spreads, &mut merged.member_depths] {
                 if !of_particle.is_empty() {
-                    *of_particle = pick(take(of_particle), &order);
+                    *of_particle = MEMORY.pick(take(of_particle), &order)?;
                 }
             }
         }
+        Ok(())
     }
 }
 

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use rdst::RadixSort;
 
 /// Points of which a tree is built at a time, at most where they lie apart: some 180 bytes each while it is.
-const CHUNK: usize = 1 << 16;
+pub(super) const CHUNK: usize = 1 << 16;
 
 /// By how much less than its box the particles of a subtree may span, in units of the box: each is
 /// moved by a millionth along each axis, either way, and rounded.
@@ -64,10 +64,13 @@ impl Tree {
     /// PLOC (obvhs) of each chunk of [`chunks`] by itself, which caches hold, and of the chunks' boxes.
     ///
     /// - `positions`: finite.
-    pub(super) fn over(positions: &[DVec3]) -> (Self, Vec<u32>) {
+    /// - `numbers`: those of the points in the order that they were given in, ascending within each cell of [`Curve`]: the
+    ///   tree does not depend on another order then. Empty where it is this one.
+    pub(super) fn over(positions: &[DVec3], numbers: &[u32]) -> (Self, Vec<u32>) {
         if positions.is_empty() {
             return (Self::default(), Vec::new());
         }
+        let number = |i: u32| numbers.get(i as usize).copied().unwrap_or(i);
         let (lower, upper) = bounds(positions.par_iter());
         // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
         let middle = (lower + upper) / 2.0;
@@ -75,7 +78,7 @@ impl Tree {
         let scale = 1.0 / (upper - lower).max_element().max(f64::MIN_POSITIVE);
         let point = |i: u32| {
             let p = (positions[i as usize] - middle) * scale;
-            Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(i))
+            Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(number(i)))
         };
         let (members, chunks) = chunks(positions);
         let boxes: Vec<Aabb> = chunks
@@ -342,17 +345,37 @@ fn place(keys: &mut [u64], positions: &[DVec3]) {
     const NUMBER: u64 = u32::MAX as u64;
     let at = |key: u64| &positions[(key & NUMBER) as usize];
     let (lower, upper) = bounds(keys.par_iter().map(|&key| at(key)));
-    // Halved first: the extent itself may overflow.
-    let half = (upper / 2.0 - lower / 2.0)
-        .max_element()
-        .max(f64::MIN_POSITIVE);
-    keys.par_iter_mut().for_each(|key| {
-        // 1 would be beyond the last cell.
-        let unit = (*at(*key) / 2.0 - lower / 2.0) / half * (1.0 - f64::EPSILON);
-        // The upper 32 of 63 bits.
-        *key = (morton_encode_u64_unorm(unit) << 1 & !NUMBER) | (*key & NUMBER);
-    });
+    let curve = Curve::through(lower, upper);
+    keys.par_iter_mut()
+        .for_each(|key| *key = u64::from(curve.cell(*at(*key))) << 32 | (*key & NUMBER));
     keys.radix_sort_unstable();
+}
+
+/// Morton's curve through the cells of a cube: 2^32 of them, 2^11, 2^11 and 2^10 along the axes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Curve {
+    lower: DVec3,
+    /// Half the edge.
+    half: f64,
+}
+
+impl Curve {
+    pub(super) fn through(lower: DVec3, upper: DVec3) -> Self {
+        // Halved first: the extent itself may overflow.
+        let half = (upper / 2.0 - lower / 2.0).max_element();
+        Self {
+            lower,
+            half: half.max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// The number of the cell of a point along the curve.
+    pub(super) fn cell(&self, point: DVec3) -> u32 {
+        // 1 would be beyond the last cell.
+        let unit = (point / 2.0 - self.lower / 2.0) / self.half * (1.0 - f64::EPSILON);
+        // The upper 32 of 63 bits.
+        (morton_encode_u64_unorm(unit) >> 31) as u32
+    }
 }
 
 /// A subtree in the order of sizes.
@@ -442,7 +465,7 @@ mod tests {
     #[test]
     fn subtrees_are_runs_in_boxes_of_their_size() {
         for positions in sets() {
-            let (tree, order) = Tree::over(&positions);
+            let (tree, order) = Tree::over(&positions, &[]);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             assert!(sorted.iter().enumerate().all(|(n, &i)| n == i as usize));
@@ -482,7 +505,7 @@ mod tests {
         let [positions, ..] = sets();
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let (tree, order) = pool.unwrap().install(|| Tree::over(&positions));
+            let (tree, order) = pool.unwrap().install(|| Tree::over(&positions, &[]));
             (tree.nodes, order)
         };
         let one = with(1);

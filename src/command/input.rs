@@ -346,7 +346,7 @@ impl DataOptions {
     }
 
     /// Without a raw volume, `--spacing` is of meshes, as `--density` is.
-    fn check_spacing(&self) -> Result<()> {
+    pub(crate) fn check_spacing(&self) -> Result<()> {
         let fault = |expected: &str, found: String, advice: &str| {
             Err(Error::invalid(
                 "--spacing",

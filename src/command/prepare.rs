@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use crate::prepared::PreparedScene;
-use crate::sample::SampleOptions;
+use crate::sample::{SampleOptions, SampleReport};
 use crate::{Error, Result, SceneOptions};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::input::DataOptions;
 use super::prepared::refuse_beside;
-use super::progress;
+use super::progress::{self, note};
+use super::scene::Scene;
 use super::source::Input;
 
 /// What a scene is prepared for.
@@ -38,6 +39,14 @@ enum Detail {
 pub(crate) fn is_scene(out: &Path) -> bool {
     out.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("arrow"))
+}
+
+/// Where temporary files lie: beside the file that is written, whose disk has room.
+fn folder_of(out: &Path) -> &Path {
+    match out.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
 }
 
 impl PrepareOptions {
@@ -83,16 +92,33 @@ impl PrepareOptions {
             task: task.clone(),
             ..data.sample_options()
         };
-        let scene = data.scene(inputs, &options, |_, _| Ok(None), &bar)?;
-        refuse_beside(&scene.prepared, &[("convert", true)])?;
-        let about = scene.about(inputs, self.column_density);
-        bar.set_message("sorting into blocks");
         let scene_options = SceneOptions {
             level_of_detail: self.level_of_detail == Detail::Auto && !self.column_density,
             task,
             ..SceneOptions::default()
         };
-        let prepared = PreparedScene::new(scene.volumes, &scene_options)?;
+        let streamed = match inputs {
+            [input] => data.stream(input, &options)?,
+            _ => None,
+        };
+        let (prepared, about) = match streamed {
+            Some(mut file) => {
+                bar.set_message("sorting on the disk");
+                let prepared = PreparedScene::of_stream(&mut file, &scene_options, folder_of(out))?;
+                for line in file.report().map_or(Vec::new(), SampleReport::warnings) {
+                    bar.suspend(|| note!("{}: {line}", inputs[0].path.display()));
+                }
+                let about = Scene::of_stream(&file).about(inputs, self.column_density);
+                (prepared, about)
+            }
+            None => {
+                let scene = data.scene(inputs, &options, |_, _| Ok(None), &bar)?;
+                refuse_beside(&scene.prepared, &[("convert", true)])?;
+                let about = scene.about(inputs, self.column_density);
+                bar.set_message("sorting into blocks");
+                (PreparedScene::new(scene.volumes, &scene_options)?, about)
+            }
+        };
         bar.set_message("writing");
         let bytes = prepared.write(out, &about)?;
         bar.finish_and_clear();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::io::{Dataset, Geometry, Mesh, Up};
 use crate::legend::title_of;
-use crate::prepared::{About, PreparedScene};
+use crate::prepared::{About, ParticleStream, PointFile, PreparedScene};
 use crate::sample::mesh::Spread;
 use crate::sample::{
     SampleOptions, SampleReport, SampledScene, TransferChoice, automatic, shared_functions,
@@ -15,6 +15,7 @@ use crate::{Error, Renderer, Result, SceneOptions};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
+use super::edits::Edit;
 use super::input::{DataOptions, refused_surface, transfer_of};
 use super::prepared::{self, Members, is_prepared};
 use super::progress::note;
@@ -43,6 +44,21 @@ pub(crate) struct Scene {
 }
 
 impl Scene {
+    /// Of a file of points that was read as a stream: what is known of it besides its particles.
+    pub(crate) fn of_stream(file: &PointFile) -> Self {
+        Self {
+            volumes: Vec::new(),
+            prepared: Vec::new(),
+            fields: vec![None],
+            titles: vec![None],
+            selectors: Vec::new(),
+            grids_only: false,
+            has_boundary: false,
+            up: file.up(),
+            corners: file.bounds().into_iter().collect(),
+        }
+    }
+
     /// Adds a prepared scene, and volumes that stand for its own.
     fn add(&mut self, own: PreparedScene, about: About) {
         let first = self.volumes.len();
@@ -84,6 +100,9 @@ impl Scene {
         Some(((lower + upper) / 2.0, (upper - lower) / 2.0))
     }
 }
+
+/// Points from which on a scene is prepared as a stream.
+const STREAMED: usize = 1 << 22;
 
 /// An input's volumes, and how they came about.
 struct Read {
@@ -238,6 +257,39 @@ impl DataOptions {
         }
         scene.up = Up::of_scene(ups);
         Ok(scene)
+    }
+
+    /// An input as a stream of particles, where it is a file of many points of which each becomes one by itself: so many
+    /// that sorting them in memory takes a part of a machine's that counts.
+    pub(crate) fn stream(
+        &self,
+        input: &Input,
+        options: &SampleOptions,
+    ) -> Result<Option<PointFile>> {
+        let is_of_rows = input.edit == Edit::default()
+            && input.field.is_none()
+            && input.function.is_none()
+            && input.time_step.is_none()
+            && self.read_as.is_none()
+            && !self.has_types();
+        let file = match is_of_rows {
+            true => PointFile::open(&input.path, options)?,
+            false => None,
+        };
+        let Some(file) = file.filter(|file| file.len() >= STREAMED) else {
+            return Ok(None);
+        };
+        self.check_surface()?;
+        self.check_spacing()?;
+        self.check_use(&Uses {
+            kinds: vec![Kind::Points],
+            is_classified: false,
+            has_opacity: false,
+            has_file_function: false,
+            for_columns: options.for_columns,
+            of_prepared: None,
+        })?;
+        Ok(Some(file))
     }
 
     /// A prepared scene by the transfer function that is asked for.

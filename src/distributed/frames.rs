@@ -45,19 +45,22 @@ struct Seen {
 
 impl RankFrames {
     /// Of a scene that every rank has: this one keeps the particles of every so many blocks.
-    pub(crate) fn sharing(ranks: Ranks, scene: &mut BlockedScene) -> Self {
+    ///
+    /// # Errors
+    /// Those of [`BlockedScene::keep`].
+    pub(crate) fn sharing(ranks: Ranks, scene: &mut BlockedScene) -> Result<Self> {
         let (size, rank) = (ranks.size(), ranks.rank());
         let own = (0..).zip(scene.volumes());
         let own = own.map(|(v, volume)| runs_in_turn(volume.blocks.len(), size, rank, v));
         let own: Vec<_> = own.collect();
-        scene.keep(&own);
-        Self {
+        scene.keep(&own)?;
+        Ok(Self {
             ranks,
             cpu: CpuFrames::default(),
             own,
             stats: Vec::new(),
             now: RankStats::default(),
-        }
+        })
     }
 
     /// The amplitudes of all ranks' particles.

@@ -13,7 +13,7 @@
 //! | `mpi.rs` | ranks that are processes (feature `mpi`) |
 //! | `ranks.rs` | ranks that know of one another's failures |
 //! | `message.rs` | records as bytes |
-//! | `share.rs`, `rows.rs` | what each rank brings of a scene, and how it travels |
+//! | `share.rs` | what each rank brings of a scene |
 //! | `tiles.rs` | which rank draws which tiles |
 //! | `exchange.rs` | footprints on their way |
 //! | `frames.rs` | frames, stage after stage |
@@ -33,7 +33,6 @@ mod message;
 mod mpi;
 mod ranks;
 mod renderer;
-mod rows;
 mod share;
 mod statistics;
 mod threads;

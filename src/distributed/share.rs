@@ -2,8 +2,8 @@
 
 use super::message::{put, take};
 use super::ranks::Ranks;
-use super::rows::{kind_of, model_scales, refused, rows_of, volume_of};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::scene::rows::{kind_of, model_scales, rows_of, volume_of};
 use crate::scene::{Particles, PointVolume};
 
 /// A rank's share of a scene: some particles of each volume, or none.
@@ -104,6 +104,11 @@ impl Share {
         }
         Ok(())
     }
+}
+
+fn refused(expected: &str, found: &str) -> Error {
+    let advice = "give every rank a share of the same volumes";
+    Error::invalid("scene", "shares of ranks", expected, found, advice)
 }
 
 /// What ranks told of their volumes.

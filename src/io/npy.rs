@@ -49,6 +49,9 @@ pub(crate) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     [MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat()
 }
 
+/// What a table is called.
+pub(super) const TABLE: &str = "NPY particle table";
+
 /// One member of an array's element: the element itself, or a column of a structured array.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Member {
@@ -80,12 +83,16 @@ pub(crate) struct Array<'a> {
 /// # Errors
 /// A broken header, a size that differs from it, or no positions.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
-    table(input.path, "NPY particle table", &input.read_all()?)
+    table(input.path, TABLE, &input.read_all()?)
 }
 
 /// A particle table from the bytes of an array.
 pub(crate) fn table(path: &Path, format: &'static str, bytes: &[u8]) -> Result<Dataset> {
-    let array = parse(path, bytes)?;
+    table_of(path, format, &parse(path, bytes)?)
+}
+
+/// A particle table of an array.
+pub(super) fn table_of(path: &Path, format: &'static str, array: &Array<'_>) -> Result<Dataset> {
     let shape_error = |found: String| {
         Error::format(
             path,
@@ -183,6 +190,47 @@ pub(crate) fn field(name: String, mut components: Vec<crate::scene::Values>) -> 
 }
 
 impl Array<'_> {
+    /// Checks that there are as many bytes after the header as its shape says.
+    pub(super) fn check_len(&self, path: &Path, len: u64) -> Result<()> {
+        let counts = self.shape.iter();
+        let expected = counts.copied().try_fold(self.item_size, usize::checked_mul);
+        if expected.is_some_and(|n| n as u64 == len) {
+            return Ok(());
+        }
+        let shape = &self.shape;
+        Err(Error::format(
+            path,
+            "size",
+            match expected {
+                Some(n) => format!("{n} bytes after the header, for shape {shape:?}"),
+                None => format!("a shape that fits into memory, not {shape:?}"),
+            },
+            format!("{len} bytes"),
+            "the file is cut off or its header is wrong: save the array again",
+        ))
+    }
+
+    /// Bytes of a row of an array of rows, where these lie one after another.
+    pub(super) fn row_len(&self) -> Option<usize> {
+        match self.shape.as_slice() {
+            [_] => Some(self.item_size),
+            [_, columns] if !self.fortran_order => self.item_size.checked_mul(*columns),
+            _ => None,
+        }
+    }
+
+    /// The same array of so many rows.
+    pub(super) fn of_rows<'a>(&self, count: usize, data: &'a [u8]) -> Array<'a> {
+        let mut shape = self.shape.clone();
+        shape[0] = count;
+        Array {
+            members: self.members.clone(),
+            shape,
+            data,
+            ..*self
+        }
+    }
+
     /// The type of a plain array's numbers.
     pub(crate) fn encoding(&self) -> Option<Encoding> {
         match self.members.as_slice() {
@@ -237,6 +285,14 @@ impl Array<'_> {
 
 /// Parses a header and checks it against the bytes that are there.
 pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
+    let (array, start) = parse_header(path, bytes)?;
+    let data = &bytes[start..];
+    array.check_len(path, data.len() as u64)?;
+    Ok(Array { data, ..array })
+}
+
+/// An array without its numbers, and where these begin.
+pub(super) fn parse_header(path: &Path, bytes: &[u8]) -> Result<(Array<'static>, usize)> {
     let broken = |expected: &str, found: String| {
         Error::format(
             path,
@@ -304,30 +360,15 @@ pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Array<'a>> {
         ));
     };
 
-    let data = &bytes[end..];
-    let expected = shape
-        .iter()
-        .try_fold(item_size, |product: usize, &n| product.checked_mul(n));
-    if expected != Some(data.len()) {
-        return Err(Error::format(
-            path,
-            "size",
-            match expected {
-                Some(n) => format!("{n} bytes after the header, for shape {shape:?}"),
-                None => format!("a shape that fits into memory, not {shape:?}"),
-            },
-            format!("{} bytes", data.len()),
-            "the file is cut off or its header is wrong: save the array again",
-        ));
-    }
-    Ok(Array {
+    let array = Array {
         members,
         structured,
         shape,
         fortran_order,
         item_size,
-        data,
-    })
+        data: &[],
+    };
+    Ok((array, end))
 }
 
 /// Adds a column of a structured array, `(name, type)` or `(name, type, shape)`, and returns

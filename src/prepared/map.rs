@@ -9,7 +9,7 @@ use memmap2::Mmap;
 
 use crate::scene::SharedBytes;
 
-/// Maps a file. An empty one has no bytes to map and is an error of the system.
+/// Maps a file that somebody wrote. An empty one has no bytes to map and is an error of the system.
 pub(super) fn map(path: &Path) -> io::Result<SharedBytes> {
     let file = File::open(path)?;
     if !file.metadata()?.is_file() {
@@ -17,6 +17,19 @@ pub(super) fn map(path: &Path) -> io::Result<SharedBytes> {
             "not a regular file, which alone can be mapped",
         ));
     }
+    let map = mapped(&file)?;
+    // Blocks that a frame looks at lie in many places: reading on beyond each would read most of a file.
+    #[cfg(unix)]
+    map.advise(memmap2::Advice::Random)?;
+    Ok(Arc::new(map))
+}
+
+/// Maps a file of this process, which nobody changes any more.
+pub(crate) fn map_file(file: &File) -> io::Result<SharedBytes> {
+    Ok(Arc::new(mapped(file)?))
+}
+
+fn mapped(file: &File) -> io::Result<Mmap> {
     #[allow(
         unsafe_code,
         reason = "a mapped file is a slice only as long as nobody changes the file, which no check can promise: \
@@ -25,12 +38,10 @@ pub(super) fn map(path: &Path) -> io::Result<SharedBytes> {
     // SAFETY: the map is read only and private to this process, lives as long as what refers to it (`Column`), and its
     // bytes are taken as numbers of which every pattern is one. What is outside of this program's power is another
     // process that cuts the file: reading beyond its end is SIGBUS. That files must not change is said where they are
-    // opened.
-    let map = unsafe { Mmap::map(&file)? };
-    // Blocks that a frame looks at lie in many places: reading on beyond each would read most of a file.
-    #[cfg(unix)]
-    map.advise(memmap2::Advice::Random)?;
-    Ok(Arc::new(map))
+    // opened; a temporary file has no name by which another process would find it.
+    unsafe {
+        Mmap::map(file)
+    }
 }
 
 /// Bytes that begin at a multiple of 8, as those of a map do.

@@ -13,18 +13,23 @@
 //! | `write.rs` | a scene to a file |
 //! | `read.rs` | a file to a scene, and what is refused of damaged ones |
 //! | `map.rs` | the one place where a file becomes memory |
+//! | `point_file.rs` | points of a file as a stream of particles |
 
 mod about;
 mod columns;
 mod file;
 mod map;
+mod point_file;
 mod read;
 mod write;
 
 use std::path::Path;
 
 pub use about::About;
+pub(crate) use map::map_file;
+pub use point_file::PointFile;
 
+pub use crate::blocks::ParticleStream;
 use crate::blocks::{BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
 use crate::error::Result;
 use crate::scene::{
@@ -67,6 +72,26 @@ impl PreparedScene {
     pub fn new(volumes: Vec<PointVolume>, options: &SceneOptions) -> Result<Self> {
         Ok(Self {
             scene: BlockedScene::new(volumes, options)?,
+        })
+    }
+
+    /// As [`PreparedScene::new`], of a volume of points that come a part at a time, the same to the last bit. They are
+    /// sorted in temporary files, and so lie in memory what a tree over them knows (some 20 bytes for each while they
+    /// are sorted, where blocks take as many) and a part of them at a time.
+    ///
+    /// - `folder`: where these files may lie, some 80 bytes for each particle. They have no names, and are gone with the
+    ///   scene.
+    ///
+    /// # Errors
+    /// Parts of several kinds; lattices, boundaries, local models and normals, which are made of all particles at once;
+    /// those of the stream; a disk that is full.
+    pub fn of_stream(
+        stream: &mut dyn ParticleStream,
+        options: &SceneOptions,
+        folder: &Path,
+    ) -> Result<Self> {
+        Ok(Self {
+            scene: BlockedScene::of_stream(stream, options, folder)?,
         })
     }
 

@@ -251,7 +251,7 @@ impl Renderer {
     /// # Errors
     /// A rank that is gone.
     pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
-        let mut frames = RankFrames::sharing(ranks, &mut self.scene);
+        let mut frames = RankFrames::sharing(ranks, &mut self.scene)?;
         frames.upload(&self.scene)?;
         self.amplitudes = Some(frames.amplitudes(&self.scene)?);
         self.ranks = Some(frames);

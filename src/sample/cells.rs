@@ -126,7 +126,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         })?
     };
     if kernels.kept.is_empty() {
-        return Err(nothing_left(&dataset, &report));
+        return Err(nothing_left(&dataset.path, &report));
     }
     let first = &duals.first;
     let is_around = options.normals || options.local_models;

@@ -115,7 +115,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         },
     )?;
     if kernels.kept.is_empty() {
-        return Err(nothing_left(&dataset, &report));
+        return Err(nothing_left(&dataset.path, &report));
     }
     if taken.association == Association::Cells && blanking.has_refined_cells() {
         levels::even_out(&mut kernels, options.task.as_ref())?;

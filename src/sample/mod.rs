@@ -329,24 +329,7 @@ fn named(error: Error, file: &Path) -> Error {
 /// columns that contradict each other, a kernel width that is not positive, a transfer
 /// function that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
-    if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
-        return Err(Error::invalid(
-            Parameter::KernelWidth,
-            "value",
-            "a positive number",
-            options.kernel_width.to_string(),
-            format!("{DEFAULT_KERNEL_WIDTH} is the default"),
-        ));
-    }
-    if options.shepard_passes > MOST_SHEPARD_PASSES {
-        return Err(Error::invalid(
-            "sample",
-            "corrections of cell volumes",
-            format!("at most {MOST_SHEPARD_PASSES}"),
-            options.shepard_passes.to_string(),
-            "a few are enough",
-        ));
-    }
+    check_options(options)?;
     dataset.validate()?;
     // Nothing of the data set is left when its field is known.
     let asked = options.field.as_ref();
@@ -393,6 +376,50 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     }
     local_models::complete(&mut sampled.volume, options)?;
     Ok(sampled)
+}
+
+fn check_options(options: &SampleOptions) -> Result<()> {
+    if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
+        return Err(Error::invalid(
+            Parameter::KernelWidth,
+            "value",
+            "a positive number",
+            options.kernel_width.to_string(),
+            format!("{DEFAULT_KERNEL_WIDTH} is the default"),
+        ));
+    }
+    if options.shepard_passes > MOST_SHEPARD_PASSES {
+        return Err(Error::invalid(
+            "sample",
+            "corrections of cell volumes",
+            format!("at most {MOST_SHEPARD_PASSES}"),
+            options.shepard_passes.to_string(),
+            "a few are enough",
+        ));
+    }
+    Ok(())
+}
+
+/// Whether each particle of a data set is made of its own row alone, so that parts of it give parts of its volume: points
+/// that state shapes and strengths, of which no field is asked for.
+pub fn is_of_rows(dataset: &Dataset, options: &SampleOptions) -> bool {
+    matches!(dataset.geometry, Geometry::Points { .. })
+        && options.field.is_none()
+        && options.flatten.is_none()
+        && options.shepard_passes == 0
+        && !options.normals
+        && points::is_of_rows(dataset, options)
+}
+
+/// The same as [`volume`] of some of the rows of such a data set, of which none may be left.
+///
+/// # Errors
+/// Those of [`volume`].
+#[cfg(feature = "prepared")]
+pub(crate) fn rows(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    check_options(options)?;
+    dataset.validate()?;
+    points::of_rows(dataset, options)
 }
 
 /// A point volume of a curvilinear grid in memory, as [`volume`] makes it of a file's.
@@ -568,10 +595,10 @@ fn check_len(dataset: &Dataset, taken: &TakenScalar, expected: usize) -> Result<
 }
 
 /// The error for a data set without anything to draw.
-fn nothing_left(dataset: &Dataset, report: &SampleReport) -> Error {
+pub(crate) fn nothing_left(path: &Path, report: &SampleReport) -> Error {
     let found = report.warnings().join(", ");
     Error::format(
-        &dataset.path,
+        path,
         "samples",
         "at least one that can be drawn",
         if found.is_empty() {

@@ -63,6 +63,22 @@ impl SampleReport {
         }
     }
 
+    /// Adds what was found of other samples of the same data.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.sample_count += other.sample_count;
+        self.particle_count += other.particle_count;
+        for found in &other.findings {
+            let is_same = |own: &&mut Finding| {
+                (own.noun, own.reason, own.left_out) == (found.noun, found.reason, found.left_out)
+            };
+            match self.findings.iter_mut().find(is_same) {
+                Some(own) => own.count += found.count,
+                None => self.findings.push(*found),
+            }
+        }
+    }
+
     /// How many samples were left out.
     pub fn left_out_count(&self) -> usize {
         let left_out = self.findings.iter().filter(|f| f.left_out);

@@ -48,7 +48,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         .filter_map(|(i, row)| row.ok().map(|factor| (index_u32(i), factor)))
         .unzip();
     if kept.is_empty() {
-        return Err(nothing_left(&dataset, &report));
+        return Err(nothing_left(&dataset.path, &report));
     }
     report.particle_count = kept.len();
 

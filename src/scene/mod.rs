@@ -9,6 +9,7 @@ mod lighting;
 mod local_models;
 mod point_volume;
 mod requirements;
+pub(crate) mod rows;
 mod storage;
 mod transfer_function;
 mod values;

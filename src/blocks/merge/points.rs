@@ -14,8 +14,7 @@ use crate::constants::BLOCK_CAPACITY;
 use crate::error::Result;
 use crate::math::{eigen, lower_factor, lower_matrix, symmetric};
 use crate::scene::{
-    BoundaryPlanes, Colour, ColourIn, LocalModels, Strength, StrengthIn, Values, ValuesIn,
-    cut_kernel,
+    BoundaryPlanesIn, ColourIn, LocalModelsIn, Shared, StrengthIn, ValuesIn, cut_kernel,
 };
 use crate::task::{Stage, Task};
 
@@ -26,11 +25,11 @@ pub(in crate::blocks) struct Source<'a> {
     pub(in crate::blocks) shapes: Shapes<'a>,
     /// Least and greatest standard deviation of each that is no sphere.
     pub(in crate::blocks) principal: &'a [[f32; 2]],
-    pub(in crate::blocks) strength: &'a Strength,
-    pub(in crate::blocks) colour: &'a Colour,
-    pub(in crate::blocks) values: Option<&'a Values>,
-    pub(in crate::blocks) models: Option<&'a LocalModels>,
-    pub(in crate::blocks) boundary: Option<&'a BoundaryPlanes>,
+    pub(in crate::blocks) strength: &'a StrengthIn<Shared>,
+    pub(in crate::blocks) colour: &'a ColourIn<Shared>,
+    pub(in crate::blocks) values: Option<&'a ValuesIn<Shared>>,
+    pub(in crate::blocks) models: Option<&'a LocalModelsIn<Shared>>,
+    pub(in crate::blocks) boundary: Option<&'a BoundaryPlanesIn<Shared>>,
 }
 
 /// Shapes of particles.
@@ -557,7 +556,7 @@ impl MergedPoints {
             },
             colour: match source.colour {
                 ColourIn::PerParticle(_) => ColourIn::PerParticle(colours.into()),
-                other => other.clone().shared(),
+                other => other.clone(),
             },
             values: source.values.map(|_| ValuesIn::F32(values.into())),
             transfer_function: None,
@@ -590,7 +589,7 @@ mod tests {
             DVec3::from(p) * if n.is_multiple_of(500) { 40.0 } else { 1.0 }
         };
         let scattered: Vec<DVec3> = (0..COUNT).map(at).collect();
-        let (tree, order) = Tree::over(&scattered);
+        let (tree, order) = Tree::over(&scattered, &[]);
         let positions: Vec<DVec3> = order.iter().map(|&i| scattered[i as usize]).collect();
         let of = |k: usize| (0..COUNT).map(move |n| number(5 * n + k) as f32);
         let factors: Vec<[f32; 6]> = of(0)

@@ -90,6 +90,21 @@ impl<'a> Columns<'a> {
         }
     }
 
+    /// Whether there are shapes, of a table.
+    pub(super) fn states_shape(&self) -> bool {
+        let lengths = ["sigma", "radius", self.names().0];
+        let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
+        lengths.into_iter().any(is_there)
+            || matches!(self.set(VARIANCE), Ok(Some(_)))
+            || matches!(self.set(SCALES), Ok(Some(_)))
+    }
+
+    /// Whether there are strengths, of a table.
+    pub(super) fn states_strength(&self) -> bool {
+        let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
+        ["mass", "extinction", "opacity"].into_iter().any(is_there)
+    }
+
     /// All columns of a set, or none; some of them are an error.
     pub(super) fn set<const N: usize>(&self, names: [&str; N]) -> Result<Option<[&'a Values; N]>> {
         let mut columns = Vec::with_capacity(N);

@@ -13,8 +13,8 @@ use self::mass::Mass;
 use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
-    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, TransferChoice, check_count,
-    index_u32, keep, narrowed, nothing_left, take_scalar, under_function,
+    DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, SampleReport, Sampled, TransferChoice,
+    check_count, index_u32, keep, narrowed, nothing_left, take_scalar, under_function,
 };
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
@@ -48,7 +48,31 @@ struct Particle {
     colour: [f32; 3],
 }
 
-pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    of_some(dataset, options, false)
+}
+
+/// Whether each particle is made of its own row alone.
+pub(super) fn is_of_rows(dataset: &Dataset, options: &SampleOptions) -> bool {
+    let Geometry::Points { positions } = &dataset.geometry else {
+        return false;
+    };
+    let columns = Columns {
+        dataset,
+        count: positions.len(),
+    };
+    options.shape != ParticleShape::YuTurk
+        && (options.radius.is_some() || columns.states_shape())
+        && columns.states_strength()
+}
+
+/// A volume of some of the rows of a data set, of which none may be left.
+#[cfg(feature = "prepared")]
+pub(super) fn of_rows(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+    of_some(dataset, options, true)
+}
+
+fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) -> Result<Sampled> {
     let Geometry::Points { positions } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
@@ -215,8 +239,8 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
             "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
         );
     }
-    if kept.is_empty() {
-        return Err(nothing_left(&dataset, &report));
+    if kept.is_empty() && !may_be_empty {
+        return Err(nothing_left(&dataset.path, &report));
     }
     report.particle_count = kept.len();
 

@@ -7,12 +7,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-use crate::error::{Error, Result};
-use crate::math::harmonics_count;
-use crate::scene::{
+use super::{
     Boundary, BoundaryPlanes, Colour, LocalModels, MOST_EDGES, Particles, PointVolume, Strength,
     Values,
 };
+use crate::error::{Error, Result};
+use crate::math::harmonics_count;
 
 /// Where the domain cuts a particle, or that it does not.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -82,7 +82,7 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
 }
 
 /// The particles of a set of points as rows: the number of each, and what is stored of it.
-pub(super) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
+pub(crate) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
     let columns = columns(volume);
     let stride = stride(&columns);
     let mut rows = vec![0; numbers.len() * stride];
@@ -101,6 +101,12 @@ pub(super) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
 
 fn stride(columns: &[Column<'_>]) -> usize {
     8 + columns.iter().map(|(size, _)| size).sum::<usize>()
+}
+
+/// Bytes of each of a volume's rows.
+#[cfg(feature = "prepared")]
+pub(crate) fn row_len(volume: &PointVolume) -> usize {
+    stride(&columns(volume))
 }
 
 /// Rows of a volume in the order of their numbers.
@@ -127,7 +133,7 @@ impl Sorted<'_> {
 ///
 /// # Errors
 /// A number that two particles have; rows of another kind of volume.
-pub(super) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolume> {
+pub(crate) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolume> {
     let stride = stride(&columns(like));
     if parts.iter().any(|part| part.len() % stride != 0) {
         return Err(refused("particles of one kind", "particles of several"));
@@ -218,7 +224,7 @@ fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {
 /// A number for all that volumes have besides their particles, the same on ranks that may share one.
 ///
 /// Scales of local models are part of it where there are any particles: their codes mean nothing without.
-pub(super) fn kind_of(volume: &PointVolume) -> u64 {
+pub(crate) fn kind_of(volume: &PointVolume) -> u64 {
     let mut words = String::new();
     let mut say = |what: &dyn std::fmt::Debug| {
         // Writing to a string does not fail.
@@ -262,13 +268,13 @@ pub(super) fn kind_of(volume: &PointVolume) -> u64 {
     hasher.finish()
 }
 
-pub(super) fn refused(expected: &str, found: &str) -> Error {
-    let advice = "give every rank a share of the same volumes";
-    Error::invalid("scene", "shares of ranks", expected, found, advice)
+fn refused(expected: &str, found: &str) -> Error {
+    let advice = "give parts of the same volumes";
+    Error::invalid("scene", "parts of a volume", expected, found, advice)
 }
 
 /// The scales of a volume's local models, where it has any particles with some.
-pub(super) fn model_scales(volume: &PointVolume) -> Option<[f32; 2]> {
+pub(crate) fn model_scales(volume: &PointVolume) -> Option<[f32; 2]> {
     let models = volume.local_models.as_ref().filter(|m| !m.is_empty());
     models.map(LocalModels::scales)
 }

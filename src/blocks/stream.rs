@@ -1,0 +1,705 @@
+//! Points that come a part at a time, sorted on the disk: no more of them lies in memory than a sort of a part of them
+//! takes, and what the tree over all knows of each.
+//!
+//! 1. What box they fill, and a sample of them, along Morton's curve through that box, which cuts the curve into buckets
+//!    of about equal size.
+//! 2. Their rows, each to the end of its bucket's, in a temporary file.
+//! 3. One bucket after another, sorted along the curve, as columns. They are in the order of the tree's chunks then, so
+//!    that the tree and what is made of it reads of the disk what it reads of memory otherwise, and is the same to the
+//!    last bit.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::build::{BuildOptions, Ordered, Sorted, block_order, build_sorted};
+use super::points::{PointShapes, Points, Rest};
+use super::room::{ColumnBuilder, MEMORY, Room, failed, nameless};
+use super::tree::{CHUNK, Curve};
+use super::{BlockedVolume, SceneOptions};
+use crate::error::{Error, Result};
+use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};
+use crate::scene::{ColourIn, Particles, PointVolume, Shared, Storage, StrengthIn, ValuesIn};
+use crate::task::{Stage, Task};
+
+/// Points that come a part at a time, in their order, as often as they are asked for.
+pub trait ParticleStream {
+    /// How many there are, for whoever waits; some may be left out.
+    fn len(&self) -> usize;
+
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Calls `each` with all of them, in parts: volumes of one kind, which differ in their particles alone. Every time
+    /// the same.
+    ///
+    /// # Errors
+    /// Those of `each`, and of whatever the particles come from.
+    fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()>;
+}
+
+/// How much lies in memory at a time.
+#[derive(Debug, Clone, Copy)]
+struct Sizes {
+    /// Points of a bucket, about.
+    bucket: usize,
+    /// One of so many points is looked at to cut the curve.
+    stride: usize,
+    /// Bytes of a bucket that are written at a time, about.
+    piece: usize,
+}
+
+const SIZES: Sizes = Sizes {
+    bucket: 1 << 20,
+    stride: 64,
+    piece: 1 << 17,
+};
+
+/// Points in blocks, and their levels of detail: what [`build`](super::build::build) makes of all of them.
+///
+/// - `folder`: where temporary files may lie, some 80 bytes for each.
+///
+/// # Errors
+/// Parts of several kinds, or what cannot be sorted so ([`check`]); those of the stream; a disk that is full; cancelled.
+pub(super) fn build_stream(
+    stream: &mut dyn ParticleStream,
+    options: &SceneOptions,
+    folder: &Path,
+) -> Result<Vec<BlockedVolume>> {
+    let task = options.task.as_ref();
+    let sorted = sorted(stream, SIZES, folder, task)?;
+    let build_options = BuildOptions {
+        detail: options.level_of_detail,
+        indices: options.keep_indices,
+    };
+    build_sorted(sorted, build_options, Room::Folder(folder), task)
+}
+
+fn sorted(
+    stream: &mut dyn ParticleStream,
+    sizes: Sizes,
+    folder: &Path,
+    task: Option<&Task>,
+) -> Result<Sorted> {
+    let room = Room::Folder(folder);
+    let survey = Survey::of(stream, sizes, task)?;
+    let curve = Curve::through(survey.lower, survey.upper);
+    let cuts = survey.cuts(&curve, sizes);
+    let buckets = Buckets::fill(stream, &survey.like, curve, cuts, (sizes, folder), task)?;
+    let like = survey.like;
+    let mut builder = PointsBuilder::new(&like, survey.count, room)?;
+    let stage = Stage::new(task, "sorting along a curve", survey.count);
+    buckets.for_each(&like, |volume, numbers, is_one_cell| {
+        stage.check()?;
+        let order: Vec<u32> = if is_one_cell {
+            (0..numbers.len() as u32).collect()
+        } else {
+            let positions = volume.particles.positions().par_iter();
+            let mut keys: Vec<(u32, u32)> = positions
+                .zip(0..numbers.len() as u32)
+                .map(|(p, i)| (curve.cell(*p), i))
+                .collect();
+            keys.par_sort_unstable();
+            keys.into_iter().map(|(_, i)| i).collect()
+        };
+        let Some((points, _)) = Points::of(volume) else {
+            return Ok(());
+        };
+        let numbers: Vec<u32> = order.iter().map(|&i| numbers[i as usize]).collect();
+        builder.extend(&points.gather(&order, MEMORY)?, &numbers)?;
+        stage.advance(order.len());
+        Ok(())
+    })?;
+    let (points, numbers) = builder.finish(&like)?;
+    let stage = Stage::new(task, "sorting into blocks", 1);
+    let Ordered { order, runs, tree } = block_order(&points.positions, &numbers);
+    stage.advance(1);
+    stage.check()?;
+    Ok(Sorted {
+        points: points.gather(&order, room)?,
+        numbers: room.pick(numbers, &order)?,
+        runs,
+        tree,
+        transfer_function: like.transfer_function,
+    })
+}
+
+/// What is known of points after a first look.
+struct Survey {
+    /// A volume of their kind without any.
+    like: PointVolume,
+    /// How many have a place.
+    count: usize,
+    lower: DVec3,
+    upper: DVec3,
+    /// Some of them.
+    sample: Vec<DVec3>,
+}
+
+impl Survey {
+    fn of(stream: &mut dyn ParticleStream, sizes: Sizes, task: Option<&Task>) -> Result<Self> {
+        let stage = Stage::new(task, "looking at all particles", stream.len());
+        let mut like: Option<(PointVolume, u64)> = None;
+        let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (mut count, mut sample) = (0, Vec::new());
+        stream.for_each(&mut |part| {
+            stage.check()?;
+            part.validate()?;
+            check(&part)?;
+            let kind = kind_of(&part);
+            if like.as_ref().is_some_and(|(_, own)| *own != kind) {
+                return Err(refused("parts of one kind", "parts of several kinds"));
+            }
+            for p in part.particles.positions() {
+                if p.is_finite() {
+                    (lower, upper) = (lower.min(*p), upper.max(*p));
+                    if count % sizes.stride == 0 {
+                        sample.push(*p);
+                    }
+                    count += 1;
+                }
+            }
+            stage.advance(part.particles.len());
+            if like.is_none() {
+                like = Some((volume_of(&[], &part)?, kind));
+            }
+            Ok(())
+        })?;
+        let Some((like, _)) = like else {
+            return Err(refused("particles", "none"));
+        };
+        super::scene::check_count(count)?;
+        Ok(Self {
+            like,
+            count,
+            lower,
+            upper,
+            sample,
+        })
+    }
+
+    /// The first cells of all buckets along the curve, ascending; the first of them is 0.
+    fn cuts(&self, curve: &Curve, sizes: Sizes) -> Vec<u32> {
+        let mut cuts = vec![0];
+        // The tree leaves few points in the order that they come in.
+        if self.count <= CHUNK {
+            return cuts;
+        }
+        let mut cells: Vec<u32> = self.sample.par_iter().map(|p| curve.cell(*p)).collect();
+        cells.par_sort_unstable();
+        let mut since = 0;
+        for cell in cells.chunk_by(|a, b| a == b) {
+            // A cell that fills a bucket alone has one: it needs no sorting.
+            let own = cell.len() * sizes.stride;
+            let is_full = own >= sizes.bucket;
+            if (is_full || since + own > sizes.bucket) && since > 0 && cuts.last() != Some(&cell[0])
+            {
+                cuts.push(cell[0]);
+                since = 0;
+            }
+            since += own;
+            if is_full && cell[0] < u32::MAX {
+                cuts.push(cell[0] + 1);
+                since = 0;
+            }
+        }
+        cuts
+    }
+}
+
+/// Rows of points in a file, those of each bucket in pieces.
+struct Buckets<'a> {
+    folder: &'a Path,
+    file: File,
+    curve_buckets: Vec<Bucket>,
+    row: usize,
+    /// About so many rows are looked at together where they need no sorting.
+    batch: usize,
+}
+
+struct Bucket {
+    /// Whether all its points lie in one cell, or stay in the order that they came in.
+    is_one_cell: bool,
+    /// What is not yet written.
+    rest: Vec<u8>,
+    /// Where pieces lie in the file, and how long they are.
+    pieces: Vec<(u64, usize)>,
+}
+
+impl<'a> Buckets<'a> {
+    /// Goes through all points a second time.
+    fn fill(
+        stream: &mut dyn ParticleStream,
+        like: &PointVolume,
+        curve: Curve,
+        cuts: Vec<u32>,
+        (sizes, folder): (Sizes, &'a Path),
+        task: Option<&Task>,
+    ) -> Result<Self> {
+        let stage = Stage::new(task, "writing them near to one another", stream.len());
+        let ends = cuts.iter().skip(1).copied().map(Some).chain([None]);
+        let bucket = |(first, end): (&u32, Option<u32>)| Bucket {
+            is_one_cell: cuts.len() == 1 || end.is_some_and(|end| end == first + 1),
+            rest: Vec::new(),
+            pieces: Vec::new(),
+        };
+        let mut own = Self {
+            folder,
+            file: nameless(folder)?,
+            curve_buckets: cuts.iter().zip(ends).map(bucket).collect(),
+            row: row_len(like),
+            batch: sizes.bucket,
+        };
+        let (mut number, mut end) = (0, 0);
+        stream.for_each(&mut |part| {
+            stage.check()?;
+            let numbers: Vec<u64> = (number..number + part.particles.len() as u64).collect();
+            let rows = rows_of(&part, &numbers);
+            let positions = part.particles.positions().par_iter();
+            let bucket_of = |p: &DVec3| {
+                let is_there = p.is_finite();
+                is_there.then(|| cuts.partition_point(|cut| *cut <= curve.cell(*p)) - 1)
+            };
+            let places: Vec<Option<usize>> = positions.map(bucket_of).collect();
+            for (row, place) in rows.chunks_exact(own.row).zip(places) {
+                // What has no place is in no block, and has no number.
+                let Some(place) = place else {
+                    continue;
+                };
+                let bucket = &mut own.curve_buckets[place];
+                bucket.rest.extend_from_slice(&number.to_le_bytes());
+                bucket.rest.extend_from_slice(&row[8..]);
+                number += 1;
+                if bucket.rest.len() >= sizes.piece {
+                    own.file
+                        .write_all(&bucket.rest)
+                        .map_err(|e| failed(folder, e))?;
+                    bucket.pieces.push((end, bucket.rest.len()));
+                    end += bucket.rest.len() as u64;
+                    bucket.rest.clear();
+                }
+            }
+            stage.advance(part.particles.len());
+            Ok(())
+        })?;
+        Ok(own)
+    }
+
+    /// Calls `each` with the points of one bucket after another, in the order that they came in, with their numbers and
+    /// whether they need no sorting: of such a bucket a part at a time.
+    fn for_each(
+        mut self,
+        like: &PointVolume,
+        mut each: impl FnMut(PointVolume, &[u32], bool) -> Result<()>,
+    ) -> Result<()> {
+        let mut rows = Vec::new();
+        for bucket in std::mem::take(&mut self.curve_buckets) {
+            rows.clear();
+            let mut hand_over = |rows: &mut Vec<u8>| {
+                if rows.is_empty() {
+                    return Ok(());
+                }
+                let number = |row: &[u8]| row.first_chunk().map_or(0, |n| u64::from_le_bytes(*n));
+                // Fewer than 2^32 were counted.
+                let of_rows = rows.par_chunks_exact(self.row);
+                let numbers: Vec<u32> = of_rows.map(|row| number(row) as u32).collect();
+                let volume = volume_of(&[rows], like)?;
+                rows.clear();
+                each(volume, &numbers, bucket.is_one_cell)
+            };
+            for (place, len) in bucket.pieces {
+                let start = rows.len();
+                rows.resize(start + len, 0);
+                let file = &mut self.file;
+                file.seek(SeekFrom::Start(place))
+                    .and_then(|_| file.read_exact(&mut rows[start..]))
+                    .map_err(|e| failed(self.folder, e))?;
+                if bucket.is_one_cell && rows.len() >= self.batch * self.row {
+                    hand_over(&mut rows)?;
+                }
+            }
+            rows.extend_from_slice(&bucket.rest);
+            hand_over(&mut rows)?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses what is not carried from the stream to the disk.
+fn check(part: &PointVolume) -> Result<()> {
+    let found = if matches!(part.particles, Particles::Lattice { .. }) {
+        "a lattice"
+    } else if part.boundary.is_some() {
+        "particles that a boundary cuts"
+    } else if part.local_models.is_some() {
+        "particles with local models"
+    } else if part.normals.is_some() {
+        "particles with normals"
+    } else {
+        return Ok(());
+    };
+    let expected = "points with shapes, strengths, colours and values alone";
+    Err(refused(expected, found))
+}
+
+fn refused(expected: &str, found: &str) -> Error {
+    let advice = "make the scene of all of them at once";
+    Error::invalid("scene", "stream of particles", expected, found, advice)
+}
+
+/// Columns of points in the making.
+struct PointsBuilder<'a> {
+    positions: ColumnBuilder<'a, DVec3>,
+    numbers: ColumnBuilder<'a, u32>,
+    sigmas: ColumnBuilder<'a, f32>,
+    shapes: ColumnBuilder<'a, [f32; 6]>,
+    strengths: ColumnBuilder<'a, f32>,
+    colours: ColumnBuilder<'a, [f32; 3]>,
+    coefficients: ColumnBuilder<'a, f32>,
+    values: Option<ValuesBuilder<'a>>,
+}
+
+enum ValuesBuilder<'a> {
+    U8(ColumnBuilder<'a, u8>),
+    I16(ColumnBuilder<'a, i16>),
+    U16(ColumnBuilder<'a, u16>),
+    F32(ColumnBuilder<'a, f32>),
+}
+
+impl<'a> PointsBuilder<'a> {
+    fn new(like: &PointVolume, count: usize, room: Room<'a>) -> Result<Self> {
+        use crate::scene::Values;
+        Ok(Self {
+            positions: room.column(count)?,
+            numbers: room.column(count)?,
+            sigmas: room.column(0)?,
+            shapes: room.column(0)?,
+            strengths: room.column(count)?,
+            colours: room.column(0)?,
+            coefficients: room.column(0)?,
+            values: match &like.values {
+                None => None,
+                Some(Values::U8(_)) => Some(ValuesBuilder::U8(room.column(count)?)),
+                Some(Values::I16(_)) => Some(ValuesBuilder::I16(room.column(count)?)),
+                Some(Values::U16(_)) => Some(ValuesBuilder::U16(room.column(count)?)),
+                Some(Values::F32(_)) => Some(ValuesBuilder::F32(room.column(count)?)),
+            },
+        })
+    }
+
+    fn extend(&mut self, points: &Points, numbers: &[u32]) -> Result<()> {
+        self.positions.extend(&points.positions)?;
+        self.numbers.extend(numbers)?;
+        match &points.shapes {
+            PointShapes::Spheres(sigmas) => self.sigmas.extend(sigmas)?,
+            PointShapes::Ellipsoids(shapes)
+            | PointShapes::Surfels {
+                tangents: shapes, ..
+            } => self.shapes.extend(shapes)?,
+        }
+        self.strengths.extend(points.rest.strength.stored())?;
+        match &points.rest.colour {
+            ColourIn::PerParticle(colours) => self.colours.extend(colours)?,
+            ColourIn::Harmonics { coefficients, .. } => self.coefficients.extend(coefficients)?,
+            ColourIn::Classified | ColourIn::Uniform(_) => {}
+        }
+        match (&mut self.values, &points.rest.values) {
+            (Some(ValuesBuilder::U8(own)), Some(ValuesIn::U8(values))) => own.extend(values),
+            (Some(ValuesBuilder::I16(own)), Some(ValuesIn::I16(values))) => own.extend(values),
+            (Some(ValuesBuilder::U16(own)), Some(ValuesIn::U16(values))) => own.extend(values),
+            (Some(ValuesBuilder::F32(own)), Some(ValuesIn::F32(values))) => own.extend(values),
+            _ => Ok(()),
+        }
+    }
+
+    /// All of them, and their numbers.
+    fn finish(self, like: &PointVolume) -> Result<(Points, <Shared as Storage>::Of<u32>)> {
+        let strengths = self.strengths.finish()?;
+        let points = Points {
+            positions: self.positions.finish()?,
+            shapes: match like.particles {
+                Particles::Surfels { is_one_sided, .. } => PointShapes::Surfels {
+                    tangents: self.shapes.finish()?,
+                    is_one_sided,
+                },
+                Particles::Isotropic { .. } => PointShapes::Spheres(self.sigmas.finish()?),
+                _ => PointShapes::Ellipsoids(self.shapes.finish()?),
+            },
+            rest: Rest {
+                strength: match like.strength {
+                    StrengthIn::Classified { .. } => StrengthIn::Classified { volumes: strengths },
+                    StrengthIn::Mass(_) => StrengthIn::Mass(strengths),
+                    StrengthIn::Surface(_) => StrengthIn::Surface(strengths),
+                    StrengthIn::Translucent(_) => StrengthIn::Translucent(strengths),
+                    StrengthIn::PeakOpacity {
+                        is_anti_aliased, ..
+                    } => StrengthIn::PeakOpacity {
+                        opacities: strengths,
+                        is_anti_aliased,
+                    },
+                },
+                colour: match like.colour {
+                    ColourIn::PerParticle(_) => ColourIn::PerParticle(self.colours.finish()?),
+                    ColourIn::Harmonics { degree, .. } => ColourIn::Harmonics {
+                        degree,
+                        coefficients: self.coefficients.finish()?,
+                    },
+                    ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
+                    ColourIn::Classified => ColourIn::Classified,
+                },
+                values: match self.values {
+                    None => None,
+                    Some(ValuesBuilder::U8(own)) => Some(ValuesIn::U8(own.finish()?)),
+                    Some(ValuesBuilder::I16(own)) => Some(ValuesIn::I16(own.finish()?)),
+                    Some(ValuesBuilder::U16(own)) => Some(ValuesIn::U16(own.finish()?)),
+                    Some(ValuesBuilder::F32(own)) => Some(ValuesIn::F32(own.finish()?)),
+                },
+                boundary: None,
+                normals: None,
+                local_models: None,
+            },
+        };
+        Ok((points, self.numbers.finish()?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::BlockedParticles;
+    use super::super::build::build;
+    use super::*;
+    use crate::scene::{Colour, Strength, Values};
+
+    /// Parts of a volume, each of another length.
+    struct Parts(PointVolume);
+
+    impl ParticleStream for Parts {
+        fn len(&self) -> usize {
+            self.0.particles.len()
+        }
+
+        fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
+            let (mut first, mut len) = (0, 1);
+            while first < self.len() {
+                let end = self.len().min(first + len);
+                let numbers: Vec<u64> = (0..self.len() as u64).collect();
+                let rows = rows_of(&self.0, &numbers);
+                let row = row_len(&self.0);
+                each(volume_of(&[&rows[first * row..end * row]], &self.0)?)?;
+                first = end;
+                len = 7 * len % 90_001 + 30_000;
+            }
+            Ok(())
+        }
+    }
+
+    /// Numbers without a pattern, 0 to 1.
+    fn number(n: usize) -> f64 {
+        ((n as f64 * 12.9898).sin() * 43_758.547).fract().abs()
+    }
+
+    fn scattered(count: usize) -> Vec<DVec3> {
+        let at = |n: usize| DVec3::new(number(3 * n), number(3 * n + 1), number(3 * n + 2));
+        (0..count).map(at).collect()
+    }
+
+    fn some(count: usize, k: usize) -> Vec<f32> {
+        (0..count).map(|n| number(5 * n + k) as f32).collect()
+    }
+
+    /// Spheres with masses.
+    fn spheres(positions: Vec<DVec3>) -> PointVolume {
+        let count = positions.len();
+        let sigmas: Vec<f32> = some(count, 1).iter().map(|s| 0.001 + 0.01 * s).collect();
+        PointVolume::spheres(positions, sigmas).with_masses(some(count, 2))
+    }
+
+    fn volumes() -> Vec<PointVolume> {
+        let crowd = |len: usize| {
+            let mut all = scattered(90_000);
+            all.splice(1_000..1_000, vec![DVec3::new(0.3, 0.4, 0.5); len]);
+            all
+        };
+        let mut cluster: Vec<DVec3> = scattered(100_000).iter().map(|p| *p * 1e-5).collect();
+        cluster.splice(500..500, scattered(3_000).iter().map(|p| *p * 1e3 - 7.0));
+        let mut placeless = scattered(80_000);
+        for i in [0, 7, 40_000, 79_999] {
+            placeless[i].y = f64::NAN;
+        }
+        let count = 120_000;
+        let shapes = |k: usize| -> Vec<[f32; 6]> {
+            let all = some(count, k).into_iter().zip(some(count, k + 1));
+            all.map(|(a, b)| [a, b, b, 0.1, a - b, 0.2].map(|l| 0.01 * l))
+                .collect()
+        };
+        let colours: Vec<[f32; 3]> = some(count, 3).iter().map(|c| [*c, 1.0 - c, 0.5]).collect();
+        let coloured = PointVolume {
+            particles: Particles::Anisotropic {
+                positions: scattered(count),
+                factors: shapes(6),
+            },
+            strength: Strength::Classified {
+                volumes: some(count, 9),
+            },
+            colour: Colour::PerParticle(colours),
+            // Many are equal: within their block, they are in the order of their numbers.
+            values: Some(Values::U8((0..count).map(|n| (n % 7) as u8).collect())),
+            transfer_function: Some(
+                crate::scene::TransferFunction::from_curves(|_| [1.0; 3], |v| v, [0.0, 7.0], 1.0)
+                    .unwrap(),
+            ),
+            boundary: None,
+            normals: None,
+            local_models: None,
+        };
+        let surfels = PointVolume {
+            particles: Particles::Surfels {
+                positions: scattered(count),
+                tangents: shapes(11),
+                is_one_sided: true,
+            },
+            strength: Strength::Surface(some(count, 12)),
+            colour: Colour::Harmonics {
+                degree: 1,
+                coefficients: some(12 * count, 13),
+            },
+            values: None,
+            transfer_function: None,
+            boundary: None,
+            normals: None,
+            local_models: None,
+        };
+        vec![
+            spheres(scattered(200_000)),
+            spheres(crowd(CHUNK + 20_000)),
+            spheres(crowd(9_000)),
+            spheres(cluster),
+            spheres(placeless),
+            spheres(scattered(10_000)),
+            spheres(scattered(100)),
+            coloured,
+            surfels,
+        ]
+    }
+
+    fn assert_same(own: &[BlockedVolume], all: &[BlockedVolume]) {
+        assert_eq!(own.len(), all.len());
+        for (a, b) in own.iter().zip(all) {
+            assert_eq!(a.blocks, b.blocks);
+            match (&a.particles, &b.particles) {
+                (
+                    BlockedParticles::Isotropic { offsets, sigmas },
+                    BlockedParticles::Isotropic {
+                        offsets: o,
+                        sigmas: s,
+                    },
+                ) => assert!(offsets == o && sigmas == s),
+                (
+                    BlockedParticles::Anisotropic { offsets, factors }
+                    | BlockedParticles::Surfels {
+                        offsets,
+                        tangents: factors,
+                        ..
+                    },
+                    BlockedParticles::Anisotropic {
+                        offsets: o,
+                        factors: f,
+                    }
+                    | BlockedParticles::Surfels {
+                        offsets: o,
+                        tangents: f,
+                        ..
+                    },
+                ) => assert!(offsets == o && factors == f),
+                _ => panic!("particles of two kinds"),
+            }
+            assert!(a.strength == b.strength && a.colour == b.colour && a.values == b.values);
+            assert_eq!(a.indices, b.indices);
+            assert_eq!(a.transfer_function, b.transfer_function);
+            let (a, b) = (a.merged.as_ref(), b.merged.as_ref());
+            assert_eq!(a.map(|m| &m.spreads), b.map(|m| &m.spreads));
+            assert_eq!(a.map(|m| &m.member_depths), b.map(|m| &m.member_depths));
+            let bounds = |m: Option<&crate::blocks::Merged>| {
+                m.map(|m| bytemuck::cast_slice::<_, u32>(&m.bounds).to_vec())
+            };
+            assert_eq!(bounds(a), bounds(b));
+        }
+    }
+
+    #[test]
+    fn a_stream_makes_the_blocks_that_all_particles_make_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = BuildOptions {
+            detail: true,
+            indices: true,
+        };
+        let sizes = Sizes {
+            bucket: 7_000,
+            stride: 16,
+            piece: 1_000,
+        };
+        for volume in volumes() {
+            // Numbers are those of points with a place.
+            let indices = volume.particles.positions().iter().all(|p| p.is_finite());
+            let options = BuildOptions { indices, ..options };
+            let all = build(volume.clone(), options, None).unwrap();
+            let room = Room::Folder(folder.path());
+            let sorted = sorted(&mut Parts(volume), sizes, folder.path(), None).unwrap();
+            let own = build_sorted(sorted, options, room, None).unwrap();
+            assert_same(&own, &all);
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn buckets_are_runs_of_cells_and_full_cells_lie_alone() {
+        let mut positions = scattered(60_000);
+        positions.extend(vec![DVec3::splat(0.25); 20_000]);
+        let sizes = Sizes {
+            bucket: 5_000,
+            stride: 8,
+            piece: 1_000,
+        };
+        let survey = Survey::of(&mut Parts(spheres(positions)), sizes, None).unwrap();
+        assert_eq!(survey.count, 80_000);
+        let curve = Curve::through(survey.lower, survey.upper);
+        let cuts = survey.cuts(&curve, sizes);
+        assert!(cuts[0] == 0 && cuts.windows(2).all(|w| w[0] < w[1]));
+        assert!((13..30).contains(&cuts.len()), "{}", cuts.len());
+        let full = curve.cell(DVec3::splat(0.25));
+        assert!(cuts.windows(2).any(|w| w == [full, full + 1]));
+    }
+
+    #[test]
+    fn what_is_not_carried_is_refused_and_so_are_several_kinds() {
+        struct Two(Vec<PointVolume>);
+        impl ParticleStream for Two {
+            fn len(&self) -> usize {
+                2
+            }
+
+            fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
+                self.0.iter().cloned().try_for_each(each)
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let said = |volumes: Vec<PointVolume>| {
+            let made = build_stream(&mut Two(volumes), &SceneOptions::default(), folder.path());
+            made.unwrap_err().to_string()
+        };
+        let ball = spheres(scattered(3));
+        let coloured = ball.clone().with_colour([0.5; 3]);
+        assert!(said(vec![ball.clone(), coloured]).contains("several kinds"));
+        let lit = PointVolume {
+            normals: Some(vec![0; 3]),
+            ..ball
+        };
+        assert!(said(vec![lit]).contains("normals"));
+        assert!(said(vec![]).contains("none"));
+    }
+}
