@@ -4,8 +4,7 @@ use std::cell::Cell;
 use std::fs::read_to_string;
 use std::path::Path;
 
-#[cfg(feature = "cli")]
-use crate::error::{Error, Result};
+use crate::error::{Error, Place, Result};
 
 thread_local!(static TRIES: Cell<bool> = const { Cell::new(false) });
 
@@ -110,14 +109,34 @@ pub(crate) fn check(count: usize, each: usize) -> Result<()> {
                 gigabytes(needed)
             ),
             format!("{}, which {whose}", gigabytes(left)),
-            "take a part of the data (--crop), or prepare the scene where there is more (convert --out FILE.arrow): it is \
-             then drawn from the disk",
+            "take a part of the data (--crop), or prepare the scene (convert --out FILE.arrow; of what is no stream where there \
+             is more memory): it is then drawn from the disk",
         )),
         _ => Ok(()),
     }
 }
 
-#[cfg(feature = "cli")]
+/// Refuses numbers for which there is no room, before any of them is read.
+///
+/// - `bytes`: what they take in memory, as a header says.
+pub(crate) fn check_room(path: &Path, place: impl Into<Place>, bytes: u64) -> Result<()> {
+    /// Of fewer the system is not asked, which takes some reading.
+    const LEAST: u64 = 1 << 28;
+    if bytes < LEAST {
+        return Ok(());
+    }
+    match left() {
+        Some((left, whose)) if bytes > left => Err(Error::format(
+            path,
+            place,
+            format!("numbers that fit into {}, which {whose}", gigabytes(left)),
+            gigabytes(bytes),
+            "read it where there is more memory, or save a part of it",
+        )),
+        _ => Ok(()),
+    }
+}
+
 fn gigabytes(bytes: u64) -> String {
     format!("{:.2} GB", bytes as f64 * 1e-9)
 }
@@ -161,6 +180,21 @@ mod tests {
             let error = check(usize::MAX / 256, 200).unwrap_err().to_string();
             assert!(
                 error.starts_with("memory: ") && error.contains("--crop"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn numbers_without_room_are_refused_by_what_a_header_says() {
+        let path = Path::new("a.nrrd");
+        assert!(check_room(path, "header, the sizes", 1 << 20).is_ok());
+        if left().is_some() {
+            let error = check_room(path, "header, the sizes", 1 << 60);
+            let error = error.unwrap_err().to_string();
+            assert!(
+                error.starts_with("a.nrrd: header, the sizes: ")
+                    && error.contains("found 11529215"),
                 "{error}"
             );
         }

@@ -103,6 +103,9 @@ impl PrepareOptions {
         };
         let (prepared, about) = match streamed {
             Some(mut file) => {
+                for note in file.notes() {
+                    bar.suspend(|| note!("{}: {note}", inputs[0].path.display()));
+                }
                 bar.set_message("sorting on the disk");
                 let prepared = PreparedScene::of_stream(&mut file, &scene_options, folder_of(out))?;
                 for line in file.report().map_or(Vec::new(), SampleReport::warnings) {

@@ -46,11 +46,12 @@ pub(crate) struct Scene {
 impl Scene {
     /// Of a file of points that was read as a stream: what is known of it besides its particles.
     pub(crate) fn of_stream(file: &PointFile) -> Self {
+        let unit = file.report().and_then(|report| report.unit.as_deref());
         Self {
             volumes: Vec::new(),
             prepared: Vec::new(),
-            fields: vec![None],
-            titles: vec![None],
+            fields: vec![file.field().map(str::to_owned)],
+            titles: vec![file.field().map(|field| title_of(field, unit))],
             selectors: Vec::new(),
             grids_only: false,
             has_boundary: false,
@@ -271,9 +272,10 @@ impl DataOptions {
             && input.function.is_none()
             && input.time_step.is_none()
             && self.read_as.is_none()
-            && !self.has_types();
+            && self.scales.is_none()
+            && self.has_types() == input.particle_type.is_some();
         let file = match is_of_rows {
-            true => PointFile::open(&input.path, options)?,
+            true => PointFile::open(&input.path, input.particle_type, options)?,
             false => None,
         };
         let Some(file) = file.filter(|file| file.len() >= STREAMED) else {
@@ -283,8 +285,8 @@ impl DataOptions {
         self.check_spacing()?;
         self.check_use(&Uses {
             kinds: vec![Kind::Points],
-            is_classified: false,
-            has_opacity: false,
+            is_classified: file.field().is_some(),
+            has_opacity: file.field().is_some(),
             has_file_function: false,
             for_columns: options.for_columns,
             of_prepared: None,
@@ -448,6 +450,10 @@ fn absence(dataset: &Dataset, selector: &str) -> Option<Error> {
 /// with masses, 32 bytes each once they are read, take 67 at the peak.
 const LEAST_PER_POINT: usize = 32;
 
+/// The same of a node of a curvilinear grid or of cells: three million nodes, 28 bytes each once they are read, take 179 at
+/// the peak, with local models.
+const LEAST_PER_NODE: usize = 60;
+
 /// The same of a value on a lattice: as it is read, and with ghosts or in blocks.
 const LEAST_PER_CELL: usize = 2;
 
@@ -456,7 +462,13 @@ fn check_memory(dataset: &Dataset) -> Result<()> {
     let (count, each) = match &dataset.geometry {
         Geometry::Points { positions } => (positions.len(), LEAST_PER_POINT),
         Geometry::Lattice(lattice) => (lattice.len(), LEAST_PER_CELL),
-        _ => return Ok(()),
+        Geometry::Curvilinear { blocks } => {
+            let counts = blocks.iter().map(|block| block.nodes.len());
+            (counts.sum(), LEAST_PER_NODE)
+        }
+        // One kernel for each of either.
+        Geometry::Cells(mesh) => (mesh.nodes.len().min(mesh.cell_count()), LEAST_PER_NODE),
+        Geometry::Splats(_) | Geometry::Mesh(_) => return Ok(()),
     };
     crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
 }

@@ -292,11 +292,7 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
             Hint::LeaveOut(Parameter::Scales),
         ));
     }
-    for field in &mut data.fields {
-        let stated = field.unit.take();
-        let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
-        field.unit = stated.or_else(in_name);
-    }
+    name_units(&mut data);
     if options.particle_type.is_some() && data.particle_types.is_empty() {
         return Err(Error::format(
             input.path,
@@ -328,6 +324,15 @@ fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
         found,
         Hint::LeaveOut(Parameter::ReadAs),
     ))
+}
+
+/// Takes units that fields' names have where nothing else states them.
+fn name_units(data: &mut Dataset) {
+    for field in &mut data.fields {
+        let stated = field.unit.take();
+        let in_name = || unit::divided(&field.name).map(|(_, unit)| unit.to_owned());
+        field.unit = stated.or_else(in_name);
+    }
 }
 
 /// The extension in lower case, or nothing.

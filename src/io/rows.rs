@@ -5,79 +5,165 @@ use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::Dataset;
-use super::file::open_regular;
-use super::npy;
+use super::file::{Input, open_regular};
+use super::particle_type::ParticleType;
+use super::{Dataset, hdf5, npy};
 use crate::error::{Error, Result};
 
 /// Bytes of a header at most; longer ones are read with the whole file.
 const LONGEST_HEADER: u64 = 1 << 20;
 
-/// A file of points whose rows lie one after another.
+/// Bytes that are read at a time, about.
+const BYTES: usize = 1 << 26;
+
+/// A file of points whose rows can be read some at a time.
 #[derive(Debug)]
 pub struct RowFile {
     path: PathBuf,
+    rows: Rows,
+}
+
+#[derive(Debug)]
+enum Rows {
+    Npy(NpyRows),
+    Snapshot {
+        wanted: Option<ParticleType>,
+        /// Each of its files, and how many rows it has.
+        pieces: Vec<(PathBuf, usize)>,
+    },
+}
+
+#[derive(Debug)]
+struct NpyRows {
     file: File,
     array: npy::Array<'static>,
     /// Where the first row begins.
     start: u64,
     /// Bytes of a row.
-    row: usize,
+    len: usize,
 }
 
 impl RowFile {
     /// Opens a file, of which its header is read; `None` where its format is not read by rows. NPY is, whose arrays lie
-    /// row after row.
+    /// row after row, and so are snapshots of Gadget's family in HDF5, in one file or several.
+    ///
+    /// - `particle_type`: which of a snapshot's particles are read; without it those that [`open`](super::open) reads.
     ///
     /// # Errors
-    /// Those of [`open`](super::open) about the header and the file's length.
-    pub fn open(path: &Path) -> Result<Option<Self>> {
+    /// Those of [`open`](super::open) about headers, lengths and files that are not there.
+    pub fn open(path: &Path, particle_type: Option<ParticleType>) -> Result<Option<Self>> {
         let (mut file, len) = open_regular(path)?;
         let mut head = Vec::new();
         let start = (&mut file).take(LONGEST_HEADER).read_to_end(&mut head);
         start.map_err(|e| Error::io(path, "reading", e, "check the disk"))?;
-        if !head.starts_with(npy::MAGIC) {
-            return Ok(None);
+        let rows = if head.starts_with(hdf5::MAGIC) {
+            let pieces = hdf5::row_pieces(Input::of_file(path), particle_type)?;
+            pieces.map(|(wanted, pieces)| Rows::Snapshot { wanted, pieces })
+        } else if head.starts_with(npy::MAGIC) && particle_type.is_none() {
+            NpyRows::of(path, file, &head, len)?.map(Rows::Npy)
+        } else {
+            None
+        };
+        let path = path.to_path_buf();
+        Ok(rows.map(|rows| Self { path, rows }))
+    }
+
+    /// How many rows there are.
+    pub fn count(&self) -> usize {
+        match &self.rows {
+            Rows::Npy(rows) => rows.array.shape.first().copied().unwrap_or(0),
+            Rows::Snapshot { pieces, .. } => pieces.iter().map(|(_, count)| count).sum(),
         }
+    }
+
+    /// All rows in runs, each of one file and of some tens of megabytes.
+    ///
+    /// - `most`: rows of a run.
+    pub fn runs(&self, most: usize) -> Vec<Range<usize>> {
+        let (most, pieces) = match &self.rows {
+            Rows::Npy(rows) => ((BYTES / rows.len).clamp(1, most), vec![self.count()]),
+            // Packed chunks of some hundred thousand rows are unpacked as a whole.
+            Rows::Snapshot { pieces, .. } => (
+                most.saturating_mul(4),
+                pieces.iter().map(|(_, count)| *count).collect(),
+            ),
+        };
+        let mut runs = Vec::new();
+        let mut first = 0;
+        for count in pieces {
+            let end = first + count;
+            let starts = (first..end).step_by(most.max(1));
+            runs.extend(starts.map(|start| start..end.min(start.saturating_add(most))));
+            first = end;
+        }
+        runs
+    }
+
+    /// One of [`Self::runs`], or a part of it, as [`open`](super::open) reads all; but columns `scale_0..2` are as they
+    /// stand in the file: whether they are logarithms depends on all of them.
+    ///
+    /// # Errors
+    /// Those of [`open`](super::open); rows that are not there, or of several files.
+    pub fn read(&mut self, run: Range<usize>) -> Result<Dataset> {
+        let mut data = self.read_run(run)?;
+        super::name_units(&mut data);
+        Ok(data)
+    }
+
+    fn read_run(&mut self, run: Range<usize>) -> Result<Dataset> {
+        let refused = || {
+            Error::format(
+                &self.path,
+                "rows",
+                "a run of one file",
+                format!("{} to {}", run.start, run.end),
+                "read one of its runs",
+            )
+        };
+        match &mut self.rows {
+            Rows::Npy(rows) => rows.read(&self.path, run),
+            Rows::Snapshot { wanted, pieces } => {
+                let mut first = 0;
+                for (path, count) in pieces {
+                    if (first..first + *count).contains(&run.start) {
+                        if run.end > first + *count {
+                            break;
+                        }
+                        let own = run.start - first..run.end - first;
+                        return hdf5::read_rows_of(Input::of_file(path), *wanted, *count, own);
+                    }
+                    first += *count;
+                }
+                Err(refused())
+            }
+        }
+    }
+}
+
+impl NpyRows {
+    fn of(path: &Path, file: File, head: &[u8], len: u64) -> Result<Option<Self>> {
         // Of a header that is broken or longer the whole file says what is wrong with it.
-        let Ok((array, start)) = npy::parse_header(path, &head) else {
+        let Ok((array, start)) = npy::parse_header(path, head) else {
             return Ok(None);
         };
         let start = start as u64;
         array.check_len(path, len.saturating_sub(start))?;
         let row = array.row_len().filter(|row| *row > 0);
-        Ok(row.map(|row| Self {
-            path: path.to_path_buf(),
+        Ok(row.map(|len| Self {
             file,
             array,
             start,
-            row,
+            len,
         }))
     }
 
-    /// How many rows there are.
-    pub fn count(&self) -> usize {
-        self.array.shape.first().copied().unwrap_or(0)
-    }
-
-    /// Bytes of a row.
-    pub fn row_len(&self) -> usize {
-        self.row
-    }
-
-    /// Some of the rows, as [`open`](super::open) reads all.
-    ///
-    /// # Errors
-    /// Those of [`open`](super::open); rows that are not there.
-    pub fn read(&mut self, rows: Range<usize>) -> Result<Dataset> {
-        let failed = |e| Error::io(&self.path, "reading", e, "check the disk");
-        let mut bytes = vec![0; rows.len() * self.row];
-        let place = self.start + rows.start as u64 * self.row as u64;
+    fn read(&mut self, path: &Path, run: Range<usize>) -> Result<Dataset> {
+        let mut bytes = vec![0; run.len() * self.len];
+        let place = self.start + run.start as u64 * self.len as u64;
         self.file
             .seek(SeekFrom::Start(place))
             .and_then(|_| self.file.read_exact(&mut bytes))
-            .map_err(failed)?;
-        let array = self.array.of_rows(rows.len(), &bytes);
-        npy::table_of(&self.path, npy::TABLE, &array)
+            .map_err(|e| Error::io(path, "reading", e, "check the disk"))?;
+        npy::table_of(path, npy::TABLE, &self.array.of_rows(run.len(), &bytes))
     }
 }

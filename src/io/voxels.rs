@@ -20,6 +20,7 @@ use super::scalars::{Encoding, Stride, doubles, narrow, values};
 use super::vtk_array::parsed_text;
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
+use crate::memory::check_room;
 use crate::scene::{Lattice, LatticeSpacing, Values};
 
 /// How many bytes bzip2 makes of one, at most: blocks of 900,000 bytes, of which the first step makes 255 of five, in some
@@ -122,7 +123,10 @@ pub(super) fn read(
     skip: Skip,
     numbers: &Numbers,
 ) -> Result<(Vec<Values>, Vec<String>)> {
-    let (_, wanted) = numbers.check(input.path)?;
+    let (count, wanted) = numbers.check(input.path)?;
+    // Of one volume at the least, in four bytes at most.
+    let kept = count as u64 * numbers.beside as u64 * numbers.encoding.scalar.size().min(4) as u64;
+    check_room(input.path, "header, the sizes", kept)?;
     let mut numbers = numbers.clone();
     // Those in text are parsed to little-endian bytes, whatever the header says.
     numbers.encoding.big_endian &= packing != Packing::Text;

@@ -6,13 +6,14 @@ use glam::DVec3;
 
 use crate::blocks::ParticleStream;
 use crate::error::Result;
-use crate::io::{Dataset, Geometry, RowFile, Up};
-use crate::sample::{SampleOptions, SampleReport, is_of_rows, nothing_left, rows};
+use crate::io::{Dataset, Geometry, ParticleType, RowFile, Up};
+use crate::sample::{
+    OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
+};
 use crate::scene::PointVolume;
 
-/// Rows that are read at a time, and bytes of them at most.
+/// Rows that are read at a time.
 const ROWS: usize = 1 << 18;
-const BYTES: usize = 1 << 26;
 
 /// A file of points of which each becomes a particle by itself: a stream of what [`sample::volume`](crate::sample::volume)
 /// makes of all of them at once.
@@ -32,7 +33,8 @@ const BYTES: usize = 1 << 26;
 /// # bytes.extend([0.0_f32, 0.0, 0.0, 0.5, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0].iter().flat_map(|x| x.to_le_bytes()));
 /// # std::fs::write(&path, bytes)?;
 /// // Columns x, y, z, sigma and mass.
-/// let mut balls = PointFile::open(&path, &SampleOptions::default())?.ok_or("not read by rows")?;
+/// let balls = PointFile::open(&path, None, &SampleOptions::default())?;
+/// let mut balls = balls.ok_or("not read by rows")?;
 /// let scene = PreparedScene::of_stream(&mut balls, &SceneOptions::default(), folder.path())?;
 /// assert_eq!(scene.particle_count(), 2);
 /// # Ok(())
@@ -43,36 +45,63 @@ pub struct PointFile {
     path: PathBuf,
     file: RowFile,
     options: SampleOptions,
-    run: usize,
+    /// Whether column densities sum values, whose range and volume all of them make up.
+    is_of_values: bool,
+    notes: Vec<String>,
     /// What was found when all were read first.
     report: Option<SampleReport>,
     corners: Option<(DVec3, DVec3)>,
 }
 
 impl PointFile {
-    /// Opens a file; `None` where it is not read by rows ([`RowFile`]), or a particle depends on others than its own row
-    /// ([`is_of_rows`]).
+    /// Opens a file; `None` where it is not read by rows ([`RowFile`]), or a particle depends on others than its own row:
+    /// where shapes or strengths follow from neighbours, or a transfer function from values. For column densities
+    /// ([`SampleOptions::for_columns`]) values are summed as they are.
     ///
     /// # Errors
     /// A file that cannot be read; rows that say nothing of particles.
-    pub fn open(path: &Path, options: &SampleOptions) -> Result<Option<Self>> {
-        let Some(mut file) = RowFile::open(path)? else {
+    pub fn open(
+        path: &Path,
+        particle_type: Option<ParticleType>,
+        options: &SampleOptions,
+    ) -> Result<Option<Self>> {
+        let Some(mut file) = RowFile::open(path, particle_type)? else {
             return Ok(None);
         };
-        let run = (BYTES / file.row_len()).clamp(1, ROWS);
-        let head = file.read(0..file.count().min(1))?;
-        let own = || Self {
+        let Some(run) = file.runs(ROWS).into_iter().next() else {
+            return Ok(None);
+        };
+        let head = file.read(run)?;
+        let Some(kind) = of_rows(&head, options) else {
+            return Ok(None);
+        };
+        let mut options = SampleOptions {
+            task: None,
+            ..options.clone()
+        };
+        let is_of_values = matches!(kind, OfRows::Summed(_));
+        if let OfRows::Summed(name) = kind {
+            options.field = Some(name);
+        }
+        Ok(Some(Self {
             path: path.to_path_buf(),
             file,
-            options: SampleOptions {
-                task: None,
-                ..options.clone()
-            },
-            run,
+            options,
+            is_of_values,
+            notes: head.notes,
             report: None,
             corners: None,
-        };
-        Ok(is_of_rows(&head, options).then(own))
+        }))
+    }
+
+    /// What the reader says of the file.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The field that column densities sum, if particles have one.
+    pub fn field(&self) -> Option<&str> {
+        self.options.field.as_deref().filter(|_| self.is_of_values)
     }
 
     /// What was found, once all particles were asked for.
@@ -92,6 +121,33 @@ impl PointFile {
         let geometry = Geometry::Points { positions };
         Dataset::new(&self.path, "points", geometry, Vec::new()).up()
     }
+
+    /// Goes through all rows.
+    fn visit(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
+        let mut report: Option<SampleReport> = None;
+        let mut corners: Option<(DVec3, DVec3)> = None;
+        let mut volume_sum = 0.0;
+        for run in self.file.runs(ROWS) {
+            let dataset = self.file.read(run)?;
+            if let Some((a, b)) = dataset.bounds() {
+                corners = Some(corners.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
+            }
+            let sampled = rows(dataset, &self.options, &mut volume_sum)?;
+            match &mut report {
+                Some(report) => report.add(&sampled.report),
+                None => report = Some(sampled.report),
+            }
+            each(sampled.volume)?;
+        }
+        let mut report = report.unwrap_or_default();
+        if report.particle_count == 0 {
+            return Err(nothing_left(&self.path, &report));
+        }
+        let spacing = mean_spacing(volume_sum, report.particle_count);
+        report.unit_distance = self.options.unit_distance.unwrap_or(spacing);
+        (self.report, self.corners) = (Some(report), corners);
+        Ok(())
+    }
 }
 
 impl ParticleStream for PointFile {
@@ -100,25 +156,17 @@ impl ParticleStream for PointFile {
     }
 
     fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
-        let mut report: Option<SampleReport> = None;
-        let mut corners: Option<(DVec3, DVec3)> = None;
-        for first in (0..self.len()).step_by(self.run) {
-            let dataset = self.file.read(first..self.len().min(first + self.run))?;
-            if let Some((a, b)) = dataset.bounds() {
-                corners = Some(corners.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
-            }
-            let sampled = rows(dataset, &self.options)?;
-            match &mut report {
-                Some(report) => report.add(&sampled.report),
-                None => report = Some(sampled.report),
-            }
-            each(sampled.volume)?;
+        if !self.is_of_values {
+            return self.visit(each);
         }
-        let report = report.unwrap_or_default();
-        if report.particle_count == 0 {
-            return Err(nothing_left(&self.path, &report));
+        if self.report.is_none() {
+            self.visit(&mut |_| Ok(()))?;
         }
-        (self.report, self.corners) = (Some(report), corners);
-        Ok(())
+        let report = self.report.clone().unwrap_or_default();
+        let function = summed_function(report.value_range, report.unit_distance)?;
+        self.visit(&mut |mut volume| {
+            volume.transfer_function = Some(function.clone());
+            each(volume)
+        })
     }
 }

@@ -400,26 +400,64 @@ fn check_options(options: &SampleOptions) -> Result<()> {
     Ok(())
 }
 
-/// Whether each particle of a data set is made of its own row alone, so that parts of it give parts of its volume: points
-/// that state shapes and strengths, of which no field is asked for.
-pub fn is_of_rows(dataset: &Dataset, options: &SampleOptions) -> bool {
-    matches!(dataset.geometry, Geometry::Points { .. })
-        && options.field.is_none()
-        && options.flatten.is_none()
-        && options.shepard_passes == 0
-        && !options.normals
-        && points::is_of_rows(dataset, options)
+/// What is made of points of which each becomes a particle of its own row alone, so that some of the rows of a data set
+/// give some of its volume's particles.
+#[cfg(feature = "prepared")]
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum OfRows {
+    /// They state shapes and strengths, and show no field.
+    Stated,
+    /// Column densities sum this field of smoothed particles.
+    Summed(String),
 }
 
-/// The same as [`volume`] of some of the rows of such a data set, of which none may be left.
+/// What is made of some rows of a data set; `None` where a particle depends on others than its own row.
+#[cfg(feature = "prepared")]
+pub(crate) fn of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
+    let is_alone = options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
+    points::kind_of_rows(dataset, options).filter(|_| is_alone)
+}
+
+/// The same as [`volume`] of some of the rows of such a data set, of which none may be left, but for the function of those
+/// that column densities sum ([`summed_function`]).
+///
+/// - `volume_sum`: of the particles before them, and then of these too \[length³\].
 ///
 /// # Errors
 /// Those of [`volume`].
 #[cfg(feature = "prepared")]
-pub(crate) fn rows(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+pub(crate) fn rows(
+    dataset: Dataset,
+    options: &SampleOptions,
+    volume_sum: &mut f64,
+) -> Result<Sampled> {
     check_options(options)?;
     dataset.validate()?;
-    points::of_rows(dataset, options)
+    let shown = options.field.as_ref();
+    let unit = shown.and_then(|name| dataset.unit(name).map(str::to_owned));
+    let mut sampled = points::of_rows(dataset, options, volume_sum)?;
+    sampled.report.unit = unit;
+    Ok(sampled)
+}
+
+/// The length of a cube of the mean volume of particles; 1 where these have none.
+pub(crate) fn mean_spacing(volume_sum: f64, count: usize) -> f64 {
+    let spacing = Some((volume_sum / count as f64).cbrt());
+    spacing.filter(|s| *s > 0.0).unwrap_or(1.0)
+}
+
+/// The function of values of which column densities are sums, which classify nothing.
+///
+/// - `range`: of the values.
+///
+/// # Errors
+/// A range or a distance that is none.
+pub(crate) fn summed_function(
+    range: Option<[f32; 2]>,
+    unit_distance: f64,
+) -> Result<TransferFunction> {
+    let range = range.unwrap_or([0.0, 1.0]);
+    TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, range, unit_distance)
 }
 
 /// A point volume of a curvilinear grid in memory, as [`volume`] makes it of a file's.
@@ -624,13 +662,7 @@ fn under_function(
     report.value_range = values.finite_range();
     let unit_distance = options.unit_distance.unwrap_or(mean_spacing);
     if options.for_columns {
-        // Sums are of the values themselves, and nothing is classified.
-        let function = TransferFunction::from_curves(
-            |_| [1.0; 3],
-            |_| 0.5,
-            report.value_range.unwrap_or([0.0, 1.0]),
-            unit_distance,
-        )?;
+        let function = summed_function(report.value_range, unit_distance)?;
         report.unit_distance = unit_distance;
         return Ok((values, function));
     }

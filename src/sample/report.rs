@@ -68,6 +68,10 @@ impl SampleReport {
     pub(crate) fn add(&mut self, other: &Self) {
         self.sample_count += other.sample_count;
         self.particle_count += other.particle_count;
+        self.value_range = match (self.value_range, other.value_range) {
+            (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
+            (own, other) => own.or(other),
+        };
         for found in &other.findings {
             let is_same = |own: &&mut Finding| {
                 (own.noun, own.reason, own.left_out) == (found.noun, found.reason, found.left_out)

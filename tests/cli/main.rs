@@ -18,4 +18,6 @@ mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod manners;
+#[cfg(all(target_os = "linux", feature = "prepared"))]
+mod memory;
 mod usage;

@@ -50,6 +50,8 @@ mod splat_axes;
 mod splats;
 mod stacks;
 mod stl;
+#[cfg(feature = "prepared")]
+mod streams;
 mod surface_fields;
 mod tecplot;
 mod textures;

@@ -13,7 +13,7 @@ mod vtkhdf;
 
 use std::cell::{Cell, RefCell};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -34,6 +34,7 @@ use super::table::list;
 use super::time_steps::{self, TimeStep};
 use super::unit;
 use crate::error::{Error, Parameter, Result};
+use crate::memory::check_room;
 use crate::scene::Values;
 
 /// The first bytes of every HDF5 file.
@@ -146,6 +147,56 @@ pub(crate) fn read(input: Input<'_>, options: &super::OpenOptions) -> Result<Dat
     ))
 }
 
+/// The files of a snapshot of Gadget's family, how many particles of the type that is read each has, and that type, where
+/// there are several files or it was asked for; `None` of other files, and of those without particles.
+///
+/// # Errors
+/// A damaged file, or one that is not there.
+pub(crate) fn row_pieces(
+    input: Input<'_>,
+    wanted: Option<ParticleType>,
+) -> Result<Option<RowPieces>> {
+    let file = SnapshotFile::open(input)?;
+    if file.group(vtkhdf::ROOT)?.is_some() || file.group("particles")?.is_some() {
+        return Ok(None);
+    }
+    let pieces = Pieces::of(&file, |piece| input.has_beside(piece))?;
+    let Some(pieces) = pieces else {
+        let present = gadget::present(&file)?;
+        let mut counts: Vec<ParticleCount> = present.iter().map(|(.., c)| c.clone()).collect();
+        let numbers: Vec<usize> = present.iter().map(|(kind, ..)| *kind).collect();
+        if counts.iter().all(|count| count.count == 0) {
+            return Ok(None);
+        }
+        let (at, _) = gadget::choose(input.path, &mut counts, &numbers, wanted)?;
+        let own = (input.path.to_path_buf(), counts[at].count);
+        return Ok(Some((wanted, vec![own])));
+    };
+    drop(file);
+    pieces::counts(input, &pieces, wanted)
+}
+
+/// The type of particles that is asked for, and files with how many of them each has.
+pub(crate) type RowPieces = (Option<ParticleType>, Vec<(PathBuf, usize)>);
+
+/// Some rows of one file of a snapshot of Gadget's family.
+///
+/// # Errors
+/// A damaged file, or one without such particles.
+pub(crate) fn read_rows_of(
+    input: Input<'_>,
+    wanted: Option<ParticleType>,
+    count: usize,
+    rows: Range<usize>,
+) -> Result<Dataset> {
+    let mut file = SnapshotFile::open(input)?;
+    file.rows = Some((rows, count));
+    match gadget::read(&file, wanted)? {
+        Some(dataset) => Ok(dataset),
+        None => Err(absent(input.path, wanted.unwrap_or(ParticleType::Gas), &[])),
+    }
+}
+
 /// A snapshot while it is read.
 struct SnapshotFile<'a> {
     path: &'a Path,
@@ -153,6 +204,8 @@ struct SnapshotFile<'a> {
     /// Bytes that may still be read into memory.
     budget: Cell<usize>,
     notes: RefCell<Vec<String>>,
+    /// Which rows are read, and how many there are; without them all.
+    rows: Option<(Range<usize>, usize)>,
 }
 
 /// The numbers of a dataset: `components` of them for each of `count` rows.
@@ -206,6 +259,7 @@ impl<'a> SnapshotFile<'a> {
             file,
             budget: Cell::new(budget),
             notes: RefCell::default(),
+            rows: None,
         })
     }
 
@@ -258,7 +312,12 @@ impl<'a> SnapshotFile<'a> {
 
     /// What a dataset is that is known to be there: numbers in rows.
     fn present_array(&self, group: &Group, name: &str) -> Result<Found> {
-        self.selected_array(group, name, 1, None)
+        let rows = match &self.rows {
+            None => None,
+            Some((_, count)) if self.row_count(group, name)? != *count => return Ok(Found::Other),
+            Some((rows, _)) => Some(rows.clone()),
+        };
+        self.selected_array(group, name, 1, rows)
     }
 
     /// What a dataset is that is known to be there.
@@ -323,6 +382,7 @@ impl<'a> SnapshotFile<'a> {
             .checked_mul(components)
             .and_then(|n| n.checked_mul(size));
         let byte_count = byte_count.ok_or_else(too_large)?;
+        check_room(self.path, place(), byte_count as u64)?;
         let left = self.budget.get().checked_sub(byte_count);
         self.budget.set(left.ok_or_else(too_large)?);
         let (bytes, encoding) = match (rows, layout) {

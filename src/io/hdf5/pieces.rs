@@ -7,6 +7,8 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use hdf5_reader::group::Group;
+
 use super::super::Association;
 use super::super::dataset::{Dataset, Field, Geometry};
 use super::super::file::Input;
@@ -15,7 +17,7 @@ use super::super::table::list;
 use super::super::vtk_array::Array;
 use super::super::vtk_meshes::append_arrays;
 use super::super::vtk_pieces::{keep_common, to_fields};
-use super::{SnapshotFile, absent, gadget, whole};
+use super::{RowPieces, SnapshotFile, absent, gadget, whole};
 use crate::error::{Error, Result};
 
 /// Pieces at most; far more than anything writes.
@@ -151,6 +153,52 @@ pub(super) fn read(
     Ok(data)
 }
 
+/// All pieces with particles of a type, how many each has, and that type.
+///
+/// # Errors
+/// Pieces that are not there, or damaged ones.
+pub(super) fn counts(
+    input: Input<'_>,
+    pieces: &Pieces,
+    mut wanted: Option<ParticleType>,
+) -> Result<Option<RowPieces>> {
+    pieces.check(input.path, |piece| input.has_beside(piece))?;
+    let mut counts = Vec::new();
+    for i in 0..pieces.count {
+        let path = pieces.path(i);
+        let count = input.with_beside(&path, |piece| {
+            let file = SnapshotFile::open(piece)?;
+            let present = gadget::present(&file)?;
+            if wanted.is_none() {
+                wanted = first_type(&file, &present)?;
+            }
+            let is_wanted = |kind: usize, count: &ParticleCount| {
+                let number = u32::try_from(kind).ok();
+                wanted.is_some_and(|wanted| count.is(number, wanted))
+            };
+            let own = present
+                .iter()
+                .find(|(kind, _, count)| is_wanted(*kind, count));
+            Ok(own.map_or(0, |(.., count)| count.count))
+        })?;
+        if count > 0 {
+            counts.push((path, count));
+        }
+    }
+    Ok((!counts.is_empty()).then_some((wanted, counts)))
+}
+
+/// The type that is read of all pieces: what the header of the first says, or its first that has particles.
+fn first_type(
+    file: &SnapshotFile<'_>,
+    present: &[(usize, Group, ParticleCount)],
+) -> Result<Option<ParticleType>> {
+    let first = present.iter().find(|(_, _, count)| count.count > 0);
+    let kind = gadget::first_of_all(file)?.or(first.map(|(kind, ..)| *kind));
+    let number = kind.map(|kind| u32::try_from(kind).unwrap_or(u32::MAX));
+    Ok(number.map(ParticleType::Number))
+}
+
 /// What the pieces hold, one after another.
 struct All<'a> {
     path: &'a Path,
@@ -170,15 +218,10 @@ impl All<'_> {
         // What is read of all is what the first piece with particles, or the header, says.
         let wanted = match self.wanted {
             Some(wanted) => wanted,
-            None => {
-                let first = present.iter().find(|(_, _, count)| count.count > 0);
-                let total = gadget::first_of_all(file)?;
-                let Some(kind) = total.or(first.map(|(kind, ..)| *kind)) else {
-                    return Ok(());
-                };
-                let wanted = ParticleType::Number(u32::try_from(kind).unwrap_or(u32::MAX));
-                *self.wanted.insert(wanted)
-            }
+            None => match first_type(file, &present)? {
+                Some(wanted) => *self.wanted.insert(wanted),
+                None => return Ok(()),
+            },
         };
         let mut has = false;
         for (kind, _, count) in present {

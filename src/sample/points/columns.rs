@@ -90,16 +90,27 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Whether there are shapes, of a table.
+    /// The first column that may be a density, if it is not constant: whichever rows these are, that is the one.
+    #[cfg(feature = "prepared")]
+    pub(super) fn first_density(&self) -> Option<String> {
+        let densities = [&DENSITIES[..], &[self.names().2]].concat();
+        let chosen = self.varying(&densities)?;
+        let is_density = |f: &&Field| densities.iter().any(|d| d.eq_ignore_ascii_case(&f.name));
+        let first = self.dataset.fields.iter().find(is_density)?;
+        (first.name == chosen).then_some(chosen)
+    }
+
+    /// Whether there are shapes, of a table, whose meaning does not depend on others: scales are logarithms where any is
+    /// negative.
+    #[cfg(feature = "prepared")]
     pub(super) fn states_shape(&self) -> bool {
         let lengths = ["sigma", "radius", self.names().0];
         let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
-        lengths.into_iter().any(is_there)
-            || matches!(self.set(VARIANCE), Ok(Some(_)))
-            || matches!(self.set(SCALES), Ok(Some(_)))
+        lengths.into_iter().any(is_there) || matches!(self.set(VARIANCE), Ok(Some(_)))
     }
 
     /// Whether there are strengths, of a table.
+    #[cfg(feature = "prepared")]
     pub(super) fn states_strength(&self) -> bool {
         let is_there = |name: &str| matches!(self.of_table(name), Ok(Some(_)));
         ["mass", "extinction", "opacity"].into_iter().any(is_there)

@@ -13,9 +13,11 @@ use self::mass::Mass;
 use self::shape::Shape;
 use super::left_out::LeftOut;
 use super::{
-    DEFAULT_KERNEL_WIDTH, ParticleShape, SampleOptions, SampleReport, Sampled, TransferChoice,
-    check_count, index_u32, keep, narrowed, nothing_left, take_scalar, under_function,
+    DEFAULT_KERNEL_WIDTH, SampleOptions, SampleReport, Sampled, TransferChoice, check_count,
+    index_u32, keep, mean_spacing, narrowed, nothing_left, take_scalar, under_function,
 };
+#[cfg(feature = "prepared")]
+use super::{OfRows, ParticleShape};
 use crate::error::Result;
 use crate::io::{Dataset, Geometry};
 use crate::scene::{Colour, Particles, PointVolume, Strength, ValueSample, Values};
@@ -49,30 +51,65 @@ struct Particle {
 }
 
 pub(super) fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
-    of_some(dataset, options, false)
+    of_some(dataset, options, None)
 }
 
-/// Whether each particle is made of its own row alone.
-pub(super) fn is_of_rows(dataset: &Dataset, options: &SampleOptions) -> bool {
+/// What is made of some rows of a data set.
+#[cfg(feature = "prepared")]
+pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option<OfRows> {
     let Geometry::Points { positions } = &dataset.geometry else {
-        return false;
+        return None;
     };
     let columns = Columns {
         dataset,
         count: positions.len(),
     };
-    options.shape != ParticleShape::YuTurk
-        && (options.radius.is_some() || columns.states_shape())
-        && columns.states_strength()
+    if options.shape == ParticleShape::YuTurk {
+        return None;
+    }
+    let has_shape = options.radius.is_some() || columns.states_shape();
+    if columns.states_strength() {
+        let is_stated = has_shape && options.field.is_none();
+        return is_stated.then_some(OfRows::Stated);
+    }
+    let (length, mass, density) = columns.names();
+    let is_there = |name: &str| matches!(columns.get(name), Ok(Some(_)));
+    let has_volume = is_there(mass) && is_there(density);
+    let has_colours = [RGB, RED_GREEN_BLUE]
+        .into_iter()
+        .any(|rgb| !matches!(columns.set(rgb), Ok(None)))
+        || columns.colours().is_some();
+    let is_summed = options.for_columns
+        && !options.local_models
+        && dataset.smoothing.is_some()
+        && (options.radius.is_some() || is_there(length))
+        && has_volume
+        && !has_colours;
+    let field = match &options.field {
+        Some(name) => Some(name.clone()),
+        None => columns.first_density(),
+    };
+    let is_column = |name: &String| is_there(name) && !name.eq_ignore_ascii_case(mass);
+    let field = field.filter(|name| is_summed && is_column(name));
+    field.map(OfRows::Summed)
 }
 
-/// A volume of some of the rows of a data set, of which none may be left.
+/// A volume of some of the rows of a data set, of which none may be left, without a function.
 #[cfg(feature = "prepared")]
-pub(super) fn of_rows(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
-    of_some(dataset, options, true)
+pub(super) fn of_rows(
+    dataset: Dataset,
+    options: &SampleOptions,
+    volume_sum: &mut f64,
+) -> Result<Sampled> {
+    of_some(dataset, options, Some(volume_sum))
 }
 
-fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) -> Result<Sampled> {
+/// - `volume_sum`: of the rows before these and then with them, where these are some of all.
+fn of_some(
+    mut dataset: Dataset,
+    options: &SampleOptions,
+    volume_sum: Option<&mut f64>,
+) -> Result<Sampled> {
     let Geometry::Points { positions } = &dataset.geometry else {
         unreachable!("the caller matched the geometry")
     };
@@ -193,7 +230,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) ->
     }
     let mut strengths = Vec::with_capacity(count);
     let (mut volumes, mut colours) = (Vec::new(), Vec::new());
-    let mut total = 0.0;
+    let is_part = volume_sum.is_some();
+    let mut total = volume_sum.as_deref().copied().unwrap_or(0.0);
     // In batches: a row is larger than what stays of it.
     let stage = Stage::new(options.task.as_ref(), "shaping kernels", count);
     let mut rows = Vec::with_capacity(BATCH.min(count));
@@ -239,7 +277,9 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) ->
             "`mass` is taken for extinction x volume; call physical masses `m` to see the density",
         );
     }
-    if kept.is_empty() && !may_be_empty {
+    if let Some(sum) = volume_sum {
+        *sum = total;
+    } else if kept.is_empty() {
         return Err(nothing_left(&dataset.path, &report));
     }
     report.particle_count = kept.len();
@@ -266,8 +306,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) ->
         }
         _ => None,
     };
-    let mean_spacing = Some((total / kept.len() as f64).cbrt()).filter(|s| *s > 0.0);
-    let mean_spacing = mean_spacing.unwrap_or(1.0);
+    let mean_spacing = mean_spacing(total, kept.len());
     let volumes: Vec<f32> = volumes.into_iter().map(narrowed).collect();
     let Geometry::Points { positions } = &mut dataset.geometry else {
         unreachable!("the caller matched the geometry")
@@ -279,6 +318,10 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, may_be_empty: bool) ->
     report.unit_distance = options.unit_distance.unwrap_or(mean_spacing);
     let of_body = |values: &Values| ValueSample::of_body(values, &volumes, &positions);
     let (values, transfer_function) = match values {
+        Some(values) if is_part => {
+            report.value_range = values.finite_range();
+            (Some(values), None)
+        }
         Some(values) => under_function(values, of_body, mean_spacing, &mut report, options)
             .map(|(values, function)| (Some(values), Some(function)))?,
         None => (None, None),

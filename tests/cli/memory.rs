@@ -1,0 +1,161 @@
+//! Files that are large beside the memory there is.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use ewa_splat::SceneOptions;
+use ewa_splat::io::{OpenOptions, open};
+use ewa_splat::prepared::PreparedScene;
+use ewa_splat::sample::{SampleOptions, scene};
+
+use crate::commands::{run, text};
+use crate::common::Random;
+
+/// Spheres with masses, in an NPY file.
+fn write_spheres(path: &Path, count: usize) {
+    let columns = ["x", "y", "z", "sigma", "mass"].map(|name| format!("('{name}', '<f4')"));
+    let mut header = format!(
+        "{{'descr': [{}], 'fortran_order': False, 'shape': ({count},), }}",
+        columns.join(", ")
+    );
+    while !(10 + header.len()).is_multiple_of(64) {
+        header.push(' ');
+    }
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
+    bytes.extend(header.bytes());
+    let mut random = Random::new(9);
+    for _ in 0..count {
+        let mut number = || random.range(0.0, 1.0) as f32;
+        let sphere = [
+            number(),
+            number(),
+            number(),
+            0.001 + 0.001 * number(),
+            number(),
+        ];
+        bytes.extend(sphere.iter().flat_map(|x| x.to_le_bytes()));
+    }
+    fs::write(path, bytes).unwrap();
+}
+
+/// More than four million points are prepared on the disk: the file is that of all at once.
+#[test]
+fn many_points_are_prepared_on_the_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("many.npy");
+    write_spheres(&path, (1 << 22) + 1000);
+    let output = run(
+        folder.path(),
+        &[
+            "convert",
+            "many.npy",
+            "--out",
+            "many.arrow",
+            "--level-of-detail",
+            "off",
+        ],
+    );
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("4195304"));
+    let (_, about) = PreparedScene::open(&folder.path().join("many.arrow")).unwrap();
+    assert_eq!(about.inputs, ["many.npy"]);
+    assert_eq!(
+        (about.fields.as_slice(), about.up),
+        (&[None][..], [0.0, 0.0, 1.0])
+    );
+    let whole = open(&path, &OpenOptions::default()).unwrap();
+    let (low, high) = whole.bounds().unwrap();
+    assert_eq!(about.corners, [[low.to_array(), high.to_array()]]);
+    let whole = scene(whole, &SampleOptions::default()).unwrap();
+    let options = SceneOptions {
+        level_of_detail: false,
+        ..SceneOptions::default()
+    };
+    let whole = PreparedScene::new(whole.volumes, &options).unwrap();
+    whole
+        .write(&folder.path().join("whole.arrow"), &about)
+        .unwrap();
+    let bytes = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("many.arrow") == bytes("whole.arrow"));
+    // Nothing else is left: temporary files have no names.
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+    // What says nothing of such points is refused as it is of few.
+    let refused = run(
+        folder.path(),
+        &[
+            "convert",
+            "many.npy",
+            "--transfer-function",
+            "viridis",
+            "--out",
+            "a.arrow",
+        ],
+    );
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("--transfer-function"));
+}
+
+/// With so many kilobytes of addresses.
+fn run_within(folder: &Path, kilobytes: usize, arguments: &[&str]) -> Output {
+    Command::new("sh")
+        .current_dir(folder)
+        .args([
+            "-c",
+            &format!("ulimit -v {kilobytes} && exec \"$0\" \"$@\""),
+        ])
+        .arg(env!("CARGO_BIN_EXE_ewa-splat"))
+        .args(arguments)
+        .env("RAYON_NUM_THREADS", "2")
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn memory_that_there_is_not_ends_in_one_line_and_in_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    write_spheres(&folder.path().join("spheres.npy"), 3_000_000);
+    fs::write(folder.path().join("cube.raw"), vec![7; 1 << 27]).unwrap();
+    let commands: [&[&str]; 3] = [
+        &[
+            "render",
+            "spheres.npy",
+            "--backend",
+            "cpu",
+            "--size",
+            "32x32",
+            "--out",
+            "a.png",
+        ],
+        &["convert", "spheres.npy", "--out", "a.arrow"],
+        &[
+            "render",
+            "cube.raw",
+            "--dims",
+            "512,512,512",
+            "--backend",
+            "cpu",
+            "--out",
+            "a.png",
+        ],
+    ];
+    for arguments in commands {
+        let mut said = Vec::new();
+        for megabytes in [200, 240, 320] {
+            let output = run_within(folder.path(), megabytes << 10, arguments);
+            let error = text(&output.stderr);
+            if output.status.success() {
+                continue;
+            }
+            assert_eq!(output.status.code(), Some(1), "{arguments:?} {error}");
+            let is_line = error.starts_with("error: ") && error.trim_end().lines().count() == 1;
+            assert!(is_line, "{error}");
+            assert!(
+                !folder.path().join("a.png").exists() && !folder.path().join("a.arrow").exists()
+            );
+            said.push(error);
+        }
+        assert!(!said.is_empty(), "{arguments:?} took no memory");
+    }
+}
