@@ -165,7 +165,9 @@ pub(crate) fn row_pieces(
         let present = gadget::present(&file)?;
         let mut counts: Vec<ParticleCount> = present.iter().map(|(.., c)| c.clone()).collect();
         let numbers: Vec<usize> = present.iter().map(|(kind, ..)| *kind).collect();
-        if counts.iter().all(|count| count.count == 0) {
+        // Of more than a file can hold, reading all of them says so.
+        let is_sound = |count: &ParticleCount| count.count <= file.budget.get();
+        if counts.iter().all(|count| count.count == 0) || !counts.iter().all(is_sound) {
             return Ok(None);
         }
         let (at, _) = gadget::choose(input.path, &mut counts, &numbers, wanted)?;

@@ -176,13 +176,20 @@ pub(super) fn counts(
                 let number = u32::try_from(kind).ok();
                 wanted.is_some_and(|wanted| count.is(number, wanted))
             };
+            let is_sound = |count: &ParticleCount| count.count <= file.budget.get();
+            if !present.iter().all(|(.., count)| is_sound(count)) {
+                return Ok(None);
+            }
             let own = present
                 .iter()
                 .find(|(kind, _, count)| is_wanted(*kind, count));
-            Ok(own.map_or(0, |(.., count)| count.count))
+            Ok(Some(own.map_or(0, |(.., count)| count.count)))
         })?;
-        if count > 0 {
-            counts.push((path, count));
+        match count {
+            // Of more than a file can hold, reading all of them says so.
+            None => return Ok(None),
+            Some(0) => {}
+            Some(count) => counts.push((path, count)),
         }
     }
     Ok((!counts.is_empty()).then_some((wanted, counts)))
