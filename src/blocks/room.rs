@@ -70,16 +70,19 @@ impl<'a> Room<'a> {
         order: &[u32],
     ) -> Result<Column<T>> {
         let at = |&i: &u32| elements[i as usize];
-        if let Self::Memory(_) = self {
-            return Ok(order.par_iter().map(at).collect::<Vec<T>>().into());
+        match self {
+            Self::Memory(_) => Ok(order.par_iter().map(at).collect::<Vec<T>>().into()),
+            #[cfg(feature = "prepared")]
+            Self::Folder(_) => {
+                let mut picked = self.column(order.len())?;
+                let mut run = Vec::new();
+                for of_run in order.chunks(RUN) {
+                    of_run.par_iter().map(at).collect_into_vec(&mut run);
+                    picked.extend(&run)?;
+                }
+                picked.finish()
+            }
         }
-        let mut picked = self.column(order.len())?;
-        let mut run = Vec::new();
-        for of_run in order.chunks(RUN) {
-            of_run.par_iter().map(at).collect_into_vec(&mut run);
-            picked.extend(&run)?;
-        }
-        picked.finish()
     }
 }
 
