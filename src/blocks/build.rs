@@ -17,7 +17,7 @@ use super::{
     set_transfer_function, value_range,
 };
 use crate::constants::BLOCK_CAPACITY;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::principal_sigmas;
 use crate::scene::{
     Column, Particles, PointVolume, Shared, StrengthIn, TransferFunction, Values, ValuesIn,
@@ -31,6 +31,20 @@ pub(super) struct BuildOptions {
     pub(super) detail: bool,
     /// Whether blocks keep which of the caller's particles each is.
     pub(super) indices: bool,
+}
+
+/// Refuses more particles than indices can name.
+pub(super) fn check_count(total: usize) -> Result<()> {
+    if u32::try_from(total).is_ok() {
+        return Ok(());
+    }
+    Err(Error::invalid(
+        "scene",
+        "particles",
+        "at most 4,294,967,295 particles",
+        total.to_string(),
+        "render a part of the data",
+    ))
 }
 
 /// A volume in blocks and, where the options ask for it, its levels of detail, the finest first.

@@ -119,7 +119,7 @@ impl<T: Pod + Send + Sync> ColumnBuilder<'_, T> {
                 let file = file
                     .into_inner()
                     .map_err(|e| failed(folder, e.into_error()))?;
-                let map = crate::prepared::map_file(&file).map_err(|e| {
+                let map = crate::scene::map::map_file(&file).map_err(|e| {
                     let advice =
                         "raise the limit of addresses (ulimit -v), which counts what is mapped";
                     Error::io(folder, "mapping temporary files", e, advice)

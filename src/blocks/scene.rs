@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use super::build::{BuildOptions, Exchangeable, build};
+use super::build::{BuildOptions, Exchangeable, build, check_count};
 use super::density::densities;
 #[cfg(feature = "prepared")]
 use super::stream::{ParticleStream, build_stream};
@@ -145,7 +145,11 @@ impl BlockedScene {
                 advice,
             ));
         }
-        let volumes = build_stream(stream, options, folder)?;
+        let build_options = BuildOptions {
+            detail: options.level_of_detail,
+            indices: options.keep_indices,
+        };
+        let volumes = build_stream(stream, build_options, folder, options.task.as_ref())?;
         let requirements = volumes.first().map(BlockedVolume::requirements);
         Ok(Self {
             families: std::iter::once(0..volumes.len()).collect(),
@@ -477,18 +481,4 @@ impl BlockedScene {
         self.known[volume].visible = visible;
         Ok(Some(volume))
     }
-}
-
-/// Refuses more particles than indices can name.
-pub(super) fn check_count(total: usize) -> Result<()> {
-    if u32::try_from(total).is_ok() {
-        return Ok(());
-    }
-    Err(Error::invalid(
-        "scene",
-        "particles",
-        "at most 4,294,967,295 particles",
-        total.to_string(),
-        "render a part of the data",
-    ))
 }

@@ -15,11 +15,11 @@ use std::path::Path;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::build::{BuildOptions, Ordered, Sorted, block_order, build_sorted};
+use super::BlockedVolume;
+use super::build::{BuildOptions, Ordered, Sorted, block_order, build_sorted, check_count};
 use super::points::{PointShapes, Points, Rest};
 use super::room::{ColumnBuilder, MEMORY, Room, failed, nameless};
 use super::tree::{CHUNK, Curve};
-use super::{BlockedVolume, SceneOptions};
 use crate::error::{Error, Result};
 use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};
 use crate::scene::{ColourIn, Particles, PointVolume, Shared, Storage, StrengthIn, ValuesIn};
@@ -68,16 +68,12 @@ const SIZES: Sizes = Sizes {
 /// Parts of several kinds, or what cannot be sorted so ([`check`]); those of the stream; a disk that is full; cancelled.
 pub(super) fn build_stream(
     stream: &mut dyn ParticleStream,
-    options: &SceneOptions,
+    options: BuildOptions,
     folder: &Path,
+    task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
-    let task = options.task.as_ref();
     let sorted = sorted(stream, SIZES, folder, task)?;
-    let build_options = BuildOptions {
-        detail: options.level_of_detail,
-        indices: options.keep_indices,
-    };
-    build_sorted(sorted, build_options, Room::Folder(folder), task)
+    build_sorted(sorted, options, Room::Folder(folder), task)
 }
 
 fn sorted(
@@ -173,7 +169,7 @@ impl Survey {
         let Some((like, _)) = like else {
             return Err(refused("particles", "none"));
         };
-        super::scene::check_count(count)?;
+        check_count(count)?;
         Ok(Self {
             like,
             count,
@@ -689,7 +685,12 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let said = |volumes: Vec<PointVolume>| {
-            let made = build_stream(&mut Two(volumes), &SceneOptions::default(), folder.path());
+            let made = build_stream(
+                &mut Two(volumes),
+                BuildOptions::default(),
+                folder.path(),
+                None,
+            );
             made.unwrap_err().to_string()
         };
         let ball = spheres(scattered(3));

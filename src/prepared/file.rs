@@ -286,7 +286,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Places> {
         );
     };
     // Where a footer begins follows from its length: copied to where its numbers are aligned.
-    let footer_bytes = super::map::aligned(&bytes[footer_at..length_at]);
+    let footer_bytes = crate::scene::map::aligned(&bytes[footer_at..length_at]);
     let footer = match arrow_ipc::root_as_footer((*footer_bytes).as_ref()) {
         Ok(footer) => footer,
         Err(e) => {

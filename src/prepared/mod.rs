@@ -12,13 +12,11 @@
 //! | `file.rs` | Arrow's IPC format: where columns lie in a file |
 //! | `write.rs` | a scene to a file |
 //! | `read.rs` | a file to a scene, and what is refused of damaged ones |
-//! | `map.rs` | the one place where a file becomes memory |
 //! | `point_file.rs` | points of a file as a stream of particles |
 
 mod about;
 mod columns;
 mod file;
-mod map;
 mod point_file;
 mod read;
 mod write;
@@ -26,7 +24,6 @@ mod write;
 use std::path::Path;
 
 pub use about::About;
-pub(crate) use map::map_file;
 pub use point_file::PointFile;
 
 pub use crate::blocks::ParticleStream;
@@ -112,7 +109,7 @@ impl PreparedScene {
     /// # Errors
     /// Those of [`PreparedScene::open`], and bytes that are not aligned to 64.
     pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<(Self, About)> {
-        let (scene, about) = read::of_bytes(name, map::aligned(&bytes))?;
+        let (scene, about) = read::of_bytes(name, crate::scene::map::aligned(&bytes))?;
         Ok((Self { scene }, about))
     }
 

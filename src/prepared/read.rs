@@ -12,7 +12,6 @@ use super::about::{
 };
 use super::columns::Id;
 use super::file::{self, BatchPlaces, fault};
-use super::map;
 use crate::blocks::{
     Block, BlockedParticles, BlockedScene, BlockedVolume, BrickGrid, KeptOfVolume, MergeBounds,
     Merged, NO_PARENT,
@@ -20,6 +19,7 @@ use crate::blocks::{
 use crate::constants::BLOCK_CAPACITY;
 use crate::error::{Error, Result};
 use crate::math::{MAX_HARMONICS_DEGREE, harmonics_count};
+use crate::scene::map;
 use crate::scene::{
     BoundaryPlanesIn, ColourIn, Column, LocalModelsIn, SharedBytes, StrengthIn, ValuesIn,
 };

@@ -7,6 +7,8 @@ mod ghosts;
 mod lattice;
 mod lighting;
 mod local_models;
+#[cfg(feature = "prepared")]
+pub(crate) mod map;
 mod point_volume;
 mod requirements;
 pub(crate) mod rows;

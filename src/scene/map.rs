@@ -7,10 +7,10 @@ use std::sync::Arc;
 
 use memmap2::Mmap;
 
-use crate::scene::SharedBytes;
+use super::storage::SharedBytes;
 
 /// Maps a file that somebody wrote. An empty one has no bytes to map and is an error of the system.
-pub(super) fn map(path: &Path) -> io::Result<SharedBytes> {
+pub(crate) fn map(path: &Path) -> io::Result<SharedBytes> {
     let file = File::open(path)?;
     if !file.metadata()?.is_file() {
         return Err(io::Error::other(
@@ -45,7 +45,7 @@ fn mapped(file: &File) -> io::Result<Mmap> {
 }
 
 /// Bytes that begin at a multiple of 8, as those of a map do.
-pub(super) fn aligned(bytes: &[u8]) -> SharedBytes {
+pub(crate) fn aligned(bytes: &[u8]) -> SharedBytes {
     let mut words = vec![0_u64; bytes.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
     Arc::new(Words {
