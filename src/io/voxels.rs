@@ -123,10 +123,7 @@ pub(super) fn read(
     skip: Skip,
     numbers: &Numbers,
 ) -> Result<(Vec<Values>, Vec<String>)> {
-    let (count, wanted) = numbers.check(input.path)?;
-    // Of one volume at the least, in four bytes at most.
-    let kept = count as u64 * numbers.beside as u64 * numbers.encoding.scalar.size().min(4) as u64;
-    check_room(input.path, "header, the sizes", kept)?;
+    let (_, wanted) = numbers.check(input.path)?;
     let mut numbers = numbers.clone();
     // Those in text are parsed to little-endian bytes, whatever the header says.
     numbers.encoding.big_endian &= packing != Packing::Text;
@@ -585,6 +582,9 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
         scale,
         ..
     } = *numbers;
+    // Of one volume at the least, in four bytes at most.
+    let kept = count as u64 * beside as u64 * encoding.scalar.size().min(4) as u64;
+    check_room(path, "header, the sizes", kept)?;
     let sample = encoding.scalar.size() * beside;
     let mut found = 0;
     let mut chunk = Vec::new();

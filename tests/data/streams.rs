@@ -48,7 +48,7 @@ fn a_stream_of_a_files_points_is_the_scene_of_all_of_them() {
         ],
         &["x", "y", "z", "h", "extinction", "volume", "t"],
     ];
-    for columns in tables {
+    for (i, columns) in tables.into_iter().enumerate() {
         let mut random = Random::new(columns.len() as u64);
         let bytes = table(columns, ROWS, |i, name| {
             let number = random.range(0.0, 1.0) as f32;
@@ -64,7 +64,8 @@ fn a_stream_of_a_files_points_is_the_scene_of_all_of_them() {
             }
         });
         std::fs::write(&path, bytes).unwrap();
-        for for_columns in [false, true] {
+        // Sums of masses, of one of them.
+        for for_columns in [false, true].into_iter().take(if i == 0 { 2 } else { 1 }) {
             let options = SampleOptions {
                 for_columns,
                 local_models: !for_columns,

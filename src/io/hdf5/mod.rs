@@ -384,9 +384,9 @@ impl<'a> SnapshotFile<'a> {
             .checked_mul(components)
             .and_then(|n| n.checked_mul(size));
         let byte_count = byte_count.ok_or_else(too_large)?;
-        check_room(self.path, place(), byte_count as u64)?;
         let left = self.budget.get().checked_sub(byte_count);
         self.budget.set(left.ok_or_else(too_large)?);
+        check_room(self.path, place(), byte_count as u64)?;
         let (bytes, encoding) = match (rows, layout) {
             (None, layout) => (
                 layout.widened(read_bytes(&dataset, byte_count).map_err(failed)?),
