@@ -25,10 +25,10 @@ const ROWS: usize = 1 << 18;
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # let folder = tempfile::tempdir()?;
 /// # let path = folder.path().join("balls.npy");
-/// # let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+/// # let mut bytes = b"\x93NUMPY\x01\x00\xb6\x00".to_vec();
 /// # let columns = ["x", "y", "z", "sigma", "mass"].map(|name| format!("('{name}', '<f4')")).join(", ");
 /// # bytes.extend(format!("{{'descr': [{columns}], 'fortran_order': False, 'shape': (2,), }}").bytes());
-/// # bytes.resize(127, b' ');
+/// # bytes.resize(191, b' ');
 /// # bytes.push(b'\n');
 /// # bytes.extend([0.0_f32, 0.0, 0.0, 0.5, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0].iter().flat_map(|x| x.to_le_bytes()));
 /// # std::fs::write(&path, bytes)?;
