@@ -267,7 +267,9 @@ impl DataOptions {
         input: &Input,
         options: &SampleOptions,
     ) -> Result<Option<PointFile>> {
-        let is_of_rows = input.edit == Edit::default()
+        // Folders and patterns of names are read whole.
+        let is_of_rows = input.path.is_file()
+            && input.edit == Edit::default()
             && input.field.is_none()
             && input.function.is_none()
             && input.time_step.is_none()
