@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-use super::room::{MEMORY, Room};
+#[cfg(feature = "prepared")]
+use super::room::ColumnBuilder;
+use super::room::Room;
 use crate::error::Result;
 use crate::math::harmonics_count;
 use crate::scene::{
@@ -159,9 +161,127 @@ impl Rest {
             boundary: self.boundary.map(|planes| planes.gather(order)),
             normals: match self.normals {
                 None => None,
-                Some(normals) => Some(MEMORY.pick(normals, order)?),
+                Some(normals) => Some(room.pick(normals, order)?),
             },
             local_models: self.local_models.map(|models| models.gather(order)),
         })
+    }
+}
+
+/// Columns of points in the making.
+#[cfg(feature = "prepared")]
+pub(super) struct PointsBuilder<'a> {
+    positions: ColumnBuilder<'a, DVec3>,
+    numbers: ColumnBuilder<'a, u32>,
+    sigmas: ColumnBuilder<'a, f32>,
+    shapes: ColumnBuilder<'a, [f32; 6]>,
+    strengths: ColumnBuilder<'a, f32>,
+    colours: ColumnBuilder<'a, [f32; 3]>,
+    coefficients: ColumnBuilder<'a, f32>,
+    values: Option<ValuesBuilder<'a>>,
+}
+
+#[cfg(feature = "prepared")]
+enum ValuesBuilder<'a> {
+    U8(ColumnBuilder<'a, u8>),
+    I16(ColumnBuilder<'a, i16>),
+    U16(ColumnBuilder<'a, u16>),
+    F32(ColumnBuilder<'a, f32>),
+}
+
+#[cfg(feature = "prepared")]
+impl<'a> PointsBuilder<'a> {
+    pub(super) fn new(like: &PointVolume, count: usize, room: Room<'a>) -> Result<Self> {
+        Ok(Self {
+            positions: room.column(count)?,
+            numbers: room.column(count)?,
+            sigmas: room.column(0)?,
+            shapes: room.column(0)?,
+            strengths: room.column(count)?,
+            colours: room.column(0)?,
+            coefficients: room.column(0)?,
+            values: match &like.values {
+                None => None,
+                Some(Values::U8(_)) => Some(ValuesBuilder::U8(room.column(count)?)),
+                Some(Values::I16(_)) => Some(ValuesBuilder::I16(room.column(count)?)),
+                Some(Values::U16(_)) => Some(ValuesBuilder::U16(room.column(count)?)),
+                Some(Values::F32(_)) => Some(ValuesBuilder::F32(room.column(count)?)),
+            },
+        })
+    }
+
+    pub(super) fn extend(&mut self, points: &Points, numbers: &[u32]) -> Result<()> {
+        self.positions.extend(&points.positions)?;
+        self.numbers.extend(numbers)?;
+        match &points.shapes {
+            PointShapes::Spheres(sigmas) => self.sigmas.extend(sigmas)?,
+            PointShapes::Ellipsoids(shapes)
+            | PointShapes::Surfels {
+                tangents: shapes, ..
+            } => self.shapes.extend(shapes)?,
+        }
+        self.strengths.extend(points.rest.strength.stored())?;
+        match &points.rest.colour {
+            ColourIn::PerParticle(colours) => self.colours.extend(colours)?,
+            ColourIn::Harmonics { coefficients, .. } => self.coefficients.extend(coefficients)?,
+            ColourIn::Classified | ColourIn::Uniform(_) => {}
+        }
+        match (&mut self.values, &points.rest.values) {
+            (Some(ValuesBuilder::U8(own)), Some(ValuesIn::U8(values))) => own.extend(values),
+            (Some(ValuesBuilder::I16(own)), Some(ValuesIn::I16(values))) => own.extend(values),
+            (Some(ValuesBuilder::U16(own)), Some(ValuesIn::U16(values))) => own.extend(values),
+            (Some(ValuesBuilder::F32(own)), Some(ValuesIn::F32(values))) => own.extend(values),
+            _ => Ok(()),
+        }
+    }
+
+    /// All of them, and their numbers.
+    pub(super) fn finish(self, like: &PointVolume) -> Result<(Points, Column<u32>)> {
+        let strengths = self.strengths.finish()?;
+        let points = Points {
+            positions: self.positions.finish()?,
+            shapes: match like.particles {
+                Particles::Surfels { is_one_sided, .. } => PointShapes::Surfels {
+                    tangents: self.shapes.finish()?,
+                    is_one_sided,
+                },
+                Particles::Isotropic { .. } => PointShapes::Spheres(self.sigmas.finish()?),
+                _ => PointShapes::Ellipsoids(self.shapes.finish()?),
+            },
+            rest: Rest {
+                strength: match like.strength {
+                    StrengthIn::Classified { .. } => StrengthIn::Classified { volumes: strengths },
+                    StrengthIn::Mass(_) => StrengthIn::Mass(strengths),
+                    StrengthIn::Surface(_) => StrengthIn::Surface(strengths),
+                    StrengthIn::Translucent(_) => StrengthIn::Translucent(strengths),
+                    StrengthIn::PeakOpacity {
+                        is_anti_aliased, ..
+                    } => StrengthIn::PeakOpacity {
+                        opacities: strengths,
+                        is_anti_aliased,
+                    },
+                },
+                colour: match like.colour {
+                    ColourIn::PerParticle(_) => ColourIn::PerParticle(self.colours.finish()?),
+                    ColourIn::Harmonics { degree, .. } => ColourIn::Harmonics {
+                        degree,
+                        coefficients: self.coefficients.finish()?,
+                    },
+                    ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
+                    ColourIn::Classified => ColourIn::Classified,
+                },
+                values: match self.values {
+                    None => None,
+                    Some(ValuesBuilder::U8(own)) => Some(ValuesIn::U8(own.finish()?)),
+                    Some(ValuesBuilder::I16(own)) => Some(ValuesIn::I16(own.finish()?)),
+                    Some(ValuesBuilder::U16(own)) => Some(ValuesIn::U16(own.finish()?)),
+                    Some(ValuesBuilder::F32(own)) => Some(ValuesIn::F32(own.finish()?)),
+                },
+                boundary: None,
+                normals: None,
+                local_models: None,
+            },
+        };
+        Ok((points, self.numbers.finish()?))
     }
 }

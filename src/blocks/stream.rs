@@ -17,12 +17,12 @@ use rayon::prelude::*;
 
 use super::BlockedVolume;
 use super::build::{BuildOptions, Ordered, Sorted, block_order, build_sorted, check_count};
-use super::points::{PointShapes, Points, Rest};
-use super::room::{ColumnBuilder, MEMORY, Room, failed, nameless};
+use super::points::{Points, PointsBuilder};
+use super::room::{MEMORY, Room, failed, nameless};
 use super::tree::{CHUNK, Curve};
 use crate::error::{Error, Result};
 use crate::scene::rows::{kind_of, row_len, rows_of, volume_of};
-use crate::scene::{ColourIn, Particles, PointVolume, Shared, Storage, StrengthIn, ValuesIn};
+use crate::scene::{Particles, PointVolume};
 use crate::task::{Stage, Task};
 
 /// Points that come a part at a time, in their order, as often as they are asked for.
@@ -254,23 +254,25 @@ impl<'a> Buckets<'a> {
         let (mut number, mut end) = (0, 0);
         stream.for_each(&mut |part| {
             stage.check()?;
-            let numbers: Vec<u64> = (number..number + part.particles.len() as u64).collect();
-            let rows = rows_of(&part, &numbers);
-            let positions = part.particles.positions().par_iter();
+            let positions = part.particles.positions();
+            // What has no place is in no block, and takes no number.
+            let numbers = positions.iter().map(|p| {
+                let own = number;
+                number += u64::from(p.is_finite());
+                own
+            });
+            let rows = rows_of(&part, &numbers.collect::<Vec<u64>>());
             let bucket_of = |p: &DVec3| {
                 let is_there = p.is_finite();
                 is_there.then(|| cuts.partition_point(|cut| *cut <= curve.cell(*p)) - 1)
             };
-            let places: Vec<Option<usize>> = positions.map(bucket_of).collect();
+            let places: Vec<Option<usize>> = positions.par_iter().map(bucket_of).collect();
             for (row, place) in rows.chunks_exact(own.row).zip(places) {
-                // What has no place is in no block, and has no number.
                 let Some(place) = place else {
                     continue;
                 };
                 let bucket = &mut own.curve_buckets[place];
-                bucket.rest.extend_from_slice(&number.to_le_bytes());
-                bucket.rest.extend_from_slice(&row[8..]);
-                number += 1;
+                bucket.rest.extend_from_slice(row);
                 if bucket.rest.len() >= sizes.piece {
                     own.file
                         .write_all(&bucket.rest)
@@ -346,122 +348,6 @@ fn check(part: &PointVolume) -> Result<()> {
 fn refused(expected: &str, found: &str) -> Error {
     let advice = "make the scene of all of them at once";
     Error::invalid("scene", "stream of particles", expected, found, advice)
-}
-
-/// Columns of points in the making.
-struct PointsBuilder<'a> {
-    positions: ColumnBuilder<'a, DVec3>,
-    numbers: ColumnBuilder<'a, u32>,
-    sigmas: ColumnBuilder<'a, f32>,
-    shapes: ColumnBuilder<'a, [f32; 6]>,
-    strengths: ColumnBuilder<'a, f32>,
-    colours: ColumnBuilder<'a, [f32; 3]>,
-    coefficients: ColumnBuilder<'a, f32>,
-    values: Option<ValuesBuilder<'a>>,
-}
-
-enum ValuesBuilder<'a> {
-    U8(ColumnBuilder<'a, u8>),
-    I16(ColumnBuilder<'a, i16>),
-    U16(ColumnBuilder<'a, u16>),
-    F32(ColumnBuilder<'a, f32>),
-}
-
-impl<'a> PointsBuilder<'a> {
-    fn new(like: &PointVolume, count: usize, room: Room<'a>) -> Result<Self> {
-        use crate::scene::Values;
-        Ok(Self {
-            positions: room.column(count)?,
-            numbers: room.column(count)?,
-            sigmas: room.column(0)?,
-            shapes: room.column(0)?,
-            strengths: room.column(count)?,
-            colours: room.column(0)?,
-            coefficients: room.column(0)?,
-            values: match &like.values {
-                None => None,
-                Some(Values::U8(_)) => Some(ValuesBuilder::U8(room.column(count)?)),
-                Some(Values::I16(_)) => Some(ValuesBuilder::I16(room.column(count)?)),
-                Some(Values::U16(_)) => Some(ValuesBuilder::U16(room.column(count)?)),
-                Some(Values::F32(_)) => Some(ValuesBuilder::F32(room.column(count)?)),
-            },
-        })
-    }
-
-    fn extend(&mut self, points: &Points, numbers: &[u32]) -> Result<()> {
-        self.positions.extend(&points.positions)?;
-        self.numbers.extend(numbers)?;
-        match &points.shapes {
-            PointShapes::Spheres(sigmas) => self.sigmas.extend(sigmas)?,
-            PointShapes::Ellipsoids(shapes)
-            | PointShapes::Surfels {
-                tangents: shapes, ..
-            } => self.shapes.extend(shapes)?,
-        }
-        self.strengths.extend(points.rest.strength.stored())?;
-        match &points.rest.colour {
-            ColourIn::PerParticle(colours) => self.colours.extend(colours)?,
-            ColourIn::Harmonics { coefficients, .. } => self.coefficients.extend(coefficients)?,
-            ColourIn::Classified | ColourIn::Uniform(_) => {}
-        }
-        match (&mut self.values, &points.rest.values) {
-            (Some(ValuesBuilder::U8(own)), Some(ValuesIn::U8(values))) => own.extend(values),
-            (Some(ValuesBuilder::I16(own)), Some(ValuesIn::I16(values))) => own.extend(values),
-            (Some(ValuesBuilder::U16(own)), Some(ValuesIn::U16(values))) => own.extend(values),
-            (Some(ValuesBuilder::F32(own)), Some(ValuesIn::F32(values))) => own.extend(values),
-            _ => Ok(()),
-        }
-    }
-
-    /// All of them, and their numbers.
-    fn finish(self, like: &PointVolume) -> Result<(Points, <Shared as Storage>::Of<u32>)> {
-        let strengths = self.strengths.finish()?;
-        let points = Points {
-            positions: self.positions.finish()?,
-            shapes: match like.particles {
-                Particles::Surfels { is_one_sided, .. } => PointShapes::Surfels {
-                    tangents: self.shapes.finish()?,
-                    is_one_sided,
-                },
-                Particles::Isotropic { .. } => PointShapes::Spheres(self.sigmas.finish()?),
-                _ => PointShapes::Ellipsoids(self.shapes.finish()?),
-            },
-            rest: Rest {
-                strength: match like.strength {
-                    StrengthIn::Classified { .. } => StrengthIn::Classified { volumes: strengths },
-                    StrengthIn::Mass(_) => StrengthIn::Mass(strengths),
-                    StrengthIn::Surface(_) => StrengthIn::Surface(strengths),
-                    StrengthIn::Translucent(_) => StrengthIn::Translucent(strengths),
-                    StrengthIn::PeakOpacity {
-                        is_anti_aliased, ..
-                    } => StrengthIn::PeakOpacity {
-                        opacities: strengths,
-                        is_anti_aliased,
-                    },
-                },
-                colour: match like.colour {
-                    ColourIn::PerParticle(_) => ColourIn::PerParticle(self.colours.finish()?),
-                    ColourIn::Harmonics { degree, .. } => ColourIn::Harmonics {
-                        degree,
-                        coefficients: self.coefficients.finish()?,
-                    },
-                    ColourIn::Uniform(colour) => ColourIn::Uniform(colour),
-                    ColourIn::Classified => ColourIn::Classified,
-                },
-                values: match self.values {
-                    None => None,
-                    Some(ValuesBuilder::U8(own)) => Some(ValuesIn::U8(own.finish()?)),
-                    Some(ValuesBuilder::I16(own)) => Some(ValuesIn::I16(own.finish()?)),
-                    Some(ValuesBuilder::U16(own)) => Some(ValuesIn::U16(own.finish()?)),
-                    Some(ValuesBuilder::F32(own)) => Some(ValuesIn::F32(own.finish()?)),
-                },
-                boundary: None,
-                normals: None,
-                local_models: None,
-            },
-        };
-        Ok((points, self.numbers.finish()?))
-    }
 }
 
 #[cfg(test)]

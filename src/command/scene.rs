@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::io::{Dataset, Geometry, Mesh, Up};
+use crate::io::{Dataset, Geometry, Mesh, RowFile, Up};
 use crate::legend::title_of;
-use crate::prepared::{About, ParticleStream, PointFile, PreparedScene};
+use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::mesh::Spread;
 use crate::sample::{
     SampleOptions, SampleReport, SampledScene, TransferChoice, automatic, shared_functions,
@@ -134,19 +134,7 @@ impl DataOptions {
         most_pixels: impl Fn(&Mesh, Up) -> Result<Option<f64>>,
         progress: &ProgressBar,
     ) -> Result<Scene> {
-        self.check_surface()?;
-        if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
-            let expected = "an automatic transfer function, or a named colour map";
-            let found = "a file, which has a scale of its own";
-            let advice = "change the file, or leave the scale out";
-            return Err(Error::invalid(
-                "--scale",
-                "transfer function",
-                expected,
-                found,
-                advice,
-            ));
-        }
+        self.check_function(options)?;
         let options = SampleOptions {
             keeps_value_sample: inputs.len() > 1 && !options.for_columns,
             ..options.clone()
@@ -260,6 +248,24 @@ impl DataOptions {
         Ok(scene)
     }
 
+    /// Refuses what says nothing of the surface, or of the transfer function, that is asked for.
+    fn check_function(&self, options: &SampleOptions) -> Result<()> {
+        self.check_surface()?;
+        if self.scale.is_some() && matches!(options.transfer, TransferChoice::File(_)) {
+            let expected = "an automatic transfer function, or a named colour map";
+            let found = "a file, which has a scale of its own";
+            let advice = "change the file, or leave the scale out";
+            return Err(Error::invalid(
+                "--scale",
+                "transfer function",
+                expected,
+                found,
+                advice,
+            ));
+        }
+        Ok(())
+    }
+
     /// An input as a stream of particles, where it is a file of many points of which each becomes one by itself: so many
     /// that sorting them in memory takes a part of a machine's that counts.
     pub(crate) fn stream(
@@ -276,14 +282,18 @@ impl DataOptions {
             && self.read_as.is_none()
             && self.scales.is_none()
             && self.has_types() == input.particle_type.is_some();
-        let file = match is_of_rows {
-            true => PointFile::open(&input.path, input.particle_type, options)?,
+        let rows = match is_of_rows {
+            true => RowFile::open(&input.path, input.particle_type)?,
             false => None,
         };
-        let Some(file) = file.filter(|file| file.len() >= STREAMED) else {
+        let file = match rows.filter(|rows| rows.count() >= STREAMED) {
+            Some(rows) => PointFile::of(rows, options)?,
+            None => None,
+        };
+        let Some(file) = file else {
             return Ok(None);
         };
-        self.check_surface()?;
+        self.check_function(options)?;
         self.check_spacing()?;
         self.check_use(&Uses {
             kinds: vec![Kind::Points],

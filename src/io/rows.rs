@@ -68,6 +68,11 @@ impl RowFile {
         Ok(rows.map(|rows| Self { path, rows }))
     }
 
+    /// The file that was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// How many rows there are.
     pub fn count(&self) -> usize {
         match &self.rows {

@@ -1,6 +1,6 @@
 //! Points of a file as a stream of particles.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
 
@@ -42,7 +42,6 @@ const ROWS: usize = 1 << 18;
 /// ```
 #[derive(Debug)]
 pub struct PointFile {
-    path: PathBuf,
     file: RowFile,
     options: SampleOptions,
     /// Whether column densities sum values, whose range and volume all of them make up.
@@ -65,9 +64,17 @@ impl PointFile {
         particle_type: Option<ParticleType>,
         options: &SampleOptions,
     ) -> Result<Option<Self>> {
-        let Some(mut file) = RowFile::open(path, particle_type)? else {
-            return Ok(None);
-        };
+        match RowFile::open(path, particle_type)? {
+            Some(file) => Self::of(file, options),
+            None => Ok(None),
+        }
+    }
+
+    /// As [`Self::open`], of a file that is open.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`].
+    pub fn of(mut file: RowFile, options: &SampleOptions) -> Result<Option<Self>> {
         let Some(run) = file.runs(ROWS).into_iter().next() else {
             return Ok(None);
         };
@@ -84,7 +91,6 @@ impl PointFile {
             options.field = Some(name);
         }
         Ok(Some(Self {
-            path: path.to_path_buf(),
             file,
             options,
             is_of_values,
@@ -119,7 +125,7 @@ impl PointFile {
         // Of points it depends on their bounds.
         let positions = self.corners.map_or(Vec::new(), |(a, b)| vec![a, b]);
         let geometry = Geometry::Points { positions };
-        Dataset::new(&self.path, "points", geometry, Vec::new()).up()
+        Dataset::new(self.file.path(), "points", geometry, Vec::new()).up()
     }
 
     /// Goes through all rows.
@@ -141,7 +147,7 @@ impl PointFile {
         }
         let mut report = report.unwrap_or_default();
         if report.particle_count == 0 {
-            return Err(nothing_left(&self.path, &report));
+            return Err(nothing_left(self.file.path(), &report));
         }
         let spacing = mean_spacing(volume_sum, report.particle_count);
         report.unit_distance = self.options.unit_distance.unwrap_or(spacing);

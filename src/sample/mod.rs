@@ -378,16 +378,24 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     Ok(sampled)
 }
 
-fn check_options(options: &SampleOptions) -> Result<()> {
-    if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
-        return Err(Error::invalid(
-            Parameter::KernelWidth,
-            "value",
-            "a positive number",
-            options.kernel_width.to_string(),
-            format!("{DEFAULT_KERNEL_WIDTH} is the default"),
-        ));
+/// Refuses a width of kernels that is none.
+fn check_kernel_width(width: f64, advice: impl FnOnce() -> String) -> Result<()> {
+    if width > 0.0 && width.is_finite() {
+        return Ok(());
     }
+    let (expected, found) = ("a positive number", width.to_string());
+    Err(Error::invalid(
+        Parameter::KernelWidth,
+        "value",
+        expected,
+        found,
+        advice(),
+    ))
+}
+
+fn check_options(options: &SampleOptions) -> Result<()> {
+    let advice = || format!("{DEFAULT_KERNEL_WIDTH} is the default");
+    check_kernel_width(options.kernel_width, advice)?;
     if options.shepard_passes > MOST_SHEPARD_PASSES {
         return Err(Error::invalid(
             "sample",

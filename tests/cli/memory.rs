@@ -9,7 +9,7 @@ use ewa_splat::io::{OpenOptions, open};
 use ewa_splat::prepared::PreparedScene;
 use ewa_splat::sample::{SampleOptions, scene};
 
-use crate::commands::{run, text};
+use crate::commands::{fixture, run, text};
 use crate::common::Random;
 
 /// Spheres with masses, in an NPY file.
@@ -157,5 +157,17 @@ fn memory_that_there_is_not_ends_in_one_line_and_in_no_file() {
             said.push(error);
         }
         assert!(!said.is_empty(), "{arguments:?} took no memory");
+    }
+}
+
+/// Folders that are data sets are no files of rows.
+#[test]
+fn folders_are_prepared_as_a_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["plt00010", "dicom/oblique"] {
+        let input = fixture(name);
+        let output = run(folder.path(), &["convert", &input, "--out", "a.arrow"]);
+        assert!(output.status.success(), "{name}: {}", text(&output.stderr));
+        assert!(PreparedScene::open(&folder.path().join("a.arrow")).is_ok());
     }
 }

@@ -27,7 +27,7 @@ mod surfels;
 mod texture;
 
 use super::{Finding, narrowed};
-use crate::error::{Error, Hint, Parameter, Result};
+use crate::error::{Error, Hint, Result};
 use crate::io::Mesh;
 use crate::math::{normal_code, normal_of_code};
 use crate::scene::{Colour, MAX_OPACITY, Particles, PointVolume, Strength};
@@ -181,15 +181,8 @@ impl MeshReport {
 /// Those of [`Mesh::validate`]; no triangle with an area, numbers that are not positive, more than [`MOST_SURFELS`];
 /// work that was cancelled.
 pub fn surfels(mesh: &Mesh, options: &MeshOptions) -> Result<SampledMesh> {
-    if !(options.kernel_width > 0.0 && options.kernel_width.is_finite()) {
-        return Err(Error::invalid(
-            Parameter::KernelWidth,
-            "value",
-            "a positive number",
-            options.kernel_width.to_string(),
-            format!("{SURFEL_WIDTH} is the default for surfels"),
-        ));
-    }
+    let advice = || format!("{SURFEL_WIDTH} is the default for surfels");
+    super::check_kernel_width(options.kernel_width, advice)?;
     check_size(mesh)?;
     mesh.validate()?;
     let mut surface = Surface::new(mesh);
