@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::brick::outwards;
 use super::extent::spread_of;
-use super::merge::{Shapes, Source, merge_lattice, merge_points, widen_to_members};
+use super::merge::{Source, merge_lattice, merge_points, widen_to_members};
 use super::overlap::Crowds;
 use super::points::{PointShapes, Points};
 use super::room::{MEMORY, RUN, Room};
@@ -232,65 +232,67 @@ pub(super) fn build_sorted(
         tree,
         transfer_function,
     } = sorted;
+    let principal = principal_ranges(&points.shapes);
+    let source = points.source(&principal);
+    let crowds = Crowds::new(&tree, &source);
+    let merged = match options.detail && points.are_merged() {
+        true => merge_points(&source, &tree, &crowds, task)?,
+        false => None,
+    };
+    drop(tree);
+    let runs = runs
+        .into_iter()
+        .map(|run| (crowds.greatest(&run, 1.0), run))
+        .collect();
+    let mut base = in_blocks(points, numbers, runs, principal, room, options)?;
+    base.transfer_function = transfer_function;
+    if let Some(merged) = &merged {
+        for block in &mut base.blocks {
+            block.parent = merged.parent_of(block.first as usize);
+        }
+    }
+    let coarse = merged.map(|merged| merged.into_volume(&base).0);
+    Ok(family(base, coarse.into_iter().collect()))
+}
+
+/// Points in blocks, which have no parents yet.
+///
+/// - `runs`: of the points, which become blocks where no far particle stretches them, and how crowded each is
+///   ([`Block::crowding`]).
+/// - `principal`: [`principal_ranges`].
+pub(super) fn in_blocks(
+    points: Points,
+    numbers: Column<u32>,
+    runs: Vec<(f32, Range<usize>)>,
+    principal: Vec<[f32; 2]>,
+    room: Room<'_>,
+    options: BuildOptions,
+) -> Result<BlockedVolume> {
+    let source = points.source(&principal);
+    // Within their blocks, particles have an order of their own.
+    let mut places: Vec<u32> = (0..numbers.len() as u32).collect();
+    // Crowds are those of whole runs: particles were looked for where the tree had them.
+    let (crowding, runs): (Vec<f32>, Vec<Range<usize>>) = runs.into_iter().unzip();
+    let parts = without_outliers(&mut places, &runs, &points.positions, &|i| {
+        source.sigmas(i as usize)[1]
+    });
+    if let Some(values) = &points.rest.values {
+        sort_by_value(&mut places, &parts, values, &numbers);
+    }
+    let mut blocks: Vec<Block> = parts
+        .par_iter()
+        .map(|run| block(&places[run.clone()], run.start, &source))
+        .collect();
+    for (block, part) in blocks.iter_mut().zip(&parts) {
+        let whole = runs.partition_point(|run| run.end <= part.start);
+        block.crowding = crowding[whole];
+    }
+    drop(principal);
     let Points {
         positions,
         shapes,
         rest,
     } = points;
-    let are_surfels = shapes.are_surfels();
-    // Merged particles reflect like none of their members; see `PointVolume::normals`.
-    let detail = options.detail && rest.normals.is_none();
-    let principal = principal_ranges(&shapes);
-    let source = Source {
-        positions: &positions,
-        shapes: match &shapes {
-            PointShapes::Spheres(sigmas) => Shapes::Spheres(sigmas),
-            PointShapes::Ellipsoids(factors) => Shapes::Factors(factors),
-            PointShapes::Surfels { tangents, .. } => Shapes::Factors(tangents),
-        },
-        principal: &principal,
-        strength: &rest.strength,
-        colour: &rest.colour,
-        values: rest.values.as_ref(),
-        models: rest.local_models.as_ref(),
-        boundary: rest.boundary.as_ref(),
-    };
-    // Surfels are not merged: a cluster of them need not lie in a plane.
-    let crowds = Crowds::new(&tree, &source);
-    let merged = if detail && !are_surfels {
-        merge_points(&source, &tree, &crowds, task)?
-    } else {
-        None
-    };
-    drop(tree);
-    // Before blocks are split: particles are looked for where the tree had them.
-    let crowding: Vec<(usize, f32)> = runs
-        .iter()
-        .map(|run| (run.end, crowds.greatest(run, 1.0)))
-        .collect();
-    // Within their blocks, particles have an order of their own.
-    let mut places: Vec<u32> = (0..numbers.len() as u32).collect();
-    let runs = without_outliers(&mut places, &runs, &positions, &|i| {
-        source.sigmas(i as usize)[1]
-    });
-    if let Some(values) = &rest.values {
-        sort_by_value(&mut places, &runs, values, &numbers);
-    }
-    let mut blocks: Vec<Block> = runs
-        .par_iter()
-        .map(|run| block(&places[run.clone()], run.start, &source))
-        .collect();
-    for (block, run) in blocks.iter_mut().zip(&runs) {
-        let whole = crowding.partition_point(|(end, _)| *end <= run.start);
-        block.crowding = crowding[whole].1;
-    }
-    if let Some(merged) = &merged {
-        for block in &mut blocks {
-            block.parent = merged.parent_of(block.first as usize);
-        }
-    }
-    let coarse = merged.map(|merged| merged.into_volume(&source));
-    drop(principal);
     let offsets = offsets(&positions, &places, &blocks, room)?;
     drop(positions);
     let is_moved = !places.par_windows(2).all(|w| w[0] < w[1]);
@@ -298,7 +300,7 @@ pub(super) fn build_sorted(
         true => (shapes.gather(&places, room)?, rest.gather(&places, room)?),
         false => (shapes, rest),
     };
-    let base = BlockedVolume {
+    Ok(BlockedVolume {
         particles: match shapes {
             PointShapes::Spheres(sigmas) => BlockedParticles::Isotropic { offsets, sigmas },
             PointShapes::Ellipsoids(factors) => BlockedParticles::Anisotropic { offsets, factors },
@@ -314,7 +316,7 @@ pub(super) fn build_sorted(
         strength: rest.strength,
         colour: rest.colour,
         values: rest.values,
-        transfer_function,
+        transfer_function: None,
         normals: rest.normals,
         boundary: rest.boundary,
         blocks,
@@ -325,8 +327,7 @@ pub(super) fn build_sorted(
             false => None,
         },
         merged: None,
-    };
-    Ok(family(base, coarse.into_iter().collect()))
+    })
 }
 
 /// Of particles of blocks, from their blocks' origins.
@@ -361,7 +362,7 @@ fn offsets(
 }
 
 /// A volume and its levels of detail, which share a transfer function.
-fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume> {
+pub(super) fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume> {
     let transfer = base.transfer_function.clone();
     let mut volumes = vec![base];
     volumes.extend(levels);
@@ -373,7 +374,7 @@ fn family(base: BlockedVolume, levels: Vec<BlockedVolume>) -> Vec<BlockedVolume>
 }
 
 /// Least and greatest standard deviation of each kernel that is no sphere, rounded outwards.
-fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
+pub(super) fn principal_ranges(shapes: &PointShapes) -> Vec<[f32; 2]> {
     match shapes {
         PointShapes::Spheres(_) => Vec::new(),
         PointShapes::Surfels { tangents, .. } => tangents

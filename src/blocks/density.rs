@@ -13,7 +13,7 @@ pub(crate) fn densities(volume: &BlockedVolume) -> Vec<f64> {
 }
 
 /// A kernel of the default width stands for the volume (sigma / .6)³.
-fn density_of(volume: &BlockedVolume, block: &Block) -> f64 {
+pub(super) fn density_of(volume: &BlockedVolume, block: &Block) -> f64 {
     let members = block.first as usize..(block.first + block.count) as usize;
     let strengths = volume.strength.stored();
     let density = |i: usize, volume: f64| {

@@ -39,6 +39,7 @@ mod layers;
 mod merge;
 mod neighbours;
 mod overlap;
+mod peers;
 mod points;
 mod room;
 mod rule;
@@ -50,6 +51,7 @@ mod tree;
 
 use std::sync::Arc;
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 use crate::constants::FAINT_SHARE;
@@ -77,6 +79,7 @@ pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
+pub(crate) use peers::{LEAST, Peers, SharedVolume, build_together};
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]
 pub(crate) use scene::KeptOfVolume;
@@ -149,7 +152,8 @@ pub enum BlockedParticles {
 }
 
 /// A run of particles and what bounds them.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Block {
     /// World position that the particles' offsets are relative to: the middle of their bounds.
     pub origin: DVec3,

@@ -3,10 +3,13 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::merge::Source;
+use super::merge::{Grown, Source};
+use super::peers::Peers;
 use super::tree::Tree;
+use crate::error::Result;
 use crate::splat::budget::OVERLAP;
 
 /// Kernels whose centres fit into a box of this diagonal, in units of the standard deviation that at least
@@ -24,6 +27,170 @@ pub(in crate::blocks) struct Crowds {
     runs: Vec<(Range<usize>, usize)>,
 }
 
+/// Kernels, as crowds are looked for among them.
+struct Kernels<'a> {
+    source: &'a Source<'a>,
+    /// Up to every so many: how many are drawn, and the sum of their widths.
+    kept: Vec<(usize, f64)>,
+    widest: f64,
+}
+
+/// What is known of a run of kernels.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Summary {
+    /// How many are drawn.
+    count: u64,
+    /// Of their widths.
+    sum: f64,
+    lower: DVec3,
+    upper: DVec3,
+}
+
+impl Summary {
+    const NONE: Self = Self {
+        count: 0,
+        sum: 0.0,
+        lower: DVec3::INFINITY,
+        upper: DVec3::NEG_INFINITY,
+    };
+
+    fn and(mut self, other: &Self) -> Self {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.lower = self.lower.min(other.lower);
+        self.upper = self.upper.max(other.upper);
+        self
+    }
+
+    fn diagonal(&self) -> f64 {
+        (self.upper - self.lower).length()
+    }
+
+    /// Whether they may lie in one place, by a lower bound of the diagonal of their box.
+    ///
+    /// Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and so do differences of
+    /// sums: particles are asked where it may be.
+    fn may_be_one_place(&self, diagonal: f64) -> bool {
+        diagonal <= reach(self.sum / self.count as f64)
+    }
+}
+
+fn reach(mean: f64) -> f64 {
+    (1.0 + 1e-6) * 2.0 * DIAGONAL * mean
+}
+
+impl<'a> Kernels<'a> {
+    fn new(source: &'a Source<'a>) -> Self {
+        let mut own = Self {
+            source,
+            kept: Vec::with_capacity(source.positions.len() / STEP + 1),
+            widest: 0.0,
+        };
+        let mut sums = (0, 0.0);
+        for i in 0..source.positions.len() {
+            if i.is_multiple_of(STEP) {
+                own.kept.push(sums);
+            }
+            sums = own.add(sums, i);
+            own.widest = own.widest.max(own.width(i).unwrap_or(0.0));
+        }
+        own.kept.push(sums);
+        own
+    }
+
+    /// The least standard deviation, of what draws anything.
+    fn width(&self, i: usize) -> Option<f64> {
+        width(self.source, i)
+    }
+
+    fn add(&self, (count, sum): (usize, f64), i: usize) -> (usize, f64) {
+        self.width(i).map_or((count, sum), |w| (count + 1, sum + w))
+    }
+
+    fn before(&self, place: usize) -> (usize, f64) {
+        let kept = self.kept[place / STEP];
+        (place / STEP * STEP..place).fold(kept, |sums, i| self.add(sums, i))
+    }
+
+    /// How many there are, and how wide together; not where.
+    fn sums(&self, run: &Range<usize>) -> Summary {
+        let ((earlier, before), (later, sum)) = (self.before(run.start), self.before(run.end));
+        Summary {
+            count: (later - earlier) as u64,
+            sum: sum - before,
+            ..Summary::NONE
+        }
+    }
+
+    fn drawn(&self, run: &Range<usize>) -> impl Iterator<Item = (DVec3, f64)> {
+        let positions = self.source.positions;
+        run.clone()
+            .filter_map(move |i| Some((positions[i], self.width(i)?)))
+    }
+
+    fn summary(&self, run: &Range<usize>) -> Summary {
+        self.drawn(run)
+            .map(|(p, width)| Summary {
+                count: 1,
+                sum: width,
+                lower: p,
+                upper: p,
+            })
+            .fold(Summary::NONE, |all, own| all.and(&own))
+    }
+
+    /// How many are so wide that a box of this diagonal is one place.
+    fn wide(&self, run: &Range<usize>, diagonal: f64) -> u64 {
+        let wide = self
+            .drawn(run)
+            .filter(|(_, width)| diagonal <= DIAGONAL * width);
+        wide.count() as u64
+    }
+
+    fn are_one_place(&self, run: &Range<usize>) -> bool {
+        let all = self.summary(run);
+        2 * self.wide(run, all.diagonal()) >= all.count
+    }
+
+    /// Finds the crowds among a tree's.
+    ///
+    /// - `at`: the place of its first.
+    fn find(&self, tree: &Tree, at: usize) -> Vec<(Range<usize>, usize)> {
+        let mut found = Vec::new();
+        tree.visit(|run, diagonal| {
+            if !is_crowd(run.len()) {
+                return false;
+            }
+            if diagonal > reach(self.widest) {
+                return true;
+            }
+            let here = run.start + at..run.end + at;
+            let sums = self.sums(&here);
+            let count = sums.count as usize;
+            if !is_crowd(count) {
+                return false;
+            }
+            let is_found = sums.may_be_one_place(diagonal) && self.are_one_place(&here);
+            if is_found {
+                found.push((run, count));
+            }
+            !is_found
+        });
+        found
+    }
+}
+
+/// The least standard deviation, of what draws anything.
+fn width(source: &Source<'_>, i: usize) -> Option<f64> {
+    let [least, greatest] = source.sigmas(i);
+    let is_drawn = least >= 0.0 && greatest.is_finite() && {
+        let strength = source.strength.stored()[i];
+        strength > 0.0 && strength.is_finite()
+    };
+    is_drawn.then_some(f64::from(least))
+}
+
 impl Crowds {
     /// Finds them.
     ///
@@ -31,83 +198,93 @@ impl Crowds {
     ///
     /// - `tree`: over the particles; empty where all are in one block.
     pub(super) fn new(tree: &Tree, source: &Source<'_>) -> Self {
-        let (positions, strengths) = (source.positions, source.strength.stored());
-        // The least standard deviation, of what draws anything.
-        let width = |i: usize| {
-            let [least, greatest] = source.sigmas(i);
-            let is_drawn = least >= 0.0 && greatest.is_finite() && {
-                let strength = strengths[i];
-                strength > 0.0 && strength.is_finite()
-            };
-            is_drawn.then_some(f64::from(least))
-        };
-        let at = |i: usize| positions[i];
-        let mut runs = Vec::new();
-        if tree.is_empty() {
-            let drawn: Vec<usize> = (0..positions.len())
-                .filter(|&i| width(i).is_some())
-                .collect();
-            let beside = |&i: &usize| {
-                // A wide kernel is no place of many narrow ones.
-                let reach = |i: usize| 0.5 * DIAGONAL * width(i).unwrap_or(0.0);
-                let is_near = |&&j: &&usize| at(i).distance(at(j)) <= reach(i).min(reach(j));
-                drawn.iter().filter(is_near).count()
-            };
-            let count = drawn.iter().map(beside).max().unwrap_or(0);
-            if is_crowd(count) {
-                runs.push((0..positions.len(), count));
-            }
+        if !tree.is_empty() {
+            let runs = Kernels::new(source).find(tree, 0);
             return Self { runs };
         }
-        // Up to a particle: how many are drawn, and the sum of their widths. Every so many are kept.
-        let add = |(count, sum), i| width(i).map_or((count, sum), |w| (count + 1, sum + w));
-        let mut kept = Vec::with_capacity(positions.len() / STEP + 1);
-        let mut sums = (0, 0.0);
-        let mut widest = 0.0_f64;
-        for i in 0..positions.len() {
-            if i.is_multiple_of(STEP) {
-                kept.push(sums);
-            }
-            sums = add(sums, i);
-            widest = widest.max(width(i).unwrap_or(0.0));
-        }
-        kept.push(sums);
-        let before = |place: usize| (place / STEP * STEP..place).fold(kept[place / STEP], add);
-        let is_one_place = |run: &Range<usize>| {
-            let drawn = run.clone().filter_map(|i| Some((at(i), width(i)?)));
-            let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            let (lower, upper) = drawn
-                .clone()
-                .fold(none, |(lower, upper), (p, _)| (lower.min(p), upper.max(p)));
-            let diagonal = (upper - lower).length();
-            let (wide, all) = drawn.fold((0, 0), |(wide, all), (_, w)| {
-                (wide + u32::from(diagonal <= DIAGONAL * w), all + 1)
-            });
-            2 * wide >= all
+        let at = |i: usize| source.positions[i];
+        let all = 0..source.positions.len();
+        let drawn: Vec<usize> = all.filter(|&i| width(source, i).is_some()).collect();
+        let beside = |&i: &usize| {
+            // A wide kernel is no place of many narrow ones.
+            let reach = |i: usize| 0.5 * DIAGONAL * width(source, i).unwrap_or(0.0);
+            let is_near = |&&j: &&usize| at(i).distance(at(j)) <= reach(i).min(reach(j));
+            drawn.iter().filter(is_near).count()
         };
-        tree.visit(|run, diagonal| {
-            if !is_crowd(run.len()) {
-                return false;
-            }
-            // Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and
-            // so do differences of sums: particles are asked where it may be.
-            let reach = |mean: f64| (1.0 + 1e-6) * 2.0 * DIAGONAL * mean;
-            if diagonal > reach(widest) {
-                return true;
-            }
-            let ((earlier, sum_before), (later, sum)) = (before(run.start), before(run.end));
-            let count = later - earlier;
-            if !is_crowd(count) {
-                return false;
-            }
-            let mean = (sum - sum_before) / count as f64;
-            let is_found = diagonal <= reach(mean) && is_one_place(&run);
-            if is_found {
-                runs.push((run.clone(), count));
-            }
-            !is_found
-        });
+        let mut runs = Vec::new();
+        let count = drawn.iter().map(beside).max().unwrap_or(0);
+        if is_crowd(count) {
+            runs.push((0..source.positions.len(), count));
+        }
         Self { runs }
+    }
+
+    /// Finds them among the particles of all.
+    ///
+    /// - `trees`: over those that are here, and the number of each among the leaves of `crown`.
+    /// - `crown`: the tree whose leaves are the trees of all.
+    /// - `runs`: of each of its leaves the particles, in block order.
+    pub(super) fn together(
+        trees: &[(usize, Grown<'_>)],
+        crown: &Tree,
+        runs: &[Range<usize>],
+        source: &Source<'_>,
+        peers: &mut dyn Peers,
+    ) -> Result<Self> {
+        let kernels = Kernels::new(source);
+        let here = |own: &Grown<'_>| own.at..own.at + own.tree.len();
+        let mut leaves = vec![Summary::NONE; runs.len()];
+        for (leaf, own) in trees {
+            leaves[*leaf] = kernels.summary(&here(own));
+        }
+        let leaves = peers.reduce(Ok(leaves), |all, own| *all = all.and(own))?;
+        let particles = |leaves: &Range<usize>| runs[leaves.start].start..runs[leaves.end - 1].end;
+        let mut asked = Vec::new();
+        crown.visit(|run, diagonal| {
+            if run.len() == 1 || !is_crowd(particles(&run).len()) {
+                return false;
+            }
+            let all = leaves[run.clone()]
+                .iter()
+                .fold(Summary::NONE, |all, own| all.and(own));
+            let is_any = is_crowd(all.count as usize);
+            if is_any && all.may_be_one_place(diagonal) {
+                asked.push((run, all));
+            }
+            is_any
+        });
+        let wide = asked.iter().map(|(run, all)| {
+            let own = trees.iter().filter(|(leaf, _)| run.contains(leaf));
+            let wide = own.map(|(_, own)| kernels.wide(&here(own), all.diagonal()));
+            wide.sum()
+        });
+        let wide = peers.sums(wide.collect())?;
+        let mut found: Vec<(Range<usize>, usize)> = Vec::new();
+        // Who comes later lies within who comes earlier, or behind.
+        for ((run, all), wide) in asked.into_iter().zip(wide) {
+            let is_within = found.last().is_some_and(|(last, _)| run.start < last.end);
+            if !is_within && 2 * wide >= all.count {
+                found.push((run, all.count as usize));
+            }
+        }
+        let mut own = Vec::new();
+        for (leaf, tree) in trees {
+            if found.iter().any(|(run, _)| run.contains(leaf)) {
+                continue;
+            }
+            let of_tree = kernels.find(tree.tree, tree.at).into_iter();
+            own.extend(of_tree.map(|(run, count)| {
+                [run.start + tree.start, run.end + tree.start, count].map(|n| n as u64)
+            }));
+        }
+        let own = peers.gather_records(Ok(&own))?.concat().into_iter();
+        let own = own.map(|[start, end, count]| (start as usize..end as usize, count as usize));
+        let above = found
+            .into_iter()
+            .map(|(run, count)| (particles(&run), count));
+        let mut runs: Vec<(Range<usize>, usize)> = own.chain(above).collect();
+        runs.sort_unstable_by_key(|(run, _)| run.start);
+        Ok(Self { runs })
     }
 
     /// The most kernels that lie in one place among those of a run of block order, as a multiple of

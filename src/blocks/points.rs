@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::merge::{Shapes, Source};
 #[cfg(feature = "prepared")]
 use super::room::ColumnBuilder;
 use super::room::Room;
@@ -84,6 +85,34 @@ impl Points {
         Some((points, volume.transfer_function))
     }
 
+    /// As they are merged and looked at.
+    ///
+    /// - `principal`: [`principal_ranges`](super::build::principal_ranges).
+    pub(super) fn source<'a>(&'a self, principal: &'a [[f32; 2]]) -> Source<'a> {
+        Source {
+            positions: &self.positions,
+            shapes: match &self.shapes {
+                PointShapes::Spheres(sigmas) => Shapes::Spheres(sigmas),
+                PointShapes::Ellipsoids(factors)
+                | PointShapes::Surfels {
+                    tangents: factors, ..
+                } => Shapes::Factors(factors),
+            },
+            principal,
+            strength: &self.rest.strength,
+            colour: &self.rest.colour,
+            values: self.rest.values.as_ref(),
+            models: self.rest.local_models.as_ref(),
+            boundary: self.rest.boundary.as_ref(),
+        }
+    }
+
+    /// Whether levels of detail are made of them. Merged particles reflect like none of their members (see
+    /// [`PointVolume::normals`]), and a cluster of surfels need not lie in a plane.
+    pub(super) fn are_merged(&self) -> bool {
+        self.rest.normals.is_none() && !matches!(self.shapes, PointShapes::Surfels { .. })
+    }
+
     /// Those of an order.
     pub(super) fn gather(self, order: &[u32], room: Room<'_>) -> Result<Self> {
         Ok(Self {
@@ -108,10 +137,6 @@ impl PointShapes {
                 is_one_sided,
             },
         })
-    }
-
-    pub(super) fn are_surfels(&self) -> bool {
-        matches!(self, Self::Surfels { .. })
     }
 }
 

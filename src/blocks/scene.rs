@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 
 use super::build::{BuildOptions, Exchangeable, build, check_count};
 use super::density::densities;
+use super::peers::SharedVolume;
 #[cfg(feature = "prepared")]
 use super::stream::{ParticleStream, build_stream};
 use super::{AmplitudeSummary, BlockedVolume, set_transfer_function};
@@ -160,6 +161,34 @@ impl BlockedScene {
             densities: OnceLock::new(),
             exchangeable: Vec::new(),
         })
+    }
+
+    /// Volumes of which others have particles too, and of each of [`Self::volumes`] the blocks whose particles are here.
+    pub(crate) fn of_shares(shares: Vec<SharedVolume>) -> (Self, Vec<Vec<Range<u32>>>) {
+        let mut scene = Self {
+            volumes: Vec::new(),
+            families: Vec::new(),
+            requirements: Vec::new(),
+            carried: None,
+            densities: OnceLock::new(),
+            exchangeable: Vec::new(),
+            known: Vec::new(),
+        };
+        let (mut own, mut densities) = (Vec::new(), Vec::new());
+        for share in shares {
+            let first = scene.volumes.len();
+            scene.volumes.extend(share.family);
+            scene.families.push(first..scene.volumes.len());
+            scene.requirements.push(share.requirements);
+            scene.known.push(Known {
+                visible: Some(share.visible),
+                amplitudes: None,
+            });
+            own.extend(share.own);
+            densities.extend(share.densities);
+        }
+        scene.densities = densities.into();
+        (scene, own)
     }
 
     /// Leaves out the particles of all blocks but some of each volume, in the order of [`Self::volumes`].

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -31,8 +32,9 @@ pub(super) struct Tree {
     unit: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Node {
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Node {
     /// How many particles its first child has.
     first: u32,
     /// Squared diagonal of its box, in units of its own.
@@ -72,14 +74,8 @@ impl Tree {
         }
         let number = |i: u32| numbers.get(i as usize).copied().unwrap_or(i);
         let (lower, upper) = bounds(positions.par_iter());
-        // obvhs works in f32: relative to the middle, so that a far origin costs no bits.
-        let middle = (lower + upper) / 2.0;
-        // Unit size, so that areas neither overflow nor vanish at the scale of some scenes.
-        let scale = 1.0 / (upper - lower).max_element().max(f64::MIN_POSITIVE);
-        let point = |i: u32| {
-            let p = (positions[i as usize] - middle) * scale;
-            Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(number(i)))
-        };
+        let units = Units::of(lower, upper);
+        let point = |i: u32| units.point(positions[i as usize], number(i));
         let (members, chunks) = chunks(positions);
         let boxes: Vec<Aabb> = chunks
             .par_iter()
@@ -88,22 +84,55 @@ impl Tree {
                 points.fold(Aabb::empty(), |all, p| all.union(&p))
             })
             .collect();
+        let (top, places) = Self::over_boxes(&boxes, units);
+        let chunk = |place: usize| &members[chunks[places[place] as usize].clone()];
+        let all = Subtree {
+            start: 0,
+            count: chunks.len() as u32,
+            node: 0,
+        };
+        Self::over_chunks(&top, all, chunk, point)
+    }
+
+    /// A tree over boxes, and their order in which its subtrees are runs.
+    pub(super) fn over_boxes(boxes: &[Aabb], units: Units) -> (Self, Vec<u32>) {
+        let mut nodes = vec![Node::default(); boxes.len().saturating_sub(1)];
+        let order = lay_out(&ploc(&mut PlocBuilder::new(), boxes), &mut nodes);
+        let tree = Self {
+            nodes,
+            count: boxes.len() as u32,
+            unit: units.unit(),
+        };
+        (tree, order)
+    }
+
+    /// Of a subtree of a tree over chunks of points the tree over these points, and their order in which its subtrees are
+    /// runs.
+    ///
+    /// - `chunk`: the points of the chunk at a place of the order of `top`.
+    /// - `point`: the box of each.
+    pub(super) fn over_chunks<'a>(
+        top: &Self,
+        root: Subtree,
+        chunk: impl Fn(usize) -> &'a [u32],
+        point: impl Fn(u32) -> Aabb + Sync,
+    ) -> (Self, Vec<u32>) {
+        let counts: Vec<usize> = root.run().map(|place| chunk(place).len()).collect();
+        let count = counts.iter().sum::<usize>();
         // Of n particles there are n - 1 subtrees of two and more.
-        let mut all = vec![Node::default(); positions.len() - 1];
-        let top = ploc(&mut PlocBuilder::new(), &boxes);
-        let mut leaves = lay_out(&top, |chunk| chunks[chunk].len(), |i, node| all[i] = node);
-        leaves.sort_unstable_by_key(|leaf| leaf.start);
-        let mut order = vec![0; positions.len()];
+        let mut all = vec![Node::default(); count.saturating_sub(1)];
+        let grafts = top.graft(root, &counts, |i, node| all[i] = node);
+        let mut order = vec![0; count];
         let (mut rest, mut places, mut end) = (&mut all[..], &mut order[..], 0);
-        let mut work = Vec::with_capacity(chunks.len());
-        for leaf in leaves {
-            let chunk = &members[chunks[leaf.primitive].clone()];
+        let mut work = Vec::with_capacity(grafts.len());
+        for (place, node) in root.run().zip(grafts) {
+            let chunk = chunk(place);
             let (run, later) = places.split_at_mut(chunk.len());
             let mut own: &mut [Node] = &mut [];
             if chunk.len() > 1 {
-                let (_, others) = rest.split_at_mut(leaf.node - end);
+                let (_, others) = rest.split_at_mut(node - end);
                 (own, rest) = others.split_at_mut(chunk.len() - 1);
-                end = leaf.node + chunk.len() - 1;
+                end = node + chunk.len() - 1;
             }
             work.push((chunk, own, run));
             places = later;
@@ -111,17 +140,127 @@ impl Tree {
         work.into_par_iter()
             .for_each_init(PlocBuilder::new, |builder, (chunk, own, run)| {
                 let points: Vec<Aabb> = chunk.iter().map(|&i| point(i)).collect();
-                let bvh = ploc(builder, &points);
-                for leaf in lay_out(&bvh, |_| 1, |i, node| own[i] = node) {
-                    run[leaf.start] = chunk[leaf.primitive];
+                let order = lay_out(&ploc(builder, &points), own);
+                for (place, i) in run.iter_mut().zip(order) {
+                    *place = chunk[i as usize];
                 }
             });
         let tree = Self {
             nodes: all,
-            count: positions.len() as u32,
-            unit: 1.0 / scale,
+            count: count as u32,
+            unit: top.unit,
         };
         (tree, order)
+    }
+
+    /// Lays out the nodes of a subtree for what it is when each of its leaves becomes a tree of its own: where the nodes
+    /// of each of these begin.
+    ///
+    /// - `counts`: of each leaf of the subtree, in its order, how many particles that tree has.
+    /// - `put`: is given each node and its place.
+    fn graft(
+        &self,
+        root: Subtree,
+        counts: &[usize],
+        mut put: impl FnMut(usize, Node),
+    ) -> Vec<usize> {
+        let sum = |sum: &mut usize, count: &usize| {
+            *sum += count;
+            Some(*sum)
+        };
+        // Up to each leaf.
+        let before: Vec<usize> = std::iter::once(0)
+            .chain(counts.iter().scan(0, sum))
+            .collect();
+        let count = |subtree: Subtree| {
+            let first = (subtree.start - root.start) as usize;
+            before[first + subtree.count as usize] - before[first]
+        };
+        let mut grafts = Vec::with_capacity(counts.len());
+        let mut stack = vec![(root, 0)];
+        while let Some((subtree, place)) = stack.pop() {
+            let Some([first, second]) = self.children(subtree) else {
+                grafts.push(place);
+                continue;
+            };
+            let of_first = count(first);
+            let node = Node {
+                first: of_first as u32,
+                size: self.size(subtree),
+            };
+            put(place, node);
+            stack.push((second, place + of_first));
+            stack.push((first, place + 1));
+        }
+        grafts
+    }
+
+    /// The tree whose leaves are subtrees of this one.
+    ///
+    /// - `leaves`: their runs, all particles together.
+    pub(super) fn above(&self, leaves: &[Range<usize>]) -> Self {
+        let mut nodes = Vec::with_capacity(leaves.len().saturating_sub(1));
+        let mut stack: Vec<Subtree> = self.root().into_iter().collect();
+        let mut next = leaves;
+        while let Some(subtree) = stack.pop() {
+            if next.first() == Some(&subtree.run()) {
+                next = &next[1..];
+                continue;
+            }
+            let Some([first, second]) = self.children(subtree) else {
+                continue;
+            };
+            nodes.push(Node {
+                first: next.partition_point(|leaf| leaf.start < second.start as usize) as u32,
+                size: self.size(subtree),
+            });
+            stack.push(second);
+            stack.push(first);
+        }
+        Self {
+            nodes,
+            count: leaves.len() as u32,
+            unit: self.unit,
+        }
+    }
+
+    /// The tree in which each leaf of this one is a tree of its own.
+    ///
+    /// - `parts`: in the order of the leaves.
+    pub(super) fn grafted(&self, parts: &[Self]) -> Self {
+        let counts: Vec<usize> = parts.iter().map(|part| part.count as usize).collect();
+        let count: usize = counts.iter().sum();
+        let mut nodes = vec![Node::default(); count.saturating_sub(1)];
+        if let Some(root) = self.root() {
+            let grafts = self.graft(root, &counts, |i, node| nodes[i] = node);
+            for (part, place) in parts.iter().zip(grafts) {
+                nodes[place..place + part.nodes.len()].copy_from_slice(&part.nodes);
+            }
+        }
+        Self {
+            nodes,
+            count: count as u32,
+            unit: self.unit,
+        }
+    }
+
+    /// Its nodes, of which it can be made again ([`Self::of_nodes`]).
+    pub(super) fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The tree of these nodes, whose boxes are in the units of this one's.
+    pub(super) fn of_nodes(&self, nodes: Vec<Node>) -> Self {
+        Self {
+            count: nodes.len() as u32 + 1,
+            nodes,
+            unit: self.unit,
+        }
+    }
+
+    /// How many particles it has.
+    pub(super) fn len(&self) -> usize {
+        self.count as usize
     }
 
     /// Whether it has no particles.
@@ -180,11 +319,18 @@ impl Tree {
 
     /// The largest subtrees with at most `capacity` particles, in block order.
     pub(super) fn subtrees(&self, capacity: usize) -> Vec<Subtree> {
+        self.largest(|run| run.len() <= capacity)
+    }
+
+    /// The largest subtrees that are small enough, or one particle, in block order.
+    ///
+    /// - `is_small`: is asked of runs of block order.
+    pub(super) fn largest(&self, is_small: impl Fn(Range<usize>) -> bool) -> Vec<Subtree> {
         let mut found = Vec::new();
         let mut stack: Vec<Subtree> = self.root().into_iter().collect();
         while let Some(subtree) = stack.pop() {
             match self.children(subtree) {
-                Some(children) if subtree.count as usize > capacity => {
+                Some(children) if !is_small(subtree.run()) => {
                     stack.extend(children.into_iter().rev());
                 }
                 _ => found.push(subtree),
@@ -217,6 +363,36 @@ impl Tree {
     }
 }
 
+/// The units of boxes: obvhs works in f32.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Units {
+    /// Places count from here, so that a far origin costs no bits.
+    middle: DVec3,
+    scale: f64,
+}
+
+impl Units {
+    /// For points in a box.
+    pub(super) fn of(lower: DVec3, upper: DVec3) -> Self {
+        Self {
+            middle: (lower + upper) / 2.0,
+            // Unit size, so that areas neither overflow nor vanish at the scale of some scenes.
+            scale: 1.0 / (upper - lower).max_element().max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// The box of a point.
+    pub(super) fn point(self, position: DVec3, number: u32) -> Aabb {
+        let p = (position - self.middle) * self.scale;
+        Aabb::from_point(Vec3A::from(p.as_vec3()) + jitter(number))
+    }
+
+    /// World units in one of these.
+    fn unit(self) -> f64 {
+        1.0 / self.scale
+    }
+}
+
 /// PLOC merges mutual nearest neighbours. Of points in one place only one pair per pass is mutual (20 s for
 /// 1e5 points, and quadratic), so each is moved by a millionth of the whole.
 fn jitter(i: u32) -> Vec3A {
@@ -243,60 +419,36 @@ fn ploc(builder: &mut PlocBuilder, boxes: &[Aabb]) -> Bvh2 {
     )
 }
 
-/// A leaf of a BVH where it comes to lie.
-struct Leaf {
-    /// Which box it has.
-    primitive: usize,
-    /// Where the nodes of what the box stands for begin.
-    node: usize,
-    /// Where its particles begin.
-    start: usize,
-}
-
-/// Puts the nodes of a BVH into depth-first order, and finds its leaves.
-///
-/// - `count`: how many particles a box stands for.
-/// - `put`: is given each node and its place.
-fn lay_out(
-    bvh: &Bvh2,
-    count: impl Fn(usize) -> usize,
-    mut put: impl FnMut(usize, Node),
-) -> Vec<Leaf> {
-    let primitive = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize] as usize;
+/// Puts the nodes of a BVH into depth-first order, and finds the order of what it is over.
+fn lay_out(bvh: &Bvh2, nodes: &mut [Node]) -> Vec<u32> {
+    let primitive = |i: usize| bvh.primitive_indices[bvh.nodes[i].first_index as usize];
     // Children come after their parents.
-    let mut counts = vec![0; bvh.nodes.len()];
+    let mut counts = vec![1; bvh.nodes.len()];
     for i in (0..bvh.nodes.len()).rev() {
         let node = &bvh.nodes[i];
-        let child = node.first_index as usize;
-        counts[i] = if node.is_leaf() {
-            count(primitive(i))
-        } else {
-            counts[child] + counts[child + 1]
-        };
+        if !node.is_leaf() {
+            let child = node.first_index as usize;
+            counts[i] = counts[child] + counts[child + 1];
+        }
     }
-    let mut leaves = Vec::with_capacity(bvh.nodes.len() / 2 + 1);
-    let mut stack = vec![(0, 0, 0)];
-    while let Some((i, place, start)) = stack.pop() {
+    let mut order = Vec::with_capacity(nodes.len() + 1);
+    let mut stack = vec![(0, 0)];
+    while let Some((i, place)) = stack.pop() {
         let node = &bvh.nodes[i];
         if node.is_leaf() {
-            leaves.push(Leaf {
-                primitive: primitive(i),
-                node: place,
-                start,
-            });
+            order.push(primitive(i));
             continue;
         }
         let child = node.first_index as usize;
         let first = counts[child];
-        let own = Node {
+        nodes[place] = Node {
             first: first as u32,
             size: (node.aabb().max - node.aabb().min).length_squared(),
         };
-        put(place, own);
-        stack.push((child, place + 1, start));
-        stack.push((child + 1, place + first, start + first));
+        stack.push((child + 1, place + first));
+        stack.push((child, place + 1));
     }
-    leaves
+    order
 }
 
 /// The numbers of points in the order of chunks, and the chunks: cells of an octree, or halves and quarters of

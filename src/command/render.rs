@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
-use crate::distributed::Ranks;
+use crate::distributed::{self, Ranks};
 use crate::image::DARK_GREY;
 use crate::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
@@ -327,7 +327,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     if arguments.sequence.is_series() {
         return arguments.draw_series(&options, &progress, ranks);
     }
-    let made = arguments.made(&options, &progress, is_first);
+    let made = arguments.made(&options, &progress, &mut ranks);
     let Made {
         renderer,
         cameras,
@@ -348,7 +348,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let mut renderer = match ranks.take_if(|_| !is_sequence) {
         Some(ranks) => renderer.over_ranks(ranks)?,
         // One of a sequence's ranks, of which a node may have several, and one GPU.
-        None if ranks.is_some() => renderer,
+        None if ranks.is_some() || renderer.rank().is_some() => renderer,
         None => {
             let backend = arguments.backend(&renderer, &camera);
             renderer.on_backend(backend)?
@@ -560,12 +560,12 @@ impl Arguments {
 
     /// Reads the inputs and sorts them into blocks, and places the cameras.
     ///
-    /// - `is_first`: whether this process writes what there is to write.
+    /// - `ranks`: where there are some; taken where each reads a part of the data and draws with the others.
     fn made(
         &self,
         options: &SampleOptions,
         progress: &ProgressBar,
-        is_first: bool,
+        ranks: &mut Option<Ranks>,
     ) -> Result<Made> {
         let read_start = Instant::now();
         let planes = self.clip_planes();
@@ -576,7 +576,18 @@ impl Arguments {
         let whole = Canvas::of(self.size);
         let densest =
             |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
-        let scene = self.data.scene(&self.inputs, options, densest, progress)?;
+        // Where ranks share a picture, each may read a part.
+        let part = match ranks {
+            Some(ranks) if !self.sequence.is_asked_for() => {
+                self.data.part(&self.inputs, options, progress, ranks)?
+            }
+            _ => None,
+        };
+        let is_part = part.is_some();
+        let scene = match part {
+            Some(part) => part,
+            None => self.data.scene(&self.inputs, options, densest, progress)?,
+        };
         let is_column = self.method.column_density;
         let legend = match self.legend.legend {
             true if !is_column => bars(&scene)?,
@@ -598,8 +609,18 @@ impl Arguments {
         if self.cut.cut_faces {
             add_faces(&mut scene, &self.clip_planes(), self.is_lit())?;
         }
-        if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
-            write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
+        if let Some(path) = &self.output.write_transfer_function {
+            let write = || {
+                let function = written_function(&scene)?;
+                write_bytes_atomically(path, function.to_json().as_bytes())
+            };
+            match ranks {
+                None => write()?,
+                Some(ranks) => {
+                    let written = if ranks.rank() == 0 { write() } else { Ok(()) };
+                    ranks.agree(written)?;
+                }
+            }
         }
         let mean = match &self.method.column_mean {
             None => None,
@@ -630,7 +651,10 @@ impl Arguments {
             task: options.task.clone(),
             ..SceneOptions::default()
         };
-        let renderer = renderer_of(scene, prepared, &scene_options)?;
+        let renderer = match ranks.take_if(|_| is_part) {
+            Some(ranks) => distributed::shared(scene.into(), &scene_options, ranks)?,
+            None => renderer_of(scene, prepared, &scene_options)?,
+        };
         let (all, canvas) = if is_column {
             let lens = Lens::OrthoHeight(None);
             (renderer.boxes(), Canvas { lens, ..whole })

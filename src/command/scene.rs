@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::distributed::{Ranks, ReadShare};
 use crate::io::{Dataset, Geometry, Mesh, RowFile, Up};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
@@ -304,6 +305,39 @@ impl DataOptions {
             of_prepared: None,
         })?;
         Ok(Some(file))
+    }
+
+    /// This rank's part of a file of many points ([`Self::stream`]), which all ranks read together; `None` where each
+    /// reads all.
+    ///
+    /// # Errors
+    /// What reading says, on any rank.
+    pub(crate) fn part(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        ranks: &mut Ranks,
+    ) -> Result<Option<Scene>> {
+        let [input] = inputs else {
+            return Ok(None);
+        };
+        let opened = match is_prepared(&input.path) {
+            true => Ok(None),
+            false => self.stream(input, options),
+        };
+        let Some(mut file) = ranks.agree(opened)? else {
+            return Ok(None);
+        };
+        let say = |line: &String| progress.suspend(|| note!("{}: {line}", input.path.display()));
+        file.notes().iter().for_each(say);
+        progress.set_message(format!("reading {}", input.path.display()));
+        let read = ReadShare::of(&mut file, ranks)?;
+        read.warnings.iter().for_each(say);
+        Ok(Some(Scene {
+            volumes: read.share.volumes,
+            ..Scene::of_stream(&file)
+        }))
     }
 
     /// A prepared scene by the transfer function that is asked for.

@@ -54,13 +54,20 @@ impl RankFrames {
         let own = own.map(|(v, volume)| runs_in_turn(volume.blocks.len(), size, rank, v));
         let own: Vec<_> = own.collect();
         scene.keep(&own)?;
-        Ok(Self {
+        Ok(Self::of_shared(ranks, own))
+    }
+
+    /// Of a scene of which this rank has its share alone.
+    ///
+    /// - `own`: of each volume, the blocks whose particles are here.
+    pub(super) fn of_shared(ranks: Ranks, own: Vec<Vec<Range<u32>>>) -> Self {
+        Self {
             ranks,
             cpu: CpuFrames::default(),
             own,
             stats: Vec::new(),
             now: RankStats::default(),
-        })
+        }
     }
 
     /// The amplitudes of all ranks' particles.

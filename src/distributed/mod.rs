@@ -14,6 +14,7 @@
 //! | `ranks.rs` | ranks that know of one another's failures |
 //! | `message.rs` | records as bytes |
 //! | `share.rs` | what each rank brings of a scene |
+//! | `read.rs` | a file that ranks read together (feature `prepared`) |
 //! | `tiles.rs` | which rank draws which tiles |
 //! | `exchange.rs` | footprints on their way |
 //! | `frames.rs` | frames, stage after stage |
@@ -32,6 +33,8 @@ mod message;
 #[cfg(feature = "mpi")]
 mod mpi;
 mod ranks;
+#[cfg(feature = "prepared")]
+mod read;
 mod renderer;
 mod share;
 mod statistics;
@@ -43,7 +46,11 @@ pub(crate) use frames::RankFrames;
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
 pub(crate) use ranks::Ranks;
+#[cfg(feature = "prepared")]
+pub(crate) use read::ReadShare;
 pub use renderer::Renderer;
+#[cfg(feature = "cli")]
+pub(crate) use renderer::shared;
 pub use share::Share;
 pub use statistics::{RankStats, RankTimes};
 pub use threads::ThreadRank;

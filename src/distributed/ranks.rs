@@ -4,6 +4,7 @@ use bytemuck::Pod;
 
 use super::communicator::Communicator;
 use super::message::{put, take};
+use crate::blocks::Peers;
 use crate::error::{Error, Result};
 #[cfg(feature = "cli")]
 use crate::image::Image;
@@ -144,6 +145,26 @@ impl Ranks {
         });
         self.gather_to_all(part)?;
         value.ok_or(Error::Cancelled)
+    }
+}
+
+impl Peers for Ranks {
+    fn rank(&self) -> usize {
+        self.communicator.rank()
+    }
+
+    fn size(&self) -> usize {
+        self.communicator.size()
+    }
+
+    fn gather(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+        self.gather_to_all(part)
+    }
+
+    fn exchange(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<Vec<Vec<u8>>> {
+        let begun = self.begin(parts);
+        let parts = self.complete();
+        begun.and(parts)
     }
 }
 

@@ -1,15 +1,20 @@
 //! A scene over ranks, and its pictures.
 
 use super::communicator::Communicator;
+use super::frames::RankFrames;
 use super::ranks::Ranks;
 use super::share::Share;
 use super::statistics::RankStats;
-use crate::blocks::AmplitudeSummary;
+use crate::blocks::{AmplitudeSummary, BlockedScene};
 use crate::error::Result;
 use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::render::{self, ColumnSettings, FrameCounts, SceneOptions, Settings};
 use crate::scene::PointVolume;
 use crate::view::{Bounds, Camera};
+
+/// Particles for each rank up to which every rank builds the whole: a frame's work is shared more evenly then, by blocks
+/// and not by some 65,536 particles.
+const SMALL: u64 = 1 << 18;
 
 /// A scene whose particles ranks share. All of them call the same functions in the same order; the first has the
 /// images.
@@ -20,9 +25,24 @@ pub struct Renderer {
     boxes: Vec<Bounds>,
 }
 
+/// A renderer of what ranks have together.
+///
+/// # Errors
+/// Those of [`Renderer::new`].
+pub(crate) fn shared(
+    share: Share,
+    options: &SceneOptions,
+    mut ranks: Ranks,
+) -> Result<render::Renderer> {
+    let shares = share.built(options.level_of_detail, SMALL, &mut ranks)?;
+    let (scene, own) = BlockedScene::of_shares(shares);
+    render::Renderer::of_shared(scene, RankFrames::of_shared(ranks, own))
+}
+
 impl Renderer {
-    /// Of a scene of which every rank brings a share, whichever: their particles are gathered, and each rank keeps
-    /// those of every so many blocks. While these are made, each rank needs the memory of the whole.
+    /// Of a scene of which every rank brings a share, whichever: the blocks are made together, and each rank keeps the
+    /// particles of some of them. No rank needs the memory of the whole, but for volumes of few particles (262,144 for each
+    /// rank), which every rank builds by itself, and for lattices, of which every rank has all.
     ///
     /// ```
     /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
@@ -52,10 +72,32 @@ impl Renderer {
         share: impl Into<Share>,
         options: &SceneOptions,
     ) -> Result<Self> {
+        let ranks = Ranks::new(Box::new(communicator));
+        Ok(Self::of(shared(share.into(), options, ranks)?))
+    }
+
+    /// Of a file of points, of which every rank reads a run of rows and has some of the particles: no rank needs the memory
+    /// of the whole.
+    ///
+    /// # Errors
+    /// What reading says, on any rank; those of [`Self::new`].
+    #[cfg(feature = "prepared")]
+    pub fn of_file(
+        communicator: impl Communicator + 'static,
+        file: &mut crate::prepared::PointFile,
+        options: &SceneOptions,
+    ) -> Result<Self> {
         let mut ranks = Ranks::new(Box::new(communicator));
-        let scene = share.into().gathered(&mut ranks)?;
-        let whole = render::Renderer::with_options(scene, options);
-        Self::shared(ranks.agree(whole)?, ranks)
+        let read = super::read::ReadShare::of(file, &mut ranks)?;
+        Ok(Self::of(shared(read.share, options, ranks)?))
+    }
+
+    fn of(frames: render::Renderer) -> Self {
+        Self {
+            visible: frames.visible_boxes(),
+            boxes: frames.boxes(),
+            frames,
+        }
     }
 
     /// Of a scene that every rank has as a whole: each keeps its share of it, every so many blocks. While these are

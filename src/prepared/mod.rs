@@ -24,6 +24,7 @@ mod write;
 use std::path::Path;
 
 pub use about::About;
+pub(crate) use point_file::Found;
 pub use point_file::PointFile;
 
 pub use crate::blocks::ParticleStream;

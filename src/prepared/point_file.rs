@@ -1,5 +1,6 @@
 //! Points of a file as a stream of particles.
 
+use std::ops::Range;
 use std::path::Path;
 
 use glam::DVec3;
@@ -11,6 +12,7 @@ use crate::sample::{
     OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
 };
 use crate::scene::PointVolume;
+use crate::scene::rows::{Rows, row_len, volume_in_order, volume_of};
 
 /// Rows that are read at a time.
 const ROWS: usize = 1 << 18;
@@ -128,24 +130,47 @@ impl PointFile {
         Dataset::new(self.file.path(), "points", geometry, Vec::new()).up()
     }
 
-    /// Goes through all rows.
-    fn visit(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
-        let mut report: Option<SampleReport> = None;
-        let mut corners: Option<(DVec3, DVec3)> = None;
-        let mut volume_sum = 0.0;
-        for run in self.file.runs(ROWS) {
-            let dataset = self.file.read(run)?;
-            if let Some((a, b)) = dataset.bounds() {
-                corners = Some(corners.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
-            }
-            let sampled = rows(dataset, &self.options, &mut volume_sum)?;
-            match &mut report {
-                Some(report) => report.add(&sampled.report),
-                None => report = Some(sampled.report),
-            }
-            each(sampled.volume)?;
+    /// The particles of some rows, and what is found of these: of all rows the part that one of several reads who read
+    /// the file together.
+    pub(crate) fn read_part(&mut self, one: usize, of: usize) -> Result<(PointVolume, Found)> {
+        let count = self.file.count();
+        let part = one * count / of..(one + 1) * count / of;
+        let mut parts = Vec::new();
+        // Of no rows the kind of the first.
+        let looked_at = if part.is_empty() { 0..1 } else { part.clone() };
+        let found = self.visit(looked_at, &mut |volume| {
+            parts.push(volume);
+            Ok(())
+        })?;
+        let Some(like) = parts
+            .first()
+            .map(|first| volume_of(&[], first))
+            .transpose()?
+        else {
+            return Err(nothing_left(self.file.path(), &found.report));
+        };
+        if part.is_empty() {
+            return Ok((like, Found::default()));
         }
-        let mut report = report.unwrap_or_default();
+        let mut rows = Vec::new();
+        for volume in parts {
+            let own = Rows::of(&volume);
+            own.append(&mut rows, (0..volume.particles.len()).map(|i| (i, 0)));
+        }
+        let rows = rows.chunks_exact(row_len(&like)).collect();
+        Ok((volume_in_order(rows, &like), found))
+    }
+
+    /// Keeps what was found of all particles.
+    ///
+    /// # Errors
+    /// None of them is left.
+    pub(crate) fn keep(&mut self, found: Found) -> Result<()> {
+        let Found {
+            mut report,
+            corners,
+            volume_sum,
+        } = found;
         if report.particle_count == 0 {
             return Err(nothing_left(self.file.path(), &report));
         }
@@ -153,6 +178,55 @@ impl PointFile {
         report.unit_distance = self.options.unit_distance.unwrap_or(spacing);
         (self.report, self.corners) = (Some(report), corners);
         Ok(())
+    }
+
+    /// Goes through some rows.
+    fn visit(
+        &mut self,
+        part: Range<usize>,
+        each: &mut dyn FnMut(PointVolume) -> Result<()>,
+    ) -> Result<Found> {
+        let mut report: Option<SampleReport> = None;
+        let mut found = Found::default();
+        for run in self.file.runs(ROWS) {
+            let run = run.start.max(part.start)..run.end.min(part.end);
+            if run.is_empty() {
+                continue;
+            }
+            let dataset = self.file.read(run)?;
+            if let Some(corners) = dataset.bounds() {
+                found.extend(corners);
+            }
+            let sampled = rows(dataset, &self.options, &mut found.volume_sum)?;
+            match &mut report {
+                Some(report) => report.add(&sampled.report),
+                None => report = Some(sampled.report),
+            }
+            each(sampled.volume)?;
+        }
+        found.report = report.unwrap_or_default();
+        Ok(found)
+    }
+
+    fn visit_all(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
+        let found = self.visit(0..self.file.count(), each)?;
+        self.keep(found)
+    }
+}
+
+/// What is found of rows on the way.
+#[derive(Debug, Default)]
+pub(crate) struct Found {
+    pub(crate) report: SampleReport,
+    pub(crate) corners: Option<(DVec3, DVec3)>,
+    /// Of the particles \[length³\].
+    pub(crate) volume_sum: f64,
+}
+
+impl Found {
+    pub(crate) fn extend(&mut self, (a, b): (DVec3, DVec3)) {
+        let own = self.corners;
+        self.corners = Some(own.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));
     }
 }
 
@@ -163,14 +237,14 @@ impl ParticleStream for PointFile {
 
     fn for_each(&mut self, each: &mut dyn FnMut(PointVolume) -> Result<()>) -> Result<()> {
         if !self.is_of_values {
-            return self.visit(each);
+            return self.visit_all(each);
         }
         if self.report.is_none() {
-            self.visit(&mut |_| Ok(()))?;
+            self.visit_all(&mut |_| Ok(()))?;
         }
         let report = self.report.clone().unwrap_or_default();
         let function = summed_function(report.value_range, report.unit_distance)?;
-        self.visit(&mut |mut volume| {
+        self.visit_all(&mut |mut volume| {
             volume.transfer_function = Some(function.clone());
             each(volume)
         })

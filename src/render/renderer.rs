@@ -251,7 +251,19 @@ impl Renderer {
     /// # Errors
     /// A rank that is gone.
     pub(crate) fn over_ranks(mut self, ranks: Ranks) -> Result<Self> {
-        let mut frames = RankFrames::sharing(ranks, &mut self.scene)?;
+        let frames = RankFrames::sharing(ranks, &mut self.scene)?;
+        self.by(frames)
+    }
+
+    /// Of a scene of which each rank has its share.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    pub(crate) fn of_shared(scene: BlockedScene, frames: RankFrames) -> Result<Self> {
+        Self::of_scene(scene)?.by(frames)
+    }
+
+    fn by(mut self, mut frames: RankFrames) -> Result<Self> {
         frames.upload(&self.scene)?;
         self.amplitudes = Some(frames.amplitudes(&self.scene)?);
         self.ranks = Some(frames);

@@ -98,7 +98,12 @@ impl SampleReport {
 impl Finding {
     /// In a line for people.
     pub(super) fn line(&self) -> String {
-        let left_out = if self.left_out { " left out" } else { "" };
-        format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)
+        finding_line(self.count, self.noun, self.reason, self.left_out)
     }
+}
+
+/// A finding, for people.
+pub(crate) fn finding_line(count: usize, noun: &str, reason: &str, left_out: bool) -> String {
+    let left_out = if left_out { " left out" } else { "" };
+    format!("{count} {noun}{left_out}: {reason}")
 }

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
@@ -83,20 +84,53 @@ fn columns(volume: &PointVolume) -> Vec<Column<'_>> {
 
 /// The particles of a set of points as rows: the number of each, and what is stored of it.
 pub(crate) fn rows_of(volume: &PointVolume, numbers: &[u64]) -> Vec<u8> {
-    let columns = columns(volume);
-    let stride = stride(&columns);
-    let mut rows = vec![0; numbers.len() * stride];
-    let each = rows.par_chunks_exact_mut(stride).zip(numbers).enumerate();
-    each.for_each(|(i, (row, number))| {
-        let (own, mut rest) = row.split_at_mut(8);
-        own.copy_from_slice(&number.to_le_bytes());
-        for (size, bytes) in &columns {
-            let (own, others) = rest.split_at_mut(*size);
-            own.copy_from_slice(&bytes[i * size..][..*size]);
-            rest = others;
-        }
-    });
+    let mut rows = Vec::new();
+    Rows::of(volume).append(&mut rows, numbers.iter().copied().enumerate());
     rows
+}
+
+/// A set of points, as rows.
+pub(crate) struct Rows<'a> {
+    columns: Vec<Column<'a>>,
+}
+
+impl<'a> Rows<'a> {
+    pub(crate) fn of(volume: &'a PointVolume) -> Self {
+        Self {
+            columns: columns(volume),
+        }
+    }
+
+    /// Appends the rows of some of them, each with a number.
+    pub(crate) fn append(
+        &self,
+        rows: &mut Vec<u8>,
+        some: impl ExactSizeIterator<Item = (usize, u64)>,
+    ) {
+        let (start, stride) = (rows.len(), stride(&self.columns));
+        let some: Vec<(usize, u64)> = some.collect();
+        rows.resize(start + some.len() * stride, 0);
+        let each = rows[start..].par_chunks_exact_mut(stride).zip(some);
+        each.for_each(|(row, (i, number))| {
+            let (own, mut rest) = row.split_at_mut(8);
+            own.copy_from_slice(&number.to_le_bytes());
+            for (size, bytes) in &self.columns {
+                let (own, others) = rest.split_at_mut(*size);
+                own.copy_from_slice(&bytes[i * size..][..*size]);
+                rest = others;
+            }
+        });
+    }
+}
+
+/// The number of a row.
+pub(crate) fn number_of(row: &[u8]) -> u64 {
+    row.first_chunk().map_or(0, |n| u64::from_le_bytes(*n))
+}
+
+/// The place of a row's particle.
+pub(crate) fn position_of(row: &[u8]) -> DVec3 {
+    bytemuck::pod_read_unaligned(&row[8..8 + size_of::<DVec3>()])
 }
 
 fn stride(columns: &[Column<'_>]) -> usize {
@@ -104,12 +138,11 @@ fn stride(columns: &[Column<'_>]) -> usize {
 }
 
 /// Bytes of each of a volume's rows.
-#[cfg(feature = "prepared")]
 pub(crate) fn row_len(volume: &PointVolume) -> usize {
     stride(&columns(volume))
 }
 
-/// Rows of a volume in the order of their numbers.
+/// Rows of a volume in an order.
 struct Sorted<'a> {
     rows: Vec<&'a [u8]>,
     /// Where the next column begins.
@@ -140,12 +173,22 @@ pub(crate) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolu
     }
     let rows = parts.iter().flat_map(|part| part.chunks_exact(stride));
     let mut rows: Vec<&[u8]> = rows.collect();
-    let number = |row: &[u8]| row.first_chunk::<8>().map(|n| u64::from_le_bytes(*n));
-    rows.par_sort_unstable_by_key(|row| number(row));
-    if let Some(pair) = rows.windows(2).find(|w| number(w[0]) == number(w[1])) {
-        let found = format!("two of number {}", number(pair[0]).unwrap_or(0));
-        return Err(refused("a number of its own for each particle", &found));
+    rows.par_sort_unstable_by_key(|row| number_of(row));
+    let is_twice = |w: &[&[u8]]| number_of(w[0]) == number_of(w[1]);
+    if let Some(pair) = rows.windows(2).find(|w| is_twice(w)) {
+        return Err(twice(number_of(pair[0])));
     }
+    Ok(volume_in_order(rows, like))
+}
+
+/// Refuses a number that two particles have.
+pub(crate) fn twice(number: u64) -> Error {
+    let found = format!("two of number {number}");
+    refused("a number of its own for each particle", &found)
+}
+
+/// As [`volume_of`], of rows in an order.
+pub(crate) fn volume_in_order(rows: Vec<&[u8]>, like: &PointVolume) -> PointVolume {
     let mut rows = Sorted { rows, at: 8 };
     let positions = rows.next(1);
     let particles = match &like.particles {
@@ -197,7 +240,7 @@ pub(crate) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolu
     };
     let normals = like.normals.as_ref().map(|_| rows.next(1));
     let models = like.local_models.as_ref();
-    Ok(PointVolume {
+    PointVolume {
         particles,
         strength,
         colour,
@@ -206,7 +249,7 @@ pub(crate) fn volume_of(parts: &[&[u8]], like: &PointVolume) -> Result<PointVolu
         boundary,
         normals,
         local_models: models.map(|models| models.with_codes(rows.next(1))),
-    })
+    }
 }
 
 fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {

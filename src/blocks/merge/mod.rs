@@ -10,27 +10,82 @@
 //!
 //! [`TransferFunction::classify_spread`]: crate::scene::TransferFunction::classify_spread
 
+mod coarse;
+mod fine;
 mod lattice;
+mod levels;
 mod moments;
-mod points;
+mod source;
+mod sums;
 
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::overlap::Crowds;
+use super::tree::Tree;
 use super::{Block, BlockedVolume};
+use crate::constants::BLOCK_CAPACITY;
+use crate::error::Result;
 use crate::scene::{
-    Averages, Column, Shared, Slopes, StrengthIn, TransferFunction, ValuesIn, Weighting,
+    Averages, ColourIn, Column, Shared, Slopes, StrengthIn, TransferFunction, ValuesIn, Weighting,
 };
+use crate::task::Task;
 
+pub(super) use coarse::{Atoms, coarse_levels};
+pub(super) use fine::{Grown, fine_levels};
 pub(super) use lattice::merge_lattice;
-pub(super) use points::{Shapes, Source, merge_points};
+pub(super) use levels::{Head, Level, Levels};
+pub(super) use source::{Shapes, Source};
+pub(super) use sums::Cluster;
 
 /// Particles in a cluster of the first level, and clusters in one of the next.
 pub(super) const MERGE_RATIO: usize = 16;
 
+/// Levels whose clusters are made of particles; those of later levels are made of clusters. A cluster of the last of them
+/// takes more memory than one of its particles, and stands for 256.
+const FINE_LEVELS: u32 = 2;
+
 /// Levels end with a block of at most so many particles.
 const LAST_LEVEL: usize = 16;
+
+/// Merges particles level by level. `None` where merging means nothing ([`is_mergeable`]) or does not pay (all particles
+/// are in one block).
+pub(super) fn merge_points(
+    source: &Source<'_>,
+    tree: &Tree,
+    crowds: &Crowds,
+    task: Option<&Task>,
+) -> Result<Option<Levels>> {
+    if !is_mergeable(source) || source.positions.len() <= BLOCK_CAPACITY {
+        return Ok(None);
+    }
+    let all = Grown {
+        tree,
+        at: 0,
+        start: 0,
+    };
+    let (mut levels, clusters) = fine_levels(source, &[all], crowds, task)?;
+    if let Some(last) = levels.last().filter(|last| !levels::is_last(&last.heads)) {
+        let runs: Vec<_> = clusters.iter().map(Cluster::run).collect();
+        let atoms = Atoms {
+            tree: tree.above(&runs),
+            clusters,
+            heads: last.heads.clone(),
+        };
+        let places = &mut |asked: &[Cluster]| Ok(source.places_of(asked));
+        let places = source.values.is_some().then_some(places as _);
+        levels.extend(coarse_levels(&atoms, crowds, places, task)?);
+    }
+    Ok(Some(Levels(levels)))
+}
+
+/// Whether particles can be merged: not splats, which state opacities; nor where colours depend on the view.
+pub(super) fn is_mergeable(source: &Source<'_>) -> bool {
+    !matches!(source.strength, StrengthIn::PeakOpacity { .. })
+        && !matches!(source.colour, ColourIn::Harmonics { .. })
+        && source.values.is_none_or(|v| !v.has_infinite())
+}
 
 /// What is known of merged particles besides what particles are.
 #[derive(Debug, Clone, Default)]
@@ -143,14 +198,23 @@ fn unevenness(members: impl Iterator<Item = (f64, f64)>, mean: f64, spread: f64)
 /// Places where cumulative shares are compared.
 const BINS: usize = 32;
 
+/// Shares are counted in these, so that sums of them do not depend on an order.
+const SHARE: f64 = 1.0 / (1_u64 << 52) as f64;
+
+/// Of a value how far beyond the interval it counts at most, in units of its half width. Values lie closer to their mean
+/// than half the width on average, so that a sum of what is beyond fits 63 bits.
+const FARTHEST: f64 = 1024.0;
+
 /// Where values lie about their mean: what [`unevenness`] sums.
 #[derive(Debug, Clone, Copy)]
-struct Places {
+pub(super) struct Places {
     mean: f64,
     spread: f64,
-    shares: [f64; BINS],
-    beyond: f64,
+    sums: PlaceSums,
 }
+
+/// In units of [`SHARE`]: of the members in each bin, and how far they lie beyond.
+pub(super) type PlaceSums = [i64; BINS + 1];
 
 impl Places {
     /// None yet.
@@ -158,8 +222,7 @@ impl Places {
         Self {
             mean,
             spread,
-            shares: [0.0; BINS],
-            beyond: 0.0,
+            sums: [0; BINS + 1],
         }
     }
 
@@ -167,31 +230,43 @@ impl Places {
     fn add(&mut self, share: f64, value: f64) {
         let place = (value - self.mean) / self.spread;
         let inside = place.clamp(-1.0, 1.0);
-        self.beyond += share * (place - inside).abs();
+        let beyond = (place - inside).abs().min(FARTHEST);
+        let share = share / SHARE;
         let bin = (0.5 * (inside + 1.0) * BINS as f64) as usize;
-        self.shares[bin.min(BINS - 1)] += share;
+        self.sums[bin.min(BINS - 1)] += share as i64;
+        self.sums[BINS] += (share * beyond) as i64;
     }
 
     /// Those of both.
-    fn and(mut self, other: &Self) -> Self {
-        self.beyond += other.beyond;
-        for (own, other) in self.shares.iter_mut().zip(other.shares) {
+    fn and(self, other: &Self) -> Self {
+        self.with(&other.sums)
+    }
+
+    /// With others' beside.
+    pub(super) fn with(mut self, others: &PlaceSums) -> Self {
+        for (own, other) in self.sums.iter_mut().zip(others) {
             *own += other;
         }
         self
+    }
+
+    /// What is summed.
+    pub(super) fn sums(&self) -> &PlaceSums {
+        &self.sums
     }
 
     fn unevenness(&self) -> f64 {
         if !(self.spread > 0.0) {
             return 0.0;
         }
+        let [shares @ .., beyond] = self.sums.map(|sum| sum as f64 * SHARE);
         let mut below = 0.0;
         let mut between = 0.0;
-        for (i, share) in self.shares.iter().enumerate() {
+        for (i, share) in shares.iter().enumerate() {
             below += share;
             between += (below - (i + 1) as f64 / BINS as f64).abs();
         }
-        self.spread * (self.beyond + between * 2.0 / BINS as f64)
+        self.spread * (beyond + between * 2.0 / BINS as f64)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Moments of mixtures of Gaussians, up to the fourth.
 
+use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 /// A symmetric matrix: xx, xy, xz, yy, yz, zz.
@@ -129,7 +130,8 @@ impl Moments {
 }
 
 /// Central moments of second to fourth order, of total weight 1.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct Tensors {
     pub(super) second: Symmetric,
     /// The elements of [`THIRD`].

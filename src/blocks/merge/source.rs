@@ -1,0 +1,165 @@
+//! The particles that levels of detail are made of.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Places;
+use super::fine::Grown;
+use super::moments::Symmetric;
+use super::sums::Cluster;
+use crate::math::{lower_matrix, symmetric};
+use crate::scene::{
+    BoundaryPlanesIn, ColourIn, LocalModelsIn, Shared, StrengthIn, ValuesIn, cut_kernel,
+};
+
+/// The particles that are merged, in block order.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::blocks) struct Source<'a> {
+    pub(in crate::blocks) positions: &'a [DVec3],
+    pub(in crate::blocks) shapes: Shapes<'a>,
+    /// Least and greatest standard deviation of each that is no sphere.
+    pub(in crate::blocks) principal: &'a [[f32; 2]],
+    pub(in crate::blocks) strength: &'a StrengthIn<Shared>,
+    pub(in crate::blocks) colour: &'a ColourIn<Shared>,
+    pub(in crate::blocks) values: Option<&'a ValuesIn<Shared>>,
+    pub(in crate::blocks) models: Option<&'a LocalModelsIn<Shared>>,
+    pub(in crate::blocks) boundary: Option<&'a BoundaryPlanesIn<Shared>>,
+}
+
+/// Shapes of particles.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::blocks) enum Shapes<'a> {
+    Spheres(&'a [f32]),
+    Factors(&'a [[f32; 6]]),
+}
+
+/// Particles that a task looks at.
+const TASK: usize = 8192;
+
+/// A particle that is merged, as far as the domain leaves it.
+#[derive(Debug, Clone)]
+pub(super) struct Member {
+    pub(super) index: usize,
+    pub(super) strength: f64,
+    /// Of its mean from the block's origin.
+    pub(super) offset: DVec3,
+    pub(super) variance: Symmetric,
+    /// Its third central moments are the sum of the third powers of these vectors; empty where nothing is cut.
+    pub(super) skews: Vec<DVec3>,
+}
+
+impl Source<'_> {
+    /// Least and greatest standard deviation of a particle.
+    #[inline]
+    pub(in crate::blocks) fn sigmas(&self, i: usize) -> [f32; 2] {
+        match self.shapes {
+            Shapes::Spheres(sigmas) => [sigmas[i]; 2],
+            Shapes::Factors(_) => self.principal[i],
+        }
+    }
+
+    /// The strength of a whole particle; `None` where it has none that draws anything, or no value.
+    fn whole_strength(&self, i: usize) -> Option<f64> {
+        let strength = self.strength.stored()[i];
+        let has_value = self.values.is_none_or(|v| !v.get(i).is_nan());
+        (strength > 0.0 && strength.is_finite() && has_value).then_some(f64::from(strength))
+    }
+
+    /// What the domain leaves of it.
+    fn strength_left(&self, i: usize) -> Option<f64> {
+        match self.boundary.and_then(|b| b.of(i)) {
+            None => self.whole_strength(i),
+            Some(_) => self.member(i, self.positions[i]).map(|m| m.strength),
+        }
+    }
+
+    /// `None` where a particle draws nothing: it has no strength, no value, or lies outside the domain.
+    pub(super) fn member(&self, i: usize, origin: DVec3) -> Option<Member> {
+        let strength = self.whole_strength(i)?;
+        let lower @ [l00, l10, l11, l20, l21, l22] = match self.shapes {
+            Shapes::Spheres(sigmas) => {
+                let l = f64::from(sigmas[i]);
+                [l, 0.0, l, 0.0, 0.0, l]
+            }
+            Shapes::Factors(factors) => factors[i].map(f64::from),
+        };
+        let whole = Member {
+            index: i,
+            strength,
+            offset: self.positions[i] - origin,
+            variance: [
+                l00 * l00,
+                l00 * l10,
+                l00 * l20,
+                l10 * l10 + l11 * l11,
+                l10 * l20 + l11 * l21,
+                l20 * l20 + l21 * l21 + l22 * l22,
+            ],
+            skews: Vec::new(),
+        };
+        let Some(planes) = self.boundary.and_then(|b| b.of(i)) else {
+            return Some(whole);
+        };
+        let left = cut_kernel(lower_matrix(lower), planes)?;
+        Some(Member {
+            index: i,
+            strength: whole.strength * left.share,
+            offset: whole.offset + left.shift,
+            variance: symmetric(left.factor * left.factor.transpose()),
+            skews: left.skews,
+        })
+    }
+
+    /// Where the values of each cluster's members lie, all of which are here.
+    pub(super) fn places_of(&self, clusters: &[Cluster]) -> Vec<Places> {
+        let of_all = |cluster: &Cluster| {
+            let Range { start, end } = cluster.run();
+            let pieces = (start..end).into_par_iter().step_by(TASK);
+            let none = || self.places(start..start, cluster);
+            pieces
+                .map(|piece| self.places(piece..end.min(piece + TASK), cluster))
+                .reduce(none, |a, b| a.and(&b))
+        };
+        clusters.par_iter().map(of_all).collect()
+    }
+
+    /// Where the values of those members of each cluster lie that are here.
+    pub(in crate::blocks) fn places_of_parts(
+        &self,
+        clusters: &[Cluster],
+        trees: &[Grown<'_>],
+    ) -> Vec<Places> {
+        let of_parts = |cluster: &Cluster| {
+            let run = cluster.run();
+            let end = |tree: &Grown<'_>| tree.start + tree.tree.len();
+            let first = trees.partition_point(|tree| end(tree) <= run.start);
+            let parts = trees[first..]
+                .iter()
+                .take_while(|tree| tree.start < run.end);
+            parts.fold(cluster.no_places(), |all, tree| {
+                let (start, end) = (run.start.max(tree.start), run.end.min(end(tree)));
+                let here = tree.at + start - tree.start..tree.at + end - tree.start;
+                all.and(&self.places(here, cluster))
+            })
+        };
+        clusters.par_iter().map(of_parts).collect()
+    }
+
+    /// Where the values of a cluster's members lie.
+    ///
+    /// - `members`: in block order; some of the cluster's, or all.
+    pub(in crate::blocks) fn places(&self, members: Range<usize>, of: &Cluster) -> Places {
+        let mut places = of.no_places();
+        let Some(values) = self.values else {
+            return places;
+        };
+        for i in members {
+            if let Some(strength) = self.strength_left(i) {
+                places.add(strength / of.sums.strength, f64::from(values.get(i)));
+            }
+        }
+        places
+    }
+}

@@ -1,0 +1,143 @@
+//! The chunks that all points are in, which are found by counting: those of one tree over all of them.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use rdst::RadixSort;
+
+use super::super::tree::{CHUNK, Curve};
+use super::{NO_CORNERS, Peers, extend};
+use crate::error::Result;
+
+/// A chunk, or what chunks are going to be cut of.
+#[derive(Debug, Clone)]
+pub(super) struct Chunk {
+    /// Those of its points that are here, among all of these in the order of chunks.
+    pub(super) here: Range<usize>,
+    /// How many points it has.
+    pub(super) count: u64,
+    /// Along which its points are in order, those of one cell in that of their numbers.
+    pub(super) curve: Curve,
+    /// How many bits of places on the curve have not been looked at.
+    bits: u32,
+    is_done: bool,
+}
+
+/// The points that are here in the order of chunks, and the chunks that all points are in: as
+/// [`Tree::over`](super::super::tree::Tree::over) has them.
+///
+/// - `count`: of all points, more than [`CHUNK`].
+pub(super) fn chunks(
+    positions: &[DVec3],
+    count: u64,
+    peers: &mut dyn Peers,
+) -> Result<(Vec<u32>, Vec<Chunk>)> {
+    // The place on Morton's curve above, the point's number below.
+    let mut keys: Vec<u64> = (0..positions.len() as u64).collect();
+    let mut parts = vec![Chunk {
+        here: 0..positions.len(),
+        count,
+        curve: Curve::through(DVec3::ZERO, DVec3::ZERO),
+        bits: 0,
+        is_done: false,
+    }];
+    // Parts of one cell are looked at again, in their own bounds.
+    while parts.iter().any(|part| !part.is_done) {
+        sort(&mut keys, &mut parts, positions, peers)?;
+        while parts.iter().any(Chunk::is_cut) {
+            parts = halved(&keys, parts, peers)?;
+        }
+        for part in &mut parts {
+            part.is_done |= part.count <= CHUNK as u64;
+        }
+    }
+    let members = keys.into_par_iter().map(|key| key as u32).collect();
+    Ok((members, parts))
+}
+
+impl Chunk {
+    /// Whether it is cut into halves.
+    fn is_cut(&self) -> bool {
+        !self.is_done && self.bits > 0 && self.count > CHUNK as u64
+    }
+}
+
+/// Sorts what is not done along curves through its own bounds.
+fn sort(
+    keys: &mut [u64],
+    parts: &mut [Chunk],
+    positions: &[DVec3],
+    peers: &mut dyn Peers,
+) -> Result<()> {
+    let at = |key: u64| positions[key as u32 as usize];
+    let open = || parts.iter().filter(|part| !part.is_done);
+    let corners = open().map(|part| {
+        let here = keys[part.here.clone()].par_iter();
+        let own = here.fold(
+            || NO_CORNERS,
+            |mut all, &key| {
+                extend(&mut all, &[at(key); 2]);
+                all
+            },
+        );
+        own.reduce(
+            || NO_CORNERS,
+            |mut all, own| {
+                extend(&mut all, &own);
+                all
+            },
+        )
+    });
+    let corners = corners.collect();
+    let mut corners = peers.reduce(Ok(corners), extend)?.into_iter();
+    for part in parts.iter_mut().filter(|part| !part.is_done) {
+        let Some([lower, upper]) = corners.next() else {
+            return Ok(());
+        };
+        let curve = Curve::through(lower, upper);
+        let own = &mut keys[part.here.clone()];
+        own.par_iter_mut().for_each(|key| {
+            let number = *key & u64::from(u32::MAX);
+            *key = u64::from(curve.cell(at(number))) << 32 | number;
+        });
+        own.radix_sort_unstable();
+        part.curve = curve;
+        part.bits = 32;
+        // Cells ascend along each axis: these two are one only where all are.
+        part.is_done = curve.cell(lower) == curve.cell(upper);
+    }
+    Ok(())
+}
+
+/// The halves of all that is cut, the later before the earlier.
+fn halved(keys: &[u64], parts: Vec<Chunk>, peers: &mut dyn Peers) -> Result<Vec<Chunk>> {
+    let half = |part: &Chunk| {
+        let here = &keys[part.here.clone()];
+        here.partition_point(|key| key >> (31 + part.bits) & 1 == 0)
+    };
+    let own: Vec<usize> = parts.iter().filter(|p| p.is_cut()).map(half).collect();
+    let all = peers.sums(own.iter().map(|n| *n as u64).collect())?;
+    let mut halves = own.into_iter().zip(all);
+    let mut out = Vec::with_capacity(parts.len() + halves.len());
+    for part in parts {
+        let Some((own, all)) = part.is_cut().then(|| halves.next()).flatten() else {
+            out.push(part);
+            continue;
+        };
+        let middle = part.here.start + own;
+        let later = (middle..part.here.end, part.count - all.min(part.count));
+        let earlier = (part.here.start..middle, all);
+        for (here, count) in [later, earlier] {
+            if count > 0 {
+                out.push(Chunk {
+                    here,
+                    count,
+                    bits: part.bits - 1,
+                    ..part.clone()
+                });
+            }
+        }
+    }
+    Ok(out)
+}

@@ -1,0 +1,299 @@
+//! Particles to whoever builds blocks of them.
+
+use std::ops::Range;
+
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use rayon::prelude::*;
+
+use super::super::build::check_count;
+use super::super::merge::Grown;
+use super::super::tree::{CHUNK, Subtree, Tree, Units};
+use super::chunks::{Chunk, chunks};
+use super::numbers::without_gaps;
+use super::{Bundle, NO_CORNERS, Peers, extend};
+use crate::error::{Error, Result};
+use crate::scene::PointVolume;
+use crate::scene::rows::{Rows, number_of, position_of, row_len, volume_in_order, volume_of};
+
+/// Particles that each receives at a time, about.
+const BATCH: u64 = 1 << 19;
+
+/// What one builds blocks of.
+#[derive(Debug)]
+pub(super) struct Dealt {
+    /// In the order of the trees.
+    pub(super) volume: PointVolume,
+    /// The number of each among all particles.
+    pub(super) numbers: Vec<u32>,
+    /// Over runs of them, one after the other.
+    pub(super) trees: Vec<OwnTree>,
+    /// All subtrees that are dealt out, whoever builds them.
+    pub(super) bundles: Vec<Bundle>,
+    /// Over them.
+    pub(super) crown: Tree,
+}
+
+/// A tree over particles that are here.
+#[derive(Debug)]
+pub(super) struct OwnTree {
+    pub(super) tree: Tree,
+    at: usize,
+    /// Which of the bundles.
+    pub(super) bundle: usize,
+    start: usize,
+}
+
+impl OwnTree {
+    pub(super) fn grown(&self) -> Grown<'_> {
+        Grown {
+            tree: &self.tree,
+            at: self.at,
+            start: self.start,
+        }
+    }
+}
+
+/// Deals the particles out that each has.
+pub(super) fn deal(
+    volume: PointVolume,
+    given: Option<Vec<u64>>,
+    peers: &mut dyn Peers,
+) -> Result<Dealt> {
+    let all = volume.particles.positions();
+    let kept: Vec<u32> = (0..)
+        .zip(all)
+        .filter(|(_, p)| p.is_finite())
+        .map(|(i, _)| i)
+        .collect();
+    let given = given.map(|given| kept.iter().map(|&i| given[i as usize]).collect());
+    let numbers = without_gaps(kept.len(), given, peers)?;
+    let positions: Vec<DVec3> = kept.iter().map(|&i| all[i as usize]).collect();
+    let mut corners = NO_CORNERS;
+    positions
+        .iter()
+        .for_each(|p| extend(&mut corners, &[*p; 2]));
+    let corners = peers.reduce(Ok(vec![corners]), extend)?;
+    let count: u64 = peers.sums(vec![kept.len() as u64])?.iter().sum();
+    // The same everywhere.
+    check_count(usize::try_from(count).unwrap_or(usize::MAX))?;
+    let [lower, upper] = corners.first().copied().unwrap_or(NO_CORNERS);
+    if count <= CHUNK as u64 {
+        let expected = format!("more than {CHUNK} points together");
+        return Err(refused(&expected, &count.to_string()));
+    }
+    let units = Units::of(lower, upper);
+    let (members, chunks) = chunks(&positions, count, peers)?;
+    let point = |i: u32| units.point(positions[i as usize], numbers[i as usize] as u32);
+    let boxes = chunks.par_iter().map(|chunk| {
+        let here = members[chunk.here.clone()].iter().map(|&i| point(i));
+        here.fold(Aabb::empty(), |all, p| all.union(&p))
+    });
+    let boxes: Vec<[[f32; 3]; 2]> = boxes.map(|b| [b.min.into(), b.max.into()]).collect();
+    let boxes = peers.reduce(Ok(boxes), |all, own| {
+        for axis in 0..3 {
+            all[0][axis] = all[0][axis].min(own[0][axis]);
+            all[1][axis] = all[1][axis].max(own[1][axis]);
+        }
+    })?;
+    let boxes: Vec<Aabb> = boxes
+        .into_iter()
+        .map(|[min, max]| Aabb::new(Vec3A::from(min), Vec3A::from(max)))
+        .collect();
+    let (top, places) = Tree::over_boxes(&boxes, units);
+    let of_place = |place: usize| &chunks[places[place] as usize];
+    let bundles = bundles(&top, |place| of_place(place).count, peers.size());
+    let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.chunks.run()).collect();
+    let crown = top.above(&runs);
+    drop(positions);
+    // Places in the volume from here on.
+    let members: Vec<(u32, u32)> = members
+        .into_iter()
+        .map(|i| (kept[i as usize], numbers[i as usize] as u32))
+        .collect();
+    let like = volume_of(&[], &volume);
+    let sorting = Sorting {
+        members: &members,
+        bundles: &bundles,
+        of_place: &of_place,
+    };
+    let rows = sorting.exchange(&volume, peers)?;
+    drop(volume);
+    let built = like.map(|like| sorting.build(&rows, &like, (&top, units), peers.rank()));
+    let own = built.as_ref().map(|_| &[] as &[u8]).map_err(said);
+    peers.gather_records(own)?;
+    let (volume, numbers, trees) = built?;
+    Ok(Dealt {
+        volume,
+        numbers,
+        trees,
+        bundles,
+        crown,
+    })
+}
+
+fn said(error: &Error) -> Error {
+    refused("particles of one kind", &error.to_string())
+}
+
+fn refused(expected: &str, found: &str) -> Error {
+    let advice = "give every rank a share of the same volumes";
+    Error::invalid("scene", "shares of ranks", expected, found, advice)
+}
+
+/// Cuts the tree over chunks into subtrees of no more points than a chunk, or of one, and gives each to whoever has least.
+fn bundles(top: &Tree, count: impl Fn(usize) -> u64, size: usize) -> Vec<Bundle> {
+    let sum = |places: Range<usize>| places.map(&count).sum::<u64>();
+    let subtrees = top.largest(|places| sum(places) <= CHUNK as u64);
+    let mut loads = vec![0; size];
+    let mut end = 0;
+    let bundle = |chunks: Subtree| {
+        let start = end;
+        let count = sum(chunks.run());
+        end += count as usize;
+        let least = loads.iter().enumerate().min_by_key(|(_, load)| **load);
+        let owner = least.map_or(0, |(owner, _)| owner);
+        loads[owner] += count;
+        Bundle {
+            chunks,
+            run: start..end,
+            owner,
+        }
+    };
+    subtrees.into_iter().map(bundle).collect()
+}
+
+/// Who gets which points.
+struct Sorting<'a, F> {
+    /// Those that are here, in the order of chunks: their places in the volume, and their numbers.
+    members: &'a [(u32, u32)],
+    bundles: &'a [Bundle],
+    /// The chunk at a place of the tree over chunks.
+    of_place: &'a F,
+}
+
+/// Rows of the points of a bundle.
+struct BundleRows {
+    bundle: usize,
+    rows: Vec<u8>,
+    /// Of each chunk.
+    counts: Vec<usize>,
+}
+
+impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
+    /// The rows of this one's bundles, which it gets of all, a few bundles at a time.
+    fn exchange(&self, volume: &PointVolume, peers: &mut dyn Peers) -> Result<Vec<BundleRows>> {
+        let (rank, size) = (peers.rank(), peers.size());
+        let (columns, row) = (Rows::of(volume), row_len(volume));
+        let mut own: Vec<BundleRows> = Vec::new();
+        let mut next = 0;
+        while next < self.bundles.len() {
+            let first = next;
+            let mut count = 0;
+            while next < self.bundles.len() && count < BATCH * size as u64 {
+                count += self.bundles[next].run.len() as u64;
+                next += 1;
+            }
+            let round = || (first..next).map(|b| (b, &self.bundles[b]));
+            // How many rows of each chunk there are, and the rows.
+            let mut parts = vec![(Vec::new(), Vec::new()); size];
+            for (_, bundle) in round() {
+                let (counts, rows) = &mut parts[bundle.owner];
+                for place in bundle.chunks.run() {
+                    let here = &self.members[(self.of_place)(place).here.clone()];
+                    counts.push(here.len() as u64);
+                    let some = here.iter();
+                    columns.append(rows, some.map(|&(i, n)| (i as usize, u64::from(n))));
+                }
+            }
+            let parts = parts.into_iter().map(|(counts, rows)| {
+                let mut part = bytemuck::cast_slice(&counts).to_vec();
+                part.extend(rows);
+                part
+            });
+            let parts = peers.exchange(Ok(parts.collect()))?;
+            let mine = || round().filter(|(_, bundle)| bundle.owner == rank);
+            let chunks: usize = mine().map(|(_, bundle)| bundle.chunks.run().len()).sum();
+            let mut parts: Vec<(Vec<u64>, &[u8])> = parts
+                .iter()
+                .map(|part| {
+                    let (counts, rows) = part.split_at((8 * chunks).min(part.len()));
+                    (super::records(counts), rows)
+                })
+                .collect();
+            let mut chunk = 0;
+            for (number, bundle) in mine() {
+                let mut of_bundle = BundleRows {
+                    bundle: number,
+                    rows: Vec::with_capacity(bundle.run.len() * row),
+                    counts: Vec::new(),
+                };
+                for _ in bundle.chunks.run() {
+                    let before = of_bundle.rows.len();
+                    for (counts, rows) in &mut parts {
+                        let count = counts.get(chunk).map_or(0, |n| *n as usize);
+                        let (chunk, rest) = rows.split_at((count * row).min(rows.len()));
+                        of_bundle.rows.extend_from_slice(chunk);
+                        *rows = rest;
+                    }
+                    chunk += 1;
+                    let of_chunk = of_bundle.rows.len() - before;
+                    of_bundle.counts.push(of_chunk / row);
+                }
+                own.push(of_bundle);
+            }
+        }
+        Ok(own)
+    }
+
+    /// Trees over the points of each bundle that this one has, and the points in their order.
+    fn build(
+        &self,
+        rows: &[BundleRows],
+        like: &PointVolume,
+        (top, units): (&Tree, Units),
+        rank: usize,
+    ) -> (PointVolume, Vec<u32>, Vec<OwnTree>) {
+        let row = row_len(like);
+        let built = rows.par_iter().map(|own| {
+            let bundle = &self.bundles[own.bundle];
+            debug_assert_eq!(bundle.owner, rank);
+            let mut all: Vec<&[u8]> = own.rows.chunks_exact(row).collect();
+            let mut runs = Vec::with_capacity(own.counts.len());
+            let mut end = 0;
+            for (place, count) in bundle.chunks.run().zip(&own.counts) {
+                let run = end..end + count;
+                end = run.end;
+                // As the chunk's points are when one has all.
+                let curve = (self.of_place)(place).curve;
+                let key = |row: &&[u8]| (curve.cell(position_of(row)), number_of(row));
+                all[run.clone()].sort_by_cached_key(key);
+                runs.push(run);
+            }
+            let members: Vec<u32> = (0..all.len() as u32).collect();
+            let first = bundle.chunks.run().start;
+            let chunk = |place: usize| &members[runs[place - first].clone()];
+            let point = |i: u32| {
+                let row = all[i as usize];
+                units.point(position_of(row), number_of(row) as u32)
+            };
+            let (tree, order) = Tree::over_chunks(top, bundle.chunks, chunk, point);
+            let ordered: Vec<&[u8]> = order.iter().map(|&i| all[i as usize]).collect();
+            (own.bundle, tree, ordered)
+        });
+        let built: Vec<(usize, Tree, Vec<&[u8]>)> = built.collect();
+        let mut trees = Vec::with_capacity(built.len());
+        let mut ordered = Vec::new();
+        for (bundle, tree, rows) in built {
+            trees.push(OwnTree {
+                tree,
+                at: ordered.len(),
+                bundle,
+                start: self.bundles[bundle].run.start,
+            });
+            ordered.extend(rows);
+        }
+        let numbers = ordered.iter().map(|row| number_of(row) as u32).collect();
+        (volume_in_order(ordered, like), numbers, trees)
+    }
+}

@@ -1,0 +1,199 @@
+//! What bounds the blocks of each, for all.
+
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use super::super::density;
+use super::super::merge::{Atoms, Cluster, Head, Level, Levels};
+use super::super::tree::{Node, Tree};
+use super::super::{Block, BlockedVolume};
+use super::deal::OwnTree;
+use super::{Bundle, Peers};
+use crate::error::Result;
+use crate::view::Bounds;
+
+/// What all have, in block order, and which of it are of this one.
+///
+/// - `start`: where each begins in block order.
+fn joined<T: Pod>(all: Vec<Vec<T>>, rank: usize, start: impl Fn(&T) -> usize) -> Joined<T> {
+    let mut sorted: Vec<(usize, T)> = Vec::new();
+    for (owner, own) in all.into_iter().enumerate() {
+        sorted.extend(own.into_iter().map(|own| (owner, own)));
+    }
+    sorted.sort_by_key(|(_, own)| start(own));
+    let mut joined = Joined {
+        all: Vec::with_capacity(sorted.len()),
+        own: Vec::new(),
+    };
+    for (i, (owner, own)) in (0..).zip(sorted) {
+        joined.all.push(own);
+        if owner != rank {
+            continue;
+        }
+        match joined.own.last_mut() {
+            Some(run) if run.end == i => run.end += 1,
+            _ => joined.own.push(i..i + 1),
+        }
+    }
+    joined
+}
+
+struct Joined<T> {
+    all: Vec<T>,
+    own: Vec<Range<u32>>,
+}
+
+/// A level of which all blocks are known.
+pub(super) fn level(own: Level, peers: &mut dyn Peers) -> Result<Level> {
+    let heads = peers.gather_records(Ok(&own.heads))?;
+    let heads = joined(heads, peers.rank(), Head::start);
+    Ok(Level {
+        heads: heads.all,
+        own: heads.own,
+        particles: own.particles,
+    })
+}
+
+/// The clusters of all, and the tree over them; their heads are to come.
+pub(super) fn atoms(
+    trees: &[OwnTree],
+    bundles: &[Bundle],
+    clusters: &[Cluster],
+    crown: &Tree,
+    peers: &mut dyn Peers,
+) -> Result<Atoms> {
+    let mut next = clusters;
+    let (mut counts, mut nodes) = (Vec::new(), Vec::<Node>::new());
+    for own in trees {
+        let run = &bundles[own.bundle].run;
+        let count = next.partition_point(|cluster| cluster.run().start < run.end);
+        let (of_tree, rest) = next.split_at(count);
+        next = rest;
+        let within = |cluster: &Cluster| {
+            let of_all = cluster.run();
+            of_all.start - run.start..of_all.end - run.start
+        };
+        let runs: Vec<Range<usize>> = of_tree.iter().map(within).collect();
+        counts.push([own.bundle as u64, count as u64]);
+        nodes.extend(own.tree.above(&runs).nodes());
+    }
+    let counts = peers.gather_records(Ok(&counts))?;
+    let nodes = peers.gather_records(Ok(&nodes))?;
+    let mut parts = vec![Tree::default(); bundles.len()];
+    for (counts, nodes) in counts.iter().zip(&nodes) {
+        let mut nodes = nodes.as_slice();
+        for [bundle, count] in counts {
+            let own = (*count as usize).saturating_sub(1).min(nodes.len());
+            let (of_part, rest) = nodes.split_at(own);
+            nodes = rest;
+            parts[*bundle as usize] = crown.of_nodes(of_part.to_vec());
+        }
+    }
+    let clusters = peers.gather_records(Ok(clusters))?;
+    let start = |cluster: &Cluster| cluster.run().start;
+    Ok(Atoms {
+        clusters: joined(clusters, peers.rank(), start).all,
+        tree: crown.grafted(&parts),
+        heads: Vec::new(),
+    })
+}
+
+/// A block, and what follows from its particles.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Known {
+    block: Block,
+    /// Where it begins in block order.
+    start: u64,
+    density: f64,
+    /// Middle and half extent of what is visible.
+    visible: [DVec3; 2],
+    is_visible: u64,
+}
+
+/// A volume that has the blocks of all.
+pub(super) struct JoinedVolume {
+    pub(super) volume: BlockedVolume,
+    /// The blocks whose particles are here.
+    pub(super) own: Vec<Range<u32>>,
+    /// Of all blocks.
+    pub(super) densities: Vec<f64>,
+    /// Boxes of what is visible.
+    pub(super) visible: Vec<Bounds>,
+}
+
+/// A volume with the blocks of all.
+///
+/// - `starts`: of each tree where its particles begin here and in block order.
+pub(super) fn blocks(
+    mut base: BlockedVolume,
+    merged: Option<&Levels>,
+    starts: &[(usize, usize)],
+    peers: &mut dyn Peers,
+) -> Result<JoinedVolume> {
+    let visible = base.visible_box_of_each(base.transfer_function.as_ref());
+    let densities = density::densities(&base);
+    let known = base.blocks.iter().zip(visible).zip(densities);
+    let known = known.map(|((block, visible), density)| {
+        let first = block.first as usize;
+        let tree = starts.partition_point(|(at, _)| *at <= first);
+        let (at, start) = tree.checked_sub(1).map_or((0, 0), |tree| starts[tree]);
+        Known {
+            block: *block,
+            start: (start + first - at) as u64,
+            density,
+            visible: visible.map_or([DVec3::ZERO; 2], |(middle, half)| [middle, half]),
+            is_visible: u64::from(visible.is_some()),
+        }
+    });
+    let known: Vec<Known> = known.collect();
+    let known = peers.gather_records(Ok(&known))?;
+    let known = joined(known, peers.rank(), |known: &Known| known.start as usize);
+    let block = |known: &Known| Block {
+        first: 0,
+        parent: merged.map_or(known.block.parent, |levels| {
+            levels.parent_of(known.start as usize)
+        }),
+        ..known.block
+    };
+    base.blocks = known.all.iter().map(block).collect();
+    let mut first = 0;
+    for block in known.own.iter().cloned().flatten() {
+        let block = &mut base.blocks[block as usize];
+        block.first = first;
+        first += block.count;
+    }
+    let densities = known.all.iter().map(|known| known.density).collect();
+    let visible = known.all.iter().filter(|known| known.is_visible > 0);
+    Ok(JoinedVolume {
+        volume: base,
+        own: known.own,
+        densities,
+        visible: visible
+            .map(|known| (known.visible[0], known.visible[1]))
+            .collect(),
+    })
+}
+
+/// The densities of all blocks.
+///
+/// - `own`: the blocks whose particles are here.
+pub(super) fn densities(
+    volume: &BlockedVolume,
+    own: &[Range<u32>],
+    peers: &mut dyn Peers,
+) -> Result<Vec<f64>> {
+    let own = own.iter().cloned().flatten();
+    let own = own.map(|i| {
+        let block = &volume.blocks[i as usize];
+        (f64::from(i), density::density_of(volume, block))
+    });
+    let own: Vec<[f64; 2]> = own.map(|(i, density)| [i, density]).collect();
+    let mut all = vec![0.0; volume.blocks.len()];
+    for [i, density] in peers.gather_records(Ok(&own))?.concat() {
+        all[i as usize] = density;
+    }
+    Ok(all)
+}

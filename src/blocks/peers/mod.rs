@@ -1,0 +1,286 @@
+//! Blocks of points that several have together, each a part, whichever: the same blocks and levels of detail as of all of
+//! them in one place, to the last bit. Nobody holds more than a share of the particles; everybody knows what bounds all
+//! blocks.
+//!
+//! 1. All find the chunks that all points are in ([`chunks`]) by counting, and the tree over the chunks' boxes.
+//! 2. Its subtrees of a chunk's size are dealt out; the particles go to whoever builds with them ([`deal`]).
+//! 3. Each builds the trees of what it has, their blocks, and the levels of detail that are made of particles.
+//! 4. What bounds these goes to all ([`join`]), with the clusters of the last of these levels, of which every one makes
+//!    the coarser levels by itself.
+
+mod chunks;
+mod deal;
+mod join;
+mod numbers;
+
+use std::ops::Range;
+
+use bytemuck::Pod;
+use glam::DVec3;
+
+use super::build::{BuildOptions, build, family, in_blocks, principal_ranges};
+use super::merge::{Atoms, Cluster, Grown, Levels, coarse_levels, fine_levels, is_mergeable};
+use super::overlap::Crowds;
+use super::points::Points;
+use super::room::MEMORY;
+use super::tree::CHUNK;
+use super::{BlockedVolume, runs_in_turn};
+use crate::constants::BLOCK_CAPACITY;
+use crate::error::Result;
+use crate::scene::{PointVolume, Requirements};
+use crate::view::Bounds;
+use deal::Dealt;
+
+/// Those who have a scene together. All functions but the first two are collective, and tell all of an error of one.
+pub(crate) trait Peers {
+    /// This one's number.
+    fn rank(&self) -> usize;
+
+    /// How many there are.
+    fn size(&self) -> usize;
+
+    /// What each gives, for all, by rank.
+    fn gather(&mut self, part: Result<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
+
+    /// What each gives to each: what is given to this one, by rank.
+    fn exchange(&mut self, parts: Result<Vec<Vec<u8>>>) -> Result<Vec<Vec<u8>>>;
+}
+
+/// The same of records.
+impl dyn Peers + '_ {
+    pub(super) fn gather_records<T: Pod>(&mut self, own: Result<&[T]>) -> Result<Vec<Vec<T>>> {
+        let all = self.gather(own.map(|own| bytemuck::cast_slice(own).to_vec()))?;
+        Ok(all.iter().map(|part| records(part)).collect())
+    }
+
+    pub(super) fn exchange_records<T: Pod>(
+        &mut self,
+        parts: Result<Vec<Vec<T>>>,
+    ) -> Result<Vec<Vec<T>>> {
+        let bytes = |parts: Vec<Vec<T>>| {
+            let part = |part: &Vec<T>| bytemuck::cast_slice(part).to_vec();
+            parts.iter().map(part).collect()
+        };
+        let all = self.exchange(parts.map(bytes))?;
+        Ok(all.iter().map(|part| records(part)).collect())
+    }
+
+    /// What becomes of as many records of each, place by place: each forms a part of it.
+    pub(super) fn reduce<T: Pod>(
+        &mut self,
+        own: Result<Vec<T>>,
+        join: impl Fn(&mut T, &T),
+    ) -> Result<Vec<T>> {
+        let (size, mut count) = (self.size(), 0);
+        let parts = own.map(|own| {
+            count = own.len();
+            let part = |rank| own[share(count, size, rank)].to_vec();
+            (0..size).map(part).collect()
+        });
+        let mut parts = self.exchange_records(parts)?.into_iter();
+        let mut all = parts.next().unwrap_or_default();
+        for part in parts {
+            for (sum, own) in all.iter_mut().zip(&part) {
+                join(sum, own);
+            }
+        }
+        Ok(self.gather_records(Ok(&all))?.concat())
+    }
+
+    pub(super) fn sums(&mut self, own: Vec<u64>) -> Result<Vec<u64>> {
+        self.reduce(Ok(own), |sum, own| *sum += own)
+    }
+}
+
+fn share(count: usize, size: usize, rank: usize) -> Range<usize> {
+    rank * count / size..(rank + 1) * count / size
+}
+
+fn records<T: Pod>(bytes: &[u8]) -> Vec<T> {
+    let whole = bytes.len() - bytes.len() % size_of::<T>().max(1);
+    bytemuck::pod_collect_to_vec(&bytes[..whole])
+}
+
+/// A volume and its levels of detail, all of whose blocks are known, and whose particles are shared.
+#[derive(Debug)]
+pub(crate) struct SharedVolume {
+    pub(crate) family: Vec<BlockedVolume>,
+    /// Of each of the family the blocks whose particles are here.
+    pub(crate) own: Vec<Vec<Range<u32>>>,
+    /// Of each of the family, of all its blocks.
+    pub(crate) densities: Vec<Vec<f64>>,
+    /// Boxes of what is visible.
+    pub(crate) visible: Vec<Bounds>,
+    pub(super) requirements: Requirements,
+}
+
+/// Of fewer points in all, each may build the blocks of all.
+pub(crate) const LEAST: u64 = CHUNK as u64;
+
+impl SharedVolume {
+    /// How many volumes it has: itself and its levels.
+    pub(crate) fn len(&self) -> usize {
+        self.family.len()
+    }
+
+    /// Of a volume that every one has.
+    ///
+    /// - `number`: which of a scene's volumes it is.
+    pub(crate) fn of_whole(
+        volume: PointVolume,
+        detail: bool,
+        number: usize,
+        peers: &dyn Peers,
+    ) -> Result<Self> {
+        let requirements = Requirements::of(&volume);
+        let options = BuildOptions {
+            detail,
+            ..BuildOptions::default()
+        };
+        let mut family = build(volume, options, None)?;
+        let base = &family[0];
+        let visible = base.visible_boxes();
+        let densities = family.iter().map(super::density::densities).collect();
+        let (rank, size) = (peers.rank(), peers.size());
+        let mut own = Vec::with_capacity(family.len());
+        for (level, volume) in family.iter_mut().enumerate() {
+            let of_volume = runs_in_turn(volume.blocks.len(), size, rank, number + level);
+            volume.keep(&of_volume)?;
+            own.push(of_volume);
+        }
+        Ok(Self {
+            family,
+            own,
+            densities,
+            visible,
+            requirements,
+        })
+    }
+}
+
+/// Points in blocks, and their levels of detail.
+///
+/// - `volume`: points of this one; those of others are alike but for their particles.
+/// - `numbers`: of each point, one of its own among all, or by rank.
+///
+/// # Errors
+/// No more than [`LEAST`] points that have a place, or more than can be counted; a number that two have; somebody who is
+/// gone.
+pub(crate) fn build_together(
+    volume: PointVolume,
+    numbers: Option<Vec<u64>>,
+    detail: bool,
+    peers: &mut dyn Peers,
+) -> Result<SharedVolume> {
+    let requirements = Requirements::of(&volume);
+    let transfer_function = volume.transfer_function.clone();
+    let Dealt {
+        volume,
+        numbers,
+        trees,
+        bundles,
+        crown,
+    } = deal::deal(volume, numbers, peers)?;
+    let options = BuildOptions::default();
+    let mut shared = SharedVolume {
+        family: Vec::new(),
+        own: Vec::new(),
+        densities: Vec::new(),
+        visible: Vec::new(),
+        requirements,
+    };
+    let Some((points, _)) = Points::of(volume) else {
+        return Ok(shared);
+    };
+    let principal = principal_ranges(&points.shapes);
+    let source = points.source(&principal);
+    let grown: Vec<Grown<'_>> = trees.iter().map(|own| own.grown()).collect();
+    let crowds = {
+        let leaves = trees.iter().map(|own| (own.bundle, own.grown()));
+        let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.run.clone()).collect();
+        Crowds::together(&leaves.collect::<Vec<_>>(), &crown, &runs, &source, peers)?
+    };
+    let is_merged = detail && points.are_merged() && {
+        let own = [u64::from(!is_mergeable(&source))];
+        peers.sums(own.to_vec())? == [0]
+    };
+    let mut levels = Vec::new();
+    if is_merged {
+        let (fine, clusters) = fine_levels(&source, &grown, &crowds, None)?;
+        let atoms = join::atoms(&trees, &bundles, &clusters, &crown, peers)?;
+        drop(clusters);
+        for level in fine {
+            levels.push(join::level(level, peers)?);
+        }
+        let atoms = Atoms {
+            heads: levels.last().map_or(Vec::new(), |last| last.heads.clone()),
+            ..atoms
+        };
+        let (rank, size) = (peers.rank(), peers.size());
+        let places = &mut |asked: &[Cluster]| {
+            let own = source.places_of_parts(asked, &grown);
+            let sums = own.iter().map(|places| *places.sums()).collect();
+            let all = peers.reduce(Ok(sums), |sum, own| {
+                sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+            })?;
+            let none = asked.iter().map(Cluster::no_places);
+            Ok(none.zip(&all).map(|(none, sums)| none.with(sums)).collect())
+        };
+        let places = source.values.is_some().then_some(places as _);
+        for level in coarse_levels(&atoms, &crowds, places, None)? {
+            let own = runs_in_turn(level.heads.len(), size, rank, levels.len());
+            levels.push(level.keep(own));
+        }
+    }
+    let merged = is_merged.then_some(Levels(levels));
+    let mut runs = Vec::new();
+    for own in &grown {
+        for subtree in own.tree.subtrees(BLOCK_CAPACITY) {
+            let run = subtree.run();
+            let in_order = run.start + own.start..run.end + own.start;
+            let crowding = crowds.greatest(&in_order, 1.0);
+            runs.push((crowding, run.start + own.at..run.end + own.at));
+        }
+    }
+    let starts: Vec<(usize, usize)> = grown.iter().map(|own| (own.at, own.start)).collect();
+    drop(trees);
+    let mut base = in_blocks(points, numbers.into(), runs, principal, MEMORY, options)?;
+    base.transfer_function = transfer_function;
+    let joined = join::blocks(base, merged.as_ref(), &starts, peers)?;
+    shared.own.push(joined.own);
+    shared.densities.push(joined.densities);
+    shared.visible = joined.visible;
+    let base = joined.volume;
+    let coarse = match merged {
+        None => None,
+        Some(merged) => {
+            let (volume, own) = merged.into_volume(&base);
+            let densities = join::densities(&volume, &own, peers)?;
+            shared.own.push(own);
+            shared.densities.push(densities);
+            Some(volume)
+        }
+    };
+    shared.family = family(base, coarse.into_iter().collect());
+    Ok(shared)
+}
+
+/// Least and greatest place of points; of none, reversed infinities.
+type Corners = [DVec3; 2];
+
+const NO_CORNERS: Corners = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+
+fn extend(corners: &mut Corners, others: &Corners) {
+    corners[0] = corners[0].min(others[0]);
+    corners[1] = corners[1].max(others[1]);
+}
+
+/// Subtrees of the tree over chunks that are built by one, in block order.
+#[derive(Debug)]
+pub(super) struct Bundle {
+    /// The chunks, by their places in that tree.
+    pub(super) chunks: super::tree::Subtree,
+    /// Its particles: a run of block order.
+    pub(super) run: Range<usize>,
+    pub(super) owner: usize,
+}

@@ -1,0 +1,68 @@
+//! The numbers of points among those of all.
+
+use super::Peers;
+use crate::error::Result;
+use crate::scene::rows::twice;
+
+/// Numbers that each gives of those that it has, for a cut into even parts.
+const SAMPLE: usize = 1024;
+
+/// Of each point its number among all, from 0 on without gaps.
+///
+/// - `count`: how many there are here.
+/// - `given`: numbers of the points that are in the same order, or none: by rank.
+///
+/// # Errors
+/// A number that two have.
+pub(super) fn without_gaps(
+    count: usize,
+    given: Option<Vec<u64>>,
+    peers: &mut dyn Peers,
+) -> Result<Vec<u64>> {
+    let Some(given) = given else {
+        let counts = peers.gather_records(Ok(&[count as u64]))?.concat();
+        let first: u64 = counts[..peers.rank()].iter().sum();
+        return Ok((first..first + count as u64).collect());
+    };
+    let mut order: Vec<usize> = (0..given.len()).collect();
+    order.sort_unstable_by_key(|&i| given[i]);
+    let sorted: Vec<u64> = order.iter().map(|&i| given[i]).collect();
+    let step = sorted.len().div_ceil(SAMPLE).max(1);
+    let sample: Vec<u64> = sorted.iter().step_by(step).copied().collect();
+    let mut sample = peers.gather_records(Ok(&sample))?.concat();
+    sample.sort_unstable();
+    // Each counts the numbers from one cut to the next.
+    let size = peers.size();
+    let cut = |rank: usize| {
+        let number = sample.get(rank * sample.len() / size).copied();
+        let number = number.filter(|_| rank > 0 && rank < size);
+        number.map_or(if rank == 0 { 0 } else { sorted.len() }, |number| {
+            sorted.partition_point(|own| *own < number)
+        })
+    };
+    let parts = (0..size).map(|rank| sorted[cut(rank)..cut(rank + 1)].to_vec());
+    let asked = peers.exchange_records(Ok(parts.collect()))?;
+    let mut all: Vec<(u64, usize, usize)> = Vec::new();
+    for (rank, asked) in asked.iter().enumerate() {
+        let asked = asked.iter().enumerate();
+        all.extend(asked.map(|(place, number)| (*number, rank, place)));
+    }
+    all.sort_unstable();
+    let counted = [all.len() as u64];
+    let counts = match all.windows(2).find(|w| w[0].0 == w[1].0) {
+        Some(pair) => Err(twice(pair[0].0)),
+        None => Ok(&counted[..]),
+    };
+    let counts = peers.gather_records(counts)?.concat();
+    let first: u64 = counts[..peers.rank()].iter().sum();
+    let mut answers: Vec<Vec<u64>> = asked.iter().map(|own| vec![0; own.len()]).collect();
+    for (number, (_, rank, place)) in (first..).zip(&all) {
+        answers[*rank][*place] = number;
+    }
+    let answers = peers.exchange_records(Ok(answers))?.concat();
+    let mut numbers = vec![0; order.len()];
+    for (i, number) in order.into_iter().zip(answers) {
+        numbers[i] = number;
+    }
+    Ok(numbers)
+}
