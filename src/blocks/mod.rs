@@ -7,6 +7,7 @@
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `merge/` | level of detail: clusters of particles as one particle each |
 //! | `overlap.rs` | where many kernels lie in one place |
+//! | `peers/` | blocks of points that several have together, each a part |
 //! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
 //! | `density.rs` | how dense their kernels are |

@@ -71,18 +71,15 @@ impl ReadShare {
     /// What reading says, on any rank; nothing that can be drawn; a rank that is gone.
     pub(crate) fn of(file: &mut PointFile, ranks: &mut Ranks) -> Result<Self> {
         let (rank, size) = (ranks.rank(), ranks.size());
-        let read = file.read_part(rank, size);
-        let part = read.as_ref().map(|(_, found)| {
+        let mut own = None;
+        let part = file.read_part(rank, size).map(|read| {
             // Finite numbers and words.
-            serde_json::to_vec(&Told::of(found)).unwrap_or_default()
+            let told = serde_json::to_vec(&Told::of(&read.1)).unwrap_or_default();
+            own = Some(read);
+            told
         });
-        let part = part.map_err(|e| Error::of_rank(rank, e.to_string()));
-        let parts = match ranks.gather_to_all(part) {
-            // Its own words.
-            Err(error) => return Err(read.err().unwrap_or(error)),
-            Ok(parts) => parts,
-        };
-        let (mut volume, own) = read?;
+        let parts = ranks.gather_to_all(part)?;
+        let (mut volume, own) = own.ok_or(Error::Cancelled)?;
         let mut all = Found {
             report: SampleReport {
                 sample_count: 0,

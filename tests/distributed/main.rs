@@ -16,3 +16,5 @@ mod prepared;
 mod ranks;
 mod scenes;
 mod shares;
+#[cfg(feature = "prepared")]
+mod together;

@@ -13,7 +13,7 @@ use crate::ranks::{Frame, SIZES, alone, drawn, each};
 use crate::scenes::{ball, ellipsoids, lattice, spheres};
 
 /// Some particles of a volume.
-fn taken(volume: &PointVolume, order: &[u32]) -> PointVolume {
+pub(crate) fn taken(volume: &PointVolume, order: &[u32]) -> PointVolume {
     fn pick<T: Copy>(entries: &[T], order: &[u32]) -> Vec<T> {
         order.iter().map(|&i| entries[i as usize]).collect()
     }

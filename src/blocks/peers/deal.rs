@@ -111,7 +111,8 @@ pub(super) fn deal(
         .into_iter()
         .map(|i| (kept[i as usize], numbers[i as usize] as u32))
         .collect();
-    let like = volume_of(&[], &volume);
+    drop((kept, numbers));
+    let like = volume_of(&[], &volume)?;
     let sorting = Sorting {
         members: &members,
         bundles: &bundles,
@@ -119,10 +120,7 @@ pub(super) fn deal(
     };
     let rows = sorting.exchange(&volume, peers)?;
     drop(volume);
-    let built = like.map(|like| sorting.build(&rows, &like, (&top, units), peers.rank()));
-    let own = built.as_ref().map(|_| &[] as &[u8]).map_err(said);
-    peers.gather_records(own)?;
-    let (volume, numbers, trees) = built?;
+    let (volume, numbers, trees) = sorting.build(&rows, &like, (&top, units));
     Ok(Dealt {
         volume,
         numbers,
@@ -130,10 +128,6 @@ pub(super) fn deal(
         bundles,
         crown,
     })
-}
-
-fn said(error: &Error) -> Error {
-    refused("particles of one kind", &error.to_string())
 }
 
 fn refused(expected: &str, found: &str) -> Error {
@@ -252,12 +246,10 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         rows: &[BundleRows],
         like: &PointVolume,
         (top, units): (&Tree, Units),
-        rank: usize,
     ) -> (PointVolume, Vec<u32>, Vec<OwnTree>) {
         let row = row_len(like);
         let built = rows.par_iter().map(|own| {
             let bundle = &self.bundles[own.bundle];
-            debug_assert_eq!(bundle.owner, rank);
             let mut all: Vec<&[u8]> = own.rows.chunks_exact(row).collect();
             let mut runs = Vec::with_capacity(own.counts.len());
             let mut end = 0;
