@@ -34,7 +34,7 @@ pub(super) struct BuildOptions {
 }
 
 /// Refuses more particles than indices can name.
-pub(super) fn check_count(total: usize) -> Result<()> {
+pub(crate) fn check_count(total: usize) -> Result<()> {
     if u32::try_from(total).is_ok() {
         return Ok(());
     }

@@ -63,6 +63,7 @@ use crate::scene::{
     TransferFunction, ValuesIn,
 };
 use build::BuildOptions;
+pub(crate) use build::check_count;
 
 pub use amplitude::AmplitudeSummary;
 pub(crate) use amplitude::visit_amplitudes;

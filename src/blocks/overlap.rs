@@ -17,7 +17,7 @@ use crate::splat::budget::OVERLAP;
 /// twelfth and a thirtieth do: as much of the edge that they would have together is left.
 const DIAGONAL: f64 = 1.0;
 
-/// Particles from one sum that is kept to the next.
+/// Particles of a sum that is kept.
 const STEP: usize = 8;
 
 /// The places of a point set where more than [`OVERLAP`] kernels lie.
@@ -30,7 +30,7 @@ pub(in crate::blocks) struct Crowds {
 /// Kernels, as crowds are looked for among them.
 struct Kernels<'a> {
     source: &'a Source<'a>,
-    /// Up to every so many: how many are drawn, and the sum of their widths.
+    /// Of every so many: how many are drawn, and the sum of their widths.
     kept: Vec<(usize, f64)>,
     widest: f64,
 }
@@ -69,8 +69,8 @@ impl Summary {
 
     /// Whether they may lie in one place, by a lower bound of the diagonal of their box.
     ///
-    /// Where half have a width, the mean is half of it or more. The tree knows its boxes roughly, and so do differences of
-    /// sums: particles are asked where it may be.
+    /// Where half have a width, the mean is half of it or more. The tree knows its boxes roughly: particles are asked where
+    /// it may be.
     fn may_be_one_place(&self, diagonal: f64) -> bool {
         diagonal <= reach(self.sum / self.count as f64)
     }
@@ -87,15 +87,14 @@ impl<'a> Kernels<'a> {
             kept: Vec::with_capacity(source.positions.len() / STEP + 1),
             widest: 0.0,
         };
-        let mut sums = (0, 0.0);
-        for i in 0..source.positions.len() {
-            if i.is_multiple_of(STEP) {
-                own.kept.push(sums);
-            }
-            sums = own.add(sums, i);
-            own.widest = own.widest.max(own.width(i).unwrap_or(0.0));
+        let count = source.positions.len();
+        for start in (0..count).step_by(STEP) {
+            let some = start..count.min(start + STEP);
+            let widths = some.clone().filter_map(|i| own.width(i));
+            own.widest = widths.fold(own.widest, f64::max);
+            let sums = some.fold((0, 0.0), |sums, i| own.add(sums, i));
+            own.kept.push(sums);
         }
-        own.kept.push(sums);
         own
     }
 
@@ -108,17 +107,22 @@ impl<'a> Kernels<'a> {
         self.width(i).map_or((count, sum), |w| (count + 1, sum + w))
     }
 
-    fn before(&self, place: usize) -> (usize, f64) {
-        let kept = self.kept[place / STEP];
-        (place / STEP * STEP..place).fold(kept, |sums, i| self.add(sums, i))
-    }
-
-    /// How many there are, and how wide together; not where.
+    /// How many there are, and how wide together; not where. Sums of few and wide ones lose none of many narrow ones
+    /// that lie elsewhere.
     fn sums(&self, run: &Range<usize>) -> Summary {
-        let ((earlier, before), (later, sum)) = (self.before(run.start), self.before(run.end));
+        let (first, last) = (run.start.div_ceil(STEP), run.end / STEP);
+        let singly = |sums, some: Range<usize>| some.fold(sums, |sums, i| self.add(sums, i));
+        let (count, sum) = if first < last {
+            let head = singly((0, 0.0), run.start..first * STEP);
+            let whole = self.kept[first..last].iter();
+            let whole = whole.fold(head, |(count, sum), own| (count + own.0, sum + own.1));
+            singly(whole, last * STEP..run.end)
+        } else {
+            singly((0, 0.0), run.clone())
+        };
         Summary {
-            count: (later - earlier) as u64,
-            sum: sum - before,
+            count: count as u64,
+            sum,
             ..Summary::NONE
         }
     }

@@ -609,18 +609,10 @@ impl Arguments {
         if self.cut.cut_faces {
             add_faces(&mut scene, &self.clip_planes(), self.is_lit())?;
         }
-        if let Some(path) = &self.output.write_transfer_function {
-            let write = || {
-                let function = written_function(&scene)?;
-                write_bytes_atomically(path, function.to_json().as_bytes())
-            };
-            match ranks {
-                None => write()?,
-                Some(ranks) => {
-                    let written = if ranks.rank() == 0 { write() } else { Ok(()) };
-                    ranks.agree(written)?;
-                }
-            }
+        // Others hear of a failure where they first wait for this one.
+        let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
+        if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
+            write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
         }
         let mean = match &self.method.column_mean {
             None => None,

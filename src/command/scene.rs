@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::distributed::{Ranks, ReadShare};
+use crate::distributed::{Ranks, read_together};
 use crate::io::{Dataset, Geometry, Mesh, RowFile, Up};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
@@ -332,10 +332,11 @@ impl DataOptions {
         let say = |line: &String| progress.suspend(|| note!("{}: {line}", input.path.display()));
         file.notes().iter().for_each(say);
         progress.set_message(format!("reading {}", input.path.display()));
-        let read = ReadShare::of(&mut file, ranks)?;
-        read.warnings.iter().for_each(say);
+        let share = read_together(&mut file, ranks)?;
+        let warnings = file.report().map_or(Vec::new(), SampleReport::warnings);
+        warnings.iter().for_each(say);
         Ok(Some(Scene {
-            volumes: read.share.volumes,
+            volumes: share.volumes,
             ..Scene::of_stream(&file)
         }))
     }

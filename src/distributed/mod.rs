@@ -47,7 +47,7 @@ pub(crate) use frames::RankFrames;
 pub use mpi::MpiRank;
 pub(crate) use ranks::Ranks;
 #[cfg(feature = "prepared")]
-pub(crate) use read::ReadShare;
+pub(crate) use read::read_together;
 pub use renderer::Renderer;
 #[cfg(feature = "cli")]
 pub(crate) use renderer::shared;

@@ -1,7 +1,5 @@
 //! A file of points that ranks read together, each a run of its rows.
 
-use std::collections::BTreeMap;
-
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -9,16 +7,7 @@ use super::ranks::Ranks;
 use super::share::Share;
 use crate::error::{Error, Result};
 use crate::prepared::{Found, PointFile};
-use crate::sample::{SampleReport, finding_line, summed_function};
-
-/// What ranks read of a file.
-#[derive(Debug)]
-pub(crate) struct ReadShare {
-    /// The particles of this rank's rows.
-    pub(crate) share: Share,
-    /// What all found: one line each, for people.
-    pub(crate) warnings: Vec<String>,
-}
+use crate::sample::{Finding, SampleReport, summed_function};
 
 /// What one found of its rows.
 #[derive(Debug, Serialize, Deserialize)]
@@ -44,17 +33,33 @@ impl Told {
             corners: found.corners.map(|(a, b)| [a.to_array(), b.to_array()]),
             volume_sum: found.volume_sum.to_bits(),
             findings: findings
-                .map(|f| (f.count, f.noun.into(), f.reason.into(), f.left_out))
+                .map(|f| {
+                    (
+                        f.count,
+                        f.noun.to_string(),
+                        f.reason.to_string(),
+                        f.left_out,
+                    )
+                })
                 .collect(),
         }
     }
 
-    /// Adds what it tells, but for findings.
-    fn add_to(&self, all: &mut Found) {
+    /// Adds what it tells.
+    fn add_to(self, all: &mut Found) {
+        let findings = self.findings.into_iter();
         all.report.add(&SampleReport {
             sample_count: self.sample_count,
             particle_count: self.particle_count,
             value_range: self.value_range,
+            findings: findings
+                .map(|(count, noun, reason, left_out)| Finding {
+                    count,
+                    noun: noun.into(),
+                    reason: reason.into(),
+                    left_out,
+                })
+                .collect(),
             ..SampleReport::default()
         });
         if let Some([a, b]) = self.corners {
@@ -64,57 +69,34 @@ impl Told {
     }
 }
 
-impl ReadShare {
-    /// Reads this rank's rows. What the file says of all its particles, it knows of those of all ranks then.
-    ///
-    /// # Errors
-    /// What reading says, on any rank; nothing that can be drawn; a rank that is gone.
-    pub(crate) fn of(file: &mut PointFile, ranks: &mut Ranks) -> Result<Self> {
-        let (rank, size) = (ranks.rank(), ranks.size());
-        let mut own = None;
-        let part = file.read_part(rank, size).map(|read| {
-            // Finite numbers and words.
-            let told = serde_json::to_vec(&Told::of(&read.1)).unwrap_or_default();
-            own = Some(read);
-            told
-        });
-        let parts = ranks.gather_to_all(part)?;
-        let (mut volume, own) = own.ok_or(Error::Cancelled)?;
-        let mut all = Found {
-            report: SampleReport {
-                sample_count: 0,
-                particle_count: 0,
-                value_range: None,
-                ..own.report
-            },
-            corners: None,
-            volume_sum: 0.0,
-        };
-        let mut findings: BTreeMap<(bool, String, String), usize> = BTreeMap::new();
-        for part in &parts {
-            let told: Told = serde_json::from_slice(part).map_err(|e| {
-                let advice = "start the same program on every rank";
-                let expected = "what this program finds of a file";
-                Error::invalid("ranks", "message", expected, e.to_string(), advice)
-            })?;
-            told.add_to(&mut all);
-            for (count, noun, reason, left_out) in told.findings {
-                *findings.entry((left_out, noun, reason)).or_default() += count;
-            }
-        }
-        let findings = findings.iter();
-        let warnings = findings
-            .map(|((left_out, noun, reason), count)| finding_line(*count, noun, reason, *left_out))
-            .collect();
-        file.keep(all)?;
-        if file.field().is_some() {
-            let report = file.report().cloned().unwrap_or_default();
-            let function = summed_function(report.value_range, report.unit_distance)?;
-            volume.transfer_function = Some(function);
-        }
-        Ok(Self {
-            share: Share::from(vec![volume]),
-            warnings,
-        })
+/// Reads this rank's rows: its particles. What the file says of its particles is of those of all ranks then.
+///
+/// # Errors
+/// What reading says, on any rank; nothing that can be drawn; a rank that is gone.
+pub(crate) fn read_together(file: &mut PointFile, ranks: &mut Ranks) -> Result<Share> {
+    let mut own = None;
+    let part = file.read_part(ranks.rank(), ranks.size()).map(|read| {
+        // Finite numbers and words.
+        let told = serde_json::to_vec(&Told::of(&read.1)).unwrap_or_default();
+        own = Some(read);
+        told
+    });
+    let parts = ranks.gather_to_all(part)?;
+    let (mut volume, own) = own.ok_or(Error::Cancelled)?;
+    let mut all = Found::none_of(&own.report);
+    for part in &parts {
+        let told: Told = serde_json::from_slice(part).map_err(|e| {
+            let advice = "start the same program on every rank";
+            let expected = "what this program finds of a file";
+            Error::invalid("ranks", "message", expected, e.to_string(), advice)
+        })?;
+        told.add_to(&mut all);
     }
+    file.keep(all)?;
+    if file.field().is_some() {
+        let report = file.report().cloned().unwrap_or_default();
+        let function = summed_function(report.value_range, report.unit_distance)?;
+        volume.transfer_function = Some(function);
+    }
+    Ok(Share::from(vec![volume]))
 }

@@ -34,7 +34,7 @@ pub(crate) fn shared(
     options: &SceneOptions,
     mut ranks: Ranks,
 ) -> Result<render::Renderer> {
-    let shares = share.built(options.level_of_detail, SMALL, &mut ranks)?;
+    let shares = share.built(options, SMALL, &mut ranks)?;
     let (scene, own) = BlockedScene::of_shares(shares);
     render::Renderer::of_shared(scene, RankFrames::of_shared(ranks, own))
 }
@@ -88,8 +88,8 @@ impl Renderer {
         options: &SceneOptions,
     ) -> Result<Self> {
         let mut ranks = Ranks::new(Box::new(communicator));
-        let read = super::read::ReadShare::of(file, &mut ranks)?;
-        Ok(Self::of(shared(read.share, options, ranks)?))
+        let share = super::read::read_together(file, &mut ranks)?;
+        Ok(Self::of(shared(share, options, ranks)?))
     }
 
     fn of(frames: render::Renderer) -> Self {

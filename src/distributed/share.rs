@@ -2,7 +2,7 @@
 
 use super::message::{put, take};
 use super::ranks::Ranks;
-use crate::blocks::{LEAST, SharedVolume, build_together};
+use crate::blocks::{LEAST, SceneOptions, SharedVolume, build_together, check_count};
 use crate::error::{Error, Result};
 use crate::scene::rows::{kind_of, model_scales, rows_of, volume_of};
 use crate::scene::{Particles, PointVolume};
@@ -41,15 +41,17 @@ impl Share {
     /// Shares that are not of the same volumes, or numbers that are not one for each particle; a rank that is gone.
     pub(super) fn built(
         self,
-        detail: bool,
+        options: &SceneOptions,
         small: u64,
         ranks: &mut Ranks,
     ) -> Result<Vec<SharedVolume>> {
         let checked = self.check();
         let own = checked.map(|()| {
             let mut part = Vec::new();
-            let kinds: Vec<u64> = self.volumes.iter().map(kind_of).collect();
+            let mut kinds: Vec<u64> = self.volumes.iter().map(kind_of).collect();
+            kinds.push(u64::from(options.level_of_detail));
             put(&mut part, &kinds);
+            put(&mut part, &[u8::from(self.numbers.is_some())]);
             for volume in &self.volumes {
                 let scales: Vec<[f32; 2]> = model_scales(volume).into_iter().collect();
                 put(&mut part, &scales);
@@ -62,25 +64,30 @@ impl Share {
         let known = ranks.agree(known)?;
         let mut numbers = self.numbers.map(Vec::into_iter);
         let mut built = Vec::with_capacity(self.volumes.len());
-        let mut first = 0;
+        let (mut first, mut total) = (0, 0);
         for (v, volume) in self.volumes.into_iter().enumerate() {
             let numbers = numbers.as_mut().and_then(Iterator::next);
+            let count = volume.particles.len();
+            let numbers = numbers.or_else(|| known.numbers(v, ranks.rank(), count));
             let is_lattice = matches!(volume.particles, Particles::Lattice { .. });
-            let placed = volume
-                .particles
-                .positions()
-                .iter()
-                .filter(|p| p.is_finite());
-            let counts = ranks.sums(Ok(vec![placed.count() as u64]))?;
-            let count = counts.first().copied().unwrap_or(0);
+            let count = if is_lattice {
+                count as u64
+            } else {
+                let placed = volume.particles.positions().iter();
+                let placed = placed.filter(|p| p.is_finite()).count();
+                ranks.sums(Ok(vec![placed as u64]))?.iter().sum()
+            };
+            // The same on all ranks.
+            total += count;
+            check_count(usize::try_from(total).unwrap_or(usize::MAX))?;
             let own = if is_lattice {
-                SharedVolume::of_whole(volume, detail, first, ranks)
+                SharedVolume::of_whole(volume, options, first, ranks)
             } else if count > LEAST.max(small * ranks.size() as u64) {
                 let volume = known.with_scales(v, volume);
-                Ok(build_together(volume, numbers, detail, ranks)?)
+                Ok(build_together(volume, numbers, options, ranks)?)
             } else {
                 let whole = known.gathered(v, volume, numbers, ranks)?;
-                SharedVolume::of_whole(whole, detail, first, ranks)
+                SharedVolume::of_whole(whole, options, first, ranks)
             };
             let own = ranks.agree(own)?;
             first += own.len();
@@ -117,9 +124,22 @@ struct Known {
     counts: Vec<Vec<u64>>,
     /// Of each volume the scales of its local models, where any rank has some.
     scales: Vec<Option<[f32; 2]>>,
+    /// Whether any rank gives numbers.
+    is_numbered: bool,
 }
 
 impl Known {
+    /// Numbers of a rank that gives none, where others do.
+    fn numbers(&self, v: usize, rank: usize, count: usize) -> Option<Vec<u64>> {
+        self.is_numbered.then(|| self.by_rank(v, rank, count))
+    }
+
+    /// Numbers of a rank's particles, one rank after another.
+    fn by_rank(&self, v: usize, rank: usize, count: usize) -> Vec<u64> {
+        let first: u64 = self.counts[..rank].iter().map(|own| own[v]).sum();
+        (first..first + count as u64).collect()
+    }
+
     /// A volume whose local models have the scales of all.
     fn with_scales(&self, v: usize, mut volume: PointVolume) -> PointVolume {
         if let Some(scales) = self.scales[v] {
@@ -136,10 +156,8 @@ impl Known {
         numbers: Option<Vec<u64>>,
         ranks: &mut Ranks,
     ) -> Result<PointVolume> {
-        let numbers = numbers.unwrap_or_else(|| {
-            let first: u64 = self.counts[..ranks.rank()].iter().map(|own| own[v]).sum();
-            (first..first + volume.particles.len() as u64).collect()
-        });
+        let by_rank = || self.by_rank(v, ranks.rank(), volume.particles.len());
+        let numbers = numbers.unwrap_or_else(by_rank);
         let parts = ranks.gather_to_all(Ok(rows_of(&volume, &numbers)))?;
         let rows: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
         let made = volume_of(&rows, &self.with_scales(v, volume));
@@ -151,6 +169,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
     let mut known = Known {
         counts: Vec::with_capacity(parts.len()),
         scales: vec![None; volumes],
+        is_numbered: false,
     };
     let mut parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let kinds = parts.iter_mut().map(take::<u64>);
@@ -160,6 +179,7 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         return Err(refused("the same volumes on every rank", &found));
     }
     for mut part in parts {
+        known.is_numbered |= take::<u8>(&mut part)? == [1];
         let mut counts = Vec::with_capacity(volumes);
         for of_all in &mut known.scales {
             if let Some(scales) = take::<[f32; 2]>(&mut part)?.first().copied()
@@ -266,7 +286,11 @@ mod tests {
                 .map(|n| [number(n) as f32, 0.5, 0.25])
                 .collect::<Vec<_>>(),
         );
-        vec![spheres(crowd), coloured, ellipsoids(scattered(3 * CHUNK))]
+        let even = ellipsoids(scattered(3 * CHUNK));
+        // Few by themselves: a rank of two has these alone.
+        let mut lonely = vec![DVec3::splat(0.1); CHUNK + 50];
+        lonely.extend(scattered(3).iter().map(|p| *p + 5.0));
+        vec![spheres(crowd), coloured, even, spheres(lonely)]
     }
 
     /// Parts of volumes, whose particles lie in turn on several ranks or one rank after another.
@@ -298,7 +322,9 @@ mod tests {
                 scope.spawn(move || {
                     let mut ranks = Ranks::new(Box::new(own));
                     let share = share(volumes, rank, size, in_turn);
-                    share.built(true, 0, &mut ranks).unwrap()
+                    share
+                        .built(&SceneOptions::default(), 0, &mut ranks)
+                        .unwrap()
                 })
             });
             let threads: Vec<_> = threads.collect();
@@ -409,7 +435,9 @@ mod tests {
                         numbers[0][5] = 3 * 77 + 1;
                         numbers[0][6 + rank] = u64::MAX - rank as u64;
                     }
-                    share.built(true, 0, &mut ranks).map(|_| ())
+                    share
+                        .built(&SceneOptions::default(), 0, &mut ranks)
+                        .map(|_| ())
                 })
             });
             let threads: Vec<_> = threads.collect();

@@ -12,7 +12,7 @@ use crate::sample::{
     OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
 };
 use crate::scene::PointVolume;
-use crate::scene::rows::{Rows, row_len, volume_in_order, volume_of};
+use crate::scene::rows::{joined, volume_of};
 
 /// Rows that are read at a time.
 const ROWS: usize = 1 << 18;
@@ -142,23 +142,14 @@ impl PointFile {
             parts.push(volume);
             Ok(())
         })?;
-        let Some(like) = parts
-            .first()
-            .map(|first| volume_of(&[], first))
-            .transpose()?
-        else {
+        if parts.is_empty() {
             return Err(nothing_left(self.file.path(), &found.report));
-        };
+        }
+        let volume = joined(parts)?;
         if part.is_empty() {
-            return Ok((like, Found::default()));
+            return Ok((volume_of(&[], &volume)?, Found::none_of(&found.report)));
         }
-        let mut rows = Vec::new();
-        for volume in parts {
-            let own = Rows::of(&volume);
-            own.append(&mut rows, (0..volume.particles.len()).map(|i| (i, 0)));
-        }
-        let rows = rows.chunks_exact(row_len(&like)).collect();
-        Ok((volume_in_order(rows, &like), found))
+        Ok((volume, found))
     }
 
     /// Keeps what was found of all particles.
@@ -224,6 +215,20 @@ pub(crate) struct Found {
 }
 
 impl Found {
+    /// Of no particles of a kind of which others were looked at.
+    pub(crate) fn none_of(others: &SampleReport) -> Self {
+        Self {
+            report: SampleReport {
+                value_range: None,
+                sample_count: 0,
+                particle_count: 0,
+                findings: Vec::new(),
+                ..others.clone()
+            },
+            ..Self::default()
+        }
+    }
+
     pub(crate) fn extend(&mut self, (a, b): (DVec3, DVec3)) {
         let own = self.corners;
         self.corners = Some(own.map_or((a, b), |(low, high)| (low.min(a), high.max(b))));

@@ -68,8 +68,8 @@ impl ConversionReport {
         if count > 0 {
             self.findings.push(Finding {
                 count,
-                noun,
-                reason,
+                noun: noun.into(),
+                reason: reason.into(),
                 left_out,
             });
         }

@@ -61,8 +61,6 @@ pub use discs::discs;
 pub use doubts::doubts;
 use kernels::Kernels;
 use mesh::{MeshOptions, SampledMesh, Spread};
-#[cfg(feature = "prepared")]
-pub(crate) use report::finding_line;
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
 #[cfg(feature = "cli")]

@@ -1,5 +1,7 @@
 //! What was chosen and what was left out.
 
+use std::borrow::Cow;
+
 use super::mesh::MeshReport;
 use crate::scene::ValueSample;
 
@@ -29,14 +31,14 @@ pub struct SampleReport {
 }
 
 /// Samples with something about them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
     /// How many.
     pub count: usize,
     /// What they are: "nodes", "cells", "particles", "values".
-    pub noun: &'static str,
+    pub noun: Cow<'static, str>,
     /// What was found and done about it.
-    pub reason: &'static str,
+    pub reason: Cow<'static, str>,
     /// Whether they were left out.
     pub left_out: bool,
 }
@@ -56,8 +58,8 @@ impl SampleReport {
         if count > 0 {
             self.findings.push(Finding {
                 count,
-                noun,
-                reason,
+                noun: noun.into(),
+                reason: reason.into(),
                 left_out,
             });
         }
@@ -73,12 +75,11 @@ impl SampleReport {
             (own, other) => own.or(other),
         };
         for found in &other.findings {
-            let is_same = |own: &&mut Finding| {
-                (own.noun, own.reason, own.left_out) == (found.noun, found.reason, found.left_out)
-            };
+            let kind = |f: &Finding| (f.noun.clone(), f.reason.clone(), f.left_out);
+            let is_same = |own: &&mut Finding| kind(own) == kind(found);
             match self.findings.iter_mut().find(is_same) {
                 Some(own) => own.count += found.count,
-                None => self.findings.push(*found),
+                None => self.findings.push(found.clone()),
             }
         }
     }
@@ -98,12 +99,7 @@ impl SampleReport {
 impl Finding {
     /// In a line for people.
     pub(super) fn line(&self) -> String {
-        finding_line(self.count, self.noun, self.reason, self.left_out)
+        let left_out = if self.left_out { " left out" } else { "" };
+        format!("{} {}{left_out}: {}", self.count, self.noun, self.reason)
     }
-}
-
-/// A finding, for people.
-pub(crate) fn finding_line(count: usize, noun: &str, reason: &str, left_out: bool) -> String {
-    let left_out = if left_out { " left out" } else { "" };
-    format!("{count} {noun}{left_out}: {reason}")
 }

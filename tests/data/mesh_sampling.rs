@@ -1003,7 +1003,7 @@ fn what_cannot_be_drawn_is_counted() {
         .report
         .findings
         .iter()
-        .map(|f| (f.count, f.reason))
+        .map(|f| (f.count, &*f.reason))
         .collect();
     assert_eq!(found[0], (3, "a corner or the material does not exist"));
     assert_eq!(found[1], (2, "a corner is not finite"));

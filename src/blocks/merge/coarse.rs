@@ -92,7 +92,8 @@ pub(in crate::blocks) fn coarse_levels(
         let mut level = Level::default();
         for (head, merged) in heads.into_iter().zip(&merged) {
             level.heads.push(head.with(merged.iter()));
-            level.particles.extend(merged.iter().map(|m| m.particle));
+            let particles = merged.iter().map(|merged| merged.particle);
+            level.particles.push(particles.collect());
         }
         level.own.push(0..level.heads.len() as u32);
         let is_last = is_last(&level.heads);

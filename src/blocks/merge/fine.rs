@@ -24,14 +24,16 @@ pub(in crate::blocks) struct Grown<'a> {
     pub(in crate::blocks) start: usize,
 }
 
-/// The levels of particles that are here, and the clusters of the last of them; fewer levels where one block is left.
+/// The levels of particles that are here, and the clusters of the last of them.
 ///
+/// - `are_all`: whether these are all particles: there are fewer levels then where a few merged particles are left.
 /// - `trees`: over all of them, in block order.
 /// - `crowds`: of block order.
 pub(in crate::blocks) fn fine_levels(
     source: &Source<'_>,
     trees: &[Grown<'_>],
     crowds: &Crowds,
+    are_all: bool,
     task: Option<&Task>,
 ) -> Result<(Vec<Level>, Vec<Cluster>)> {
     let mut levels: Vec<Level> = Vec::new();
@@ -68,12 +70,12 @@ pub(in crate::blocks) fn fine_levels(
         let mut level = Level::default();
         for (head, particles, of_block) in made {
             level.heads.push(head);
-            level.particles.extend(particles);
+            level.particles.push(particles);
             clusters.extend(of_block);
         }
         level.own.push(0..level.heads.len() as u32);
         levels.push(level);
-        if levels.last().is_some_and(|level| is_last(&level.heads)) {
+        if are_all && levels.last().is_some_and(|level| is_last(&level.heads)) {
             break;
         }
     }

@@ -125,23 +125,16 @@ pub(in crate::blocks) struct Level {
     pub(in crate::blocks) heads: Vec<Head>,
     /// The blocks whose particles are here.
     pub(in crate::blocks) own: Vec<Range<u32>>,
-    /// Their particles.
-    pub(in crate::blocks) particles: Vec<Particle>,
+    /// The particles of each of these.
+    pub(in crate::blocks) particles: Vec<Vec<Particle>>,
 }
 
 impl Level {
     /// With the particles of some blocks alone, where those of all are here.
     pub(in crate::blocks) fn keep(mut self, own: Vec<Range<u32>>) -> Self {
-        let mut wanted = own.iter().cloned().flatten().peekable();
-        let (mut rest, mut kept) = (self.particles.as_slice(), Vec::new());
-        for (i, head) in (0..).zip(&self.heads) {
-            let (of_block, others) = rest.split_at(head.count as usize);
-            rest = others;
-            if wanted.next_if_eq(&i).is_some() {
-                kept.extend_from_slice(of_block);
-            }
-        }
-        self.particles = kept;
+        let kept = own.iter().cloned().flatten();
+        let kept = kept.map(|block| std::mem::take(&mut self.particles[block as usize]));
+        self.particles = kept.collect();
         self.own = own;
         self
     }
@@ -181,7 +174,8 @@ impl Levels {
         self,
         base: &BlockedVolume,
     ) -> (BlockedVolume, Vec<Range<u32>>) {
-        let count = self.0.iter().map(|level| level.particles.len()).sum();
+        let of_blocks = self.0.iter().flat_map(|level| &level.particles);
+        let count = of_blocks.map(Vec::len).sum();
         let has_colours = matches!(base.colour, ColourIn::PerParticle(_));
         let has_values = base.values.is_some();
         let mut blocks: Vec<Block> = Vec::new();
@@ -225,7 +219,7 @@ impl Levels {
                     place += block.count;
                 }
             }
-            for particle in &of_level.particles {
+            for particle in of_level.particles.iter().flatten() {
                 offsets.push(particle.centre.as_vec3().to_array());
                 factors.push(particle.factor);
                 strengths.push(particle.strength);

@@ -65,7 +65,7 @@ pub(super) fn merge_points(
         at: 0,
         start: 0,
     };
-    let (mut levels, clusters) = fine_levels(source, &[all], crowds, task)?;
+    let (mut levels, clusters) = fine_levels(source, &[all], crowds, true, task)?;
     if let Some(last) = levels.last().filter(|last| !levels::is_last(&last.heads)) {
         let runs: Vec<_> = clusters.iter().map(Cluster::run).collect();
         let atoms = Atoms {

@@ -14,7 +14,10 @@ use super::numbers::without_gaps;
 use super::{Bundle, NO_CORNERS, Peers, extend};
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
-use crate::scene::rows::{Rows, number_of, position_of, row_len, volume_in_order, volume_of};
+use crate::scene::rows::{
+    Rows, joined, number_of, position_of, row_len, volume_in_order, volume_of,
+};
+use crate::task::{Stage, Task};
 
 /// Particles that each receives at a time, about.
 const BATCH: u64 = 1 << 19;
@@ -58,6 +61,7 @@ impl OwnTree {
 pub(super) fn deal(
     volume: PointVolume,
     given: Option<Vec<u64>>,
+    task: Option<&Task>,
     peers: &mut dyn Peers,
 ) -> Result<Dealt> {
     let all = volume.particles.positions();
@@ -118,9 +122,9 @@ pub(super) fn deal(
         bundles: &bundles,
         of_place: &of_place,
     };
-    let rows = sorting.exchange(&volume, peers)?;
+    let rows = sorting.exchange(&volume, task, peers)?;
     drop(volume);
-    let (volume, numbers, trees) = sorting.build(&rows, &like, (&top, units));
+    let (volume, numbers, trees) = sorting.build(rows, &like, (&top, units))?;
     Ok(Dealt {
         volume,
         numbers,
@@ -176,7 +180,13 @@ struct BundleRows {
 
 impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
     /// The rows of this one's bundles, which it gets of all, a few bundles at a time.
-    fn exchange(&self, volume: &PointVolume, peers: &mut dyn Peers) -> Result<Vec<BundleRows>> {
+    fn exchange(
+        &self,
+        volume: &PointVolume,
+        task: Option<&Task>,
+        peers: &mut dyn Peers,
+    ) -> Result<Vec<BundleRows>> {
+        let stage = Stage::new(task, "sorting into blocks", self.bundles.len());
         let (rank, size) = (peers.rank(), peers.size());
         let (columns, row) = (Rows::of(volume), row_len(volume));
         let mut own: Vec<BundleRows> = Vec::new();
@@ -205,7 +215,9 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 part.extend(rows);
                 part
             });
-            let parts = peers.exchange(Ok(parts.collect()))?;
+            // Who is cancelled tells the others.
+            let parts = peers.exchange(stage.check().map(|()| parts.collect()))?;
+            stage.advance(next - first);
             let mine = || round().filter(|(_, bundle)| bundle.owner == rank);
             let chunks: usize = mine().map(|(_, bundle)| bundle.chunks.run().len()).sum();
             let mut parts: Vec<(Vec<u64>, &[u8])> = parts
@@ -243,12 +255,12 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
     /// Trees over the points of each bundle that this one has, and the points in their order.
     fn build(
         &self,
-        rows: &[BundleRows],
+        rows: Vec<BundleRows>,
         like: &PointVolume,
         (top, units): (&Tree, Units),
-    ) -> (PointVolume, Vec<u32>, Vec<OwnTree>) {
+    ) -> Result<(PointVolume, Vec<u32>, Vec<OwnTree>)> {
         let row = row_len(like);
-        let built = rows.par_iter().map(|own| {
+        let built = rows.into_par_iter().map(|own| {
             let bundle = &self.bundles[own.bundle];
             let mut all: Vec<&[u8]> = own.rows.chunks_exact(row).collect();
             let mut runs = Vec::with_capacity(own.counts.len());
@@ -271,21 +283,24 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
             };
             let (tree, order) = Tree::over_chunks(top, bundle.chunks, chunk, point);
             let ordered: Vec<&[u8]> = order.iter().map(|&i| all[i as usize]).collect();
-            (own.bundle, tree, ordered)
+            let numbers: Vec<u32> = ordered.iter().map(|row| number_of(row) as u32).collect();
+            (own.bundle, tree, numbers, volume_in_order(ordered, like))
         });
-        let built: Vec<(usize, Tree, Vec<&[u8]>)> = built.collect();
+        let built: Vec<(usize, Tree, Vec<u32>, PointVolume)> = built.collect();
         let mut trees = Vec::with_capacity(built.len());
-        let mut ordered = Vec::new();
-        for (bundle, tree, rows) in built {
+        // Where there are none, of their kind.
+        let mut volumes = vec![volume_of(&[], like)?];
+        let mut numbers = Vec::new();
+        for (bundle, tree, of_bundle, volume) in built {
             trees.push(OwnTree {
                 tree,
-                at: ordered.len(),
+                at: numbers.len(),
                 bundle,
                 start: self.bundles[bundle].run.start,
             });
-            ordered.extend(rows);
+            numbers.extend(of_bundle);
+            volumes.push(volume);
         }
-        let numbers = ordered.iter().map(|row| number_of(row) as u32).collect();
-        (volume_in_order(ordered, like), numbers, trees)
+        Ok((joined(volumes)?, numbers, trees))
     }
 }

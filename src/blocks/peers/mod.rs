@@ -24,9 +24,9 @@ use super::overlap::Crowds;
 use super::points::Points;
 use super::room::MEMORY;
 use super::tree::CHUNK;
-use super::{BlockedVolume, runs_in_turn};
+use super::{BlockedVolume, SceneOptions, runs_in_turn};
 use crate::constants::BLOCK_CAPACITY;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::{PointVolume, Requirements};
 use crate::view::Bounds;
 use deal::Dealt;
@@ -87,6 +87,17 @@ impl dyn Peers + '_ {
         Ok(self.gather_records(Ok(&all))?.concat())
     }
 
+    /// A result of this one, once all have one.
+    fn agree<T>(&mut self, own: Result<T>) -> Result<T> {
+        let mut value = None;
+        let part = own.map(|own| {
+            value = Some(own);
+            Vec::new()
+        });
+        self.gather(part)?;
+        value.ok_or(Error::Cancelled)
+    }
+
     pub(super) fn sums(&mut self, own: Vec<u64>) -> Result<Vec<u64>> {
         self.reduce(Ok(own), |sum, own| *sum += own)
     }
@@ -128,16 +139,16 @@ impl SharedVolume {
     /// - `number`: which of a scene's volumes it is.
     pub(crate) fn of_whole(
         volume: PointVolume,
-        detail: bool,
+        options: &SceneOptions,
         number: usize,
         peers: &dyn Peers,
     ) -> Result<Self> {
         let requirements = Requirements::of(&volume);
-        let options = BuildOptions {
-            detail,
+        let build_options = BuildOptions {
+            detail: options.level_of_detail,
             ..BuildOptions::default()
         };
-        let mut family = build(volume, options, None)?;
+        let mut family = build(volume, build_options, options.task.as_ref())?;
         let base = &family[0];
         let visible = base.visible_boxes();
         let densities = family.iter().map(super::density::densities).collect();
@@ -169,7 +180,7 @@ impl SharedVolume {
 pub(crate) fn build_together(
     volume: PointVolume,
     numbers: Option<Vec<u64>>,
-    detail: bool,
+    options: &SceneOptions,
     peers: &mut dyn Peers,
 ) -> Result<SharedVolume> {
     let requirements = Requirements::of(&volume);
@@ -180,8 +191,7 @@ pub(crate) fn build_together(
         trees,
         bundles,
         crown,
-    } = deal::deal(volume, numbers, peers)?;
-    let options = BuildOptions::default();
+    } = deal::deal(volume, numbers, options.task.as_ref(), peers)?;
     let mut shared = SharedVolume {
         family: Vec::new(),
         own: Vec::new(),
@@ -200,13 +210,15 @@ pub(crate) fn build_together(
         let runs: Vec<Range<usize>> = bundles.iter().map(|own| own.run.clone()).collect();
         Crowds::together(&leaves.collect::<Vec<_>>(), &crown, &runs, &source, peers)?
     };
-    let is_merged = detail && points.are_merged() && {
+    let is_merged = options.level_of_detail && points.are_merged() && {
         let own = [u64::from(!is_mergeable(&source))];
         peers.sums(own.to_vec())? == [0]
     };
     let mut levels = Vec::new();
     if is_merged {
-        let (fine, clusters) = fine_levels(&source, &grown, &crowds, None)?;
+        let task = options.task.as_ref();
+        let made = fine_levels(&source, &grown, &crowds, false, task);
+        let (fine, clusters) = peers.agree(made)?;
         let atoms = join::atoms(&trees, &bundles, &clusters, &crown, peers)?;
         drop(clusters);
         for level in fine {
@@ -244,7 +256,14 @@ pub(crate) fn build_together(
     }
     let starts: Vec<(usize, usize)> = grown.iter().map(|own| (own.at, own.start)).collect();
     drop(trees);
-    let mut base = in_blocks(points, numbers.into(), runs, principal, MEMORY, options)?;
+    let mut base = in_blocks(
+        points,
+        numbers.into(),
+        runs,
+        principal,
+        MEMORY,
+        BuildOptions::default(),
+    )?;
     base.transfer_function = transfer_function;
     let joined = join::blocks(base, merged.as_ref(), &starts, peers)?;
     shared.own.push(joined.own);

@@ -151,8 +151,8 @@ impl MeshReport {
         if count > 0 {
             self.findings.push(Finding {
                 count,
-                noun,
-                reason,
+                noun: noun.into(),
+                reason: reason.into(),
                 left_out: true,
             });
         }
