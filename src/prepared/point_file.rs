@@ -6,13 +6,13 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::blocks::ParticleStream;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::{Dataset, Geometry, ParticleType, RowFile, Up};
 use crate::sample::{
     OfRows, SampleOptions, SampleReport, mean_spacing, nothing_left, of_rows, rows, summed_function,
 };
 use crate::scene::PointVolume;
-use crate::scene::rows::{joined, volume_of};
+use crate::scene::rows::{append, kind_of, volume_of};
 
 /// Rows that are read at a time.
 const ROWS: usize = 1 << 18;
@@ -135,17 +135,25 @@ impl PointFile {
     pub(crate) fn read_part(&mut self, one: usize, of: usize) -> Result<(PointVolume, Found)> {
         let count = self.file.count();
         let part = one * count / of..(one + 1) * count / of;
-        let mut parts = Vec::new();
+        let mut read: Option<(PointVolume, u64)> = None;
         // Of no rows the kind of the first.
         let looked_at = if part.is_empty() { 0..1 } else { part.clone() };
+        let path = self.file.path().to_path_buf();
         let found = self.visit(looked_at, &mut |volume| {
-            parts.push(volume);
+            let own = kind_of(&volume);
+            match &mut read {
+                None => read = Some((volume, own)),
+                Some((all, kind)) if *kind == own => append(all, volume),
+                Some(_) => {
+                    let (expected, advice) = ("particles of one kind", "read its files one by one");
+                    return Err(Error::format(&path, "rows", expected, "several", advice));
+                }
+            }
             Ok(())
         })?;
-        if parts.is_empty() {
-            return Err(nothing_left(self.file.path(), &found.report));
-        }
-        let volume = joined(parts)?;
+        let Some((volume, _)) = read else {
+            return Err(nothing_left(&path, &found.report));
+        };
         if part.is_empty() {
             return Ok((volume_of(&[], &volume)?, Found::none_of(&found.report)));
         }

@@ -139,6 +139,11 @@ impl LocalModels {
         Self { codes, ..*self }
     }
 
+    /// Appends others of the same scales.
+    pub(crate) fn append(&mut self, others: &Self) {
+        self.codes.extend(&others.codes);
+    }
+
     /// The same codes, counted from other scales.
     pub(crate) fn with_scales(self, [greatest_slope, greatest_departure]: [f32; 2]) -> Self {
         Self {

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::mem::take;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -257,151 +256,86 @@ fn strength_of(stored: Vec<f32>, like: &Strength) -> Strength {
     }
 }
 
-/// Points of several volumes of one kind, one volume after another: of one column after another there are two for a while.
-///
-/// # Errors
-/// None; volumes of several kinds.
-pub(crate) fn joined(mut parts: Vec<PointVolume>) -> Result<PointVolume> {
-    let Some(first) = parts.first() else {
-        return Err(refused("particles of one kind", "none"));
-    };
-    let kind = kind_of(first);
-    if parts.iter().any(|part| kind_of(part) != kind) {
-        return Err(refused("particles of one kind", "particles of several"));
-    }
-    let like = volume_of(&[], first)?;
-    let strengths = parts.iter_mut().map(|part| match &mut part.strength {
-        Strength::Classified { volumes: stored }
-        | Strength::Mass(stored)
-        | Strength::Surface(stored)
-        | Strength::Translucent(stored)
-        | Strength::PeakOpacity {
-            opacities: stored, ..
-        } => take(stored),
-    });
-    let strength = strength_of(concat(strengths.collect()), &like.strength);
-    let colour = match like.colour {
-        Colour::PerParticle(_) => {
-            let colours = parts.iter_mut().map(|part| match &mut part.colour {
-                Colour::PerParticle(colours) => take(colours),
-                _ => Vec::new(),
-            });
-            Colour::PerParticle(concat(colours.collect()))
-        }
-        Colour::Harmonics { degree, .. } => {
-            let coefficients = parts.iter_mut().map(|part| match &mut part.colour {
-                Colour::Harmonics { coefficients, .. } => take(coefficients),
-                _ => Vec::new(),
-            });
-            Colour::Harmonics {
-                degree,
-                coefficients: concat(coefficients.collect()),
-            }
-        }
-        other => other,
-    };
-    macro_rules! values {
-        ($kind:ident) => {{
-            let values = parts.iter_mut().map(|part| match &mut part.values {
-                Some(Values::$kind(values)) => take(values),
-                _ => Vec::new(),
-            });
-            Some(Values::$kind(concat(values.collect())))
-        }};
-    }
-    let values = match like.values {
-        None => None,
-        Some(Values::U8(_)) => values!(U8),
-        Some(Values::I16(_)) => values!(I16),
-        Some(Values::U16(_)) => values!(U16),
-        Some(Values::F32(_)) => values!(F32),
-    };
-    let boundary = match like.boundary {
-        Some(Boundary::Planes(mut planes)) => {
-            for part in &mut parts {
-                if let Some(Boundary::Planes(own)) = part.boundary.take() {
-                    let before = u32::try_from(planes.edges.len()).unwrap_or(u32::MAX);
-                    let word = |&word: &u32| if word > 0 { word + before } else { 0 };
-                    planes.of_particle.extend(own.of_particle.iter().map(word));
-                    planes.edges.extend(own.edges);
-                }
-            }
-            Some(Boundary::Planes(planes))
-        }
-        other => other,
-    };
-    let normals = like.normals.map(|_| {
-        let normals = parts.iter_mut().filter_map(|part| part.normals.take());
-        concat(normals.collect())
-    });
-    let local_models = like.local_models.map(|models| {
-        // Scales are those of whoever has particles.
-        let scales = parts.iter().find_map(model_scales);
-        let codes = parts.iter_mut().filter_map(|part| part.local_models.take());
-        let codes = codes.flat_map(|models| models.codes().to_vec()).collect();
-        let models = scales.map_or(models.clone(), |scales| models.with_scales(scales));
-        models.with_codes(codes)
-    });
-    let shapes: Vec<Particles> = parts.into_iter().map(|part| part.particles).collect();
-    Ok(PointVolume {
-        particles: joined_shapes(shapes, like.particles),
-        strength,
-        colour,
-        values,
-        transfer_function: like.transfer_function,
-        boundary,
-        normals,
-        local_models,
-    })
-}
-
-fn joined_shapes(mut parts: Vec<Particles>, like: Particles) -> Particles {
-    let places = parts.iter_mut().map(|part| match part {
-        Particles::Lattice { .. } => Vec::new(),
-        Particles::Isotropic { positions, .. }
-        | Particles::Anisotropic { positions, .. }
-        | Particles::Surfels { positions, .. } => take(positions),
-    });
-    let places = concat(places.collect());
-    let factors = |parts: &mut Vec<Particles>| {
-        let factors = parts.iter_mut().map(|part| match part {
-            Particles::Anisotropic { factors, .. }
-            | Particles::Surfels {
-                tangents: factors, ..
-            } => take(factors),
-            _ => Vec::new(),
-        });
-        concat(factors.collect())
-    };
-    match like {
-        Particles::Lattice { .. } => like,
-        Particles::Isotropic { .. } => {
-            let sigmas = parts.iter_mut().map(|part| match part {
-                Particles::Isotropic { sigmas, .. } => take(sigmas),
-                _ => Vec::new(),
-            });
+/// Appends the points of a volume to those of another of the same kind.
+pub(crate) fn append(all: &mut PointVolume, part: PointVolume) {
+    match (&mut all.particles, part.particles) {
+        (
+            Particles::Isotropic { positions, sigmas },
             Particles::Isotropic {
                 positions: places,
-                sigmas: concat(sigmas.collect()),
-            }
+                sigmas: widths,
+            },
+        ) => {
+            positions.extend(places);
+            sigmas.extend(widths);
         }
-        Particles::Anisotropic { .. } => Particles::Anisotropic {
-            positions: places,
-            factors: factors(&mut parts),
-        },
-        Particles::Surfels { is_one_sided, .. } => Particles::Surfels {
-            positions: places,
-            tangents: factors(&mut parts),
-            is_one_sided,
-        },
+        (
+            Particles::Anisotropic {
+                positions,
+                factors: shapes,
+            },
+            Particles::Anisotropic {
+                positions: places,
+                factors: own,
+            },
+        )
+        | (
+            Particles::Surfels {
+                positions,
+                tangents: shapes,
+                ..
+            },
+            Particles::Surfels {
+                positions: places,
+                tangents: own,
+                ..
+            },
+        ) => {
+            positions.extend(places);
+            shapes.extend(own);
+        }
+        _ => {}
     }
-}
-
-/// All of some columns, which are gone one by one.
-fn concat<T>(columns: Vec<Vec<T>>) -> Vec<T> {
-    let mut all = Vec::with_capacity(columns.iter().map(Vec::len).sum());
-    columns.into_iter().for_each(|own| all.extend(own));
-    all
+    let (Strength::Classified { volumes: strengths }
+    | Strength::Mass(strengths)
+    | Strength::Surface(strengths)
+    | Strength::Translucent(strengths)
+    | Strength::PeakOpacity {
+        opacities: strengths,
+        ..
+    }) = &mut all.strength;
+    strengths.extend(part.strength.stored());
+    match (&mut all.colour, part.colour) {
+        (Colour::PerParticle(colours), Colour::PerParticle(own)) => colours.extend(own),
+        (
+            Colour::Harmonics { coefficients, .. },
+            Colour::Harmonics {
+                coefficients: own, ..
+            },
+        ) => coefficients.extend(own),
+        _ => {}
+    }
+    match (&mut all.values, part.values) {
+        (Some(Values::U8(values)), Some(Values::U8(own))) => values.extend(own),
+        (Some(Values::I16(values)), Some(Values::I16(own))) => values.extend(own),
+        (Some(Values::U16(values)), Some(Values::U16(own))) => values.extend(own),
+        (Some(Values::F32(values)), Some(Values::F32(own))) => values.extend(own),
+        _ => {}
+    }
+    if let (Some(Boundary::Planes(planes)), Some(Boundary::Planes(own))) =
+        (&mut all.boundary, part.boundary)
+    {
+        let before = u32::try_from(planes.edges.len()).unwrap_or(u32::MAX);
+        let word = |&word: &u32| if word > 0 { word + before } else { 0 };
+        planes.of_particle.extend(own.of_particle.iter().map(word));
+        planes.edges.extend(own.edges);
+    }
+    if let (Some(normals), Some(own)) = (&mut all.normals, part.normals) {
+        normals.extend(own);
+    }
+    if let (Some(models), Some(own)) = (&mut all.local_models, part.local_models) {
+        models.append(&own);
+    }
 }
 
 fn planes_of(cuts: &[Cut]) -> BoundaryPlanes {

@@ -15,7 +15,7 @@ use super::{Bundle, NO_CORNERS, Peers, extend};
 use crate::error::{Error, Result};
 use crate::scene::PointVolume;
 use crate::scene::rows::{
-    Rows, joined, number_of, position_of, row_len, volume_in_order, volume_of,
+    Rows, append, number_of, position_of, row_len, volume_in_order, volume_of,
 };
 use crate::task::{Stage, Task};
 
@@ -124,7 +124,7 @@ pub(super) fn deal(
     };
     let rows = sorting.exchange(&volume, task, peers)?;
     drop(volume);
-    let (volume, numbers, trees) = sorting.build(rows, &like, (&top, units))?;
+    let (volume, numbers, trees) = sorting.build(&rows, &like, (&top, units))?;
     Ok(Dealt {
         volume,
         numbers,
@@ -170,13 +170,22 @@ struct Sorting<'a, F> {
     of_place: &'a F,
 }
 
-/// Rows of the points of a bundle.
+/// Rows of the points of some bundles, in one piece, which goes back to the system as a whole.
+struct OwnRows {
+    rows: Vec<u8>,
+    bundles: Vec<BundleRows>,
+}
+
+/// Where the rows of a bundle lie.
 struct BundleRows {
     bundle: usize,
-    rows: Vec<u8>,
+    run: Range<usize>,
     /// Of each chunk.
     counts: Vec<usize>,
 }
+
+/// Bundles that are built at a time.
+const AT_A_TIME: usize = 32;
 
 impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
     /// The rows of this one's bundles, which it gets of all, a few bundles at a time.
@@ -185,11 +194,16 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
         volume: &PointVolume,
         task: Option<&Task>,
         peers: &mut dyn Peers,
-    ) -> Result<Vec<BundleRows>> {
+    ) -> Result<OwnRows> {
         let stage = Stage::new(task, "sorting into blocks", self.bundles.len());
         let (rank, size) = (peers.rank(), peers.size());
         let (columns, row) = (Rows::of(volume), row_len(volume));
-        let mut own: Vec<BundleRows> = Vec::new();
+        let all = self.bundles.iter().filter(|bundle| bundle.owner == rank);
+        let count: usize = all.map(|bundle| bundle.run.len()).sum();
+        let mut own = OwnRows {
+            rows: Vec::with_capacity(count * row),
+            bundles: Vec::new(),
+        };
         let mut next = 0;
         while next < self.bundles.len() {
             let first = next;
@@ -229,24 +243,24 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
                 .collect();
             let mut chunk = 0;
             for (number, bundle) in mine() {
-                let mut of_bundle = BundleRows {
-                    bundle: number,
-                    rows: Vec::with_capacity(bundle.run.len() * row),
-                    counts: Vec::new(),
-                };
+                let start = own.rows.len();
+                let mut of_chunks = Vec::new();
                 for _ in bundle.chunks.run() {
-                    let before = of_bundle.rows.len();
+                    let before = own.rows.len();
                     for (counts, rows) in &mut parts {
                         let count = counts.get(chunk).map_or(0, |n| *n as usize);
                         let (chunk, rest) = rows.split_at((count * row).min(rows.len()));
-                        of_bundle.rows.extend_from_slice(chunk);
+                        own.rows.extend_from_slice(chunk);
                         *rows = rest;
                     }
                     chunk += 1;
-                    let of_chunk = of_bundle.rows.len() - before;
-                    of_bundle.counts.push(of_chunk / row);
+                    of_chunks.push((own.rows.len() - before) / row);
                 }
-                own.push(of_bundle);
+                own.bundles.push(BundleRows {
+                    bundle: number,
+                    run: start..own.rows.len(),
+                    counts: of_chunks,
+                });
             }
         }
         Ok(own)
@@ -255,17 +269,17 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
     /// Trees over the points of each bundle that this one has, and the points in their order.
     fn build(
         &self,
-        rows: Vec<BundleRows>,
+        own: &OwnRows,
         like: &PointVolume,
         (top, units): (&Tree, Units),
     ) -> Result<(PointVolume, Vec<u32>, Vec<OwnTree>)> {
         let row = row_len(like);
-        let built = rows.into_par_iter().map(|own| {
-            let bundle = &self.bundles[own.bundle];
-            let mut all: Vec<&[u8]> = own.rows.chunks_exact(row).collect();
-            let mut runs = Vec::with_capacity(own.counts.len());
+        let build = |of: &BundleRows| {
+            let bundle = &self.bundles[of.bundle];
+            let mut all: Vec<&[u8]> = own.rows[of.run.clone()].chunks_exact(row).collect();
+            let mut runs = Vec::with_capacity(of.counts.len());
             let mut end = 0;
-            for (place, count) in bundle.chunks.run().zip(&own.counts) {
+            for (place, count) in bundle.chunks.run().zip(&of.counts) {
                 let run = end..end + count;
                 end = run.end;
                 // As the chunk's points are when one has all.
@@ -284,23 +298,24 @@ impl<'a, F: Fn(usize) -> &'a Chunk + Sync> Sorting<'a, F> {
             let (tree, order) = Tree::over_chunks(top, bundle.chunks, chunk, point);
             let ordered: Vec<&[u8]> = order.iter().map(|&i| all[i as usize]).collect();
             let numbers: Vec<u32> = ordered.iter().map(|row| number_of(row) as u32).collect();
-            (own.bundle, tree, numbers, volume_in_order(ordered, like))
-        });
-        let built: Vec<(usize, Tree, Vec<u32>, PointVolume)> = built.collect();
-        let mut trees = Vec::with_capacity(built.len());
-        // Where there are none, of their kind.
-        let mut volumes = vec![volume_of(&[], like)?];
+            (tree, numbers, volume_in_order(ordered, like))
+        };
+        let mut trees = Vec::with_capacity(own.bundles.len());
+        let mut all = volume_of(&[], like)?;
         let mut numbers = Vec::new();
-        for (bundle, tree, of_bundle, volume) in built {
-            trees.push(OwnTree {
-                tree,
-                at: numbers.len(),
-                bundle,
-                start: self.bundles[bundle].run.start,
-            });
-            numbers.extend(of_bundle);
-            volumes.push(volume);
+        for some in own.bundles.chunks(AT_A_TIME) {
+            let built: Vec<(Tree, Vec<u32>, PointVolume)> = some.par_iter().map(build).collect();
+            for (of, (tree, of_bundle, volume)) in some.iter().zip(built) {
+                trees.push(OwnTree {
+                    tree,
+                    at: numbers.len(),
+                    bundle: of.bundle,
+                    start: self.bundles[of.bundle].run.start,
+                });
+                numbers.extend(of_bundle);
+                append(&mut all, volume);
+            }
         }
-        Ok((joined(volumes)?, numbers, trees))
+        Ok((all, numbers, trees))
     }
 }
