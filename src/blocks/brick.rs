@@ -4,6 +4,8 @@
 //! A grid is the lattice itself or, for level of detail, one whose cells are cubes of the lattice's
 //! cells: mean and variance of a cube's kernels follow from indices as well.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
@@ -451,6 +453,18 @@ impl BrickGrid {
         level: u32,
     ) -> Vec<Block> {
         let count: usize = self.bricks.iter().product();
+        let all = 0..u32::try_from(count).unwrap_or(u32::MAX);
+        self.blocks_of(all, values, is_classified, level)
+    }
+
+    /// The same of some bricks.
+    pub(super) fn blocks_of(
+        &self,
+        bricks: Range<u32>,
+        values: Option<&ValuesIn<Shared>>,
+        is_classified: bool,
+        level: u32,
+    ) -> Vec<Block> {
         let shared = self.shared_factor().map(|m| sigma_range(&m.as_dmat3()));
         let block = |brick: u32| {
             let cells = self.cells(brick);
@@ -494,11 +508,7 @@ impl BrickGrid {
                 crowding: 1.0,
             }
         };
-        (0..u32::try_from(count).unwrap_or(u32::MAX))
-            .into_par_iter()
-            .with_min_len(64)
-            .map(block)
-            .collect()
+        bricks.into_par_iter().with_min_len(64).map(block).collect()
     }
 
     /// The moments of cubes of `merged` cells along each axis, in units of the grid's basis.

@@ -7,7 +7,7 @@
 //! | `brick.rs` | blocks of a lattice: bricks of cells, nothing reordered, nothing stored |
 //! | `merge/` | level of detail: clusters of particles as one particle each |
 //! | `overlap.rs` | where many kernels lie in one place |
-//! | `peers/` | blocks of points that several have together, each a part |
+//! | `peers/` | blocks of points or of a lattice that several have together, each a part |
 //! | `choose.rs` | what draws a block: which filter, and whether merged |
 //! | `cull.rs` | which blocks a frame sees |
 //! | `density.rs` | how dense their kernels are |
@@ -81,7 +81,9 @@ pub use layers::{LayerKind, Layers};
 use merge::weighting;
 pub use merge::{MergeBounds, Merged, MergedTransfer};
 pub(crate) use neighbours::Neighbours;
-pub(crate) use peers::{LEAST, Peers, SharedVolume, build_together};
+pub(crate) use peers::{
+    Held, LEAST, Peers, PlaneRuns, SharedVolume, build_lattice_together, build_together,
+};
 pub(crate) use rule::Rule;
 #[cfg(feature = "prepared")]
 pub(crate) use scene::KeptOfVolume;

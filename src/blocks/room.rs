@@ -14,7 +14,7 @@ use rayon::prelude::*;
 #[cfg(feature = "prepared")]
 use crate::error::Error;
 use crate::error::Result;
-use crate::scene::Column;
+use crate::scene::{Column, Shared, Values, ValuesIn};
 
 /// Elements that are gathered at a time where they do not lie in memory.
 pub(super) const RUN: usize = 1 << 20;
@@ -128,6 +128,88 @@ impl<T: Pod + Send + Sync> ColumnBuilder<'_, T> {
                 Ok(Column::of_part(map, 0..bytes).unwrap_or_default())
             }
         }
+    }
+}
+
+/// Values that come in parts, anywhere: those that never come are 0, and take no memory.
+#[derive(Debug)]
+pub(super) struct Sparse {
+    /// Of the type, and none.
+    kind: Values,
+    count: usize,
+    /// None of no values.
+    #[cfg(feature = "prepared")]
+    bytes: Option<memmap2::MmapMut>,
+    #[cfg(not(feature = "prepared"))]
+    bytes: Vec<u8>,
+}
+
+impl Sparse {
+    /// - `like`: values of the same type.
+    pub(super) fn new(count: usize, like: &Values) -> Result<Self> {
+        let bytes = count * like.bytes_per_value();
+        Ok(Self {
+            kind: like.part(0..0),
+            count,
+            #[cfg(feature = "prepared")]
+            bytes: match bytes {
+                0 => None,
+                _ => Some(crate::scene::map::lent(bytes).map_err(|e| {
+                    let advice =
+                        "raise the limit of addresses (ulimit -v), which counts what is never used";
+                    Error::io(Path::new("memory"), "making room for a lattice", e, advice)
+                })?),
+            },
+            #[cfg(not(feature = "prepared"))]
+            bytes: vec![0; bytes],
+        })
+    }
+
+    /// Puts a run of values of the same type in its place.
+    ///
+    /// - `at`: of the first of them.
+    pub(super) fn put(&mut self, at: usize, values: &Values) {
+        let own: &[u8] = match values {
+            Values::U8(v) => v,
+            Values::I16(v) => bytemuck::cast_slice(v),
+            Values::U16(v) => bytemuck::cast_slice(v),
+            Values::F32(v) => bytemuck::cast_slice(v),
+        };
+        let at = at * self.kind.bytes_per_value();
+        #[cfg(feature = "prepared")]
+        let bytes = self.bytes.as_deref_mut().unwrap_or_default();
+        #[cfg(not(feature = "prepared"))]
+        let bytes = &mut *self.bytes;
+        bytes[at..at + own.len()].copy_from_slice(own);
+    }
+
+    /// All of them.
+    pub(super) fn finish(self) -> Result<ValuesIn<Shared>> {
+        Ok(match self.kind {
+            Values::U8(_) => ValuesIn::U8(self.column()?),
+            Values::I16(_) => ValuesIn::I16(self.column()?),
+            Values::U16(_) => ValuesIn::U16(self.column()?),
+            Values::F32(_) => ValuesIn::F32(self.column()?),
+        })
+    }
+
+    #[cfg(feature = "prepared")]
+    fn column<T: Pod>(self) -> Result<Column<T>> {
+        let Some(bytes) = self.bytes else {
+            return Ok(Column::default());
+        };
+        let part = 0..self.count * size_of::<T>();
+        let bytes = bytes.make_read_only().map_err(|e| {
+            let advice = "this is the system's";
+            Error::io(Path::new("memory"), "keeping a lattice", e, advice)
+        })?;
+        Ok(Column::of_part(std::sync::Arc::new(bytes), part).unwrap_or_default())
+    }
+
+    #[cfg(not(feature = "prepared"))]
+    fn column<T: Pod>(self) -> Result<Column<T>> {
+        debug_assert_eq!(self.bytes.len(), self.count * size_of::<T>());
+        Ok(bytemuck::pod_collect_to_vec::<u8, T>(&self.bytes).into())
     }
 }
 

@@ -40,6 +40,7 @@ mod ranks;
 mod render;
 mod scene;
 mod sequence;
+mod shared;
 mod shell;
 mod source;
 mod statistics;

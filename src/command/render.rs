@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::Filter;
-use crate::distributed::{self, Ranks};
+use crate::distributed::{self, Ranks, Share};
 use crate::image::DARK_GREY;
 use crate::io::{
     Mesh, check_depth_path, check_folder, check_image_path, write_bytes_atomically, write_count,
@@ -37,7 +37,9 @@ use super::parse::{self, Background, Clip};
 use super::prepared::{refuse_beside, renderer as renderer_of};
 use super::progress::{bar, spinner, task_of, with_bar};
 use super::ranks;
+use super::scene::Scene;
 use super::sequence::SequenceOptions;
+use super::shared::Shared;
 use super::source::{Input, paths};
 use super::statistics::{Prepared, stats};
 use super::truth::{ReferenceName, Truth};
@@ -576,43 +578,35 @@ impl Arguments {
         let whole = Canvas::of(self.size);
         let densest =
             |mesh: &Mesh, up| most_pixels(mesh, &planes, |boxes| cameras(boxes, up, &whole));
+        let read = || {
+            let scene = self.data.scene(&self.inputs, options, densest, progress)?;
+            self.checked(scene)
+        };
         // Where ranks share a picture, each may read a part.
-        let part = match ranks {
-            Some(ranks) if !self.sequence.is_asked_for() => {
-                self.data.part(&self.inputs, options, progress, ranks)?
+        let sharing = ranks.as_mut().filter(|_| !self.sequence.is_asked_for());
+        let (scene, shared) = match sharing {
+            None => (read()?, None),
+            Some(ranks) => {
+                let inputs = &self.inputs;
+                let takes_planes = !self.cut.cut_faces;
+                let check = |scene| self.checked(scene);
+                self.data
+                    .shared(inputs, options, progress, ranks, takes_planes, read, check)?
             }
-            _ => None,
         };
-        let is_part = part.is_some();
-        let scene = match part {
-            Some(part) => part,
-            None => self.data.scene(&self.inputs, options, densest, progress)?,
-        };
+        let is_shared = shared.is_some();
         let is_column = self.method.column_density;
         let legend = match self.legend.legend {
             true if !is_column => bars(&scene)?,
             _ => Vec::new(),
         };
         let bounds = scene.bounds();
-        let (mut scene, prepared, up, fields) =
-            (scene.volumes, scene.prepared, scene.up, scene.fields);
-        let refused = [
-            ("--reference", self.method.reference.is_some()),
-            ("--cut-faces", self.cut.cut_faces),
-            ("--column-mean", self.method.column_mean.is_some()),
-        ];
-        refuse_beside(&prepared, &refused)?;
-        self.method.check_use(&scene)?;
-        if self.is_lit() && !self.method.post_classification {
-            check_lit(&scene)?;
-        }
-        if self.cut.cut_faces {
-            add_faces(&mut scene, &self.clip_planes(), self.is_lit())?;
-        }
+        let (scene, prepared, up, fields) = (scene.volumes, scene.prepared, scene.up, scene.fields);
         // Others hear of a failure where they first wait for this one.
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         if let (Some(path), true) = (&self.output.write_transfer_function, is_first) {
-            write_bytes_atomically(path, written_function(&scene)?.to_json().as_bytes())?;
+            let function = written_function(&scene)?;
+            write_bytes_atomically(path, function.to_json().as_bytes())?;
         }
         let mean = match &self.method.column_mean {
             None => None,
@@ -643,9 +637,15 @@ impl Arguments {
             task: options.task.clone(),
             ..SceneOptions::default()
         };
-        let renderer = match ranks.take_if(|_| is_part) {
-            Some(ranks) => distributed::shared(scene.into(), &scene_options, ranks)?,
-            None => renderer_of(scene, prepared, &scene_options)?,
+        let renderer = match (shared, ranks.take_if(|_| is_shared)) {
+            (Some(Shared { planes }), Some(ranks)) => {
+                let share = Share {
+                    planes,
+                    ..scene.into()
+                };
+                distributed::shared(share, &scene_options, ranks)?
+            }
+            _ => renderer_of(scene, prepared, &scene_options)?,
         };
         let (all, canvas) = if is_column {
             let lens = Lens::OrthoHeight(None);
@@ -669,6 +669,25 @@ impl Arguments {
             read_ms,
             prepare_start,
         })
+    }
+
+    /// What was read, once it is known to be what the options are for; with its cut faces, where these are asked for.
+    fn checked(&self, mut scene: Scene) -> Result<Scene> {
+        let refused = [
+            ("--reference", self.method.reference.is_some()),
+            ("--cut-faces", self.cut.cut_faces),
+            ("--column-mean", self.method.column_mean.is_some()),
+        ];
+        refuse_beside(&scene.prepared, &refused)?;
+        self.method.check_use(&scene.volumes)?;
+        if self.is_lit() && !self.method.post_classification {
+            check_lit(&scene.volumes)?;
+        }
+        if self.cut.cut_faces {
+            let volumes = &mut scene.volumes;
+            add_faces(volumes, &self.clip_planes(), self.is_lit())?;
+        }
+        Ok(scene)
     }
 
     /// A file or files for pictures of these cameras.

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use crate::distributed::{Ranks, read_together};
-use crate::io::{Dataset, Geometry, Mesh, RowFile, Up};
+use crate::io::{Dataset, Geometry, Mesh, Planes, RowFile, Up};
 use crate::legend::title_of;
 use crate::prepared::{About, PointFile, PreparedScene};
 use crate::sample::mesh::Spread;
@@ -59,6 +58,46 @@ impl Scene {
             up: file.up(),
             corners: file.bounds().into_iter().collect(),
         }
+    }
+
+    /// Of what another rank has read: what is known of it besides its particles.
+    pub(crate) fn of_about(about: About) -> Self {
+        let up = prepared::up_of(&about);
+        let corners = about.corners.into_iter();
+        Self {
+            volumes: Vec::new(),
+            prepared: Vec::new(),
+            fields: about.fields,
+            titles: about.titles,
+            selectors: Vec::new(),
+            grids_only: false,
+            has_boundary: false,
+            up,
+            corners: corners
+                .map(|[a, b]| (DVec3::from(a), DVec3::from(b)))
+                .collect(),
+        }
+    }
+
+    /// Of a lattice of which every rank has read some planes.
+    pub(crate) fn of_planes(
+        file: &Planes,
+        volumes: Vec<PointVolume>,
+        report: &SampleReport,
+    ) -> Result<Self> {
+        let head = file.head()?;
+        let title = title_of(file.field(), report.unit.as_deref());
+        Ok(Self {
+            volumes,
+            prepared: Vec::new(),
+            fields: vec![Some(file.field().to_owned())],
+            titles: vec![Some(title)],
+            selectors: Vec::new(),
+            grids_only: true,
+            has_boundary: true,
+            up: Up::of_scene([head.up()]),
+            corners: head.bounds().into_iter().collect(),
+        })
     }
 
     /// Adds a prepared scene, and volumes that stand for its own.
@@ -307,38 +346,44 @@ impl DataOptions {
         Ok(Some(file))
     }
 
-    /// This rank's part of a file of many points ([`Self::stream`]), which all ranks read together; `None` where each
-    /// reads all.
-    ///
-    /// # Errors
-    /// What reading says, on any rank.
-    pub(crate) fn part(
-        &self,
-        inputs: &[Input],
-        options: &SampleOptions,
-        progress: &ProgressBar,
-        ranks: &mut Ranks,
-    ) -> Result<Option<Scene>> {
-        let [input] = inputs else {
+    /// An input as planes of a lattice that may be read apart, where it is one file of them, to be drawn as it is.
+    pub(crate) fn planes(&self, input: &Input, options: &SampleOptions) -> Result<Option<Planes>> {
+        let is_plain = input.path.is_file()
+            && input.edit == Edit::default()
+            && input.function.is_none()
+            && input.time_step.is_none()
+            && self.scales.is_none()
+            && !self.has_types();
+        let is_sampled_alone =
+            options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
+        if !(is_plain && is_sampled_alone) {
+            return Ok(None);
+        }
+        self.check_function(options)?;
+        self.check_spacing()?;
+        let field = input.field.as_deref().or(options.field.as_deref());
+        let file = Planes::open(&input.path, &self.open_options(), field)?;
+        // Of one layer a surface is made, and few are read by one for all.
+        let is_large = |file: &Planes| {
+            let lattice = file.lattice();
+            lattice.dims.iter().all(|&n| n > 1) && lattice.len() >= STREAMED
+        };
+        let Some(file) = file.filter(is_large) else {
             return Ok(None);
         };
-        let opened = match is_prepared(&input.path) {
-            true => Ok(None),
-            false => self.stream(input, options),
+        let kind = match file.format() {
+            "raw volume" => Kind::Raw,
+            _ => Kind::Grid,
         };
-        let Some(mut file) = ranks.agree(opened)? else {
-            return Ok(None);
-        };
-        let say = |line: &String| progress.suspend(|| note!("{}: {line}", input.path.display()));
-        file.notes().iter().for_each(say);
-        progress.set_message(format!("reading {}", input.path.display()));
-        let share = read_together(&mut file, ranks)?;
-        let warnings = file.report().map_or(Vec::new(), SampleReport::warnings);
-        warnings.iter().for_each(say);
-        Ok(Some(Scene {
-            volumes: share.volumes,
-            ..Scene::of_stream(&file)
-        }))
+        self.check_use(&Uses {
+            kinds: vec![kind],
+            is_classified: true,
+            has_opacity: true,
+            has_file_function: !is_automatic(options),
+            for_columns: options.for_columns,
+            of_prepared: None,
+        })?;
+        Ok(Some(file))
     }
 
     /// A prepared scene by the transfer function that is asked for.
@@ -520,6 +565,15 @@ fn check_memory(dataset: &Dataset) -> Result<()> {
     crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
 }
 
+/// Whether a transfer function is chosen from values.
+fn is_automatic(options: &SampleOptions) -> bool {
+    let transfer = &options.transfer;
+    matches!(
+        transfer,
+        TransferChoice::Automatic | TransferChoice::Named(_)
+    )
+}
+
 fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
     check_memory(&dataset)?;
     let kind = Kind::of(&dataset);
@@ -533,10 +587,7 @@ fn read(dataset: Dataset, options: &SampleOptions) -> Result<Read> {
         kind,
         up,
         corners,
-        is_automatic: matches!(
-            options.transfer,
-            TransferChoice::Automatic | TransferChoice::Named(_)
-        ),
+        is_automatic: is_automatic(options),
         field_asked: options.field.clone(),
     })
 }

@@ -15,15 +15,7 @@ pub(super) fn put<T: Pod>(bytes: &mut Vec<u8>, records: &[T]) {
 /// # Errors
 /// Fewer bytes than that: not what a rank of this program sends.
 pub(super) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
-    let short = || {
-        Error::invalid(
-            "ranks",
-            "message",
-            "records as this program sends them",
-            "fewer bytes",
-            "start the same program on every rank",
-        )
-    };
+    let short = || unknown("fewer bytes");
     let (count, rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
     let size = usize::try_from(u64::from_le_bytes(*count)).ok();
     let size = size.and_then(|count| count.checked_mul(size_of::<T>()));
@@ -31,6 +23,13 @@ pub(super) fn take<T: Pod>(bytes: &mut &[u8]) -> Result<Vec<T>> {
     let (records, rest) = rest.split_at(size);
     *bytes = rest;
     Ok(bytemuck::pod_collect_to_vec(records))
+}
+
+/// That another rank said what no rank of this program says.
+pub(super) fn unknown(found: &str) -> Error {
+    let advice = "start the same program on every rank";
+    let expected = "records as this program sends them";
+    Error::invalid("ranks", "message", expected, found, advice)
 }
 
 #[cfg(test)]

@@ -14,7 +14,10 @@
 //! | `ranks.rs` | ranks that know of one another's failures |
 //! | `message.rs` | records as bytes |
 //! | `share.rs` | what each rank brings of a scene |
-//! | `read.rs` | a file that ranks read together (feature `prepared`) |
+//! | `read.rs` | a file of points that ranks read together (feature `prepared`) |
+//! | `planes.rs` | a lattice whose planes ranks read together (feature `cli`) |
+//! | `scatter.rs` | what one rank has read, for all (feature `prepared`) |
+//! | `head.rs` | what volumes have besides their particles (feature `prepared`) |
 //! | `tiles.rs` | which rank draws which tiles |
 //! | `exchange.rs` | footprints on their way |
 //! | `frames.rs` | frames, stage after stage |
@@ -29,13 +32,19 @@
 mod communicator;
 mod exchange;
 mod frames;
+#[cfg(feature = "prepared")]
+mod head;
 mod message;
 #[cfg(feature = "mpi")]
 mod mpi;
+#[cfg(feature = "cli")]
+mod planes;
 mod ranks;
 #[cfg(feature = "prepared")]
 mod read;
 mod renderer;
+#[cfg(feature = "prepared")]
+mod scatter;
 mod share;
 mod statistics;
 mod threads;
@@ -45,12 +54,16 @@ pub use communicator::Communicator;
 pub(crate) use frames::RankFrames;
 #[cfg(feature = "mpi")]
 pub use mpi::MpiRank;
+#[cfg(feature = "cli")]
+pub(crate) use planes::read_planes;
 pub(crate) use ranks::Ranks;
 #[cfg(feature = "prepared")]
 pub(crate) use read::read_together;
 pub use renderer::Renderer;
 #[cfg(feature = "cli")]
 pub(crate) use renderer::shared;
+#[cfg(feature = "cli")]
+pub(crate) use scatter::scatter;
 pub use share::Share;
 pub use statistics::{RankStats, RankTimes};
 pub use threads::ThreadRank;

@@ -76,6 +76,25 @@ impl Ranks {
         }
     }
 
+    /// What the first rank gives, for all.
+    ///
+    /// - `own`: of others nothing.
+    ///
+    /// # Errors
+    /// The first rank's reason why there is nothing.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn of_first(&mut self, own: Result<Option<Vec<u8>>>) -> Result<Vec<u8>> {
+        let size = self.size();
+        let parts = own.map(|own| match own {
+            Some(own) => vec![own; size],
+            None => vec![Vec::new(); size],
+        });
+        let begun = self.begin(parts);
+        let parts = self.complete();
+        begun?;
+        Ok(parts?.swap_remove(0))
+    }
+
     /// The records of each rank, for all.
     pub(super) fn gather_records<T: Pod>(
         &mut self,

@@ -42,7 +42,7 @@ pub(crate) fn shared(
 impl Renderer {
     /// Of a scene of which every rank brings a share, whichever: the blocks are made together, and each rank keeps the
     /// particles of some of them. No rank needs the memory of the whole, but for volumes of few particles (262,144 for each
-    /// rank), which every rank builds by itself, and for lattices, of which every rank has all.
+    /// rank), which every rank builds by itself, and for lattices of which each has all ([`Share::planes`]).
     ///
     /// ```
     /// use ewa_splat::distributed::{Communicator, Renderer, ThreadRank};
@@ -89,6 +89,24 @@ impl Renderer {
     ) -> Result<Self> {
         let mut ranks = Ranks::new(Box::new(communicator));
         let share = super::read::read_together(file, &mut ranks)?;
+        Ok(Self::of(shared(share, options, ranks)?))
+    }
+
+    /// Of a scene that the first rank alone has, such as of a file that one reads for all: the others get their shares of
+    /// its particles. Later ranks need the memory of their share; the first that of the whole while it hands it out.
+    ///
+    /// - `scene`: on the first rank the volumes; what others give counts nothing.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    #[cfg(feature = "prepared")]
+    pub fn of_first(
+        communicator: impl Communicator + 'static,
+        scene: Option<Vec<PointVolume>>,
+        options: &SceneOptions,
+    ) -> Result<Self> {
+        let mut ranks = Ranks::new(Box::new(communicator));
+        let share = super::scatter::scatter(scene, &mut ranks)?;
         Ok(Self::of(shared(share, options, ranks)?))
     }
 

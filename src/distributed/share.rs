@@ -1,16 +1,21 @@
 //! What a rank brings of a scene.
 
+use std::ops::Range;
+
 use super::message::{put, take};
 use super::ranks::Ranks;
-use crate::blocks::{LEAST, SceneOptions, SharedVolume, build_together, check_count};
+use crate::blocks::{
+    Held, LEAST, PlaneRuns, SceneOptions, SharedVolume, build_lattice_together, build_together,
+    check_count,
+};
 use crate::error::{Error, Result};
 use crate::scene::rows::{kind_of, model_scales, rows_of, volume_of};
-use crate::scene::{Particles, PointVolume};
+use crate::scene::{Particles, PointVolume, Values};
 
 /// A rank's share of a scene: some particles of each volume, or none.
 ///
 /// All ranks have the same volumes in the same order, alike but for their particles: of one kind, with one transfer
-/// function. Of a lattice every rank has all. Codes of local models are of one scale: shares are taken of models that
+/// function. Codes of local models are of one scale: shares are taken of models that
 /// were made of the whole ([`LocalModels::gather`](crate::scene::LocalModels::gather)).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Share {
@@ -20,6 +25,11 @@ pub struct Share {
     /// would have them in, which decides about ties of depth; of a lattice none count. `None` numbers them one rank after
     /// another.
     pub numbers: Option<Vec<Vec<u64>>>,
+    /// Of each volume that is a lattice, runs of planes (of constant k, the slowest index): its values are those of these
+    /// planes alone, one run after another, and ranks have all planes together. They may be any; of what several have, all
+    /// have the same. Lattices that are classified by their values alone are shared so, of others every rank has all
+    /// planes. Of points none count. `None` where every rank has all of every lattice.
+    pub planes: Option<Vec<Vec<Range<usize>>>>,
 }
 
 impl From<Vec<PointVolume>> for Share {
@@ -27,6 +37,7 @@ impl From<Vec<PointVolume>> for Share {
         Self {
             volumes,
             numbers: None,
+            planes: None,
         }
     }
 }
@@ -52,16 +63,22 @@ impl Share {
             kinds.push(u64::from(options.level_of_detail));
             put(&mut part, &kinds);
             put(&mut part, &[u8::from(self.numbers.is_some())]);
-            for volume in &self.volumes {
+            put(&mut part, &[u8::from(self.planes.is_some())]);
+            for (v, volume) in self.volumes.iter().enumerate() {
                 let scales: Vec<[f32; 2]> = model_scales(volume).into_iter().collect();
                 put(&mut part, &scales);
                 put(&mut part, &[volume.particles.len() as u64]);
+                let runs = self.planes_of(v).into_iter();
+                let runs: Vec<[u64; 2]> =
+                    runs.map(|run| [run.start as u64, run.end as u64]).collect();
+                put(&mut part, &runs);
             }
             part
         });
         let parts = ranks.gather_to_all(own)?;
         let known = known_volumes(&parts, self.volumes.len());
         let known = ranks.agree(known)?;
+        let planes: Vec<_> = (0..self.volumes.len()).map(|v| self.planes_of(v)).collect();
         let mut numbers = self.numbers.map(Vec::into_iter);
         let mut built = Vec::with_capacity(self.volumes.len());
         let (mut first, mut total) = (0, 0);
@@ -80,7 +97,16 @@ impl Share {
             // The same on all ranks.
             total += count;
             check_count(usize::try_from(total).unwrap_or(usize::MAX))?;
-            let own = if is_lattice {
+            let own = if is_lattice && known.is_apart {
+                let is_small = is_small(&volume, small, ranks.size());
+                let held = known.planes.iter().map(|own| own[v].clone());
+                let shared = SharedLattice {
+                    runs: planes[v].clone(),
+                    held: held.collect(),
+                    is_small,
+                };
+                shared.built(volume, options, first, ranks)
+            } else if is_lattice {
                 SharedVolume::of_whole(volume, options, first, ranks)
             } else if count > LEAST.max(small * ranks.size() as u64) {
                 let volume = known.with_scales(v, volume);
@@ -96,8 +122,37 @@ impl Share {
         Ok(built)
     }
 
+    /// The planes of a volume whose values are here.
+    fn planes_of(&self, v: usize) -> Vec<Range<usize>> {
+        let Particles::Lattice { lattice, .. } = &self.volumes[v].particles else {
+            return Vec::new();
+        };
+        match &self.planes {
+            Some(planes) => planes.get(v).cloned().unwrap_or_default(),
+            None => std::iter::once(0..lattice.dims[2]).collect(),
+        }
+    }
+
     fn check(&self) -> Result<()> {
-        self.volumes.iter().try_for_each(PointVolume::validate)?;
+        if let Some(planes) = &self.planes
+            && planes.len() != self.volumes.len()
+        {
+            return Err(refused("planes of each volume", "those of more or fewer"));
+        }
+        for (v, volume) in self.volumes.iter().enumerate() {
+            let Particles::Lattice { lattice, .. } = &volume.particles else {
+                volume.validate()?;
+                continue;
+            };
+            let planes = self.planes_of(v);
+            if planes.iter().any(|run| run.end > lattice.dims[2]) {
+                let found = format!("one beyond {}", lattice.dims[2]);
+                return Err(refused("planes of the lattice", &found));
+            }
+            lattice.validate()?;
+            let count: usize = planes.iter().map(Range::len).sum();
+            volume.validate_of(count * lattice.dims[0] * lattice.dims[1])?;
+        }
         let Some(numbers) = &self.numbers else {
             return Ok(());
         };
@@ -110,6 +165,77 @@ impl Share {
             return Err(refused("a number for each particle", "more or fewer"));
         }
         Ok(())
+    }
+}
+
+/// Whether a lattice is so small that every rank may have all of it: of few planes each, of which some ranks would have
+/// none or twice as many as others, only very many cells are not.
+///
+/// - `small`: cells of a small one for each rank, where each has planes enough.
+fn is_small(volume: &PointVolume, small: u64, size: usize) -> bool {
+    let Particles::Lattice { lattice, .. } = &volume.particles else {
+        return false;
+    };
+    let few = lattice.dims[2] < FEW_PLANES * size;
+    let small = if few {
+        FEW_PLANES as u64 * small
+    } else {
+        small
+    };
+    lattice.len() as u64 <= small * size as u64
+}
+
+/// Planes for each rank below which runs of them are shared unevenly.
+const FEW_PLANES: usize = 64;
+
+/// A lattice whose planes ranks have together.
+struct SharedLattice {
+    /// Of this rank.
+    runs: Vec<Range<usize>>,
+    /// Of all ranks.
+    held: Vec<Vec<Range<usize>>>,
+    /// Whether every rank builds the whole.
+    is_small: bool,
+}
+
+impl SharedLattice {
+    fn built(
+        self,
+        mut volume: PointVolume,
+        options: &SceneOptions,
+        first: usize,
+        ranks: &mut Ranks,
+    ) -> Result<SharedVolume> {
+        let Particles::Lattice { lattice, .. } = &volume.particles else {
+            return Err(refused("a lattice", "points"));
+        };
+        let [x, y, planes] = lattice.dims;
+        let is_whole = |runs: &Vec<Range<usize>>| *runs == [0..planes];
+        if !volume.is_plain_lattice() {
+            return match self.held.iter().all(is_whole) {
+                true => SharedVolume::of_whole(volume, options, first, ranks),
+                false => {
+                    let expected = "all planes of a lattice that has more than values";
+                    Err(refused(expected, "some of them"))
+                }
+            };
+        }
+        let dealt = PlaneRuns::new(planes, ranks.size());
+        let wanted = |rank| match self.is_small {
+            true => std::iter::once(0..planes).collect(),
+            false => dealt.wanted(rank),
+        };
+        let wanted: Vec<Vec<Range<usize>>> = (0..ranks.size()).map(wanted).collect();
+        let held = Held {
+            runs: self.runs,
+            values: volume.values.take().unwrap_or(Values::U8(Vec::new())),
+        };
+        let held = held.collected(x * y, &self.held, &wanted, ranks)?;
+        if self.is_small {
+            volume.values = Some(held.values);
+            return SharedVolume::of_whole(volume, options, first, ranks);
+        }
+        build_lattice_together(volume, held, &dealt, options, first, ranks)
     }
 }
 
@@ -126,6 +252,10 @@ struct Known {
     scales: Vec<Option<[f32; 2]>>,
     /// Whether any rank gives numbers.
     is_numbered: bool,
+    /// Whether any rank says which planes of lattices it has.
+    is_apart: bool,
+    /// Of each rank, which planes of each volume it has.
+    planes: Vec<Vec<Vec<Range<usize>>>>,
 }
 
 impl Known {
@@ -170,6 +300,8 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
         counts: Vec::with_capacity(parts.len()),
         scales: vec![None; volumes],
         is_numbered: false,
+        is_apart: false,
+        planes: Vec::with_capacity(parts.len()),
     };
     let mut parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let kinds = parts.iter_mut().map(take::<u64>);
@@ -180,7 +312,9 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
     }
     for mut part in parts {
         known.is_numbered |= take::<u8>(&mut part)? == [1];
+        known.is_apart |= take::<u8>(&mut part)? == [1];
         let mut counts = Vec::with_capacity(volumes);
+        let mut planes = Vec::with_capacity(volumes);
         for of_all in &mut known.scales {
             if let Some(scales) = take::<[f32; 2]>(&mut part)?.first().copied()
                 && *of_all.get_or_insert(scales) != scales
@@ -188,15 +322,17 @@ fn known_volumes(parts: &[Vec<u8>], volumes: usize) -> Result<Known> {
                 return Err(refused("local models of one scale", "several scales"));
             }
             counts.extend(take::<u64>(&mut part)?);
+            let runs = take::<[u64; 2]>(&mut part)?.into_iter();
+            planes.push(runs.map(|[a, b]| a as usize..b as usize).collect());
         }
         known.counts.push(counts);
+        known.planes.push(planes);
     }
     Ok(known)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::ops::Range;
     use std::thread;
 
     use glam::DVec3;
@@ -205,7 +341,8 @@ mod tests {
     use super::*;
     use crate::blocks::{Block, BlockedParticles, BlockedScene, BlockedVolume, SceneOptions};
     use crate::scene::{
-        Boundary, BoundaryPlanes, Colour, ColourIn, Strength, TransferFunction, Values, ValuesIn,
+        Boundary, BoundaryPlanes, Colour, ColourIn, Lattice, Strength, TransferFunction, Values,
+        ValuesIn,
     };
 
     /// Points of a chunk of the tree at most.
@@ -312,6 +449,7 @@ mod tests {
         Share {
             volumes,
             numbers: in_turn.then_some(numbers),
+            planes: None,
         }
     }
 
@@ -418,6 +556,217 @@ mod tests {
             // Crowds of one place stay together; the rest is dealt out.
             let even = 3 * CHUNK / size;
             assert!(most[2] <= even + CHUNK, "{} of {even}", most[2]);
+        }
+    }
+
+    fn lattice(dims: [usize; 3], is_sharp: bool, values: Values, is_even: bool) -> PointVolume {
+        let origin = DVec3::new(-1.0, 2.0, 0.5);
+        let mut lattice = Lattice::uniform(dims, origin, DVec3::new(0.1, 0.2, 0.15));
+        if !is_even {
+            let line = |n: usize| (0..n).map(|i| (i as f64).powf(1.1)).collect::<Vec<f64>>();
+            lattice.spacing = crate::scene::LatticeSpacing::Rectilinear {
+                coordinates: dims.map(line),
+            };
+        }
+        let range = values.finite_range().unwrap_or([0.0, 1.0]);
+        let shells = |v: f32| if (v - 0.6).abs() < 0.05 { 0.8 } else { 0.01 };
+        PointVolume {
+            particles: Particles::Lattice {
+                lattice,
+                kernel_width: 0.6,
+            },
+            strength: Strength::Classified {
+                volumes: Vec::new(),
+            },
+            colour: Colour::Classified,
+            values: Some(values),
+            transfer_function: TransferFunction::from_curves(
+                |v| [v, 1.0 - v, 0.5],
+                shells,
+                range,
+                3.0,
+            )
+            .ok(),
+            boundary: is_sharp.then_some(Boundary::Lattice),
+            normals: None,
+            local_models: None,
+        }
+    }
+
+    /// Planes of a lattice: one run each, runs in turn, all on the last rank, or some on several.
+    fn planes_of(planes: usize, rank: usize, size: usize, way: usize) -> Vec<Range<usize>> {
+        match way {
+            0 => std::iter::once(rank * planes / size..(rank + 1) * planes / size).collect(),
+            1 => {
+                let firsts = (rank * 5..planes).step_by(5 * size);
+                firsts.map(|n| n..(n + 5).min(planes)).collect()
+            }
+            2 if rank + 1 == size => std::iter::once(0..planes).collect(),
+            2 => Vec::new(),
+            _ => {
+                let own = rank * planes / size..((rank + 1) * planes / size + 9).min(planes);
+                std::iter::once(own).collect()
+            }
+        }
+    }
+
+    fn share_of_planes(volume: &PointVolume, runs: Vec<Range<usize>>) -> Share {
+        let Particles::Lattice { lattice, .. } = &volume.particles else {
+            panic!("a lattice");
+        };
+        let samples = lattice.dims[0] * lattice.dims[1];
+        let own: Vec<u32> = runs
+            .iter()
+            .flat_map(|run| (run.start * samples) as u32..(run.end * samples) as u32)
+            .collect();
+        let part = PointVolume {
+            values: volume.values.as_ref().map(|values| values.gather(&own)),
+            ..volume.clone()
+        };
+        Share {
+            planes: Some(vec![runs]),
+            ..vec![part].into()
+        }
+    }
+
+    #[test]
+    fn a_lattice_made_of_planes_together_is_that_of_one() {
+        let field = |dims: [usize; 3]| {
+            let count: usize = dims.iter().product();
+            let at = move |n: usize| {
+                let [i, j, k] = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+                (0.11 * i as f64).sin() * (0.07 * j as f64 + 0.05 * k as f64).cos()
+                    + 0.01 * number(n)
+            };
+            (0..count).map(at)
+        };
+        let bytes = |dims| Values::U8(field(dims).map(|v| (127.0 * (v + 1.0)) as u8).collect());
+        let floats = |dims| Values::F32(field(dims).map(|v| v as f32).collect());
+        let shorts = |dims| Values::I16(field(dims).map(|v| (9e3 * v) as i16).collect());
+        // Cubes of 64 cells, which several ranks have slices of; one of fewer planes than a run; one with a hole.
+        let mut holed = floats([20, 19, 70]);
+        if let Values::F32(values) = &mut holed {
+            values[12_345] = f32::NAN;
+        }
+        let volumes = [
+            lattice([70, 66, 150], true, bytes([70, 66, 150]), true),
+            lattice([66, 40, 130], false, floats([66, 40, 130]), true),
+            lattice([34, 50, 99], true, shorts([34, 50, 99]), false),
+            lattice([40, 30, 7], true, bytes([40, 30, 7]), true),
+            lattice([20, 19, 70], true, holed, true),
+            lattice([9, 1, 66], true, floats([9, 1, 66]), true),
+        ];
+        for (v, volume) in volumes.iter().enumerate() {
+            let Particles::Lattice { lattice, .. } = &volume.particles else {
+                panic!("a lattice");
+            };
+            let planes = lattice.dims[2];
+            let whole = BlockedVolume::with_detail(volume.clone());
+            for (size, way) in [(1, 0), (2, 1), (3, 2), (7, 3), (4, 0)] {
+                let shares: Vec<SharedVolume> = thread::scope(|scope| {
+                    let ranks = ThreadRank::group(size).into_iter().enumerate();
+                    let threads = ranks.map(|(rank, own)| {
+                        scope.spawn(move || {
+                            let mut ranks = Ranks::new(Box::new(own));
+                            let runs = planes_of(planes, rank, size, way);
+                            let share = share_of_planes(volume, runs);
+                            let mut built = share
+                                .built(&SceneOptions::default(), 0, &mut ranks)
+                                .unwrap();
+                            built.swap_remove(0)
+                        })
+                    });
+                    let threads: Vec<_> = threads.collect();
+                    threads.into_iter().map(|t| t.join().unwrap()).collect()
+                });
+                let mut owned = vec![0; whole.len()];
+                for own in &shares {
+                    assert_eq!(own.family.len(), whole.len(), "{v}, {size} ranks");
+                    assert!(own.visible == whole[0].visible_boxes());
+                    for (level, (a, b)) in own.family.iter().zip(&whole).enumerate() {
+                        assert!(a.blocks == b.blocks, "{v}, level {level}, {size} ranks");
+                        let bounds =
+                            |v: &BlockedVolume| v.merged.as_ref().map(|m| m.bounds.clone());
+                        assert!(bounds(a) == bounds(b));
+                        assert_eq!(a.lobes.is_some(), b.lobes.is_some());
+                        owned[level] += own.own[level].iter().map(|run| run.len()).sum::<usize>();
+                        if level > 0 {
+                            assert!(a.values == b.values);
+                            continue;
+                        }
+                        let (Some(found), Some(expected)) = (&a.values, &b.values) else {
+                            panic!("values");
+                        };
+                        assert_eq!(found.len(), expected.len());
+                        for brick in own.own[0].iter().cloned().flatten() {
+                            assert_neighbours(b, brick, found, expected);
+                        }
+                    }
+                }
+                let blocks: Vec<usize> = whole.iter().map(|v| v.blocks.len()).collect();
+                assert_eq!(owned, blocks, "{v}, {size} ranks");
+            }
+        }
+    }
+
+    /// A brick's values, and those of the two rings around it, are there.
+    fn assert_neighbours(
+        volume: &BlockedVolume,
+        brick: u32,
+        found: &ValuesIn<crate::scene::Shared>,
+        expected: &ValuesIn<crate::scene::Shared>,
+    ) {
+        let BlockedParticles::Lattice(grid) = &volume.particles else {
+            panic!("a lattice");
+        };
+        let dims = grid.dims();
+        let cells = grid.cells(brick);
+        let [x, y, z] =
+            [0, 1, 2].map(|a| cells[a][0].saturating_sub(2)..(cells[a][1] + 2).min(dims[a]));
+        for k in z {
+            for j in y.clone() {
+                for i in x.clone() {
+                    let at = grid.index([i, j, k]);
+                    let (a, b) = (found.get(at), expected.get(at));
+                    assert_eq!(a.to_bits(), b.to_bits(), "{i} {j} {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn planes_that_nobody_has_or_that_are_beyond_the_lattice_are_refused() {
+        let dims = [5, 4, 70];
+        let volume = lattice(dims, true, Values::U8(vec![3; 1400]), true);
+        for (own, word) in [
+            ([0..30, 31..70], "no rank that has plane 30"),
+            ([0..40, 40..71], "one beyond 70"),
+        ] {
+            let said: Vec<String> = thread::scope(|scope| {
+                let ranks = ThreadRank::group(2).into_iter().zip(own);
+                let threads = ranks.map(|(own, run)| {
+                    let volume = &volume;
+                    scope.spawn(move || {
+                        let mut ranks = Ranks::new(Box::new(own));
+                        let count = (run.len() * 20).min(1400);
+                        let part = PointVolume {
+                            values: Some(Values::U8(vec![3; count])),
+                            ..volume.clone()
+                        };
+                        let share = Share {
+                            planes: Some(vec![std::iter::once(run).collect()]),
+                            ..vec![part].into()
+                        };
+                        let built = share.built(&SceneOptions::default(), 0, &mut ranks);
+                        built.map(|_| ()).unwrap_err().to_string()
+                    })
+                });
+                let threads: Vec<_> = threads.collect();
+                threads.into_iter().map(|t| t.join().unwrap()).collect()
+            });
+            for said in said {
+                assert!(said.contains(word), "{said}");
+            }
         }
     }
 

@@ -54,6 +54,8 @@ mod obj;
 mod openfoam;
 mod particle_type;
 mod pcd;
+#[cfg(feature = "cli")]
+mod planes;
 mod plot3d;
 mod plotfile;
 mod ply;
@@ -137,6 +139,8 @@ pub use log_scales::ScaleMeaning;
 pub use mesh::{AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap};
 pub(crate) use mesh_part::leave_out_unused;
 pub use particle_type::{ParticleCount, ParticleType};
+#[cfg(feature = "cli")]
+pub(crate) use planes::Planes;
 pub(crate) use polyhedron::polyhedron_faces;
 pub use raw::{RawLayout, RawType};
 pub use rows::RowFile;

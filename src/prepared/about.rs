@@ -58,21 +58,21 @@ pub(super) struct Volume {
 /// What the particles of a batch are.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct BatchHead {
-    pub(super) particles: Particles,
-    pub(super) strength: Strength,
-    pub(super) colour: Colour,
-    pub(super) values: Option<Values>,
+pub(crate) struct BatchHead {
+    pub(crate) particles: Particles,
+    pub(crate) strength: Strength,
+    pub(crate) colour: Colour,
+    pub(crate) values: Option<Values>,
     /// What local models' codes count from.
-    pub(super) local_model_scales: Option<[f32; 2]>,
-    pub(super) has_normals: bool,
-    pub(super) has_indices: bool,
-    pub(super) has_planes: bool,
+    pub(crate) local_model_scales: Option<[f32; 2]>,
+    pub(crate) has_normals: bool,
+    pub(crate) has_indices: bool,
+    pub(crate) has_planes: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Particles {
+pub(crate) enum Particles {
     /// Cubes of so many of the lattice's cells along each edge.
     Lattice {
         cube: usize,
@@ -86,7 +86,7 @@ pub(super) enum Particles {
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Strength {
+pub(crate) enum Strength {
     Classified,
     Mass,
     PeakOpacity { is_anti_aliased: bool },
@@ -96,7 +96,7 @@ pub(super) enum Strength {
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Colour {
+pub(crate) enum Colour {
     Classified,
     PerParticle,
     Uniform([f32; 3]),
@@ -105,7 +105,7 @@ pub(super) enum Colour {
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Values {
+pub(crate) enum Values {
     U8,
     I16,
     U16,
@@ -115,7 +115,7 @@ pub(super) enum Values {
 /// [`AmplitudeSummary`].
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Amplitudes {
+pub(crate) struct Amplitudes {
     largest: f64,
     sum: f64,
     not_finite: usize,
@@ -124,17 +124,17 @@ pub(super) struct Amplitudes {
 /// A lattice with its ghosts, and where faces cut its kernels.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Grid {
-    pub(super) dims: [usize; 3],
-    pub(super) spacing: Spacing,
-    pub(super) kernel_width: f64,
+pub(crate) struct Grid {
+    pub(crate) dims: [usize; 3],
+    pub(crate) spacing: Spacing,
+    pub(crate) kernel_width: f64,
     /// Ghosts before the first sample along each axis, and as many behind the last; none where no face cuts.
-    pub(super) ghosts: Option<[usize; 3]>,
+    pub(crate) ghosts: Option<[usize; 3]>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Spacing {
+pub(crate) enum Spacing {
     /// The first sample, and the columns of the step.
     Uniform {
         origin: [f64; 3],
@@ -147,7 +147,7 @@ pub(super) enum Spacing {
 /// A transfer function, bit for bit.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Function {
+pub(crate) struct Function {
     range: [f32; 2],
     scale: Scale,
     unit_distance: f64,
@@ -164,7 +164,7 @@ enum Scale {
 }
 
 impl Function {
-    pub(super) fn of(transfer: &TransferFunction) -> Self {
+    pub(crate) fn of(transfer: &TransferFunction) -> Self {
         let entries = transfer.table().as_flattened();
         let bytes: Vec<u8> = entries.iter().flat_map(|x| x.to_le_bytes()).collect();
         Self {
@@ -180,7 +180,7 @@ impl Function {
     }
 
     /// `None` where it is no function.
-    pub(super) fn transfer(&self) -> Option<TransferFunction> {
+    pub(crate) fn transfer(&self) -> Option<TransferFunction> {
         let bytes = STANDARD.decode(&self.table).ok()?;
         let (words, []) = bytes.as_chunks::<4>() else {
             return None;
@@ -203,7 +203,7 @@ impl Function {
 }
 
 impl Grid {
-    pub(super) fn of(lattice: &Lattice, kernel_width: f64, ghosts: Option<[usize; 3]>) -> Self {
+    pub(crate) fn of(lattice: &Lattice, kernel_width: f64, ghosts: Option<[usize; 3]>) -> Self {
         Self {
             dims: lattice.dims,
             spacing: match &lattice.spacing {
@@ -220,7 +220,7 @@ impl Grid {
         }
     }
 
-    pub(super) fn lattice(&self) -> Lattice {
+    pub(crate) fn lattice(&self) -> Lattice {
         Lattice {
             dims: self.dims,
             spacing: match &self.spacing {

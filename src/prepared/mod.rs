@@ -14,7 +14,7 @@
 //! | `read.rs` | a file to a scene, and what is refused of damaged ones |
 //! | `point_file.rs` | points of a file as a stream of particles |
 
-mod about;
+pub(crate) mod about;
 mod columns;
 mod file;
 mod point_file;

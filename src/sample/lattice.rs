@@ -12,6 +12,11 @@ use crate::io::{Association, Blanking, Dataset, Geometry};
 use crate::scene::{
     Boundary, LONE_CELL_WIDTH, Lattice, LatticeSpacing, Particles, Surroundings, Values,
 };
+#[cfg(feature = "cli")]
+use crate::scene::{Colour, PointVolume, Strength, ValueSample};
+
+const NOT_FINITE: &str =
+    "not finite; NaN is drawn as transparent, infinity as the end of the range";
 
 pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     let blanking = Blanking::of(&dataset)?;
@@ -30,11 +35,7 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         sample_count: lattice.len(),
         ..SampleReport::default()
     };
-    report.note(
-        taken.values.non_finite_count(),
-        "values",
-        "not finite; NaN is drawn as transparent, infinity as the end of the range",
-    );
+    report.note(taken.values.non_finite_count(), "values", NOT_FINITE);
     let mask = blanking.mask(taken.association).unwrap_or(&[]);
     let blank = mask.iter().take(lattice.len()).filter(|blank| **blank);
     let blank_count = blank.count();
@@ -66,6 +67,60 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
         sampled.volume.boundary = Some(Boundary::Lattice);
     }
     Ok(sampled)
+}
+
+/// What is known of all values of a lattice that lie in several places.
+#[cfg(feature = "cli")]
+#[derive(Debug, Default)]
+pub(crate) struct PlaneValues {
+    /// The least and the greatest finite one.
+    pub(crate) range: Option<[f32; 2]>,
+    /// How many are not finite.
+    pub(crate) not_finite: usize,
+    /// Those of [`ValueSample::picked`], in any order.
+    pub(crate) picked: Vec<f32>,
+}
+
+/// As [`volume`] makes it, without values and boundary, of values at nodes that lie in several places.
+#[cfg(feature = "cli")]
+pub(crate) fn lattice_of_planes(
+    lattice: Lattice,
+    field: &str,
+    unit: Option<&str>,
+    known: PlaneValues,
+    options: &SampleOptions,
+) -> Result<(PointVolume, SampleReport)> {
+    super::check_options(options)?;
+    let count = lattice.len();
+    let mut report = SampleReport {
+        field: Some(field.to_owned()),
+        unit: unit.map(str::to_owned),
+        sample_count: count,
+        particle_count: count,
+        value_range: known.range,
+        ..SampleReport::default()
+    };
+    report.note(known.not_finite, "values", NOT_FINITE);
+    let mean_spacing = mean_spacing(&lattice);
+    let spacing = options.unit_distance.unwrap_or(mean_spacing);
+    let sample = || ValueSample::of_picked(known.picked, count, spacing);
+    let function = super::function_of(sample, mean_spacing, &mut report, options)?;
+    let volume = PointVolume {
+        particles: Particles::Lattice {
+            lattice,
+            kernel_width: options.kernel_width,
+        },
+        strength: Strength::Classified {
+            volumes: Vec::new(),
+        },
+        colour: Colour::Classified,
+        values: None,
+        transfer_function: Some(function),
+        boundary: None,
+        normals: None,
+        local_models: None,
+    };
+    Ok((volume, report))
 }
 
 /// The samples on the faces of a lattice, those on its edges more than once; an axis of one sample has none.

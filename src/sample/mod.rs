@@ -60,6 +60,8 @@ pub use cut_faces::cut_faces;
 pub use discs::discs;
 pub use doubts::doubts;
 use kernels::Kernels;
+#[cfg(feature = "cli")]
+pub(crate) use lattice::{PlaneValues, lattice_of_planes};
 use mesh::{MeshOptions, SampledMesh, Spread};
 pub use report::{Finding, SampleReport};
 pub use statistics::{PERCENTILES, ShapeStatistics};
@@ -668,11 +670,22 @@ fn under_function(
     options: &SampleOptions,
 ) -> Result<(Values, TransferFunction)> {
     report.value_range = values.finite_range();
+    let function = function_of(|| sample(&values), mean_spacing, report, options)?;
+    Ok((function.value_scale().positions(values), function))
+}
+
+/// The transfer function that is asked for, of values whose range the report has.
+fn function_of(
+    sample: impl FnOnce() -> ValueSample,
+    mean_spacing: f64,
+    report: &mut SampleReport,
+    options: &SampleOptions,
+) -> Result<TransferFunction> {
     let unit_distance = options.unit_distance.unwrap_or(mean_spacing);
     if options.for_columns {
         let function = summed_function(report.value_range, unit_distance)?;
         report.unit_distance = unit_distance;
-        return Ok((values, function));
+        return Ok(function);
     }
     let of_own = |colour_map: Option<&str>, report: &mut SampleReport| {
         let automatic = AutomaticOptions {
@@ -681,7 +694,7 @@ fn under_function(
             scale: options.scale,
             unit_distance,
         };
-        let sample = sample(&values);
+        let sample = sample();
         let function = TransferFunction::automatic(&sample, &automatic);
         report.value_sample = options.keeps_value_sample.then_some(sample);
         function
@@ -732,7 +745,7 @@ fn under_function(
     let unit_distance = function.unit_distance() / options.opacity_scale;
     let function = function.with_unit_distance(unit_distance)?;
     report.unit_distance = unit_distance;
-    Ok((function.value_scale().positions(values), function))
+    Ok(function)
 }
 
 /// A volume whose strength and colour are classified from `values`.
@@ -770,8 +783,14 @@ fn classified(
 }
 
 impl SampleOptions {
+    /// Whether the boundary of what has one is sharp, whatever the transfer function shows there.
+    #[cfg(feature = "cli")]
+    pub(crate) fn is_sharp_anyway(&self) -> bool {
+        self.boundary == BoundaryChoice::Sharp
+    }
+
     /// Whether the boundary of what has one is to be sharp.
-    fn is_sharp(&self) -> bool {
+    pub(crate) fn is_sharp(&self) -> bool {
         let is_wanted = match self.boundary {
             BoundaryChoice::Sharp => true,
             BoundaryChoice::Automatic => !self.for_columns,

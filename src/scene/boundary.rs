@@ -179,6 +179,15 @@ impl Lattice {
     /// For each sample of [`Self::with_ghosts`] the sample of this lattice that is nearest, and the
     /// one as far behind that: the same but for ghosts.
     fn ghost_sources(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let planes = self.dims[2] + 2 * self.ghosts()[2];
+        (0..planes).flat_map(|plane| self.ghost_sources_of(plane))
+    }
+
+    /// The same of one plane of samples.
+    pub(crate) fn ghost_sources_of(
+        &self,
+        plane: usize,
+    ) -> impl Iterator<Item = [usize; 2]> + use<'_> {
         let ghosts = self.ghosts();
         let wide = [0, 1, 2].map(|a| self.dims[a] + 2 * ghosts[a]);
         let of_axis = move |a: usize, i: usize| {
@@ -187,8 +196,8 @@ impl Lattice {
             [nearest as usize, (2 * nearest - i) as usize]
         };
         let index = |[i, j, k]: [usize; 3]| i + self.dims[0] * (j + self.dims[1] * k);
-        (0..wide.iter().product::<usize>()).map(move |n| {
-            let cell = [n % wide[0], n / wide[0] % wide[1], n / (wide[0] * wide[1])];
+        (0..wide[0] * wide[1]).map(move |n| {
+            let cell = [n % wide[0], n / wide[0], plane];
             let [x, y, z] = [0, 1, 2].map(|a| of_axis(a, cell[a]));
             [index([x[0], y[0], z[0]]), index([x[1], y[1], z[1]])]
         })
@@ -208,7 +217,7 @@ impl Lattice {
 impl Values {
     /// For each pair of values that of a ghost beyond the first, which the second lies behind: 2 v0 - v1,
     /// held to what the type has; v0 where that is not finite.
-    fn extrapolated(&self, pairs: impl Iterator<Item = [usize; 2]>) -> Self {
+    pub(crate) fn extrapolated(&self, pairs: impl Iterator<Item = [usize; 2]>) -> Self {
         macro_rules! integers {
             ($v:expr, $type:ty) => {
                 pairs

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use memmap2::Mmap;
+use memmap2::{Mmap, MmapMut, MmapOptions};
 
 use super::storage::SharedBytes;
 
@@ -42,6 +42,11 @@ fn mapped(file: &File) -> io::Result<Mmap> {
     unsafe {
         Mmap::map(file)
     }
+}
+
+/// Bytes in memory, all 0, which the system lends page by page as they are written: however many there are.
+pub(crate) fn lent(bytes: usize) -> io::Result<MmapMut> {
+    MmapOptions::new().len(bytes).no_reserve_swap().map_anon()
 }
 
 /// Bytes that begin at a multiple of 8, as those of a map do.

@@ -264,6 +264,16 @@ impl PointVolume {
         is_classified(&self.strength, &self.colour)
     }
 
+    /// Whether it is a lattice of which only values are stored, which a transfer function shows.
+    pub(crate) fn is_plain_lattice(&self) -> bool {
+        matches!(self.particles, Particles::Lattice { .. })
+            && matches!(&self.strength, Strength::Classified { volumes } if volumes.is_empty())
+            && matches!(self.colour, Colour::Classified | Colour::Uniform(_))
+            && self.values.is_some()
+            && self.normals.is_none()
+            && !matches!(self.boundary, Some(Boundary::Planes(_)))
+    }
+
     /// Checks that every array has one entry per particle, that a lattice has a position and a width
     /// for each of its kernels and that what is classified can be.
     ///
@@ -271,6 +281,13 @@ impl PointVolume {
     /// The first array of another length, or the missing one; those of [`Lattice::validate`]; a kernel
     /// width that is not a positive number.
     pub fn validate(&self) -> Result<()> {
+        self.validate_of(self.particles.len())
+    }
+
+    /// The same where some of its particles alone are stored.
+    ///
+    /// - `count`: how many of them.
+    pub(crate) fn validate_of(&self, count: usize) -> Result<()> {
         if let Particles::Lattice {
             lattice,
             kernel_width,
@@ -287,7 +304,6 @@ impl PointVolume {
                 ));
             }
         }
-        let count = self.particles.len();
         let is_lattice = matches!(self.particles, Particles::Lattice { .. });
         let check = |name: &str, len: usize| {
             if len == count {

@@ -140,6 +140,18 @@ impl Values {
         }
     }
 
+    /// Appends values of the same type; of another none.
+    #[cfg(feature = "cli")]
+    pub(crate) fn append(&mut self, more: Self) {
+        match (self, more) {
+            (Self::U8(v), Self::U8(more)) => v.extend(more),
+            (Self::I16(v), Self::I16(more)) => v.extend(more),
+            (Self::U16(v), Self::U16(more)) => v.extend(more),
+            (Self::F32(v), Self::F32(more)) => v.extend(more),
+            _ => {}
+        }
+    }
+
     /// A run of the values.
     pub(crate) fn part(&self, run: std::ops::Range<usize>) -> Self {
         match self {

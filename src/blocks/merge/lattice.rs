@@ -19,7 +19,7 @@ const NEXT_CUBE: usize = 2;
 
 /// Cubes with longer edges are read where they lie, in parts on all cores: copies of several would take many times the
 /// memory of the lattice.
-const LONGEST_COPIED: usize = 32;
+pub(in crate::blocks) const LONGEST_COPIED: usize = 32;
 
 /// The coarser grids of a lattice, the finest first, and the parents of its own bricks are set;
 /// none where merging means nothing (masses or colours of its own, cells without a number) or does
@@ -28,28 +28,56 @@ pub(in crate::blocks) fn merge_lattice(
     base: &mut BlockedVolume,
     task: Option<&Task>,
 ) -> Result<Vec<BlockedVolume>> {
-    let mut levels: Vec<BlockedVolume> = Vec::new();
     let is_mergeable = matches!(&base.strength, StrengthIn::Classified { volumes } if volumes.is_empty())
         && matches!(base.colour, ColourIn::Classified | ColourIn::Uniform(_));
     let (Some(values), BlockedParticles::Lattice(cells)) = (&base.values, &base.particles) else {
-        return Ok(levels);
+        return Ok(Vec::new());
     };
-    if !is_mergeable || cells.len() <= BLOCK_CAPACITY || values.non_finite_count() > 0 {
-        return Ok(levels);
+    if !is_mergeable || !is_large(cells) || values.non_finite_count() > 0 {
+        return Ok(Vec::new());
     }
     let extents = cells.axis_extents();
+    let levels = levels_of(base, &mut |cells, cube| {
+        let [_, rows, slices] = cells.dims().map(|n| n.div_ceil(cube));
+        CubeMoments::of_lines(cells, values, &extents, cube, 0..rows * slices, task)
+    })?;
+    Ok(adopted(base, levels))
+}
+
+/// Whether there are cells enough to be merged.
+pub(in crate::blocks) fn is_large(cells: &BrickGrid) -> bool {
+    cells.len() > BLOCK_CAPACITY
+}
+
+/// The coarser grids of a lattice, the finest first.
+///
+/// - `moments`: of the cubes of a number of its cells along each edge.
+pub(in crate::blocks) fn levels_of(
+    base: &BlockedVolume,
+    moments: &mut dyn FnMut(&BrickGrid, usize) -> Result<CubeMoments>,
+) -> Result<Vec<BlockedVolume>> {
+    let mut levels: Vec<BlockedVolume> = Vec::new();
+    let BlockedParticles::Lattice(cells) = &base.particles else {
+        return Ok(levels);
+    };
     let mut cube = FIRST_CUBE;
     loop {
         let number = levels.len() as u32 + 1;
-        levels.push(level(base, cells, values, &extents, cube, number, task)?);
-        let BlockedParticles::Lattice(grid) = &levels[levels.len() - 1].particles else {
-            break;
-        };
-        if grid.len() <= LAST_LEVEL {
-            break;
+        let level = level_of(base, cells, cube, number, moments(cells, cube)?);
+        let count = level.particle_count();
+        levels.push(level);
+        if count <= LAST_LEVEL {
+            return Ok(levels);
         }
         cube *= NEXT_CUBE;
     }
+}
+
+/// The levels of a lattice, once they are the parents of its bricks and of one another's.
+pub(in crate::blocks) fn adopted(
+    base: &mut BlockedVolume,
+    mut levels: Vec<BlockedVolume>,
+) -> Vec<BlockedVolume> {
     // Parents are counted from the first merged block.
     let mut first = 0;
     let mut finer = base;
@@ -60,7 +88,7 @@ pub(in crate::blocks) fn merge_lattice(
         ratio = NEXT_CUBE;
         finer = coarser;
     }
-    Ok(levels)
+    levels
 }
 
 /// Sets the parents of a grid's bricks: a brick of the coarser grid spans `ratio` of them along
@@ -80,49 +108,99 @@ fn adopt(finer: &mut BlockedVolume, coarser: &BlockedVolume, ratio: usize, first
     }
 }
 
+/// What a level's cubes have of their cells' values, in the order of the level's grid.
+#[derive(Debug, Default)]
+pub(in crate::blocks) struct CubeMoments {
+    pub(in crate::blocks) means: Vec<f32>,
+    pub(in crate::blocks) spreads: Vec<f32>,
+    pub(in crate::blocks) uneven: Vec<f32>,
+}
+
+impl CubeMoments {
+    fn of(count: usize) -> Self {
+        Self {
+            means: vec![0.0; count],
+            spreads: vec![0.0; count],
+            uneven: vec![0.0; count],
+        }
+    }
+
+    /// Of some lines of cubes along x.
+    ///
+    /// - `extents`: of the cells along each axis, those of [`BrickGrid::axis_extents`].
+    /// - `lines`: along y, then along z.
+    pub(in crate::blocks) fn of_lines(
+        cells: &BrickGrid,
+        values: &ValuesIn<Shared>,
+        extents: &[Vec<f64>; 3],
+        cube: usize,
+        lines: Range<usize>,
+        task: Option<&Task>,
+    ) -> Result<Self> {
+        let [columns, rows, _] = cells.dims().map(|n| n.div_ceil(cube));
+        let mut all = Self::of(lines.len() * columns);
+        let stage = Stage::new(task, "levels of detail", lines.len());
+        let each = columns.max(1);
+        all.means
+            .par_chunks_mut(each)
+            .zip(all.spreads.par_chunks_mut(each))
+            .zip(all.uneven.par_chunks_mut(each))
+            .enumerate()
+            .filter(|(line, _)| stage.counts(*line))
+            .for_each_init(
+                Cubes::default,
+                |cubes, (line, ((means, spreads), uneven))| {
+                    let line = lines.start + line;
+                    cubes.move_to(cells, [line % rows, line / rows], cube);
+                    let is_copied = cube <= LONGEST_COPIED;
+                    if is_copied {
+                        cubes.copy(cells, values);
+                    }
+                    let out = means.iter_mut().zip(spreads).zip(uneven);
+                    for (i, ((mean, spread), uneven)) in out.enumerate() {
+                        [*mean, *spread, *uneven] = if is_copied {
+                            cubes.moments(extents, i)
+                        } else {
+                            cubes.moments_in_place(cells, values, extents, i)
+                        };
+                    }
+                },
+            );
+        stage.check()?;
+        Ok(all)
+    }
+
+    pub(in crate::blocks) fn extend(&mut self, others: &[f32]) {
+        for [mean, spread, uneven] in others.as_chunks().0 {
+            self.means.push(*mean);
+            self.spreads.push(*spread);
+            self.uneven.push(*uneven);
+        }
+    }
+
+    /// The three of each cube, one cube after another.
+    pub(in crate::blocks) fn interleaved(&self) -> Vec<f32> {
+        let others = self.spreads.iter().zip(&self.uneven);
+        let each = self.means.iter().zip(others);
+        each.flat_map(|(mean, (spread, uneven))| [*mean, *spread, *uneven])
+            .collect()
+    }
+}
+
 /// One level: cubes of `cube` cells along each edge, means of their values and spreads.
-///
-/// - `extents`: of the cells along each axis, those of [`BrickGrid::axis_extents`].
-fn level(
+pub(in crate::blocks) fn level_of(
     base: &BlockedVolume,
     cells: &BrickGrid,
-    values: &ValuesIn<Shared>,
-    extents: &[Vec<f64>; 3],
     cube: usize,
     level: u32,
-    task: Option<&Task>,
-) -> Result<BlockedVolume> {
+    moments: CubeMoments,
+) -> BlockedVolume {
     let grid = cells.merged(cube);
-    let [columns, rows, _] = grid.dims();
-    let mut means = vec![0.0_f32; grid.len()];
-    let mut spreads = vec![0.0_f32; grid.len()];
-    let mut uneven = vec![0.0_f32; grid.len()];
-    let stage = Stage::new(task, "levels of detail", grid.len() / columns.max(1));
-    means
-        .par_chunks_mut(columns.max(1))
-        .zip(spreads.par_chunks_mut(columns.max(1)))
-        .zip(uneven.par_chunks_mut(columns.max(1)))
-        .enumerate()
-        .filter(|(line, _)| stage.counts(*line))
-        .for_each_init(
-            Cubes::default,
-            |cubes, (line, ((means, spreads), uneven))| {
-                cubes.move_to(cells, [line % rows, line / rows], cube);
-                let is_copied = cube <= LONGEST_COPIED;
-                if is_copied {
-                    cubes.copy(cells, values);
-                }
-                let out = means.iter_mut().zip(spreads).zip(uneven);
-                for (i, ((mean, spread), uneven)) in out.enumerate() {
-                    [*mean, *spread, *uneven] = if is_copied {
-                        cubes.moments(extents, i)
-                    } else {
-                        cubes.moments_in_place(cells, values, extents, i)
-                    };
-                }
-            },
-        );
-    stage.check()?;
+    let CubeMoments {
+        means,
+        spreads,
+        uneven,
+    } = moments;
     let blocks = grid.blocks(None, false, level);
     let moments = cells.axis_moments(cube);
     let bounds: Vec<MergeBounds> = blocks
@@ -147,7 +225,7 @@ fn level(
             bounds
         })
         .collect();
-    Ok(BlockedVolume {
+    BlockedVolume {
         blocks,
         particles: BlockedParticles::Lattice(Box::new(grid)),
         strength: base.strength.clone(),
@@ -165,7 +243,7 @@ fn level(
             transfer: None,
             member_depths: Column::default(),
         }),
-    })
+    }
 }
 
 /// The cells of a line of cubes.
@@ -248,77 +326,117 @@ impl Cubes {
         extents: &[Vec<f64>; 3],
         i: usize,
     ) -> [f32; 3] {
-        let range = self.of_cube(i);
-        let at = cells.index([range.start, self.rows.start, self.slices.start]);
-        let slice = |k: usize| Slice {
+        let cube = LongCube {
             cells,
             values,
             extents,
-            columns: range.clone(),
+            columns: self.of_cube(i),
             rows: self.rows.clone(),
-            k,
-            first: f64::from(values.get(at)),
         };
         let slices = || self.slices.clone().into_par_iter();
-        let sums: Vec<[f64; 3]> = slices()
-            .map(|k| {
-                let mut sums = [0.0; 3];
-                slice(k).for_each(|own, value| {
-                    sums[0] += own;
-                    sums[1] += own * value;
-                    sums[2] += own * value * value;
-                });
-                sums
-            })
-            .collect();
-        let of_all = |n: usize| sums.iter().map(|sums| sums[n]).sum::<f64>();
-        let volume = of_all(0);
-        let (mean, spread) = mean_and_spread(volume, of_all(1), of_all(2));
-        let places: Vec<Places> = slices()
-            .map(|k| {
-                let mut places = Places::new(mean, spread);
-                slice(k).for_each(|own, value| places.add(own / volume, value));
-                places
-            })
-            .collect();
+        let first = cube.first(self.slices.start);
+        let sums: Vec<[f64; 3]> = slices().map(|k| cube.sums(k, first)).collect();
+        let whole = WholeCube::of(first, &sums);
+        let places: Vec<Places> = slices().map(|k| cube.places(k, &whole)).collect();
         let places = places
             .iter()
-            .fold(Places::new(mean, spread), |all, own| all.and(own));
-        [
-            (slice(0).first + mean) as f32,
-            spread as f32,
-            places.unevenness() as f32,
-        ]
+            .fold(whole.no_places(), |all, own| all.and(own));
+        whole.moments(&places)
     }
 }
 
-/// The cells of a cube at one place along z.
-struct Slice<'a> {
-    cells: &'a BrickGrid,
-    values: &'a ValuesIn<Shared>,
-    extents: &'a [Vec<f64>; 3],
-    columns: Range<usize>,
-    rows: Range<usize>,
-    k: usize,
-    /// What values are relative to.
-    first: f64,
+/// A cube that is read where it lies, slice by slice along z.
+#[derive(Debug, Clone)]
+pub(in crate::blocks) struct LongCube<'a> {
+    pub(in crate::blocks) cells: &'a BrickGrid,
+    pub(in crate::blocks) values: &'a ValuesIn<Shared>,
+    /// [`BrickGrid::axis_extents`]
+    pub(in crate::blocks) extents: &'a [Vec<f64>; 3],
+    pub(in crate::blocks) columns: Range<usize>,
+    pub(in crate::blocks) rows: Range<usize>,
 }
 
-impl Slice<'_> {
-    /// Calls `each` with every cell's volume and value.
-    fn for_each(&self, mut each: impl FnMut(f64, f64)) {
+impl LongCube<'_> {
+    /// What its values are relative to.
+    ///
+    /// - `k`: its first slice.
+    pub(in crate::blocks) fn first(&self, k: usize) -> f64 {
+        let at = self.cells.index([self.columns.start, self.rows.start, k]);
+        f64::from(self.values.get(at))
+    }
+
+    /// Of a slice: the volume, the sum of values relative to the first, and that of their squares.
+    pub(in crate::blocks) fn sums(&self, k: usize, first: f64) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        self.for_each(k, |own, value| {
+            let value = value - first;
+            sums[0] += own;
+            sums[1] += own * value;
+            sums[2] += own * value * value;
+        });
+        sums
+    }
+
+    /// Where a slice's values lie between those of the whole cube.
+    pub(in crate::blocks) fn places(&self, k: usize, whole: &WholeCube) -> Places {
+        let mut places = whole.no_places();
+        self.for_each(k, |own, value| {
+            places.add(own / whole.volume, value - whole.first);
+        });
+        places
+    }
+
+    /// Calls `each` with the volume and the value of every cell of a slice.
+    fn for_each(&self, k: usize, mut each: impl FnMut(f64, f64)) {
         let [along_x, along_y, along_z] = self.extents;
         let mut line = Vec::with_capacity(self.columns.len());
         for j in self.rows.clone() {
-            let start = self.cells.index([self.columns.start, j, self.k]);
+            let start = self.cells.index([self.columns.start, j, k]);
             line.clear();
             self.values
                 .append_to(start..start + self.columns.len(), &mut line);
-            let yz = along_y[j] * along_z[self.k];
+            let yz = along_y[j] * along_z[k];
             for (x, value) in along_x[self.columns.clone()].iter().zip(&line) {
-                each(x * yz, f64::from(*value) - self.first);
+                each(x * yz, f64::from(*value));
             }
         }
+    }
+}
+
+/// What is known of a long cube once the sums of all its slices are.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::blocks) struct WholeCube {
+    volume: f64,
+    first: f64,
+    mean: f64,
+    spread: f64,
+}
+
+impl WholeCube {
+    /// - `sums`: of its slices, in their order.
+    pub(in crate::blocks) fn of(first: f64, sums: &[[f64; 3]]) -> Self {
+        let of_all = |n: usize| sums.iter().map(|sums| sums[n]).sum::<f64>();
+        let volume = of_all(0);
+        let (mean, spread) = mean_and_spread(volume, of_all(1), of_all(2));
+        Self {
+            volume,
+            first,
+            mean,
+            spread,
+        }
+    }
+
+    pub(in crate::blocks) fn no_places(&self) -> Places {
+        Places::new(self.mean, self.spread)
+    }
+
+    /// Mean, spread and unevenness.
+    pub(in crate::blocks) fn moments(&self, places: &Places) -> [f32; 3] {
+        [
+            (self.first + self.mean) as f32,
+            self.spread as f32,
+            places.unevenness() as f32,
+        ]
     }
 }
 

@@ -34,7 +34,9 @@ use crate::task::Task;
 
 pub(super) use coarse::{Atoms, coarse_levels};
 pub(super) use fine::{Grown, fine_levels};
-pub(super) use lattice::merge_lattice;
+pub(super) use lattice::{
+    CubeMoments, LONGEST_COPIED, LongCube, WholeCube, adopted, is_large, levels_of, merge_lattice,
+};
 pub(super) use levels::{Head, Level, Levels};
 pub(super) use source::{Shapes, Source};
 pub(super) use sums::Cluster;

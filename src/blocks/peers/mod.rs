@@ -7,11 +7,16 @@
 //! 3. Each builds the trees of what it has, their blocks, and the levels of detail that are made of particles.
 //! 4. What bounds these goes to all ([`join`]), with the clusters of the last of these levels, of which every one makes
 //!    the coarser levels by itself.
+//!
+//! A lattice needs none of that: its planes are dealt out ([`planes`]), and bricks and coarser grids made of them
+//! ([`lattice`]).
 
 mod chunks;
 mod deal;
 mod join;
+mod lattice;
 mod numbers;
+mod planes;
 
 use std::ops::Range;
 
@@ -30,6 +35,8 @@ use crate::error::{Error, Result};
 use crate::scene::{PointVolume, Requirements};
 use crate::view::Bounds;
 use deal::Dealt;
+pub(crate) use lattice::build_lattice_together;
+pub(crate) use planes::{Held, PlaneRuns};
 
 /// Those who have a scene together. All functions but the first two are collective, and tell all of an error of one.
 pub(crate) trait Peers {
@@ -101,6 +108,13 @@ impl dyn Peers + '_ {
     pub(super) fn sums(&mut self, own: Vec<u64>) -> Result<Vec<u64>> {
         self.reduce(Ok(own), |sum, own| *sum += own)
     }
+}
+
+/// That others said what none of this program says.
+fn strange() -> Error {
+    let advice = "start the same program on every rank";
+    let expected = "records as this program sends them";
+    Error::invalid("ranks", "message", expected, "others", advice)
 }
 
 fn share(count: usize, size: usize, rank: usize) -> Range<usize> {

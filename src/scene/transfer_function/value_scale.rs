@@ -85,22 +85,33 @@ impl ValueScale {
     /// The positions of values. What a logarithm has no place for counts as the least value above 0: beside its
     /// neighbours nothing else is finite.
     pub fn positions(self, values: Values) -> Values {
-        if self == Self::Linear {
-            return values;
-        }
-        let count = values.len();
-        let lowest = match self {
-            Self::Log => (0..count)
+        let lowest = self.lowest(&values);
+        self.positions_from(values, lowest)
+    }
+
+    /// The least value above 0, on a scale that has a place for no other.
+    pub(crate) fn lowest(self, values: &Values) -> f32 {
+        match self {
+            Self::Log => (0..values.len())
                 .map(|i| values.get(i))
                 .filter(|v| *v > 0.0)
                 .fold(f32::INFINITY, f32::min),
             _ => f32::NEG_INFINITY,
-        };
+        }
+    }
+
+    /// The positions of some values.
+    ///
+    /// - `lowest`: [`Self::lowest`] of all.
+    pub(crate) fn positions_from(self, values: Values, lowest: f32) -> Values {
+        if self == Self::Linear {
+            return values;
+        }
         let position = |i: usize| {
             let value = values.get(i);
             self.position(if value < lowest { lowest } else { value })
         };
-        Values::F32((0..count).map(position).collect())
+        Values::F32((0..values.len()).map(position).collect())
     }
 }
 

@@ -58,6 +58,38 @@ impl ValueSample {
         Self::new(values, volume, Surroundings::Included, &[])
     }
 
+    /// Of a lattice or a grid whose values lie in several places, each of which stands for a cube of `spacing`.
+    ///
+    /// - `values`: those of [`ValueSample::picked`], in any order.
+    /// - `count`: of all values.
+    #[cfg(feature = "cli")]
+    pub(crate) fn of_picked(values: Vec<f32>, count: usize, spacing: f64) -> Self {
+        let stands_for = count as f64 / picked(count).len().max(1) as f64;
+        let volume = spacing.powi(3);
+        let is_sound = volume > 0.0 && volume.is_finite();
+        let values = values.into_iter().filter(|v| v.is_finite() && is_sound);
+        let mut samples: Vec<Sample> = values
+            .map(|value| Sample {
+                value,
+                volume: volume * stands_for,
+                count: stands_for,
+                lengths: [0.0; 3],
+            })
+            .collect();
+        samples.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
+        Self {
+            samples,
+            surroundings: Surroundings::Included,
+            has_lengths: false,
+        }
+    }
+
+    /// Which of so many values are looked at.
+    #[cfg(feature = "cli")]
+    pub(crate) fn picked(count: usize) -> Vec<usize> {
+        picked(count)
+    }
+
     /// Of cells or particles, around which there is nothing.
     ///
     /// - `volumes`: what each value stands for \[length³\]; if empty, all the same.

@@ -1,0 +1,301 @@
+//! Blocks of a lattice whose planes several have: the same bricks and levels of detail as of all of them in one place.
+//! Each keeps the values of its own planes and of some beside, which bricks' neighbours are asked for; everybody knows what
+//! bounds all bricks, and has the coarser grids, whose values are a sixty-fourth of the lattice's.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::super::brick::BrickGrid;
+use super::super::build::family;
+use super::super::density::densities;
+use super::super::merge::{
+    CubeMoments, LONGEST_COPIED, LongCube, PlaceSums, WholeCube, adopted, is_large, levels_of,
+};
+use super::super::room::Sparse;
+use super::super::{Block, BlockedParticles, BlockedVolume, SceneOptions, runs_in_turn};
+use super::planes::{Held, PlaneRuns};
+use super::{Peers, SharedVolume, strange};
+use crate::constants::BRICK;
+use crate::error::Result;
+use crate::scene::{Lattice, Particles, PointVolume, Requirements, Shared, StrengthIn, ValuesIn};
+
+/// A lattice in blocks, and its levels of detail.
+///
+/// - `volume`: what all of it is, without values.
+/// - `held`: the planes that [`PlaneRuns::wanted`] says.
+/// - `first`: which of a scene's volumes it is.
+///
+/// # Errors
+/// Somebody who is gone.
+pub(crate) fn build_lattice_together(
+    volume: PointVolume,
+    held: Held,
+    dealt: &PlaneRuns,
+    options: &SceneOptions,
+    first: usize,
+    peers: &mut dyn Peers,
+) -> Result<SharedVolume> {
+    let requirements = Requirements {
+        values: held.values.type_name(),
+        ..Requirements::of(&volume)
+    };
+    let Particles::Lattice {
+        lattice,
+        kernel_width,
+    } = volume.particles
+    else {
+        return Err(strange());
+    };
+    let is_sharp = volume.boundary.is_some();
+    let grid = match is_sharp {
+        true => BrickGrid::with_faces(&lattice, kernel_width),
+        false => BrickGrid::new(lattice.clone(), kernel_width),
+    };
+    let (rank, size) = (peers.rank(), peers.size());
+    let planes = grid.dims()[2];
+    let runs = |rank| dealt.runs(planes, rank);
+    let values = peers.agree(widened(held, &lattice, &grid, is_sharp, runs(rank)))?;
+    let bricks = |run: &Range<usize>| {
+        let [x, y, _] = grid.bricks();
+        let layer =
+            |plane: usize| u32::try_from(x * y * plane.div_ceil(BRICK[2])).unwrap_or(u32::MAX);
+        layer(run.start)..layer(run.end)
+    };
+    let is_classified = matches!(volume.strength, StrengthIn::Classified { .. });
+    let of_run = |run: Range<usize>| grid.blocks_of(bricks(&run), Some(&values), is_classified, 0);
+    let own: Vec<Block> = runs(rank).flat_map(of_run).collect();
+    let parts = peers.gather_records(Ok(&own))?;
+    let count: usize = grid.bricks().iter().product();
+    let mut blocks = vec![None; count];
+    for (rank, part) in parts.into_iter().enumerate() {
+        let places = runs(rank).flat_map(|run| bricks(&run));
+        for (place, block) in places.zip(part) {
+            blocks[place as usize] = Some(block);
+        }
+    }
+    let blocks: Option<Vec<Block>> = blocks.into_iter().collect();
+    let own_bricks: Vec<Range<u32>> = runs(rank).map(|run| bricks(&run)).collect();
+    let not_finite = runs(rank).map(|run| {
+        let [x, y, _] = grid.dims();
+        not_finite_count(&values, run.start * x * y..run.end * x * y)
+    });
+    let not_finite = peers.sums(vec![not_finite.sum()])?;
+    let is_merged = options.level_of_detail && is_large(&grid) && not_finite == [0];
+    let mut base = BlockedVolume {
+        blocks: blocks.ok_or_else(strange)?,
+        particles: BlockedParticles::Lattice(Box::new(grid)),
+        strength: volume.strength.shared(),
+        colour: volume.colour.shared(),
+        values: Some(values),
+        transfer_function: volume.transfer_function,
+        normals: None,
+        boundary: None,
+        indices: None,
+        local_models: None,
+        lobes: None,
+        merged: None,
+    };
+    let levels = match &base.values {
+        Some(values) if is_merged => {
+            let mut extents = None;
+            let levels = levels_of(&base, &mut |cells, cube| {
+                let extents = extents.get_or_insert_with(|| cells.axis_extents());
+                let making = Making {
+                    cells,
+                    values,
+                    extents,
+                    dealt,
+                };
+                match cube <= LONGEST_COPIED {
+                    true => making.short(cube, options, peers),
+                    false => making.long(cube, peers),
+                }
+            })?;
+            adopted(&mut base, levels)
+        }
+        _ => Vec::new(),
+    };
+    let visible = base.visible_boxes();
+    let family = family(base, levels);
+    let mut own = vec![own_bricks];
+    for (level, volume) in family.iter().enumerate().skip(1) {
+        own.push(runs_in_turn(volume.blocks.len(), size, rank, first + level));
+    }
+    Ok(SharedVolume {
+        densities: family.iter().map(densities).collect(),
+        family,
+        own,
+        visible,
+        requirements,
+    })
+}
+
+fn not_finite_count(values: &ValuesIn<Shared>, run: Range<usize>) -> u64 {
+    match values {
+        ValuesIn::F32(v) => v[run].iter().filter(|v| !v.is_finite()).count() as u64,
+        _ => 0,
+    }
+}
+
+/// The values of planes, with their ghosts where there are any, in the order of the whole lattice: those of no run, and
+/// of none beside a run, take no memory.
+fn widened(
+    held: Held,
+    lattice: &Lattice,
+    grid: &BrickGrid,
+    has_ghosts: bool,
+    runs: impl Iterator<Item = Range<usize>>,
+) -> Result<ValuesIn<Shared>> {
+    let [x, y, planes] = grid.dims();
+    let mut all = Sparse::new(x * y * planes, &held.values)?;
+    let beside = |run: Range<usize>| run.start.saturating_sub(2)..(run.end + 2).min(planes);
+    let [columns, rows, _] = lattice.dims;
+    let samples = columns * rows;
+    let mut end = 0;
+    for run in runs.map(beside) {
+        // What lies beside the run before is there.
+        for plane in run.start.max(end)..run.end {
+            let at = x * y * plane;
+            if has_ghosts {
+                let pairs = lattice.ghost_sources_of(plane);
+                // Both lie in planes that are here.
+                let place = |i: usize| {
+                    let plane = held.place(i / samples).unwrap_or(0);
+                    plane * samples + i % samples
+                };
+                let pairs = pairs.map(|pair| pair.map(place));
+                all.put(at, &held.values.extrapolated(pairs));
+            } else {
+                let first = held.place(plane).unwrap_or(0) * samples;
+                all.put(at, &held.values.part(first..first + samples));
+            }
+        }
+        end = run.end;
+    }
+    drop(held);
+    all.finish()
+}
+
+/// A level of detail in the making.
+struct Making<'a> {
+    cells: &'a BrickGrid,
+    /// With those beside this one's planes.
+    values: &'a ValuesIn<Shared>,
+    /// [`BrickGrid::axis_extents`]
+    extents: &'a [Vec<f64>; 3],
+    dealt: &'a PlaneRuns,
+}
+
+impl Making<'_> {
+    fn runs(&self, rank: usize) -> impl Iterator<Item = Range<usize>> {
+        self.dealt.runs(self.cells.dims()[2], rank)
+    }
+
+    /// Cubes that lie in one run each.
+    fn short(
+        &self,
+        cube: usize,
+        options: &SceneOptions,
+        peers: &mut dyn Peers,
+    ) -> Result<CubeMoments> {
+        let [columns, rows, slices] = self.cells.dims().map(|n| n.div_ceil(cube));
+        let lines = |run: Range<usize>| {
+            rows * (run.start / cube)..rows * run.end.div_ceil(cube).min(slices)
+        };
+        let own = self.runs(peers.rank()).map(|run| {
+            let (cells, values, extents) = (self.cells, self.values, self.extents);
+            let task = options.task.as_ref();
+            CubeMoments::of_lines(cells, values, extents, cube, lines(run), task)
+        });
+        let own = own.map(|part| Ok(part?.interleaved()));
+        let own: Result<Vec<Vec<f32>>> = own.collect();
+        let own = peers.agree(own)?.concat();
+        let parts = peers.gather_records(Ok(&own))?;
+        let mut runs: Vec<(Range<usize>, &[f32])> = Vec::new();
+        for (rank, part) in parts.iter().enumerate() {
+            let mut rest = part.as_slice();
+            for run in self.runs(rank).map(lines) {
+                let own = rest.split_off(..3 * columns * run.len());
+                runs.push((run, own.ok_or_else(strange)?));
+            }
+        }
+        runs.sort_unstable_by_key(|(run, _)| run.start);
+        let mut all = CubeMoments::default();
+        for (_, own) in runs {
+            all.extend(own);
+        }
+        Ok(all)
+    }
+
+    /// Cubes that several have slices of.
+    fn long(&self, cube: usize, peers: &mut dyn Peers) -> Result<CubeMoments> {
+        let dims = self.cells.dims();
+        let [columns, rows, layers] = dims.map(|n| n.div_ceil(cube));
+        let range = |at: usize, a: usize| at * cube..((at + 1) * cube).min(dims[a]);
+        let mut all = CubeMoments::default();
+        for layer in 0..layers {
+            let slices = range(layer, 2);
+            let cubes: Vec<LongCube<'_>> = (0..columns * rows)
+                .map(|n| LongCube {
+                    cells: self.cells,
+                    values: self.values,
+                    extents: self.extents,
+                    columns: range(n % columns, 0),
+                    rows: range(n / columns, 1),
+                })
+                .collect();
+            let of_rank = |rank: usize| {
+                let runs = self.runs(rank);
+                let meet = |run: Range<usize>| run.start.max(slices.start)..run.end.min(slices.end);
+                runs.flat_map(meet).collect::<Vec<usize>>()
+            };
+            let own = of_rank(peers.rank());
+            let first: Vec<f64> = match own.contains(&slices.start) {
+                true => cubes.iter().map(|cube| cube.first(slices.start)).collect(),
+                false => Vec::new(),
+            };
+            let firsts = peers.gather_records(Ok(&first))?.concat();
+            if firsts.len() != cubes.len() {
+                return Err(strange());
+            }
+            let sums = own.par_iter().flat_map_iter(|&k| {
+                let of_cube = move |(cube, first): (&LongCube<'_>, &f64)| cube.sums(k, *first);
+                cubes.iter().zip(&firsts).map(of_cube)
+            });
+            let sums: Vec<[f64; 3]> = sums.collect();
+            let parts = peers.gather_records(Ok(&sums))?;
+            let mut of_slices = vec![vec![[0.0; 3]; slices.len()]; cubes.len()];
+            for (rank, part) in parts.iter().enumerate() {
+                for (k, sums) in of_rank(rank).iter().zip(part.chunks_exact(cubes.len())) {
+                    for (of_cube, sums) in of_slices.iter_mut().zip(sums) {
+                        of_cube[k - slices.start] = *sums;
+                    }
+                }
+            }
+            let whole: Vec<WholeCube> = firsts
+                .iter()
+                .zip(&of_slices)
+                .map(|(first, sums)| WholeCube::of(*first, sums))
+                .collect();
+            let places: Vec<PlaceSums> = cubes
+                .par_iter()
+                .zip(&whole)
+                .map(|(cube, whole)| {
+                    let of_slice = |&k: &usize| *cube.places(k, whole).sums();
+                    let places = own.iter().map(of_slice);
+                    let all = places.fold(whole.no_places(), |all, own| all.with(&own));
+                    *all.sums()
+                })
+                .collect();
+            // Whole numbers: the order says nothing.
+            let places = peers.reduce(Ok(places), |sum, own| {
+                sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+            })?;
+            for (whole, places) in whole.iter().zip(&places) {
+                all.extend(&whole.moments(&whole.no_places().with(places)));
+            }
+        }
+        Ok(all)
+    }
+}

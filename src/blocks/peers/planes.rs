@@ -1,0 +1,279 @@
+//! Which planes of a lattice (of constant k, the slowest index) each of several has, and how they get there.
+
+use std::ops::Range;
+
+use bytemuck::Pod;
+
+use super::Peers;
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// Planes that lie together: the longest cubes of levels of detail that are made of copies of their cells, and whole
+/// bricks.
+const LAYER: usize = 32;
+
+/// Runs of planes that each has, about: a view of a part of a lattice then meets planes of many.
+const RUNS: usize = 4;
+
+/// Planes beside a run that are asked for: two rings around bricks, and one more where ghosts shift the lattice.
+const BESIDE: usize = 3;
+
+/// Bytes that travel to one at a time.
+const PARCEL: usize = 1 << 26;
+
+/// How the planes of a lattice are dealt out: runs in turn. Planes count from the first ghost, where there are ghosts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlaneRuns {
+    /// The lattice's own planes.
+    planes: usize,
+    /// Planes of a run.
+    len: usize,
+    size: usize,
+}
+
+impl PlaneRuns {
+    /// - `planes`: of the lattice's own samples.
+    /// - `size`: among how many they are dealt out.
+    pub(crate) fn new(planes: usize, size: usize) -> Self {
+        let layers = planes / (LAYER * RUNS * size);
+        Self {
+            planes,
+            len: LAYER * layers.max(1),
+            size,
+        }
+    }
+
+    /// The runs of one, of `planes` with ghosts or without; ascending.
+    pub(super) fn runs(&self, planes: usize, rank: usize) -> impl Iterator<Item = Range<usize>> {
+        let len = self.len;
+        let first = (rank * len..planes).step_by(self.size * len);
+        first.map(move |first| first..(first + len).min(planes))
+    }
+
+    /// The lattice's own planes that one asks for, with ghosts or without: those of its runs and beside them.
+    pub(crate) fn wanted(&self, rank: usize) -> Vec<Range<usize>> {
+        let runs = self.runs(self.planes + 2, rank);
+        let mut wanted: Vec<Range<usize>> = Vec::new();
+        for run in runs {
+            let own = run.start.saturating_sub(BESIDE)..(run.end + BESIDE - 1).min(self.planes);
+            match wanted.last_mut() {
+                Some(last) if last.end >= own.start => last.end = own.end,
+                _ => wanted.push(own),
+            }
+        }
+        wanted
+    }
+
+    /// The lattice's own planes that one alone looks at, which are among those that it asks for; those of all are all
+    /// planes.
+    #[cfg(feature = "cli")]
+    pub(crate) fn own(&self, rank: usize) -> impl Iterator<Item = Range<usize>> {
+        self.runs(self.planes, rank)
+    }
+}
+
+/// Planes of a lattice: their values, one run after another.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Held {
+    /// Ascending or not.
+    pub(crate) runs: Vec<Range<usize>>,
+    pub(crate) values: Values,
+}
+
+impl Held {
+    /// Adds a run of planes.
+    #[cfg(feature = "cli")]
+    pub(crate) fn push(&mut self, run: Range<usize>, values: Values) {
+        if self.runs.is_empty() {
+            self.values = values;
+        } else {
+            self.values.append(values);
+        }
+        self.runs.push(run);
+    }
+
+    /// How many planes lie before each run.
+    fn starts(&self) -> impl Iterator<Item = (usize, &Range<usize>)> {
+        self.runs.iter().scan(0, |before, run| {
+            let start = *before;
+            *before += run.len();
+            Some((start, run))
+        })
+    }
+
+    /// Where a plane lies among those that are here.
+    pub(crate) fn place(&self, plane: usize) -> Option<usize> {
+        let mut runs = self.starts();
+        let (start, run) = runs.find(|(_, run)| run.contains(&plane))?;
+        Some(start + plane - run.start)
+    }
+
+    /// The planes that each asks for, of those that all have together.
+    ///
+    /// - `samples`: of a plane.
+    /// - `held`: the runs of all, by rank: this one's are here.
+    /// - `wanted`: the runs that all ask for, by rank.
+    ///
+    /// # Errors
+    /// A plane that nobody has; somebody who is gone.
+    pub(crate) fn collected(
+        self,
+        samples: usize,
+        held: &[Vec<Range<usize>>],
+        wanted: &[Vec<Range<usize>>],
+        peers: &mut dyn Peers,
+    ) -> Result<Self> {
+        if held == wanted {
+            return Ok(self);
+        }
+        let traffic = Traffic { held, wanted };
+        traffic.check()?;
+        let rank = peers.rank();
+        let values = match &self.values {
+            Values::U8(v) => Values::U8(traffic.collect(&self, v, samples, peers)?),
+            Values::I16(v) => Values::I16(traffic.collect(&self, v, samples, peers)?),
+            Values::U16(v) => Values::U16(traffic.collect(&self, v, samples, peers)?),
+            Values::F32(v) => Values::F32(traffic.collect(&self, v, samples, peers)?),
+        };
+        Ok(Self {
+            runs: wanted[rank].clone(),
+            values,
+        })
+    }
+}
+
+/// What all have and ask for.
+struct Traffic<'a> {
+    held: &'a [Vec<Range<usize>>],
+    wanted: &'a [Vec<Range<usize>>],
+}
+
+fn has(runs: &[Range<usize>], plane: usize) -> bool {
+    runs.iter().any(|run| run.contains(&plane))
+}
+
+impl Traffic<'_> {
+    /// One past the last plane that anybody asks for.
+    fn end(&self) -> usize {
+        let ends = self.wanted.iter().flatten().map(|run| run.end);
+        ends.max().unwrap_or(0)
+    }
+
+    /// Who gives somebody a plane: itself, or the first who has it.
+    fn source(&self, to: usize, plane: usize) -> Option<usize> {
+        if has(&self.held[to], plane) {
+            return Some(to);
+        }
+        self.held.iter().position(|runs| has(runs, plane))
+    }
+
+    fn check(&self) -> Result<()> {
+        let is_missing = |plane: &usize| !self.held.iter().any(|runs| has(runs, *plane));
+        let planes = self.wanted.iter().flatten().flat_map(Clone::clone);
+        let missing = planes.into_iter().find(is_missing);
+        missing.map_or(Ok(()), |plane| {
+            let advice = "give every plane to a rank";
+            let expected = "all planes of a lattice";
+            let found = format!("no rank that has plane {plane}");
+            Err(Error::invalid(
+                "scene",
+                "shares of ranks",
+                expected,
+                found,
+                advice,
+            ))
+        })
+    }
+
+    /// The planes that this one asks for, one run after another.
+    fn collect<T: Pod>(
+        &self,
+        own: &Held,
+        values: &[T],
+        samples: usize,
+        peers: &mut dyn Peers,
+    ) -> Result<Vec<T>> {
+        let (rank, size) = (peers.rank(), peers.size());
+        let plane_of = |plane: usize| {
+            let place = own.place(plane).unwrap_or(0);
+            &values[place * samples..(place + 1) * samples]
+        };
+        let count: usize = self.wanted[rank].iter().map(Range::len).sum();
+        let mut all = vec![T::zeroed(); count * samples];
+        let targets = Held {
+            runs: self.wanted[rank].clone(),
+            values: Values::U8(Vec::new()),
+        };
+        let mut put = |plane: usize, own: &[T]| {
+            for (start, run) in targets.starts() {
+                if run.contains(&plane) {
+                    let at = (start + plane - run.start) * samples;
+                    all[at..at + samples].copy_from_slice(own);
+                }
+            }
+        };
+        let step = (PARCEL / (samples * size_of::<T>()).max(1)).max(1);
+        for first in (0..self.end()).step_by(step) {
+            let planes = || first..first + step;
+            let goes = |to: usize, plane: usize| {
+                to != rank && has(&self.wanted[to], plane) && self.source(to, plane) == Some(rank)
+            };
+            let part = |to: usize| -> Vec<T> {
+                let planes = planes().filter(|plane| goes(to, *plane));
+                planes
+                    .flat_map(|plane| plane_of(plane).iter().copied())
+                    .collect()
+            };
+            let arrived = peers.exchange_records(Ok((0..size).map(part).collect()))?;
+            let mut taken = vec![0; size];
+            for plane in planes().filter(|plane| has(&self.wanted[rank], *plane)) {
+                let Some(from) = self.source(rank, plane) else {
+                    continue;
+                };
+                if from == rank {
+                    put(plane, plane_of(plane));
+                    continue;
+                }
+                let at = taken[from];
+                taken[from] += samples;
+                match arrived[from].get(at..at + samples) {
+                    Some(own) => put(plane, own),
+                    None => return Err(super::strange()),
+                }
+            }
+        }
+        Ok(all)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_all_are_all_planes_and_what_is_asked_for_holds_their_neighbours() {
+        for (planes, size) in [(1, 1), (5, 3), (33, 2), (400, 3), (1000, 7), (9000, 16)] {
+            let dealt = PlaneRuns::new(planes, size);
+            for ghosts in [0, 2] {
+                let mut owned = vec![0; planes + ghosts];
+                for rank in 0..size {
+                    let wanted = dealt.wanted(rank);
+                    assert!(wanted.windows(2).all(|w| w[0].end < w[1].start));
+                    for run in dealt.runs(planes + ghosts, rank) {
+                        assert!(run.start.is_multiple_of(LAYER));
+                        for plane in run.clone() {
+                            owned[plane] += 1;
+                        }
+                        // Its own and two beside, where these are the lattice's own.
+                        let first = (run.start + ghosts / 2).saturating_sub(2 + ghosts);
+                        let end = (run.end + 2 - ghosts / 2).min(planes);
+                        for plane in first..end {
+                            assert!(has(&wanted, plane), "{plane} of {planes}, {size}");
+                        }
+                    }
+                }
+                assert!(owned.iter().all(|&n| n == 1));
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! What ranks share of inputs: each reads a part where these can be read apart, and what cannot the first reads for all.
+
+use std::ops::Range;
+
+use indicatif::ProgressBar;
+
+use super::input::DataOptions;
+use super::prepared::is_prepared;
+use super::progress::note;
+use super::scene::Scene;
+use super::source::Input;
+use crate::distributed::{Ranks, read_planes, read_together, scatter};
+use crate::io::Planes;
+use crate::prepared::{About, PointFile};
+use crate::sample::{SampleOptions, SampleReport};
+use crate::{Error, Result};
+
+/// A scene of which this rank has a share.
+pub(crate) struct Shared {
+    /// Which planes of lattices are here: [`Share::planes`](crate::distributed::Share::planes).
+    pub(crate) planes: Option<Vec<Vec<Range<usize>>>>,
+}
+
+/// What all ranks hear of a file that they are about to read together.
+enum Together {
+    Points(PointFile),
+    Planes(Box<Planes>),
+}
+
+impl DataOptions {
+    /// A scene that ranks share; `None` beside it where every rank has the whole: of prepared scenes.
+    ///
+    /// - `takes_planes`: whether the planes of a lattice may come apart.
+    /// - `read`: reads the whole.
+    /// - `check`: refuses what the options are not for.
+    ///
+    /// # Errors
+    /// What reading or checking says, on any rank.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "what a picture says of how its inputs are read"
+    )]
+    pub(crate) fn shared(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        progress: &ProgressBar,
+        ranks: &mut Ranks,
+        takes_planes: bool,
+        read: impl FnOnce() -> Result<Scene>,
+        check: impl FnOnce(Scene) -> Result<Scene>,
+    ) -> Result<(Scene, Option<Shared>)> {
+        if inputs.iter().any(|input| is_prepared(&input.path)) {
+            return Ok((read()?, None));
+        }
+        let together = match inputs {
+            [input] => self.together(input, options, takes_planes),
+            _ => Ok(None),
+        };
+        let Some(together) = ranks.agree(together)? else {
+            return self.of_first(inputs, options, ranks, read);
+        };
+        let say =
+            |line: &String| progress.suspend(|| note!("{}: {line}", inputs[0].path.display()));
+        progress.set_message(format!("reading {}", inputs[0].path.display()));
+        let (scene, planes) = match together {
+            Together::Points(mut file) => {
+                file.notes().iter().for_each(say);
+                let share = read_together(&mut file, ranks)?;
+                let warnings = file.report().map_or(Vec::new(), SampleReport::warnings);
+                warnings.iter().for_each(say);
+                let mut scene = Scene::of_stream(&file);
+                scene.volumes = share.volumes;
+                (scene, share.planes)
+            }
+            Together::Planes(file) => {
+                file.notes().iter().for_each(say);
+                let (share, report) = read_planes(&file, options, ranks)?;
+                report.warnings().iter().for_each(say);
+                (
+                    Scene::of_planes(&file, share.volumes, &report)?,
+                    share.planes,
+                )
+            }
+        };
+        Ok((check(scene)?, Some(Shared { planes })))
+    }
+
+    /// A file that ranks read together: a stream of many points, or a large lattice whose planes lie apart.
+    fn together(
+        &self,
+        input: &Input,
+        options: &SampleOptions,
+        takes_planes: bool,
+    ) -> Result<Option<Together>> {
+        if let Some(file) = self.stream(input, options)? {
+            return Ok(Some(Together::Points(file)));
+        }
+        let planes = match takes_planes {
+            true => self.planes(input, options)?,
+            false => None,
+        };
+        Ok(planes.map(|file| Together::Planes(Box::new(file))))
+    }
+
+    /// What the first rank reads for all: its volumes, and on others the same without particles.
+    fn of_first(
+        &self,
+        inputs: &[Input],
+        options: &SampleOptions,
+        ranks: &mut Ranks,
+        read: impl FnOnce() -> Result<Scene>,
+    ) -> Result<(Scene, Option<Shared>)> {
+        let own = match ranks.rank() {
+            0 => read().map(Some),
+            _ => Ok(None),
+        };
+        let mut own_scene = None;
+        let told = own.map(|own| {
+            own_scene = own;
+            let about = own_scene.as_ref();
+            about.map(|scene| {
+                // Finite numbers and words.
+                serde_json::to_vec(&scene.about(inputs, options.for_columns)).unwrap_or_default()
+            })
+        });
+        let about = ranks.of_first(told)?;
+        let volumes = own_scene
+            .as_mut()
+            .map(|own| std::mem::take(&mut own.volumes));
+        let share = scatter(volumes, ranks)?;
+        let mut scene = match own_scene {
+            Some(own) => own,
+            None => {
+                let about: About = serde_json::from_slice(&about).map_err(|e| {
+                    let advice = "start the same program on every rank";
+                    let expected = "what this program knows of its inputs";
+                    Error::invalid("ranks", "message", expected, e.to_string(), advice)
+                })?;
+                Scene::of_about(about)
+            }
+        };
+        scene.volumes = share.volumes;
+        let planes = share.planes;
+        Ok((scene, Some(Shared { planes })))
+    }
+}

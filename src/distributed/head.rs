@@ -1,0 +1,166 @@
+//! What volumes have besides their particles, as the first rank tells it to others.
+
+use serde::{Deserialize, Serialize};
+
+use super::message;
+use crate::error::{Error, Result};
+use crate::prepared::about::{self, BatchHead, Function, Grid};
+use crate::scene::{
+    Boundary, BoundaryPlanes, Colour, LocalModels, Particles, PointVolume, Strength,
+    TransferFunction, Values,
+};
+
+/// All that a volume has besides its particles.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Head {
+    function: Option<Function>,
+    lattice: Option<Grid>,
+    columns: BatchHead,
+    has_boundary: bool,
+}
+
+impl Head {
+    pub(super) fn of(volume: &PointVolume) -> Self {
+        let (particles, lattice) = match &volume.particles {
+            Particles::Lattice {
+                lattice,
+                kernel_width,
+            } => {
+                let grid = Grid::of(lattice, *kernel_width, None);
+                (about::Particles::Lattice { cube: 1 }, Some(grid))
+            }
+            Particles::Isotropic { .. } => (about::Particles::Isotropic, None),
+            Particles::Anisotropic { .. } => (about::Particles::Anisotropic, None),
+            Particles::Surfels { is_one_sided, .. } => {
+                let is_one_sided = *is_one_sided;
+                (about::Particles::Surfels { is_one_sided }, None)
+            }
+        };
+        Self {
+            function: volume.transfer_function.as_ref().map(Function::of),
+            lattice,
+            columns: BatchHead {
+                particles,
+                strength: match volume.strength {
+                    Strength::Classified { .. } => about::Strength::Classified,
+                    Strength::Mass(_) => about::Strength::Mass,
+                    Strength::PeakOpacity {
+                        is_anti_aliased, ..
+                    } => about::Strength::PeakOpacity { is_anti_aliased },
+                    Strength::Surface(_) => about::Strength::Surface,
+                    Strength::Translucent(_) => about::Strength::Translucent,
+                },
+                colour: match volume.colour {
+                    Colour::Classified => about::Colour::Classified,
+                    Colour::PerParticle(_) => about::Colour::PerParticle,
+                    Colour::Uniform(colour) => about::Colour::Uniform(colour),
+                    Colour::Harmonics { degree, .. } => about::Colour::Harmonics { degree },
+                },
+                values: volume.values.as_ref().map(|values| match values {
+                    Values::U8(_) => about::Values::U8,
+                    Values::I16(_) => about::Values::I16,
+                    Values::U16(_) => about::Values::U16,
+                    Values::F32(_) => about::Values::F32,
+                }),
+                local_model_scales: volume.local_models.as_ref().map(|models| models.scales()),
+                has_normals: volume.normals.is_some(),
+                has_indices: false,
+                has_planes: matches!(volume.boundary, Some(Boundary::Planes(_))),
+            },
+            has_boundary: volume.boundary.is_some(),
+        }
+    }
+
+    /// The volume without particles; a lattice without values.
+    ///
+    /// # Errors
+    /// What no rank of this program says.
+    pub(super) fn volume(&self) -> Result<PointVolume> {
+        let columns = &self.columns;
+        let particles = match (columns.particles, &self.lattice) {
+            (about::Particles::Lattice { .. }, Some(grid)) => Particles::Lattice {
+                lattice: grid.lattice(),
+                kernel_width: grid.kernel_width,
+            },
+            (about::Particles::Lattice { .. }, None) => return Err(message::unknown("no lattice")),
+            (about::Particles::Isotropic, _) => Particles::Isotropic {
+                positions: Vec::new(),
+                sigmas: Vec::new(),
+            },
+            (about::Particles::Anisotropic, _) => Particles::Anisotropic {
+                positions: Vec::new(),
+                factors: Vec::new(),
+            },
+            (about::Particles::Surfels { is_one_sided }, _) => Particles::Surfels {
+                positions: Vec::new(),
+                tangents: Vec::new(),
+                is_one_sided,
+            },
+        };
+        let function = self.function.as_ref().map(|function| {
+            let transfer: Option<TransferFunction> = function.transfer();
+            transfer.ok_or_else(|| message::unknown("no transfer function"))
+        });
+        Ok(PointVolume {
+            particles,
+            strength: match columns.strength {
+                about::Strength::Classified => Strength::Classified {
+                    volumes: Vec::new(),
+                },
+                about::Strength::Mass => Strength::Mass(Vec::new()),
+                about::Strength::PeakOpacity { is_anti_aliased } => Strength::PeakOpacity {
+                    opacities: Vec::new(),
+                    is_anti_aliased,
+                },
+                about::Strength::Surface => Strength::Surface(Vec::new()),
+                about::Strength::Translucent => Strength::Translucent(Vec::new()),
+            },
+            colour: match columns.colour {
+                about::Colour::Classified => Colour::Classified,
+                about::Colour::PerParticle => Colour::PerParticle(Vec::new()),
+                about::Colour::Uniform(colour) => Colour::Uniform(colour),
+                about::Colour::Harmonics { degree } => Colour::Harmonics {
+                    degree,
+                    coefficients: Vec::new(),
+                },
+            },
+            values: columns.values.map(|values| match values {
+                about::Values::U8 => Values::U8(Vec::new()),
+                about::Values::I16 => Values::I16(Vec::new()),
+                about::Values::U16 => Values::U16(Vec::new()),
+                about::Values::F32 => Values::F32(Vec::new()),
+            }),
+            transfer_function: function.transpose()?,
+            boundary: match (columns.has_planes, self.has_boundary) {
+                (true, _) => Some(Boundary::Planes(BoundaryPlanes::default())),
+                (false, true) => Some(Boundary::Lattice),
+                (false, false) => None,
+            },
+            normals: columns.has_normals.then(Vec::new),
+            local_models: columns.local_model_scales.map(|_| LocalModels::new(&[])),
+        })
+    }
+}
+
+/// Heads as bytes.
+///
+/// # Errors
+/// Lengths or colours that are no numbers.
+pub(super) fn told(heads: &[Head]) -> Result<Vec<u8>> {
+    let text = serde_json::to_vec(heads).unwrap_or_default();
+    // Numbers that are none come back as nothing.
+    match heard(&text) {
+        Ok(_) => Ok(text),
+        Err(_) => Err(Error::invalid(
+            "scene",
+            "volumes",
+            "finite numbers",
+            "others among colours or lengths",
+            "leave such volumes out",
+        )),
+    }
+}
+
+pub(super) fn heard(bytes: &[u8]) -> Result<Vec<Head>> {
+    serde_json::from_slice(bytes).map_err(|e| message::unknown(&e.to_string()))
+}
