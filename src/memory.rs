@@ -120,21 +120,28 @@ pub(crate) fn check(count: usize, each: usize) -> Result<()> {
 ///
 /// - `bytes`: what they take in memory, as a header says.
 pub(crate) fn check_room(path: &Path, place: impl Into<Place>, bytes: u64) -> Result<()> {
+    match no_room(bytes) {
+        Some([expected, found]) => Err(Error::format(
+            path,
+            place,
+            expected,
+            found,
+            "read it where there is more memory, or save a part of it",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// What is expected and what is found of numbers for which there is no room; `None` where there is.
+pub(crate) fn no_room(bytes: u64) -> Option<[String; 2]> {
     /// Of fewer the system is not asked, which takes some reading.
     const LEAST: u64 = 1 << 28;
     if bytes < LEAST {
-        return Ok(());
+        return None;
     }
-    match left() {
-        Some((left, whose)) if bytes > left => Err(Error::format(
-            path,
-            place,
-            format!("numbers that fit into {}, which {whose}", gigabytes(left)),
-            gigabytes(bytes),
-            "read it where there is more memory, or save a part of it",
-        )),
-        _ => Ok(()),
-    }
+    let (left, whose) = left().filter(|(left, _)| bytes > *left)?;
+    let expected = format!("numbers that fit into {}, which {whose}", gigabytes(left));
+    Some([expected, gigabytes(bytes)])
 }
 
 fn gigabytes(bytes: u64) -> String {
@@ -190,6 +197,7 @@ mod tests {
         let path = Path::new("a.nrrd");
         assert!(check_room(path, "header, the sizes", 1 << 20).is_ok());
         if left().is_some() {
+            assert!(no_room(1 << 20).is_none());
             let error = check_room(path, "header, the sizes", 1 << 60);
             let error = error.unwrap_err().to_string();
             assert!(

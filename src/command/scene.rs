@@ -560,7 +560,9 @@ fn check_memory(dataset: &Dataset) -> Result<()> {
         }
         // One kernel for each of either.
         Geometry::Cells(mesh) => (mesh.nodes.len().min(mesh.cell_count()), LEAST_PER_NODE),
-        Geometry::Splats(_) | Geometry::Mesh(_) => return Ok(()),
+        Geometry::Splats(splats) => (splats.positions.len(), LEAST_PER_POINT),
+        // Surfels are counted before they are spread.
+        Geometry::Mesh(_) => return Ok(()),
     };
     crate::memory::check(count, each).map_err(|e| e.in_file(&dataset.path))
 }

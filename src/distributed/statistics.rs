@@ -15,7 +15,8 @@ pub struct RankStats {
     /// Particles that it has, without merged ones.
     pub particles: u64,
     /// Bytes that it keeps of the scene: particles, levels of detail, and the blocks of all ranks. Of a prepared scene,
-    /// which is mapped, those that it may come to read.
+    /// which is mapped, those that it may come to read; of a lattice that ranks have made together the values of its own
+    /// cells (those beside its planes come on top).
     pub bytes: u64,
     /// Tiles that it draws.
     pub tiles: u64,
@@ -80,13 +81,17 @@ impl RankStats {
             let count = |i: u32| u64::from(volume.blocks[i as usize].count);
             let particles = blocks.map(count).sum::<u64>();
             let bytes = volume.bytes() as u64;
-            stats.bytes += if volume.is_mapped() {
-                let of_blocks = size_of_val(&*volume.blocks) as u64;
-                let all = volume.particle_count().max(1) as u64;
-                of_blocks + (bytes - of_blocks) / all * particles
-            } else {
-                bytes
+            let all = volume.particle_count().max(1) as u64;
+            let of_values = match &volume.values {
+                Some(values) if values.is_mapped() => all * values.bytes_per_value() as u64,
+                _ => 0,
             };
+            // Of a lattice, whose blocks do not lie one after the other, its values alone.
+            let apart = match volume.is_mapped() {
+                true => bytes - size_of_val(&*volume.blocks) as u64,
+                false => of_values,
+            };
+            stats.bytes += bytes - apart + apart / all * particles;
             if volume.merged.is_none() {
                 stats.particles += particles;
             }

@@ -36,6 +36,7 @@ use super::scalars::{
 use super::vtk_codec::Codec;
 use super::vtk_xml::{Frame, child, clip};
 use crate::error::{Error, Result};
+use crate::memory::no_room;
 use crate::scene::Values;
 
 /// Decodes the arrays of one file.
@@ -406,6 +407,9 @@ impl<'a> Decoder<'a> {
                     compressed_sum.map_or("too many".to_owned(), |n| n.to_string())
                 ),
             ));
+        }
+        if let Some([expected, found]) = no_room(size as u64) {
+            return Err(Fault::new(expected, found));
         }
         let mut bytes = Vec::new();
         for (i, &compressed_size) in compressed_sizes.iter().enumerate() {

@@ -129,6 +129,18 @@ impl<S: Storage> ValuesIn<S> {
     }
 }
 
+impl ValuesIn<Shared> {
+    /// Whether they lie in memory that is taken page by page, as it is looked at: [`Column::is_mapped`](super::Column).
+    pub(crate) fn is_mapped(&self) -> bool {
+        match self {
+            Self::U8(v) => v.is_mapped(),
+            Self::I16(v) => v.is_mapped(),
+            Self::U16(v) => v.is_mapped(),
+            Self::F32(v) => v.is_mapped(),
+        }
+    }
+}
+
 impl Values {
     /// The same as a renderer keeps them.
     pub(crate) fn shared(self) -> ValuesIn<Shared> {
@@ -149,6 +161,20 @@ impl Values {
             (Self::U16(v), Self::U16(more)) => v.extend(more),
             (Self::F32(v), Self::F32(more)) => v.extend(more),
             _ => {}
+        }
+    }
+
+    /// Leaves out all but the first, and gives their memory back.
+    pub(crate) fn truncate(&mut self, count: usize) {
+        fn cut<T>(v: &mut Vec<T>, count: usize) {
+            v.truncate(count);
+            v.shrink_to_fit();
+        }
+        match self {
+            Self::U8(v) => cut(v, count),
+            Self::I16(v) => cut(v, count),
+            Self::U16(v) => cut(v, count),
+            Self::F32(v) => cut(v, count),
         }
     }
 

@@ -11,9 +11,12 @@ mod common;
 
 mod faults;
 mod pictures;
+mod planes;
 #[cfg(feature = "prepared")]
 mod prepared;
 mod ranks;
+#[cfg(feature = "prepared")]
+mod scattered;
 mod scenes;
 mod shares;
 #[cfg(feature = "prepared")]

@@ -100,13 +100,19 @@ pub(crate) fn ellipsoids(count: usize) -> PointVolume {
 
 /// A lattice of bytes about the origin with a boundary.
 pub(crate) fn lattice(n: usize) -> PointVolume {
-    let step = 2.0 / (n - 1) as f64;
-    let lattice = Lattice::uniform([n; 3], DVec3::splat(-1.0), DVec3::splat(step));
+    box_of([n; 3])
+}
+
+/// The same of as many samples along each axis.
+pub(crate) fn box_of(dims: [usize; 3]) -> PointVolume {
+    let step = DVec3::from(dims.map(|n| 2.0 / (n - 1) as f64));
+    let lattice = Lattice::uniform(dims, DVec3::splat(-1.0), step);
+    let [x, y, _] = dims;
     let at = |i: usize| {
-        let p = lattice.position([i % n, i / n % n, i / (n * n)]);
+        let p = lattice.position([i % x, i / x % y, i / (x * y)]);
         (255.0 * (1.0 - 0.6 * p.length()).max(0.0)) as u8
     };
-    let values = Values::U8((0..n * n * n).map(at).collect());
+    let values = Values::U8((0..lattice.len()).map(at).collect());
     let opacity = |v: f32| {
         if (v - 0.6).abs() < 0.04 {
             0.9

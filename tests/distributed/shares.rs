@@ -115,6 +115,7 @@ fn shared(scene: &[PointVolume], orders: &[Vec<Vec<u32>>], rank: usize) -> Share
             own.map(|(_, of)| of[rank].iter().map(|&i| i.into()).collect())
                 .collect(),
         ),
+        planes: None,
     }
 }
 
@@ -234,11 +235,13 @@ fn shares_of_different_scenes_are_refused_by_all() {
     let twice = |_| Share {
         volumes: vec![spheres(2)],
         numbers: Some(vec![vec![4, 5]]),
+        planes: None,
     };
     refused(&twice, "two of number 4");
     let few = |rank| Share {
         volumes: vec![spheres(2)],
         numbers: Some(vec![vec![2 * rank as u64; 2 - rank / 2]]),
+        planes: None,
     };
     refused(&few, "a number for each particle");
 }

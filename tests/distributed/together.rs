@@ -61,6 +61,7 @@ fn many_particles_wherever_they_are() {
                         .map(|own| own.into_iter().map(u64::from).collect())
                         .into(),
                 ),
+                planes: None,
             };
             drawn(
                 Renderer::new(rank, share, &SceneOptions::default()).unwrap(),

@@ -138,10 +138,13 @@ fn not_finite_count(values: &ValuesIn<Shared>, run: Range<usize>) -> u64 {
     }
 }
 
+/// Bytes of planes that are given back at a time.
+const GIVEN_BACK: usize = if cfg!(test) { 1 << 14 } else { 1 << 26 };
+
 /// The values of planes, with their ghosts where there are any, in the order of the whole lattice: those of no run, and
 /// of none beside a run, take no memory.
 fn widened(
-    held: Held,
+    mut held: Held,
     lattice: &Lattice,
     grid: &BrickGrid,
     has_ghosts: bool,
@@ -150,12 +153,15 @@ fn widened(
     let [x, y, planes] = grid.dims();
     let mut all = Sparse::new(x * y * planes, &held.values)?;
     let beside = |run: Range<usize>| run.start.saturating_sub(2)..(run.end + 2).min(planes);
+    let mut needed: Vec<usize> = runs.flat_map(beside).collect();
+    needed.sort_unstable();
+    needed.dedup();
     let [columns, rows, _] = lattice.dims;
     let samples = columns * rows;
-    let mut end = 0;
-    for run in runs.map(beside) {
-        // What lies beside the run before is there.
-        for plane in run.start.max(end)..run.end {
+    let step = (GIVEN_BACK / (samples * held.values.bytes_per_value()).max(1)).max(1);
+    // The last first: what was put in its place is given back from the end on.
+    for some in needed.rchunks(step) {
+        for &plane in some {
             let at = x * y * plane;
             if has_ghosts {
                 let pairs = lattice.ghost_sources_of(plane);
@@ -171,9 +177,10 @@ fn widened(
                 all.put(at, &held.values.part(first..first + samples));
             }
         }
-        end = run.end;
+        // No later one asks for a sample's plane behind its own; the first ghosts ask for the first two.
+        let last = some.first().map_or(0, |plane| (*plane).max(1));
+        held.values.truncate(held.count_up_to(last) * samples);
     }
-    drop(held);
     all.finish()
 }
 

@@ -108,6 +108,12 @@ impl Held {
         Some(start + plane - run.start)
     }
 
+    /// How many planes are not behind one; of ascending runs.
+    pub(super) fn count_up_to(&self, plane: usize) -> usize {
+        let of_run = |run: &Range<usize>| (plane + 1).clamp(run.start, run.end) - run.start;
+        self.runs.iter().map(of_run).sum()
+    }
+
     /// The planes that each asks for, of those that all have together.
     ///
     /// - `samples`: of a plane.

@@ -7,6 +7,7 @@ use super::surface::Surface;
 use super::{MOST_SURFELS, Spread};
 use crate::error::{Error, Parameter, Place, Result};
 use crate::io::{Mesh, MeshPart};
+use crate::memory::no_room;
 use crate::view::{Camera, Projection};
 
 /// Chosen automatically, surfels lie no further apart than this share of the bounding box's
@@ -30,6 +31,9 @@ const MOST_OF_PICTURE: f64 = 1.0 / 16.0;
 
 /// Of one triangle: 4,096 pieces at most.
 const MOST_HALVINGS: u32 = 12;
+
+/// Bytes of a surfel at the least: as it is made, and as a scene has it.
+const LEAST_BYTES: u64 = 200;
 
 /// How many surfels to spread over the surface.
 pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
@@ -75,7 +79,16 @@ pub(super) fn count(surface: &Surface, spread: Spread) -> Result<usize> {
         reason = "positive and checked above"
     )]
     let count = count.round().max(1.0) as usize;
-    Ok(count)
+    match no_room(count as u64 * LEAST_BYTES) {
+        None => Ok(count),
+        Some([expected, found]) => Err(Error::invalid(
+            what,
+            "number of surfels",
+            expected,
+            format!("{found} for {count} of them"),
+            "ask for fewer surfels",
+        )),
+    }
 }
 
 /// How many pixels fall on a unit of a mesh's area, at most, on half of the pixels that it covers

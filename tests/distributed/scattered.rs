@@ -1,0 +1,148 @@
+//! Scenes that the first rank alone has.
+
+use ewa_splat::distributed::{Communicator, Renderer};
+use ewa_splat::io::{OpenOptions, open};
+use ewa_splat::sample::{BoundaryChoice, SampleOptions, scene};
+use ewa_splat::scene::{
+    Colour, Lighting, Particles, PointVolume, Strength, TransferFunction, ValueScale,
+};
+use ewa_splat::view::Camera;
+use ewa_splat::{Error, SceneOptions, Settings};
+use glam::DVec3;
+
+use crate::common::Random;
+use crate::ranks::{SIZES, alone, drawn, each};
+use crate::scenes::{ball, box_of, ellipsoids, lattice, plain, spheres};
+
+fn assert_same(whole: &[PointVolume], frames: &[(Camera, Settings)], sizes: &[usize]) {
+    let expected = alone(whole, frames);
+    assert!(whole.is_empty() || expected.iter().all(|frame| frame.shown() > 100));
+    for &size in sizes {
+        let found = each(size, |rank| {
+            let own = (rank.rank() == 0).then(|| whole.to_vec());
+            let renderer = Renderer::of_first(rank, own, &SceneOptions::default());
+            drawn(renderer.unwrap(), frames)
+        });
+        let (pictures, stats) = &found[0];
+        assert!(*pictures == expected, "{size} ranks");
+        let count = ewa_splat::Renderer::new(whole.to_vec()).unwrap();
+        let sum: u64 = stats.iter().map(|rank| rank.particles).sum();
+        assert_eq!(sum as usize, count.particle_count());
+        if size > 1 && count.particle_count() > 10_000 {
+            assert!(stats.iter().all(|rank| rank.particles > 0), "{size} ranks");
+        }
+    }
+}
+
+fn frames() -> Vec<(Camera, Settings)> {
+    let camera = |eye: DVec3, fov| Camera::perspective(eye, DVec3::ZERO, DVec3::Y, fov, [90, 70]);
+    let lit = Settings {
+        lighting: Some(Lighting::default()),
+        depth: true,
+        normals: true,
+        ..Settings::default()
+    };
+    vec![
+        (camera(DVec3::new(0.5, 1.0, -4.0), 40.0), lit),
+        (camera(DVec3::X * 120.0, 2.0), Settings::default()),
+    ]
+}
+
+/// Splats of a radiance field, with colours that depend on the side.
+fn splats(count: usize) -> PointVolume {
+    let mut random = Random::new(5);
+    let positions: Vec<DVec3> = (0..count).map(|_| random.point(1.0)).collect();
+    let factors = (0..count).map(|_| crate::common::lower_factor(&random.factor(0.05, 3.0)));
+    let factors: Vec<[f32; 6]> = factors.collect();
+    let mut some = |count: usize, low, high| -> Vec<f32> {
+        (0..count).map(|_| random.range(low, high) as f32).collect()
+    };
+    let (coefficients, opacities) = (some(12 * count, -0.4, 0.8), some(count, 0.1, 0.9));
+    plain(
+        Particles::Anisotropic { positions, factors },
+        Strength::PeakOpacity {
+            opacities,
+            is_anti_aliased: true,
+        },
+        Colour::Harmonics {
+            degree: 1,
+            coefficients,
+        },
+    )
+}
+
+#[test]
+fn whatever_one_rank_has_all_draw() {
+    // Lattices that say more than values, of which every rank gets all.
+    let mut lit = lattice(12);
+    let directions = (0..12 * 12 * 12).map(|i| DVec3::new(1.0, f64::from(i), 0.5));
+    lit.normals = Some(directions.map(ewa_splat::math::normal_code).collect());
+    let mut weighed = box_of([9, 8, 7]);
+    weighed.strength = Strength::Mass((0..9 * 8 * 7).map(|i| 1e-4 * i as f32).collect());
+    weighed.colour = Colour::PerParticle(vec![[0.2, 0.9, 0.4]; 9 * 8 * 7]);
+    let scene = [
+        spheres(4000),
+        ellipsoids(1500),
+        ball(900, 0.6),
+        lattice(12),
+        lit,
+        weighed,
+        splats(300),
+    ];
+    assert_same(&scene, &frames(), &SIZES);
+    assert_same(&[], &frames()[..0], &[3]);
+}
+
+#[test]
+fn many_particles_and_cells_are_dealt_out() {
+    assert_same(&[spheres(600_000), box_of([64, 66, 200])], &frames(), &[2]);
+}
+
+/// What grids become: ellipsoids with local models, planes of their boundary and ghosts; functions on any scale.
+#[test]
+fn grids_and_functions_travel_to_the_last_bit() {
+    let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    let options = SampleOptions {
+        boundary: BoundaryChoice::Sharp,
+        ..SampleOptions::default()
+    };
+    let data = open(&fixtures.join("wake.xyz"), &OpenOptions::default()).unwrap();
+    let wake = scene(data, &options).unwrap().volumes;
+    assert!(wake[0].boundary.is_some() && wake[0].local_models.is_some());
+    let boxes = ewa_splat::Renderer::new(wake.clone()).unwrap().boxes();
+    let (middle, radius) = ewa_splat::view::sphere_around(&boxes).unwrap();
+    let eye = middle + DVec3::new(0.3, 0.5, 2.5) * radius;
+    let camera = Camera::perspective(eye, middle, DVec3::Z, 40.0, [80, 60]);
+    assert_same(&wake, &[(camera, Settings::default())], &[1, 4]);
+    // A function's table is as it was, on any scale, with numbers that text has no end of.
+    for scale in [ValueScale::Log, ValueScale::Symlog { linear: 1.0 / 3.0 }] {
+        let mut volume = ellipsoids(1000);
+        let function = TransferFunction::from_curves(
+            |v| [v, 1.0 / 3.0, 0.1],
+            |v| 0.7 * v,
+            [0.1, 1.0],
+            0.1 / 3.0,
+        );
+        volume.transfer_function = Some(function.unwrap().on_scale(scale));
+        volume.local_models = None;
+        assert_same(&[volume], &frames()[..1], &[2]);
+    }
+}
+
+#[test]
+fn the_first_rank_must_have_a_scene() {
+    let found = each(3, |rank| {
+        // What others give counts nothing.
+        let own = (rank.rank() > 0).then(|| vec![spheres(10)]);
+        Renderer::of_first(rank, own, &SceneOptions::default()).map(|_| ())
+    });
+    for result in found {
+        match result {
+            Err(error @ (Error::Invalid { .. } | Error::OfRank { .. })) => {
+                let said = error.to_string();
+                assert!(said.contains("volumes on the first rank"), "{said}");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
