@@ -84,10 +84,10 @@ impl Scene {
         file: &Planes,
         volumes: Vec<PointVolume>,
         report: &SampleReport,
-    ) -> Result<Self> {
-        let head = file.head()?;
+    ) -> Self {
+        let head = file.head();
         let title = title_of(file.field(), report.unit.as_deref());
-        Ok(Self {
+        Self {
             volumes,
             prepared: Vec::new(),
             fields: vec![Some(file.field().to_owned())],
@@ -97,7 +97,7 @@ impl Scene {
             has_boundary: true,
             up: Up::of_scene([head.up()]),
             corners: head.bounds().into_iter().collect(),
-        })
+        }
     }
 
     /// Adds a prepared scene, and volumes that stand for its own.

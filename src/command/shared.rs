@@ -78,7 +78,7 @@ impl DataOptions {
                 let (share, report) = read_planes(&file, options, ranks)?;
                 report.warnings().iter().for_each(say);
                 (
-                    Scene::of_planes(&file, share.volumes, &report)?,
+                    Scene::of_planes(&file, share.volumes, &report),
                     share.planes,
                 )
             }

@@ -33,7 +33,7 @@ pub(crate) fn read_planes(
         let planes: usize = wanted.iter().map(std::ops::Range::len).sum();
         // As they are read, and in the order of the whole lattice.
         let each = 2 * held.values.bytes_per_value();
-        crate::memory::check(planes * x * y, each).map_err(|e| e.in_file(file.path()))?;
+        crate::memory::check(planes * x * y, each).map_err(|e| e.in_file(&file.head().path))?;
         for run in wanted {
             let values = file.read(run.clone())?;
             held.push(run, values);

@@ -13,13 +13,14 @@ use super::e57;
 use super::file::{HEAD, Input};
 #[cfg(feature = "netcdf")]
 use super::netcdf;
+use super::planes::{self, Find};
 use super::probe::Probe;
 use super::time_steps::{self, TimeStep};
 use super::{
     Dataset, OpenOptions, arrow, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series,
     ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d,
-    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection,
-    vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
+    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vti_planes,
+    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -46,6 +47,8 @@ pub struct Format {
     pub(super) read: fn(Input<'_>, &OpenOptions) -> Result<Dataset>,
     /// The steps of time that a file stands for, and the files or places in it where each is.
     pub(super) steps: Option<Steps>,
+    /// Finds the values of a file that can be read some planes at a time.
+    pub(super) planes: Option<Find>,
 }
 
 /// Reads the steps of time of a file.
@@ -140,6 +143,7 @@ const PLAIN: Format = Format {
     resembles: |_| false,
     read: |input, _| npy::read(input),
     steps: None,
+    planes: None,
 };
 
 /// The formats that are read, in the order in which they are looked for.
@@ -200,7 +204,8 @@ static FORMATS: &[Format] = &[
         reads: "all types of numbers in either byte order; raw, text, hex, gzip, bzip2; numbers in other files, a list or a \
                 pattern of them. See [Images with headers](#images-with-headers)",
         begins: |p| p.head.starts_with(nrrd::MAGIC),
-        read: |input, _| nrrd::read(input),
+        read: |input, _| nrrd::image(input)?.read(input),
+        planes: Some(|input, _| planes::of_image(input, nrrd::image)),
         ..PLAIN
     },
     Format {
@@ -220,7 +225,8 @@ static FORMATS: &[Format] = &[
         reads: "all types of numbers in either byte order, compressed or not, with channels; numbers in other files, a \
                 list or a pattern of them",
         begins: |p| meta_image::looks_like(p.head),
-        read: |input, _| meta_image::read(input),
+        read: |input, _| meta_image::image(input)?.read(input),
+        planes: Some(|input, _| planes::of_image(input, meta_image::image)),
         ..PLAIN
     },
     // Before TIFF, which the bytes before it may begin as, so that either kind of program shows the picture.
@@ -260,6 +266,9 @@ static FORMATS: &[Format] = &[
             is_analyze || p.ends_in(&["img"]) && nifti::header_beside(p.input).is_some()
         },
         read: |input, _| nifti::read(input),
+        planes: Some(|input, _| {
+            nifti::with_header(input, |input| planes::of_image(input, nifti::image))
+        }),
         ..PLAIN
     },
     Format {
@@ -300,6 +309,7 @@ static FORMATS: &[Format] = &[
                 each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
+        planes: Some(|input, _| vti_planes::find(input)),
         ..PLAIN
     },
     Format {
@@ -594,6 +604,7 @@ static FORMATS: &[Format] = &[
         reads: "`--dims X,Y,Z --type u8,i16,u16,f32 --endian little,big --spacing --origin`; x fastest",
         is_named: |p| p.options.raw.is_some(),
         read: |input, options| raw::read(input, options.raw.as_ref()),
+        planes: Some(|input, options| planes::of_raw(input, options.raw.as_ref())),
         ..PLAIN
     },
     Format {

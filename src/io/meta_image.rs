@@ -24,11 +24,10 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::image_header::{DAMAGED, Header};
 use super::scalars::{Encoding, ScalarType};
-use super::voxels::{self, Numbers, Packing, Skip, Source};
+use super::voxels::{self, Image, Numbers, Packing, Skip, Source};
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 
@@ -47,11 +46,11 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
     })
 }
 
-/// Reads a volume, or an image as a layer.
+/// Reads the header of a volume, or of an image as a layer.
 ///
 /// # Errors
-/// A header that breaks the format's rules, or numbers that are not as it says.
-pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+/// One that breaks the format's rules.
+pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
     let header = parse(path, &head)?;
@@ -113,16 +112,21 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         (_, true) => Packing::Zlib,
         _ => Packing::Raw,
     };
-    let (components, more) = voxels::read(input, &source, packing, skip(&header)?, &numbers)?;
-    notes.extend(more);
+    let skip = skip(&header)?;
 
     let (origin, steps) = placement(&header, axis_count)?;
     let place = "header, `ElementSpacing`, `TransformMatrix` and `Offset`";
     let lattice = voxels::lattice(path, place, dims, origin, &steps)?;
-    let field = voxels::field("value", components, None);
-    Ok(Dataset {
+    Ok(Image {
+        format: "MetaImage",
+        lattice,
+        numbers,
+        source,
+        packing,
+        skip,
+        field: "value",
+        unit: None,
         notes,
-        ..Dataset::new(path, "MetaImage", Geometry::Lattice(lattice), vec![field])
     })
 }
 

@@ -54,7 +54,7 @@ mod obj;
 mod openfoam;
 mod particle_type;
 mod pcd;
-#[cfg(feature = "cli")]
+mod plain_numbers;
 mod planes;
 mod plot3d;
 mod plotfile;
@@ -94,6 +94,7 @@ mod unit;
 mod up;
 mod voxels;
 mod vti;
+mod vti_planes;
 mod vtk_amr;
 mod vtk_array;
 mod vtk_codec;

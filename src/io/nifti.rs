@@ -25,11 +25,11 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DQuat, DVec3};
 
-use super::dataset::{Dataset, Geometry};
+use super::dataset::Dataset;
 use super::extension;
 use super::file::{HEAD, Input};
 use super::scalars::{Encoding, ScalarType, double};
-use super::voxels::{self, GZIP, Numbers, Packing, Skip, Source};
+use super::voxels::{self, GZIP, Image, Numbers, Packing, Skip, Source};
 use crate::error::{Error, Hint, Result};
 
 /// Bytes of a header.
@@ -106,15 +106,26 @@ pub(super) fn header_beside(input: Input<'_>) -> Option<std::path::PathBuf> {
 /// An Analyze 7.5 header, one that breaks the format's rules, a type that is not read, or fewer numbers than the header
 /// says.
 pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+    with_header(input, |input| image(input)?.read(input))
+}
+
+/// Does the work on the file that begins with the header: this one, or the one beside it where that stands alone.
+pub(super) fn with_header<T>(
+    input: Input<'_>,
+    work: impl FnOnce(Input<'_>) -> Result<T>,
+) -> Result<T> {
     let (head, _) = input.head(HEAD)?;
     match header_beside(input).filter(|_| !looks_like(&head)) {
-        Some(header) => input.with_beside(&header, read_from_header),
-        None => read_from_header(input),
+        Some(header) => input.with_beside(&header, work),
+        None => work(input),
     }
 }
 
-/// As [`read`], from the file that begins with the header.
-fn read_from_header(input: Input<'_>) -> Result<Dataset> {
+/// Reads the header that a file begins with.
+///
+/// # Errors
+/// Those of [`read`] but for numbers.
+pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(HEAD)?;
     if !looks_like(&head) && looks_like_analyze(&head) {
@@ -205,17 +216,21 @@ fn read_from_header(input: Input<'_>) -> Result<Dataset> {
         bytes,
         ..Skip::default()
     };
-    let (components, more) = voxels::read(input, &source, packing, skip, &numbers)?;
-    notes.extend(more);
     let name = match beside {
         3 => "rgb",
         4 => "rgba",
         _ => "value",
     };
-    let field = voxels::field(name, components, None);
-    Ok(Dataset {
+    Ok(Image {
+        format: "NIfTI image",
+        lattice,
+        numbers,
+        source,
+        packing,
+        skip,
+        field: name,
+        unit: None,
         notes,
-        ..Dataset::new(path, "NIfTI image", Geometry::Lattice(lattice), vec![field])
     })
 }
 

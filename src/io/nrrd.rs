@@ -29,12 +29,11 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::dataset::{Dataset, Geometry};
 use super::file::Input;
 use super::image_header::{DAMAGED, Header};
 use super::scalars::{Encoding, ScalarType};
 use super::unit::cleaned;
-use super::voxels::{self, Numbers, Packing, Skip, Source};
+use super::voxels::{self, Image, Numbers, Packing, Skip, Source};
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
 
@@ -47,20 +46,19 @@ const MOST_HEADER: usize = 1 << 22;
 /// As many as the format allows.
 const MOST_AXES: usize = 16;
 
-/// Reads a volume, or an image as a layer.
-///
-/// # Errors
-/// A header that breaks the format's rules, or numbers that are not as it says.
 /// What is expected of a field of numbers, behind their count.
 const PER_AXIS: &str = "numbers, one for each axis";
 
-pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
+/// Reads the header of a volume, or of an image as a layer.
+///
+/// # Errors
+/// One that breaks the format's rules.
+pub(super) fn image(input: Input<'_>) -> Result<Image> {
     let path = input.path;
     let (head, _) = input.head(MOST_HEADER)?;
     let header = parse(path, &head)?;
     let axes = Axes::of(&header)?;
     let shape = Shape::of(&header, &axes)?;
-    let mut notes = shape.notes.clone();
 
     let scalar = scalar_type(&header)?;
     let packing = packing(&header)?;
@@ -83,8 +81,7 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
     };
     numbers.check(path)?;
     let source = source(input, &header)?;
-    let (components, more) = voxels::read(input, &source, packing, skip(&header)?, &numbers)?;
-    notes.extend(more);
+    let skip = skip(&header)?;
 
     let place = "header, the positions of the axes";
     let lattice = voxels::lattice(path, place, shape.dims, shape.origin, &shape.steps)?;
@@ -92,10 +89,16 @@ pub(super) fn read(input: Input<'_>) -> Result<Dataset> {
         let text = text.trim().trim_matches('"');
         cleaned(text)
     });
-    let field = voxels::field("value", components, unit);
-    Ok(Dataset {
-        notes,
-        ..Dataset::new(path, "NRRD image", Geometry::Lattice(lattice), vec![field])
+    Ok(Image {
+        format: "NRRD image",
+        lattice,
+        numbers,
+        source,
+        packing,
+        skip,
+        field: "value",
+        unit,
+        notes: shape.notes,
     })
 }
 

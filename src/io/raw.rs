@@ -16,6 +16,7 @@ use glam::DVec3;
 
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::file::Input;
+use super::plain_numbers::PlainNumbers;
 use super::scalars::{Encoding, ScalarType, Stride, values};
 use crate::error::{Error, Hint, Parameter, Result, SuggestedLayout};
 use crate::scene::{Lattice, Values};
@@ -74,6 +75,13 @@ impl RawLayout {
             big_endian: false,
         }
     }
+
+    fn encoding(&self) -> Encoding {
+        Encoding {
+            scalar: self.scalar.scalar(),
+            big_endian: self.big_endian,
+        }
+    }
 }
 
 /// Reads a raw volume, gzip-compressed or not. Samples lie at origin + index x spacing; the
@@ -82,34 +90,10 @@ impl RawLayout {
 /// # Errors
 /// A layout that makes no sense, or a size that differs from it.
 pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Dataset> {
-    let layout = layout.ok_or_else(|| Error::NoLayout {
-        path: input.path.to_path_buf(),
-        suggested: layout_from_name(input.path),
-    })?;
     let path = input.path;
+    let (layout, count, byte_count) = checked(path, layout)?;
     let [nx, ny, nz] = layout.dims;
     let size = layout.scalar.scalar().size();
-    let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz));
-    let byte_count = count.and_then(|n| n.checked_mul(size));
-    let (Some(count), Some(byte_count)) = (count.filter(|&n| n > 0), byte_count) else {
-        return Err(Error::format(
-            path,
-            Parameter::RawDims,
-            "three counts of at least 1 whose product fits into memory",
-            format!("{nx},{ny},{nz}"),
-            Hint::CorrectDims,
-        ));
-    };
-    let spacing_is_usable = layout.spacing.is_finite() && layout.spacing.cmpne(DVec3::ZERO).all();
-    if !spacing_is_usable || !layout.origin.is_finite() {
-        return Err(Error::format(
-            path,
-            Parameter::RawGeometry,
-            "finite numbers, and no spacing of zero",
-            format!("spacing {}, origin {}", layout.spacing, layout.origin),
-            "correct the option",
-        ));
-    }
 
     let (mut file, len) = input.open()?;
     let mut magic = [0; 2];
@@ -146,7 +130,35 @@ pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Datas
         }
         read_values(path, &mut file, layout, count, &wrong_size)?
     };
+    Ok(dataset(path, layout, numbers))
+}
 
+/// Where the numbers lie, and all else as [`read`] gives it; `None` where the size differs from the layout, as that of a
+/// gzip file does.
+///
+/// # Errors
+/// A layout that makes no sense; the file cannot be opened.
+pub(super) fn plain(
+    input: Input<'_>,
+    layout: Option<&RawLayout>,
+) -> Result<Option<(Dataset, PlainNumbers)>> {
+    let path = input.path;
+    let (layout, _, byte_count) = checked(path, layout)?;
+    let (_, len) = input.open()?;
+    if len != byte_count as u64 {
+        return Ok(None);
+    }
+    let plain = PlainNumbers {
+        path: path.to_path_buf(),
+        start: 0,
+        encoding: layout.encoding(),
+        scale: None,
+    };
+    let head = dataset(path, layout, plain.no_values());
+    Ok(Some((head, plain)))
+}
+
+fn dataset(path: &Path, layout: &RawLayout, numbers: Values) -> Dataset {
     let lattice = Lattice::uniform(layout.dims, layout.origin, layout.spacing);
     let field = Field {
         name: "value".to_owned(),
@@ -155,7 +167,42 @@ pub(crate) fn read(input: Input<'_>, layout: Option<&RawLayout>) -> Result<Datas
         unit: None,
     };
     let geometry = Geometry::Lattice(lattice);
-    Ok(Dataset::new(path, "raw volume", geometry, vec![field]))
+    Dataset::new(path, "raw volume", geometry, vec![field])
+}
+
+/// A layout that makes sense, how many numbers it has, and how many bytes they are.
+fn checked<'l>(
+    path: &Path,
+    layout: Option<&'l RawLayout>,
+) -> Result<(&'l RawLayout, usize, usize)> {
+    let layout = layout.ok_or_else(|| Error::NoLayout {
+        path: path.to_path_buf(),
+        suggested: layout_from_name(path),
+    })?;
+    let [nx, ny, nz] = layout.dims;
+    let size = layout.scalar.scalar().size();
+    let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz));
+    let byte_count = count.and_then(|n| n.checked_mul(size));
+    let (Some(count), Some(byte_count)) = (count.filter(|&n| n > 0), byte_count) else {
+        return Err(Error::format(
+            path,
+            Parameter::RawDims,
+            "three counts of at least 1 whose product fits into memory",
+            format!("{nx},{ny},{nz}"),
+            Hint::CorrectDims,
+        ));
+    };
+    let spacing_is_usable = layout.spacing.is_finite() && layout.spacing.cmpne(DVec3::ZERO).all();
+    if !spacing_is_usable || !layout.origin.is_finite() {
+        return Err(Error::format(
+            path,
+            Parameter::RawGeometry,
+            "finite numbers, and no spacing of zero",
+            format!("spacing {}, origin {}", layout.spacing, layout.origin),
+            "correct the option",
+        ));
+    }
+    Ok((layout, count, byte_count))
 }
 
 /// Reads exactly `count` numbers, by chunks, so that no second copy of the file is held.
@@ -168,10 +215,7 @@ fn read_values(
 ) -> Result<Values> {
     /// A multiple of every scalar's size.
     const CHUNK: usize = 1 << 18;
-    let encoding = Encoding {
-        scalar: layout.scalar.scalar(),
-        big_endian: layout.big_endian,
-    };
+    let encoding = layout.encoding();
     let size = encoding.scalar.size();
     let failed = |e| Error::io(path, "reading the values", e, "check the file and the disk");
     let mut all = match layout.scalar {

@@ -13,8 +13,9 @@ use bzip2::read::MultiBzDecoder;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
 use glam::{DMat3, DVec3};
 
-use super::dataset::{Association, Field, FieldSource};
+use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::file::Input;
+use super::plain_numbers::PlainNumbers;
 use super::raw::DEFLATE_RATIO;
 use super::scalars::{Encoding, Stride, doubles, narrow, values};
 use super::vtk_array::parsed_text;
@@ -112,11 +113,103 @@ impl Numbers {
     }
 }
 
+/// All that the header of an image says.
+pub(super) struct Image {
+    /// The format's name, for people.
+    pub(super) format: &'static str,
+    pub(super) lattice: Lattice,
+    pub(super) numbers: Numbers,
+    pub(super) source: Source,
+    pub(super) packing: Packing,
+    pub(super) skip: Skip,
+    /// The name of its field.
+    pub(super) field: &'static str,
+    pub(super) unit: Option<String>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Image {
+    /// Reads the numbers.
+    ///
+    /// # Errors
+    /// Files that are not there or named twice, numbers that are not of the type, fewer than the header says.
+    pub(super) fn read(mut self, input: Input<'_>) -> Result<Dataset> {
+        let (components, more) = read(input, &self.source, self.packing, self.skip, &self.numbers)?;
+        self.notes.extend(more);
+        Ok(self.into_dataset(input.path, components))
+    }
+
+    fn into_dataset(self, path: &Path, components: Vec<Values>) -> Dataset {
+        let field = field(self.field, components, self.unit);
+        let geometry = Geometry::Lattice(self.lattice);
+        Dataset {
+            notes: self.notes,
+            ..Dataset::new(path, self.format, geometry, vec![field])
+        }
+    }
+
+    /// Where the numbers lie, and all else as [`Self::read`] gives it; `None` where they are packed, are several of a
+    /// sample or in several files, or are fewer than the header says.
+    ///
+    /// # Errors
+    /// The file cannot be opened.
+    pub(super) fn plain(mut self, input: Input<'_>) -> Result<Option<(Dataset, PlainNumbers)>> {
+        let numbers = &self.numbers;
+        let (_, wanted) = numbers.check(input.path)?;
+        let volumes = numbers.volumes.div_ceil(numbers.volume_step.max(1));
+        if self.packing != Packing::Raw || self.skip.lines > 0 || numbers.beside * volumes != 1 {
+            return Ok(None);
+        }
+        let (path, start, len) = match &self.source {
+            Source::Attached(start) => (input.path, *start, input.open()?.1),
+            Source::Beside(files) => match files.as_slice() {
+                [file] => match input.len_beside(file) {
+                    Some(len) => (file.as_path(), 0, len),
+                    None => return Ok(None),
+                },
+                _ => return Ok(None),
+            },
+        };
+        let start = match self.skip.to_the_end {
+            true => len.checked_sub(wanted).filter(|first| *first >= start),
+            false => start.checked_add(self.skip.bytes),
+        };
+        let end = start.and_then(|start| start.checked_add(wanted));
+        let (Some(start), Some(end)) = (start, end.filter(|end| *end <= len)) else {
+            return Ok(None);
+        };
+        let plain = PlainNumbers {
+            path: path.to_path_buf(),
+            start,
+            encoding: numbers.encoding,
+            scale: numbers.scale,
+        };
+        // Volumes that are left out are not looked behind.
+        if end < len && numbers.volume_step <= 1 {
+            self.notes.push(excess(path));
+        }
+        let values = plain.no_values();
+        Ok(Some((self.into_dataset(input.path, vec![values]), plain)))
+    }
+}
+
+/// The numbers of one component, scaled; they lie within `bytes`.
+pub(super) fn scaled(
+    bytes: &[u8],
+    encoding: Encoding,
+    stride: Stride,
+    scale: Option<[f64; 2]>,
+) -> Values {
+    let values = match scale {
+        None => values(bytes, encoding, stride),
+        Some([factor, summand]) => doubles(bytes, encoding, stride)
+            .map(|x| Values::F32(x.iter().map(|x| narrow(factor * x + summand)).collect())),
+    };
+    values.unwrap_or(Values::U8(Vec::new()))
+}
+
 /// Reads all numbers: one [`Values`] for each component, and notes.
-///
-/// # Errors
-/// Files that are not there or named twice, numbers that are not of the type, fewer than the header says.
-pub(super) fn read(
+fn read(
     input: Input<'_>,
     source: &Source,
     packing: Packing,
@@ -448,10 +541,14 @@ impl<'a> Part<'a> {
         }
         let mut beyond = [0];
         let is_longer = matches!(self.bytes.read(&mut beyond), Ok(n) if n > 0);
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        is_longer
-            .then(|| format!("bytes of {name} beyond those that the header names are left out"))
+        is_longer.then(|| excess(path))
     }
+}
+
+/// What is said of a file with more bytes than its header names.
+fn excess(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    format!("bytes of {name} beyond those that the header names are left out")
 }
 
 /// Reads and forgets so many bytes, or all there are.
@@ -611,13 +708,7 @@ pub(super) fn gather(path: &Path, source: &mut dyn Read, numbers: &Numbers) -> R
                     step: sample,
                     count: samples,
                 };
-                let more = match scale {
-                    None => values(&chunk, encoding, stride),
-                    Some([factor, summand]) => doubles(&chunk, encoding, stride).map(|x| {
-                        Values::F32(x.iter().map(|x| narrow(factor * x + summand)).collect())
-                    }),
-                };
-                append(all, more.unwrap_or(Values::U8(Vec::new())));
+                append(all, scaled(&chunk, encoding, stride, scale));
             }
             left -= samples;
         }

@@ -27,27 +27,32 @@ use super::vtk_xml::numbers;
 use crate::error::{Error, Result};
 use crate::scene::{Lattice, LatticeSpacing};
 
+/// The format's name, for people.
+pub(super) const FORMAT: &str = "VTK image data";
+
 /// Reads an image.
 ///
 /// # Errors
 /// Not an image, damaged arrays, or pieces that do not make up the whole.
 pub(crate) fn read(input: Input<'_>) -> Result<Dataset> {
     let path = input.path;
-    let head = |path: &Path, image: Node<'_, '_>| {
-        let whole = Extent::whole(path, image)?;
-        let lattice = Placement::of(path, image)?.lattice(path, &whole)?;
-        Ok((whole, lattice))
-    };
     let ((whole, lattice), parts) =
-        vtk_pieces::read(input, "ImageData", head, |(whole, _), piece| {
+        vtk_pieces::read(input, "ImageData", shape, |(whole, _), piece| {
             Part::read(whole, piece)
         })?;
     let (fields, notes) = join(path, &whole, parts)?;
     let geometry = Geometry::Lattice(lattice);
     Ok(Dataset {
         notes,
-        ..Dataset::new(path, "VTK image data", geometry, fields)
+        ..Dataset::new(path, FORMAT, geometry, fields)
     })
+}
+
+/// The nodes of an image, and where they lie.
+pub(super) fn shape(path: &Path, image: Node<'_, '_>) -> Result<(Extent, Lattice)> {
+    let whole = Extent::whole(path, image)?;
+    let lattice = Placement::of(path, image)?.lattice(path, &whole)?;
+    Ok((whole, lattice))
 }
 
 /// How an image says where its nodes lie.

@@ -74,6 +74,53 @@ impl Array {
     }
 }
 
+/// An array of numbers that an element declares.
+#[derive(Debug)]
+pub(super) struct Declared<'d> {
+    node: Node<'d, 'd>,
+    pub(super) name: String,
+    scalar: ScalarType,
+}
+
+impl Declared<'_> {
+    /// Numbers of a tuple; `None` where that is damaged.
+    pub(super) fn component_count(&self) -> Option<usize> {
+        component_count(self.node).ok()
+    }
+
+    /// None of a component's numbers, in the type that they are read as.
+    pub(super) fn no_values(&self) -> Values {
+        let encoding = Encoding {
+            scalar: self.scalar,
+            big_endian: false,
+        };
+        let stride = Stride {
+            first: 0,
+            step: self.scalar.size(),
+            count: 0,
+        };
+        values(&[], encoding, stride).unwrap_or(Values::U8(Vec::new()))
+    }
+}
+
+/// The arrays of numbers that an element declares; those of text or bits are left out.
+///
+/// - `tag`: how the elements of arrays are named: `DataArray`, and `PDataArray` in an index.
+pub(super) fn declared<'d>(element: Node<'d, 'd>, tag: &str) -> Vec<Declared<'d>> {
+    let mut all = Vec::new();
+    for node in element.children().filter(|n| n.has_tag_name(tag)) {
+        let Some(scalar) = node.attribute("type").and_then(scalar_type) else {
+            continue;
+        };
+        let name = match node.attribute("Name") {
+            Some(name) => name.to_owned(),
+            None => format!("array {}", all.len() + 1),
+        };
+        all.push(Declared { node, name, scalar });
+    }
+    all
+}
+
 /// Why an array cannot be decoded: what was expected, found, and what to do.
 struct Fault(String, String, &'static str);
 
@@ -156,19 +203,46 @@ impl<'a> Decoder<'a> {
     /// Decodes all numeric arrays of a `PointData` or `CellData` element, each of `count`
     /// tuples. Arrays of text or bits are left out.
     pub(crate) fn arrays(&self, element: Node<'_, '_>, count: usize) -> Result<Vec<Array>> {
-        let mut arrays = Vec::new();
-        for node in element.children().filter(|n| n.has_tag_name("DataArray")) {
-            let Some(scalar) = node.attribute("type").and_then(scalar_type) else {
-                continue;
-            };
-            let name = match node.attribute("Name") {
-                Some(name) => name.to_owned(),
-                None => format!("array {}", arrays.len() + 1),
-            };
-            let components = self.named(node, &name, || self.values(node, scalar, count))?;
-            arrays.push(Array { name, components });
+        let declared = declared(element, "DataArray").into_iter();
+        declared.map(|array| self.array(array, count)).collect()
+    }
+
+    /// Decodes an array of `count` tuples.
+    pub(super) fn array(&self, declared: Declared<'_>, count: usize) -> Result<Array> {
+        let Declared { node, name, scalar } = declared;
+        let components = self.named(node, &name, || self.values(node, scalar, count))?;
+        Ok(Array { name, components })
+    }
+
+    /// Where in the appended bytes an array of one component is that lies there as it is, and how it is to be read: a
+    /// word with the number of its bytes, then these. `None` of all others.
+    pub(super) fn plain(&self, declared: &Declared<'_>) -> Option<(u64, Encoding)> {
+        let node = declared.node;
+        let is_plain = self.codec.is_none()
+            && matches!(self.appended, Some((_, false)))
+            && node.attribute("format") == Some("appended")
+            && declared.component_count() == Some(1);
+        let offset = node.attribute("offset")?.trim().parse().ok();
+        let encoding = Encoding {
+            scalar: declared.scalar,
+            big_endian: self.big_endian,
+        };
+        offset.filter(|_| is_plain).map(|offset| (offset, encoding))
+    }
+
+    /// Bytes of a header word.
+    pub(super) fn word_size(&self) -> usize {
+        self.word_size
+    }
+
+    /// A header word.
+    pub(super) fn word(&self, bytes: &[u8]) -> u64 {
+        let fold = |n: u64, &b: &u8| n << 8 | u64::from(b);
+        if self.big_endian {
+            bytes.iter().fold(0, fold)
+        } else {
+            bytes.iter().rev().fold(0, fold)
         }
-        Ok(arrays)
     }
 
     /// Decodes an array of `count` positions, in double precision.
@@ -448,15 +522,8 @@ impl<'a> Decoder<'a> {
             .checked_mul(self.word_size)
             .ok_or_else(|| Fault::new("a header within the file", format!("{count} words")))?;
         let bytes = source.take(size)?;
-        let word = |chunk: &[u8]| {
-            let fold = |n: u64, &b: &u8| n << 8 | u64::from(b);
-            if self.big_endian {
-                chunk.iter().fold(0, fold)
-            } else {
-                chunk.iter().rev().fold(0, fold)
-            }
-        };
-        Ok(bytes.chunks_exact(self.word_size).map(word).collect())
+        let words = bytes.chunks_exact(self.word_size);
+        Ok(words.map(|chunk| self.word(chunk)).collect())
     }
 }
 

@@ -16,6 +16,9 @@ use super::raw::DEFLATE_RATIO;
 /// The most bytes that one byte of an LZ4 block can stand for: a byte that lengthens a match.
 const LZ4_RATIO: u64 = 255;
 
+/// More bytes than one byte of any of these can stand for.
+pub(super) const MOST_RATIO: u64 = XZ_RATIO;
+
 /// More bytes than one byte of an .xz stream can stand for. Its shortest code for 273 bytes, the
 /// longest match, is 14 bits of probability 2017/2048 each, the extreme that an adaptive bit
 /// reaches: 0.31 bits, that is 7090 bytes to a byte.

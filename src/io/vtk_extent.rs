@@ -77,9 +77,18 @@ impl Extent {
 
     /// The extent of a piece; `None` where it is empty.
     pub(super) fn of_piece(whole: &Self, piece: Piece<'_>) -> Result<Option<Self>> {
-        let extent = match piece.node.attribute("Extent") {
+        Self::of_element(whole, piece.path, piece.node)
+    }
+
+    /// As [`Self::of_piece`], of its element.
+    pub(super) fn of_element(
+        whole: &Self,
+        path: &Path,
+        element: Node<'_, '_>,
+    ) -> Result<Option<Self>> {
+        let extent = match element.attribute("Extent") {
             None => *whole,
-            Some(_) => Self::from_numbers(numbers(piece.path, piece.node, "Extent", None)?),
+            Some(_) => Self::from_numbers(numbers(path, element, "Extent", None)?),
         };
         if extent.is_empty() {
             return Ok(None);
@@ -89,7 +98,7 @@ impl Extent {
         });
         if !inside {
             return Err(Error::format(
-                piece.path,
+                path,
                 "Piece, `Extent`",
                 format!("an extent within {:?} to {:?}", whole.first, whole.last),
                 format!("{:?} to {:?}", extent.first, extent.last),

@@ -103,7 +103,11 @@ pub(super) fn read<H, P>(
 }
 
 /// The data set's element, named as the file's `type` is.
-fn data_set<'d>(path: &Path, document: &'d Document<'_>, kind: &str) -> Result<Node<'d, 'd>> {
+pub(super) fn data_set<'d>(
+    path: &Path,
+    document: &'d Document<'_>,
+    kind: &str,
+) -> Result<Node<'d, 'd>> {
     let root = document.root_element();
     let found = root.attribute("type").unwrap_or("");
     if root.tag_name().name() != "VTKFile" || found != kind {
@@ -121,7 +125,7 @@ fn data_set<'d>(path: &Path, document: &'d Document<'_>, kind: &str) -> Result<N
     })
 }
 
-fn piece_nodes<'d, 'i>(element: Node<'d, 'i>) -> impl Iterator<Item = Node<'d, 'i>> {
+pub(super) fn piece_nodes<'d, 'i>(element: Node<'d, 'i>) -> impl Iterator<Item = Node<'d, 'i>> {
     element.children().filter(|n| n.has_tag_name("Piece"))
 }
 

@@ -67,6 +67,8 @@ pub(crate) struct Frame<'a> {
     xml: Cow<'a, str>,
     /// What follows the `_`.
     pub(super) appended: Option<&'a [u8]>,
+    /// Where in the file that begins; 0 where there is none.
+    pub(super) start: usize,
     /// Bytes of the file.
     pub(super) len: usize,
 }
@@ -87,6 +89,7 @@ impl<'a> Frame<'a> {
             path,
             xml,
             appended: None,
+            start: 0,
             len: bytes.len(),
         };
         let all = || {
@@ -123,8 +126,15 @@ impl<'a> Frame<'a> {
             path,
             xml: Cow::Owned(xml),
             appended: Some(&data[..end]),
+            start: tag_end + start,
             len: bytes.len(),
         })
+    }
+
+    /// The same of the first bytes of a file, without the appended data; `None` where those do not begin in them.
+    pub(super) fn of_head(path: &'a Path, head: &'a [u8]) -> Option<Self> {
+        let frame = Self::new(path, head).ok();
+        frame.filter(|frame| frame.appended.is_some())
     }
 
     /// Parses the XML.

@@ -1,0 +1,84 @@
+//! Numbers one after the other in a file, neither packed nor in text: any run of them is read without the others.
+
+#![cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, reason = "the program alone reads by planes")
+)]
+
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::PathBuf;
+
+use super::file::open_regular;
+use super::scalars::{Encoding, Stride};
+use super::voxels::{append, scaled};
+use crate::error::{Error, Result};
+use crate::scene::Values;
+
+/// Numbers of a file, in the order of their samples.
+#[derive(Debug, Clone)]
+pub(super) struct PlainNumbers {
+    pub(super) path: PathBuf,
+    /// Where the first one begins.
+    pub(super) start: u64,
+    pub(super) encoding: Encoding,
+    /// Factor and summand of every number.
+    pub(super) scale: Option<[f64; 2]>,
+}
+
+impl PlainNumbers {
+    /// None of them, in the type that they are read as.
+    pub(super) fn no_values(&self) -> Values {
+        converted(&[], self.encoding, 0, self.scale)
+    }
+
+    /// A run of them, which was found to lie in the file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or has become shorter.
+    pub(super) fn read(&self, run: Range<usize>) -> Result<Values> {
+        /// As many bytes are worth more than one thread.
+        const CHUNK: usize = 1 << 22;
+        let failed = |e| {
+            Error::io(
+                &self.path,
+                "reading the numbers",
+                e,
+                "check the file and the disk",
+            )
+        };
+        let size = self.encoding.scalar.size();
+        let (mut file, _) = open_regular(&self.path)?;
+        let place = self.start + run.start as u64 * size as u64;
+        file.seek(SeekFrom::Start(place)).map_err(failed)?;
+        let mut all = self.no_values();
+        match &mut all {
+            Values::U8(all) => all.reserve_exact(run.len()),
+            Values::I16(all) => all.reserve_exact(run.len()),
+            Values::U16(all) => all.reserve_exact(run.len()),
+            Values::F32(all) => all.reserve_exact(run.len()),
+        }
+        let mut all = Some(all);
+        let mut chunk = Vec::new();
+        let mut left = run.len();
+        while left > 0 {
+            let count = left.min(CHUNK / size);
+            chunk.resize(count * size, 0);
+            file.read_exact(&mut chunk).map_err(failed)?;
+            let more = converted(&chunk, self.encoding, count, self.scale);
+            append(&mut all, more);
+            left -= count;
+        }
+        Ok(all.unwrap_or_else(|| self.no_values()))
+    }
+}
+
+/// So many numbers from the start of `bytes`, which are as many at the least.
+fn converted(bytes: &[u8], encoding: Encoding, count: usize, scale: Option<[f64; 2]>) -> Values {
+    let stride = Stride {
+        first: 0,
+        step: encoding.scalar.size(),
+        count,
+    };
+    scaled(bytes, encoding, stride, scale)
+}
