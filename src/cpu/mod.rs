@@ -60,7 +60,7 @@ pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::shade;
 pub use sort::{footprint_index, sort};
-use strips::is_cut_into_strips;
+pub(crate) use strips::is_cut_into_strips;
 pub(crate) use tile::TileSums;
 pub use tile::{
     ColumnInput, ColumnSums, NormalTile, PostClassification, RasteriseSettings, Tile, bin_columns,

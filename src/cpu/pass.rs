@@ -115,7 +115,7 @@ impl CpuFrames {
     ///
     /// # Errors
     /// Cancelled.
-    pub(super) fn count_particles(
+    pub(crate) fn count_particles(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,
@@ -133,7 +133,7 @@ impl CpuFrames {
     ///
     /// # Errors
     /// Cancelled.
-    pub(super) fn make_counted(
+    pub(crate) fn make_counted(
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,

@@ -27,7 +27,7 @@ const BYTES_EACH: u64 = 256;
 
 /// Whether a pass can be drawn in strips: sums of columns are formed in parts that follow from all lists, and where
 /// nothing bounds a kernel every strip would have all.
-pub(super) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
+pub(crate) fn is_cut_into_strips(plan: &FramePlan, pass: &PassPlan) -> bool {
     plan.culls && pass.axes.accumulate != Accumulate::Column
 }
 
@@ -50,7 +50,7 @@ struct InStrip {
 
 impl CpuFrames {
     /// How many of some particles may be drawn at a time: of what memory is left half, besides what earlier frames took.
-    pub(super) fn most_particles(&self, count: usize) -> usize {
+    pub(crate) fn most_particles(&self, count: usize) -> usize {
         if count <= FEW_PARTICLES {
             return count;
         }
@@ -185,7 +185,7 @@ impl Strips<'_> {
                 report.counts.pieces += frames.terms.len();
                 frames.count_footprints(pass, frames.order.len(), report);
             }
-            Some(again) => self.count_once(frames, again, report),
+            Some(again) => frames.count_once(scene, plan, pass, again, report),
         }
         let in_a_row = (view.size[0] as usize).div_ceil(tile_size(pass));
         if columns.len() == in_a_row {
@@ -196,20 +196,31 @@ impl Strips<'_> {
         let entries = frames.list(pass, view, run, report);
         frames.draw_tiles(scene, plan, pass, view, entries, report)
     }
+}
 
-    /// Counts what blocks show that no strip above had: all that they show, in whatever strip.
-    fn count_once(&self, frames: &CpuFrames, again: &[Vec<bool>], report: &mut FrameReport) {
+impl CpuFrames {
+    /// Counts what the blocks in `self.views` show that no strip before had: all that they show, in whatever strip.
+    ///
+    /// - `again`: of each of them, whether one had.
+    pub(crate) fn count_once(
+        &self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        again: &[Vec<bool>],
+        report: &mut FrameReport,
+    ) {
         let counts = &mut report.counts;
-        let is_opaque = self.pass.axes.accumulate == Accumulate::Opaque;
-        let volumes = self.scene.volumes().iter().zip(&frames.views).zip(again);
+        let is_opaque = pass.axes.accumulate == Accumulate::Opaque;
+        let volumes = scene.volumes().iter().zip(&self.views).zip(again);
         let mut first = 0;
-        for (((volume, views), again), total) in volumes.zip(&frames.totals) {
+        for (((volume, views), again), total) in volumes.zip(&self.totals) {
             for view in views.iter().zip(again).filter(|(_, again)| !**again) {
                 let (view, _) = view;
                 let start = first + view.first as usize;
-                let own = &frames.footprints[start..start + view.count as usize];
+                let own = &self.footprints[start..start + view.count as usize];
                 counts.classified += own.len();
-                if has_pieces(self.plan, volume) {
+                if has_pieces(plan, volume) {
                     counts.pieces += own.len();
                 }
                 let mut visible = 0;
@@ -218,7 +229,7 @@ impl Strips<'_> {
                     counts.footprints_near += usize::from(is_near);
                     if footprint.is_visible() {
                         visible += 1;
-                        if self.pass.draws == Draws::Volumes {
+                        if pass.draws == Draws::Volumes {
                             counts.footprints_exact += usize::from(footprint.path == PATH_EXACT);
                         }
                     }

@@ -1,6 +1,6 @@
 //! The back end of ranks: each projects the particles it has and draws the tiles it has; the first has the picture.
 
-use std::mem::take;
+use std::mem::{replace, take};
 use std::ops::Range;
 
 use bytemuck::Zeroable;
@@ -10,10 +10,12 @@ use super::message;
 use super::ranks::Ranks;
 use super::statistics::RankStats;
 use super::tiles::{TileShares, Work};
-use crate::blocks::{AmplitudeSummary, BlockedScene, runs_in_turn};
-use crate::cpu::{CpuFrames, MOST_ENTRIES, TileSums, cut_into_bands, tile_size};
+use crate::blocks::{AmplitudeSummary, BlockedScene, Frustum, runs_in_turn};
+use crate::cpu::{
+    CpuFrames, MOST_ENTRIES, TileSums, cut_into_bands, is_cut_into_strips, tile_size,
+};
 use crate::error::Result;
-use crate::record::{BlockView, ViewUniform};
+use crate::record::{BlockView, ClassifiedBy, ViewUniform};
 use crate::render::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::render::plan::{FramePlan, PassPlan};
 use crate::splat::Accumulate;
@@ -21,6 +23,9 @@ use crate::stats::Stopwatch;
 
 /// Particles that are projected before their footprints leave, while those before travel: some 50 MB of footprints.
 const BATCH: usize = 1 << 19;
+
+/// Particles in view for each rank that are always drawn at once.
+const FEW: usize = 1 << 18;
 
 /// Frames of a scene whose particles ranks share.
 #[derive(Debug)]
@@ -33,6 +38,8 @@ pub(crate) struct RankFrames {
     stats: Vec<RankStats>,
     /// Of this rank, while a frame is drawn.
     now: RankStats,
+    /// Footprints that a rank has at a time at most.
+    most: usize,
 }
 
 /// A pass that is about to be drawn.
@@ -67,6 +74,7 @@ impl RankFrames {
             own,
             stats: Vec::new(),
             now: RankStats::default(),
+            most: usize::MAX,
         }
     }
 
@@ -137,17 +145,75 @@ impl RankFrames {
         Ok((passes, work.shares(self.ranks.size())))
     }
 
+    /// Whether a block's particles are here.
+    fn is_own(&self, volume: usize, block: u32) -> bool {
+        let runs = &self.own[volume];
+        let run = runs.partition_point(|run| run.end <= block);
+        runs.get(run).is_some_and(|run| run.contains(&block))
+    }
+
+    /// How many parts of the picture are drawn one after another, so that nobody has more footprints at a time than there
+    /// is memory for: the same for all ranks.
+    fn parts_of(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        seen: &Seen,
+        report: &mut FrameReport,
+    ) -> Result<usize> {
+        let count = |view: &BlockView| u64::from(view.count);
+        let in_view: u64 = seen.views.iter().flatten().map(count).sum();
+        let few = self.most.min(FEW) as u64 * self.ranks.size() as u64;
+        if in_view <= few || !is_cut_into_strips(plan, pass) {
+            return Ok(1);
+        }
+        // Of what is in view some may be transparent.
+        for (v, views) in seen.views.iter().enumerate() {
+            let is_own = |view: &&BlockView| self.is_own(v, view.block);
+            let own = views.iter().filter(is_own).copied().collect();
+            self.cpu.views[v] = own;
+        }
+        let visible = self.cpu.count_particles(scene, plan, pass, report);
+        let visible = self.ranks.sums(visible.map(|count| vec![count as u64]))?;
+        let visible: u64 = visible.iter().sum();
+        let each = usize::try_from(visible).unwrap_or(usize::MAX) / self.ranks.size();
+        let most = self.cpu.most_particles(each).min(self.most) as u64;
+        let most = self.ranks.gather_records(Ok(vec![most]))?;
+        let most = most.into_iter().flatten().min().unwrap_or(1).max(1);
+        // As many as tiles at the most.
+        let tiles = view_tiles(&seen.view, tile_size(pass));
+        Ok((each.div_ceil(most as usize)).clamp(1, tiles.max(1)))
+    }
+
     /// The views of this rank's blocks and their numbers among all, in batches of some particles: of each batch those
     /// of every volume.
-    fn batches(&self, scene: &BlockedScene, seen: &Seen) -> Vec<Batch> {
+    ///
+    /// - `part`: where a part of the picture is drawn, what that is.
+    fn batches(
+        &self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        seen: &Seen,
+        part: Option<&mut Part<'_>>,
+    ) -> Vec<Batch> {
         let mut batches: Vec<Batch> = Vec::new();
         let mut count = BATCH;
+        let mut part = part;
         for (v, (volume, views)) in scene.volumes().iter().zip(&seen.views).enumerate() {
             for (number, view) in (0..).zip(views) {
-                let runs = &self.own[v];
-                let run = runs.partition_point(|run| run.end <= view.block);
-                if !runs.get(run).is_some_and(|run| run.contains(&view.block)) {
+                if !self.is_own(v, view.block) {
                     continue;
+                }
+                let mut is_again = false;
+                if let Some(part) = &mut part {
+                    let block = &volume.blocks[view.block as usize];
+                    let is_spread = view.classified_by == ClassifiedBy::Extent as u32;
+                    let sees = |side: &Frustum| side.sees(&plan.camera, block, is_spread);
+                    if !part.frusta.iter().any(sees) {
+                        continue;
+                    }
+                    is_again = replace(&mut part.had[v][number as usize], true);
                 }
                 if count >= BATCH {
                     batches.push(Batch::of(seen.views.len()));
@@ -157,6 +223,7 @@ impl RankFrames {
                 if let Some(batch) = batches.last_mut() {
                     batch.views[v].push(*view);
                     batch.numbers[v].push(number);
+                    batch.again[v].push(is_again);
                 }
             }
         }
@@ -171,9 +238,11 @@ impl RankFrames {
         pass: &PassPlan,
         seen: &Seen,
         shares: &TileShares,
+        part: Option<&mut Part<'_>>,
         report: &mut FrameReport,
     ) -> Result<Projected> {
-        let mut batches = self.batches(scene, seen).into_iter();
+        let is_part = part.is_some();
+        let mut batches = self.batches(scene, plan, seen, part).into_iter();
         let counts = self.ranks.gather_records(Ok(vec![batches.len() as u64]))?;
         let rounds = counts.concat().into_iter().max().unwrap_or(0);
         let mut out = Projected::default();
@@ -186,7 +255,7 @@ impl RankFrames {
                     None => {
                         let batch = batches.next();
                         let batch = batch.unwrap_or_else(|| Batch::of(seen.views.len()));
-                        let of = (pass, &seen.view);
+                        let of = (pass, &seen.view, is_part);
                         self.parts(scene, plan, of, batch, shares, &mut out, report)
                     }
                 };
@@ -219,14 +288,19 @@ impl RankFrames {
         &mut self,
         scene: &BlockedScene,
         plan: &FramePlan,
-        (pass, view): (&PassPlan, &ViewUniform),
+        (pass, view, is_part): (&PassPlan, &ViewUniform, bool),
         batch: Batch,
         shares: &TileShares,
         out: &mut Projected,
         report: &mut FrameReport,
     ) -> Result<Vec<Vec<u8>>> {
         self.cpu.views = batch.views;
-        self.cpu.make_footprints(scene, plan, pass, view, report)?;
+        if is_part {
+            self.cpu.count_particles(scene, plan, pass, report)?;
+            self.cpu.make_counted(scene, plan, pass, view, report)?;
+        } else {
+            self.cpu.make_footprints(scene, plan, pass, view, report)?;
+        }
         let mut clock = Stopwatch::start();
         let sorting = Sorting {
             shares,
@@ -234,7 +308,11 @@ impl RankFrames {
             is_opaque: pass.axes.accumulate == Accumulate::Opaque,
         };
         let (parts, [visible, sent]) = parcels(&mut self.cpu, &batch.numbers, sorting);
-        self.cpu.count_footprints(pass, visible, report);
+        let before = report.counts.footprints;
+        match is_part {
+            true => self.cpu.count_once(scene, plan, pass, &batch.again, report),
+            false => self.cpu.count_footprints(pass, visible, report),
+        }
         out.exact_count += self.cpu.project_output.exact_count() as u64;
         out.tile_count += self.cpu.project_output.tile_count();
         if pass.axes.accumulate == Accumulate::Column {
@@ -244,7 +322,7 @@ impl RankFrames {
                 *sum += row;
             }
         }
-        self.now.footprints_made += visible as u64;
+        self.now.footprints_made += (report.counts.footprints - before) as u64;
         self.now.footprints_sent += sent as u64;
         self.now.bytes_sent += parts.iter().map(|part| part.len() as u64).sum::<u64>();
         self.now.times.sort += clock.lap();
@@ -261,7 +339,40 @@ impl RankFrames {
         shares: &TileShares,
         report: &mut FrameReport,
     ) -> Result<()> {
-        let projected = self.project(scene, plan, pass, seen, shares, report)?;
+        let parts = self.parts_of(scene, plan, pass, seen, report)?;
+        if parts == 1 {
+            return self.draw_part(scene, plan, pass, seen, shares, None, report);
+        }
+        let mut had: Vec<Vec<bool>> = seen.views.iter().map(|v| vec![false; v.len()]).collect();
+        for part in 0..parts {
+            let shares = shares.part(part, parts);
+            let boxes = shares.boxes(seen.view.size.map(|n| n as usize));
+            let of_box = |pixels| plan.frustum.of_part(&plan.camera, pixels);
+            let mut part = Part {
+                frusta: boxes.iter().map(of_box).collect(),
+                had: &mut had,
+            };
+            self.draw_part(scene, plan, pass, seen, &shares, Some(&mut part), report)?;
+        }
+        Ok(())
+    }
+
+    /// The same of some of the tiles of each rank, or of all.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a frame, a part of it, and what is counted"
+    )]
+    fn draw_part(
+        &mut self,
+        scene: &BlockedScene,
+        plan: &FramePlan,
+        pass: &PassPlan,
+        seen: &Seen,
+        shares: &TileShares,
+        part: Option<&mut Part<'_>>,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let projected = self.project(scene, plan, pass, seen, shares, part, report)?;
         let Projected {
             arrived,
             exact_count,
@@ -419,12 +530,27 @@ impl DrawFrames for RankFrames {
     }
 }
 
+fn view_tiles(view: &ViewUniform, size: usize) -> usize {
+    let [columns, rows] = view.size.map(|n| (n as usize).div_ceil(size));
+    columns * rows
+}
+
+/// A part of the picture that is drawn at a time.
+struct Part<'a> {
+    /// Around what each rank draws of it.
+    frusta: Vec<Frustum>,
+    /// Of each volume's blocks in view, whether a part before had them.
+    had: &'a mut Vec<Vec<bool>>,
+}
+
 /// Some of this rank's blocks in view.
 struct Batch {
     /// Of each volume.
     views: Vec<Vec<BlockView>>,
     /// Their numbers among all in view.
     numbers: Vec<Vec<u32>>,
+    /// Whether a part of the picture before had them already.
+    again: Vec<Vec<bool>>,
 }
 
 impl Batch {
@@ -432,6 +558,7 @@ impl Batch {
         Self {
             views: vec![Vec::new(); volumes],
             numbers: vec![Vec::new(); volumes],
+            again: vec![Vec::new(); volumes],
         }
     }
 }
@@ -445,4 +572,105 @@ struct Projected {
     exact_count: u64,
     tile_count: u64,
     rows: Vec<u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use glam::DVec3;
+
+    use super::super::ThreadRank;
+    use super::*;
+    use crate::blocks::SceneOptions;
+    use crate::image::Image;
+    use crate::render::{Composite, Settings};
+    use crate::scene::{Colour, Particles, PointVolume, Strength};
+    use crate::stats::FrameCounts;
+    use crate::view::Camera;
+
+    /// Spheres about the origin, and surfels of an opaque plane among them.
+    fn volumes() -> Vec<PointVolume> {
+        let at = |i: usize| (DVec3::new(0.754_878, 0.569_840, 0.618_034) * i as f64).fract() - 0.5;
+        let count = 12_000;
+        let places: Vec<DVec3> = (0..count).map(at).collect();
+        let sigmas: Vec<f32> = (0..count)
+            .map(|i| 0.002 + 0.02 * (i % 7) as f32 / 7.0)
+            .collect();
+        let spheres = PointVolume::spheres(places, sigmas).with_masses(vec![2e-5; count]);
+        let grid: Vec<DVec3> = (0..400)
+            .map(|i| DVec3::new((i % 20) as f64 - 9.5, (i / 20) as f64 - 9.5, 4.0) * 0.05)
+            .collect();
+        let plane = PointVolume {
+            particles: Particles::Surfels {
+                tangents: vec![[0.04, 0.0, 0.0, 0.0, 0.04, 0.0]; grid.len()],
+                positions: grid,
+                is_one_sided: false,
+            },
+            strength: Strength::Surface(vec![2.5e-3; 400]),
+            ..PointVolume::spheres([], []).with_masses([])
+        };
+        let plane = PointVolume {
+            colour: Colour::Uniform([0.2, 0.6, 0.3]),
+            ..plane
+        };
+        vec![spheres, plane]
+    }
+
+    /// The picture of some ranks, what they counted, and the most footprints that one of them received.
+    fn drawn(
+        size: usize,
+        most: usize,
+        camera: &Camera,
+        settings: &Settings,
+    ) -> (Image, FrameCounts, u64) {
+        let found = thread::scope(|scope| {
+            let ranks = ThreadRank::group(size).into_iter();
+            let draw = |own| {
+                let mut scene = BlockedScene::new(volumes(), &SceneOptions::default()).unwrap();
+                let ranks = Ranks::new(Box::new(own));
+                let mut frames = RankFrames::sharing(ranks, &mut scene).unwrap();
+                frames.most = most;
+                frames.upload(&scene).unwrap();
+                let plan = FramePlan::new(&scene, camera, settings).unwrap();
+                let mut images = Images::default();
+                let report = frames.draw(&scene, &plan, &mut images).unwrap();
+                let received = frames.stats().iter().map(|s| s.footprints_received);
+                (images.image, report.counts, received.max().unwrap_or(0))
+            };
+            let threads: Vec<_> = ranks.map(|own| scope.spawn(move || draw(own))).collect();
+            let all = threads.into_iter().map(|t| t.join().unwrap());
+            all.collect::<Vec<_>>()
+        });
+        found.into_iter().next().unwrap()
+    }
+
+    #[test]
+    fn parts_are_the_picture_to_the_last_bit_and_count_what_it_counts() {
+        let from = |z: f64| {
+            let eye = DVec3::new(0.1, -0.2, z);
+            Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 50.0, [70, 99])
+        };
+        let bits = |image: &Image| -> Vec<[u32; 4]> {
+            image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
+        };
+        // Far enough for levels of detail; near; among the particles, some of which cross the plane of the eye.
+        for camera in [from(-12.0), from(-1.4), from(-0.2)] {
+            for composite in [Composite::Over, Composite::SLABS] {
+                let settings = Settings {
+                    composite,
+                    ..Settings::default()
+                };
+                let (image, counts, received) = drawn(1, usize::MAX, &camera, &settings);
+                assert!(counts.footprints > 100 && counts.surfels > 0);
+                for (size, most) in [(1, 900), (2, 500), (3, 1), (7, 40)] {
+                    let (cut, cut_counts, in_parts) = drawn(size, most, &camera, &settings);
+                    assert_eq!(cut_counts, counts, "{size} ranks, {most}");
+                    assert!(bits(&cut) == bits(&image), "{size} ranks, {most}");
+                    // What reaches several parts comes several times.
+                    assert!(size > 1 || in_parts > received, "{in_parts} {received}");
+                }
+            }
+        }
+    }
 }

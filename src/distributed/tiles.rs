@@ -9,18 +9,21 @@ use crate::blocks::BlockedVolume;
 use crate::constants::MAX_CUTOFF;
 use crate::record::{BlockView, Footprint, ViewUniform};
 
-/// The tiles of a picture and who draws them.
+/// The tiles of a picture, or some of them, and who draws them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct TileShares {
     /// Pixels along a side of a tile.
     size: usize,
     /// Tiles in a row.
     columns: usize,
-    /// Where the tiles of each rank begin, and one past the last.
-    cuts: Vec<usize>,
-    /// Who draws each.
-    owners: Vec<u32>,
+    /// The tiles of each rank.
+    runs: Vec<Range<usize>>,
+    /// Of each tile, where those that follow it and have its owner end, and that rank; none where nobody draws them.
+    owners: Vec<(u32, u32)>,
 }
+
+/// In place of a rank: nobody.
+const NOBODY: u32 = u32::MAX;
 
 /// Work of a tile without any footprint, in evaluations of kernels at pixels: it is cleared, gathered and resolved.
 const EMPTY_TILE: f64 = 256.0;
@@ -128,21 +131,61 @@ impl Work {
 impl TileShares {
     /// - `cuts`: ascending, from 0 to the number of tiles.
     pub(super) fn new(size: usize, columns: usize, cuts: Vec<usize>) -> Self {
-        let mut owners = Vec::with_capacity(cuts.last().copied().unwrap_or(0));
-        for (rank, run) in (0..).zip(cuts.windows(2)) {
-            owners.resize(run[1].max(owners.len()), rank);
+        let tiles = cuts.last().copied().unwrap_or(0);
+        let runs = cuts.windows(2).map(|run| run[0]..run[1]).collect();
+        Self::of_runs(size, columns, tiles, runs)
+    }
+
+    /// - `runs`: of each rank; ascending.
+    fn of_runs(size: usize, columns: usize, tiles: usize, runs: Vec<Range<usize>>) -> Self {
+        let mut owners = Vec::with_capacity(tiles);
+        for (rank, run) in (0..).zip(&runs) {
+            if run.is_empty() {
+                continue;
+            }
+            let start = run.start.max(owners.len());
+            owners.resize(start, (start as u32, NOBODY));
+            owners.resize(run.end.max(start), (run.end as u32, rank));
         }
+        owners.resize(tiles.max(owners.len()), (tiles as u32, NOBODY));
         Self {
             size,
             columns,
-            cuts,
+            runs,
             owners,
         }
     }
 
+    /// One of several parts of what each rank draws, of about as many tiles.
+    pub(super) fn part(&self, part: usize, parts: usize) -> Self {
+        let of_rank = |run: &Range<usize>| {
+            let cut = |n: usize| run.start + n * run.len() / parts;
+            cut(part)..cut(part + 1)
+        };
+        let runs = self.runs.iter().map(of_rank).collect();
+        Self::of_runs(self.size, self.columns, self.owners.len(), runs)
+    }
+
+    /// Boxes of pixels, columns and rows, around the tiles of each rank that has any.
+    pub(super) fn boxes(&self, [width, height]: [usize; 2]) -> Vec<[Range<usize>; 2]> {
+        let with_tiles = self.runs.iter().filter(|run| !run.is_empty());
+        let around = with_tiles.map(|run| {
+            let rows = run.start / self.columns..(run.end - 1) / self.columns + 1;
+            let columns = match rows.len() {
+                1 => run.start % self.columns..(run.end - 1) % self.columns + 1,
+                _ => 0..self.columns,
+            };
+            let pixels = |tiles: Range<usize>, count: usize| {
+                tiles.start * self.size..(tiles.end * self.size).min(count)
+            };
+            [pixels(columns, width), pixels(rows, height)]
+        });
+        around.collect()
+    }
+
     /// The tiles of a rank.
     pub(super) fn of(&self, rank: usize) -> Range<usize> {
-        self.cuts[rank]..self.cuts[rank + 1]
+        self.runs[rank].clone()
     }
 
     /// Tiles in a row.
@@ -168,12 +211,12 @@ impl TileShares {
             let end = row * self.columns + columns.end;
             let mut tile = row * self.columns + columns.start;
             while tile < end {
-                let rank = self.owners[tile] as usize;
-                if rank >= next {
-                    each(rank);
-                    next = rank + 1;
+                let (end_of_run, owner) = self.owners[tile];
+                if owner != NOBODY && owner as usize >= next {
+                    each(owner as usize);
+                    next = owner as usize + 1;
                 }
-                tile = self.cuts[rank + 1];
+                tile = end_of_run as usize;
             }
         }
     }
@@ -205,6 +248,49 @@ mod tests {
         assert_eq!(ranks([15, 33], [31, 32]), [0, 2]);
         assert_eq!(ranks([64, 80], [10, 20]), [0, 3]);
         assert!(ranks([0, 0], [0, 0]).is_empty());
+    }
+
+    #[test]
+    fn parts_are_all_tiles_and_what_touches_none_of_one_goes_nowhere() {
+        let shares = TileShares::new(16, 5, vec![0, 7, 7, 9, 20]);
+        let mut drawn = [0; 20];
+        for part in 0..3 {
+            let some = shares.part(part, 3);
+            for rank in 0..4 {
+                let own = some.of(rank);
+                assert!(own.is_empty() || shares.of(rank).start <= own.start);
+                assert!(own.end <= shares.of(rank).end);
+                own.for_each(|tile| drawn[tile] += 1);
+            }
+            for tile in 0..20_usize {
+                let [x, y] = [tile % 5 * 16, tile / 5 * 16].map(|at| at as u32);
+                let footprint = Footprint {
+                    columns: pack_range(x + 1, x + 15),
+                    rows: pack_range(y + 1, y + 15),
+                    ..Footprint::zeroed()
+                };
+                let mut ranks = Vec::new();
+                some.for_each_rank(&footprint, |rank| ranks.push(rank));
+                let owner = (0..4).find(|&rank| some.of(rank).contains(&tile));
+                assert_eq!(ranks, owner.into_iter().collect::<Vec<_>>());
+            }
+            // Every tile lies in a box of somebody's.
+            let boxes = some.boxes([78, 60]);
+            for tile in (0..4).flat_map(|rank| some.of(rank)) {
+                let [x, y] = [tile % 5 * 16, tile / 5 * 16];
+                assert!(
+                    boxes
+                        .iter()
+                        .any(|[columns, rows]| columns.contains(&x) && rows.contains(&y))
+                );
+            }
+            assert!(
+                boxes
+                    .iter()
+                    .all(|[columns, rows]| columns.end <= 78 && rows.end <= 60)
+            );
+        }
+        assert_eq!(drawn, [1; 20]);
     }
 
     #[test]

@@ -112,6 +112,55 @@ fn run_within(folder: &Path, kilobytes: usize, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
+/// An image of 512 x 512 x 1280 zeros, packed by zlib into little.
+fn write_packed(path: &Path) {
+    use std::io::Write;
+
+    const BLOCK: usize = 1 << 25;
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+    encoder.write_all(&vec![0; BLOCK]).unwrap();
+    let block = encoder.finish().unwrap();
+    let mut bytes = b"<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" \
+        header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\"><ImageData \
+        WholeExtent=\"0 511 0 511 0 1279\"><Piece Extent=\"0 511 0 511 0 1279\"><PointData>\
+        <DataArray type=\"UInt8\" Name=\"v\" format=\"appended\" offset=\"0\"/></PointData></Piece>\
+        </ImageData><AppendedData encoding=\"raw\">_"
+        .to_vec();
+    let mut words = vec![10, BLOCK as u64, 0];
+    words.extend([block.len() as u64; 10]);
+    bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    (0..10).for_each(|_| bytes.extend(&block));
+    bytes.extend(b"</AppendedData></VTKFile>");
+    fs::write(path, bytes).unwrap();
+}
+
+/// What is made of little, and does not fit, is counted before it is made.
+#[test]
+fn packed_arrays_and_surfels_without_room_are_refused_before_they_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    write_packed(&folder.path().join("packed.vti"));
+    let vase = fixture("vase.glb");
+    let cases: [(&[&str], [&str; 2]); 2] = [
+        (
+            &["render", "packed.vti", "--backend", "cpu", "--out", "a.png"],
+            ["numbers that fit into", "found 0.34 GB"],
+        ),
+        (
+            &["convert", &vase, "--count", "20000000", "--out", "a.ply"],
+            ["numbers that fit into", "found 4.00 GB for 20000000"],
+        ),
+    ];
+    for (arguments, words) in cases {
+        let output = run_within(folder.path(), 300 << 10, arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?} {error}");
+        for word in words {
+            assert!(error.contains(word), "{error}");
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}
+
 #[test]
 fn memory_that_there_is_not_ends_in_one_line_and_in_no_file() {
     let folder = tempfile::tempdir().unwrap();
