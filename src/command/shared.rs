@@ -23,7 +23,7 @@ pub(crate) struct Shared {
 
 /// What all ranks hear of a file that they are about to read together.
 enum Together {
-    Points(PointFile),
+    Points(Box<PointFile>),
     Planes(Box<Planes>),
 }
 
@@ -94,7 +94,7 @@ impl DataOptions {
         takes_planes: bool,
     ) -> Result<Option<Together>> {
         if let Some(file) = self.stream(input, options)? {
-            return Ok(Some(Together::Points(file)));
+            return Ok(Some(Together::Points(Box::new(file))));
         }
         let planes = match takes_planes {
             true => self.planes(input, options)?,

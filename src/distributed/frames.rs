@@ -231,6 +231,10 @@ impl RankFrames {
     }
 
     /// Projects what is here of a pass and sends it, batch by batch, to those who draw it; takes what is drawn here.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a frame, a part of it, and what is counted"
+    )]
     fn project(
         &mut self,
         scene: &BlockedScene,
@@ -654,6 +658,7 @@ mod tests {
         let bits = |image: &Image| -> Vec<[u32; 4]> {
             image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
         };
+        let mut several = 0;
         // Far enough for levels of detail; near; among the particles, some of which cross the plane of the eye.
         for camera in [from(-12.0), from(-1.4), from(-0.2)] {
             for composite in [Composite::Over, Composite::SLABS] {
@@ -668,9 +673,11 @@ mod tests {
                     assert_eq!(cut_counts, counts, "{size} ranks, {most}");
                     assert!(bits(&cut) == bits(&image), "{size} ranks, {most}");
                     // What reaches several parts comes several times.
-                    assert!(size > 1 || in_parts > received, "{in_parts} {received}");
+                    assert!(size > 1 || in_parts >= received, "{in_parts} {received}");
+                    several += usize::from(size == 1 && in_parts > received);
                 }
             }
         }
+        assert!(several > 0);
     }
 }

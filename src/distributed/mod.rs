@@ -57,7 +57,7 @@ pub use mpi::MpiRank;
 #[cfg(feature = "cli")]
 pub(crate) use planes::read_planes;
 pub(crate) use ranks::Ranks;
-#[cfg(feature = "prepared")]
+#[cfg(feature = "cli")]
 pub(crate) use read::read_together;
 pub use renderer::Renderer;
 #[cfg(feature = "cli")]

@@ -210,7 +210,7 @@ impl SharedLattice {
             return Err(refused("a lattice", "points"));
         };
         let [x, y, planes] = lattice.dims;
-        let is_whole = |runs: &Vec<Range<usize>>| *runs == [0..planes];
+        let is_whole = |runs: &Vec<Range<usize>>| matches!(&**runs, [run] if *run == (0..planes));
         if !volume.is_plain_lattice() {
             return match self.held.iter().all(is_whole) {
                 true => SharedVolume::of_whole(volume, options, first, ranks),
