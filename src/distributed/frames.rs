@@ -162,8 +162,12 @@ impl RankFrames {
         seen: &Seen,
         report: &mut FrameReport,
     ) -> Result<usize> {
-        let count = |view: &BlockView| u64::from(view.count);
-        let in_view: u64 = seen.views.iter().flatten().map(count).sum();
+        let volumes = scene.volumes().iter().zip(&seen.views);
+        let in_view = volumes.flat_map(|(volume, views)| {
+            let count = |view: &BlockView| u64::from(volume.blocks[view.block as usize].count);
+            views.iter().map(count)
+        });
+        let in_view: u64 = in_view.sum();
         let few = self.most.min(FEW) as u64 * self.ranks.size() as u64;
         if in_view <= few || !is_cut_into_strips(plan, pass) {
             return Ok(1);

@@ -93,7 +93,7 @@ impl Renderer {
     }
 
     /// Of a scene that the first rank alone has, such as of a file that one reads for all: the others get their shares of
-    /// its particles. Later ranks need the memory of their share; the first that of the whole while it hands it out.
+    /// its particles, and need the memory of these; the first needs that of the whole while it hands it out.
     ///
     /// - `scene`: on the first rank the volumes; what others give counts nothing.
     ///
