@@ -352,8 +352,8 @@ impl DataOptions {
             && input.edit == Edit::default()
             && input.function.is_none()
             && input.time_step.is_none()
-            && self.scales.is_none()
-            && !self.has_types();
+            && input.particle_type.is_none()
+            && self.scales.is_none();
         let is_sampled_alone =
             options.flatten.is_none() && options.shepard_passes == 0 && !options.normals;
         if !(is_plain && is_sampled_alone) {
@@ -368,15 +368,17 @@ impl DataOptions {
             let lattice = file.lattice();
             lattice.dims.iter().all(|&n| n > 1) && lattice.len() >= STREAMED
         };
-        let Some(file) = file.filter(is_large) else {
-            return Ok(None);
-        };
-        let kind = match file.format() {
+        let kind = |file: &Planes| match file.format() {
             "raw volume" => Kind::Raw,
             _ => Kind::Grid,
         };
+        // Types of samples are a raw volume's.
+        let is_typed = |file: &Planes| !self.has_types() || kind(file) == Kind::Raw;
+        let Some(file) = file.filter(|file| is_large(file) && is_typed(file)) else {
+            return Ok(None);
+        };
         self.check_use(&Uses {
-            kinds: vec![kind],
+            kinds: vec![kind(&file)],
             is_classified: true,
             has_opacity: true,
             has_file_function: !is_automatic(options),

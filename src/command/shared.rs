@@ -50,14 +50,31 @@ impl DataOptions {
         read: impl FnOnce() -> Result<Scene>,
         check: impl FnOnce(Scene) -> Result<Scene>,
     ) -> Result<(Scene, Option<Shared>)> {
-        if inputs.iter().any(|input| is_prepared(&input.path)) {
-            return Ok((read()?, None));
-        }
+        let is_whole = inputs.iter().any(|input| is_prepared(&input.path));
         let together = match inputs {
-            [input] => self.together(input, options, takes_planes),
+            [input] if !is_whole => self.together(input, options, takes_planes),
             _ => Ok(None),
         };
-        let Some(together) = ranks.agree(together)? else {
+        let together = ranks.agree(together)?;
+        // A file may be another, or be missing, where some ranks are.
+        let found = match &together {
+            None => u64::from(is_whole),
+            Some(Together::Points(_)) => 2,
+            Some(Together::Planes(file)) => 3 + file.lattice().len() as u64,
+        };
+        if let Some(rank) = ranks.first_other(found)? {
+            let path = inputs
+                .first()
+                .map_or("inputs".into(), |own| own.path.clone());
+            let advice = "put it where every rank sees it, under one name";
+            let expected = "the same file on every rank";
+            let found = format!("another, or none, on rank {rank}");
+            return Err(Error::format(&path, "ranks", expected, found, advice));
+        }
+        if is_whole {
+            return Ok((read()?, None));
+        }
+        let Some(together) = together else {
             return self.of_first(inputs, options, ranks, read);
         };
         let say =

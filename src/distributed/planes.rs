@@ -150,3 +150,133 @@ fn shows_faces(held: &Held, dims: [usize; 3], own: &[usize], function: &Transfer
         (0..x * y).filter(on_face).any(|n| is_shown(first + n))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::super::ThreadRank;
+    use super::*;
+    use crate::io::{OpenOptions, RawLayout, RawType, open};
+    use crate::sample::{BoundaryChoice, TransferChoice, scene};
+    use crate::scene::ScaleName;
+
+    const DIMS: [usize; 3] = [20, 18, 150];
+
+    /// Bits of values, so that NaN equals itself.
+    fn bits(values: &Values, run: std::ops::Range<usize>) -> Vec<u32> {
+        run.map(|i| values.get(i).to_bits()).collect()
+    }
+
+    #[test]
+    fn planes_that_ranks_read_are_sampled_as_the_whole() {
+        let [x, y, z] = DIMS;
+        let value = |n: usize| match n {
+            777 => f32::NAN,
+            40_001 => f32::NEG_INFINITY,
+            n => {
+                let [i, j, k] = [n % x, n / x % y, n / (x * y)].map(|i| i as f32);
+                // Above and below 0, and 0 on most faces.
+                let inside = (i - 1.0).min(j - 1.0).min(18.0 - i).min(16.0 - j).max(0.0);
+                inside * (0.9 + (0.3 * i + 0.04 * k).sin()) - 0.05 * inside * (0.2 * j).cos()
+            }
+        };
+        let bytes: Vec<u8> = (0..x * y * z)
+            .flat_map(|n| value(n).to_le_bytes())
+            .collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("field.raw");
+        std::fs::write(&path, bytes).unwrap();
+        let open_options = OpenOptions {
+            raw: Some(RawLayout::new(DIMS, RawType::F32)),
+            ..OpenOptions::default()
+        };
+        let automatic = SampleOptions {
+            boundary: BoundaryChoice::Automatic,
+            scale: None,
+            ..SampleOptions::default()
+        };
+        let cases = [
+            automatic.clone(),
+            SampleOptions {
+                boundary: BoundaryChoice::Sharp,
+                scale: Some(ScaleName::Log),
+                ..automatic.clone()
+            },
+            SampleOptions {
+                transfer: TransferChoice::Named("plasma".into()),
+                range: Some([-1.0, 4.0]),
+                scale: Some(ScaleName::Symlog),
+                unit_distance: Some(0.3),
+                opacity_scale: 2.0,
+                ..automatic.clone()
+            },
+            // Shown on all faces.
+            SampleOptions {
+                transfer: TransferChoice::Text(
+                    r#"{"range": [-5, 20], "points": [{"value": -5, "color": [1, 1, 1], "opacity": 0.9},
+                        {"value": 20, "color": [1, 0, 0], "opacity": 0.9}]}"#
+                        .into(),
+                ),
+                scale: Some(ScaleName::Linear),
+                ..automatic.clone()
+            },
+            SampleOptions {
+                for_columns: true,
+                kernel_width: 0.8,
+                ..automatic
+            },
+        ];
+        let mut sharp = Vec::new();
+        for (n, options) in cases.iter().enumerate() {
+            let whole = scene(open(&path, &open_options).unwrap(), options);
+            if let Err(error) = &whole {
+                panic!("{n}: {error}");
+            }
+            let whole = whole.unwrap();
+            let expected = &whole.volumes[0];
+            sharp.push(expected.boundary.is_some());
+            for size in [1, 2, 3, 7] {
+                let found: Vec<(Share, SampleReport)> = thread::scope(|scope| {
+                    let ranks = ThreadRank::group(size).into_iter();
+                    let read = |own| {
+                        let mut ranks = Ranks::new(Box::new(own));
+                        let file = Planes::open(&path, &open_options, None).unwrap().unwrap();
+                        read_planes(&file, options, &mut ranks).unwrap()
+                    };
+                    let threads: Vec<_> = ranks.map(|own| scope.spawn(move || read(own))).collect();
+                    threads.into_iter().map(|t| t.join().unwrap()).collect()
+                });
+                let mut is_held = vec![false; z];
+                for (share, report) in found {
+                    assert_eq!(report, whole.report, "{n}, {size} ranks");
+                    let own = &share.volumes[0];
+                    let without = |volume: &PointVolume| PointVolume {
+                        values: None,
+                        ..volume.clone()
+                    };
+                    assert!(without(own) == without(expected), "{n}, {size} ranks");
+                    let (values, all) = (
+                        own.values.as_ref().unwrap(),
+                        expected.values.as_ref().unwrap(),
+                    );
+                    let mut at = 0;
+                    for run in share.planes.unwrap().concat() {
+                        let count = run.len() * x * y;
+                        let cells = run.start * x * y..run.end * x * y;
+                        assert_eq!(
+                            bits(values, at..at + count),
+                            bits(all, cells),
+                            "{n}, {size}"
+                        );
+                        at += count;
+                        run.for_each(|plane| is_held[plane] = true);
+                    }
+                    assert_eq!(at, values.len());
+                }
+                assert!(is_held.iter().all(|held| *held));
+            }
+        }
+        assert!(sharp[1] && sharp[3] && !sharp[4], "{sharp:?}");
+    }
+}

@@ -152,6 +152,16 @@ impl Ranks {
         Ok(images)
     }
 
+    /// The first rank that gives another number than the first does.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    #[cfg(feature = "cli")]
+    pub(crate) fn first_other(&mut self, own: u64) -> Result<Option<usize>> {
+        let all = self.gather_records(Ok(vec![own]))?;
+        Ok(all.iter().position(|other| *other != all[0]))
+    }
+
     /// A result of this rank, once all have one.
     ///
     /// # Errors
