@@ -13,14 +13,14 @@ use super::e57;
 use super::file::{HEAD, Input};
 #[cfg(feature = "netcdf")]
 use super::netcdf;
-use super::planes::{self, Find};
+use super::plane_source::{self, Find};
 use super::probe::Probe;
 use super::time_steps::{self, TimeStep};
 use super::{
     Dataset, OpenOptions, arrow, csv, ensight, gadget, gltf, gltf_splats, hdf5, image_series,
     ksplat, las, meta_image, nifti, npy, npz, nrrd, obj, of_folder, openfoam, pcd, plot3d,
-    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vti_planes,
-    vtk_collection, vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
+    plotfile, ply, pvd, raw, refused, sog, splat, spz, stl, tecplot, threemf, tiff, vtk_collection,
+    vtk_legacy, vtk_xml, vtk_xml_kinds, xyz, zip,
 };
 use crate::error::{Error, Hint, Result};
 
@@ -205,7 +205,7 @@ static FORMATS: &[Format] = &[
                 pattern of them. See [Images with headers](#images-with-headers)",
         begins: |p| p.head.starts_with(nrrd::MAGIC),
         read: |input, _| nrrd::image(input)?.read(input),
-        planes: Some(|input, _| planes::of_image(input, nrrd::image)),
+        planes: Some(|input, _| plane_source::of_image(input, nrrd::image)),
         ..PLAIN
     },
     Format {
@@ -226,7 +226,7 @@ static FORMATS: &[Format] = &[
                 list or a pattern of them",
         begins: |p| meta_image::looks_like(p.head),
         read: |input, _| meta_image::image(input)?.read(input),
-        planes: Some(|input, _| planes::of_image(input, meta_image::image)),
+        planes: Some(|input, _| plane_source::of_image(input, meta_image::image)),
         ..PLAIN
     },
     // Before TIFF, which the bytes before it may begin as, so that either kind of program shows the picture.
@@ -267,7 +267,7 @@ static FORMATS: &[Format] = &[
         },
         read: |input, _| nifti::read(input),
         planes: Some(|input, _| {
-            nifti::with_header(input, |input| planes::of_image(input, nifti::image))
+            nifti::with_header(input, |input| plane_source::of_image(input, nifti::image))
         }),
         ..PLAIN
     },
@@ -309,7 +309,7 @@ static FORMATS: &[Format] = &[
                 each place",
         begins: |p| vtk_xml::looks_like(p.head),
         read: |input, options| vtk_xml_kinds::read(input, options.read_as),
-        planes: Some(|input, _| vti_planes::find(input)),
+        planes: Some(|input, _| plane_source::of_vti(input)),
         ..PLAIN
     },
     Format {
@@ -604,7 +604,7 @@ static FORMATS: &[Format] = &[
         reads: "`--dims X,Y,Z --type u8,i16,u16,f32 --endian little,big --spacing --origin`; x fastest",
         is_named: |p| p.options.raw.is_some(),
         read: |input, options| raw::read(input, options.raw.as_ref()),
-        planes: Some(|input, options| planes::of_raw(input, options.raw.as_ref())),
+        planes: Some(|input, options| plane_source::of_raw(input, options.raw.as_ref())),
         ..PLAIN
     },
     Format {

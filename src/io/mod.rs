@@ -55,6 +55,7 @@ mod openfoam;
 mod particle_type;
 mod pcd;
 mod plain_numbers;
+mod plane_source;
 mod planes;
 mod plot3d;
 mod plotfile;

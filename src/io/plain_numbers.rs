@@ -10,8 +10,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::file::open_regular;
-use super::scalars::{Encoding, Stride};
-use super::voxels::{append, scaled};
+use super::scalars::{Encoding, Stride, scaled};
 use crate::error::{Error, Result};
 use crate::scene::Values;
 
@@ -58,7 +57,6 @@ impl PlainNumbers {
             Values::U16(all) => all.reserve_exact(run.len()),
             Values::F32(all) => all.reserve_exact(run.len()),
         }
-        let mut all = Some(all);
         let mut chunk = Vec::new();
         let mut left = run.len();
         while left > 0 {
@@ -66,10 +64,10 @@ impl PlainNumbers {
             chunk.resize(count * size, 0);
             file.read_exact(&mut chunk).map_err(failed)?;
             let more = converted(&chunk, self.encoding, count, self.scale);
-            append(&mut all, more);
+            all.append(more);
             left -= count;
         }
-        Ok(all.unwrap_or_else(|| self.no_values()))
+        Ok(all)
     }
 }
 

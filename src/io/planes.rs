@@ -20,10 +20,7 @@ use std::path::Path;
 use super::dataset::{Association, Dataset, FieldSource, Geometry};
 use super::file::Input;
 use super::formats::recognise;
-use super::plain_numbers::PlainNumbers;
-use super::raw::{self, RawLayout};
-use super::voxels::Image;
-use super::vti_planes::Pieces;
+use super::plane_source::Source;
 use super::{Blanking, OpenOptions, name_units, of_folder};
 use crate::error::{Error, Result};
 use crate::memory::check_room;
@@ -39,35 +36,6 @@ pub(crate) struct Planes {
     empty: Values,
     unit: Option<String>,
     source: Source,
-}
-
-/// Where values are.
-#[derive(Debug)]
-pub(super) enum Source {
-    Numbers(PlainNumbers),
-    Pieces(Pieces),
-}
-
-/// Finds the values of a file: all else that it holds, of fields of scalars with no values of their types; `None` where
-/// values cannot be read apart from one another.
-pub(super) type Find = fn(Input<'_>, &OpenOptions) -> Result<Option<(Dataset, Source)>>;
-
-/// Those of an image by its header.
-pub(super) fn of_image(
-    input: Input<'_>,
-    header: fn(Input<'_>) -> Result<Image>,
-) -> Result<Option<(Dataset, Source)>> {
-    let found = header(input)?.plain(input)?;
-    Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
-}
-
-/// Those of a raw volume.
-pub(super) fn of_raw(
-    input: Input<'_>,
-    layout: Option<&RawLayout>,
-) -> Result<Option<(Dataset, Source)>> {
-    let found = raw::plain(input, layout)?;
-    Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
 }
 
 impl Planes {
@@ -203,7 +171,7 @@ pub(super) mod tests {
 
     use glam::DVec3;
 
-    use super::super::{RawType, open};
+    use super::super::{RawLayout, RawType, open};
     use super::*;
 
     /// Type and numbers to the last bit.

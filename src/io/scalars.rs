@@ -352,6 +352,21 @@ pub(crate) fn integers<T: Copy + Default + Send>(
     }
 }
 
+/// The numbers of one component, scaled; they lie within `bytes`.
+pub(super) fn scaled(
+    bytes: &[u8],
+    encoding: Encoding,
+    stride: Stride,
+    scale: Option<[f64; 2]>,
+) -> Values {
+    let values = match scale {
+        None => values(bytes, encoding, stride),
+        Some([factor, summand]) => doubles(bytes, encoding, stride)
+            .map(|x| Values::F32(x.iter().map(|x| narrow(factor * x + summand)).collect())),
+    };
+    values.unwrap_or(Values::U8(Vec::new()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -17,7 +17,7 @@ use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::file::Input;
 use super::plain_numbers::PlainNumbers;
 use super::raw::DEFLATE_RATIO;
-use super::scalars::{Encoding, Stride, doubles, narrow, values};
+use super::scalars::{Encoding, Stride, scaled};
 use super::vtk_array::parsed_text;
 use super::vtk_xml::clip;
 use crate::error::{Error, Result};
@@ -191,21 +191,6 @@ impl Image {
         let values = plain.no_values();
         Ok(Some((self.into_dataset(input.path, vec![values]), plain)))
     }
-}
-
-/// The numbers of one component, scaled; they lie within `bytes`.
-pub(super) fn scaled(
-    bytes: &[u8],
-    encoding: Encoding,
-    stride: Stride,
-    scale: Option<[f64; 2]>,
-) -> Values {
-    let values = match scale {
-        None => values(bytes, encoding, stride),
-        Some([factor, summand]) => doubles(bytes, encoding, stride)
-            .map(|x| Values::F32(x.iter().map(|x| narrow(factor * x + summand)).collect())),
-    };
-    values.unwrap_or(Values::U8(Vec::new()))
 }
 
 /// Reads all numbers: one [`Values`] for each component, and notes.

@@ -20,7 +20,6 @@ use roxmltree::{Document, Node};
 use super::dataset::{Association, Dataset, Field, FieldSource, Geometry};
 use super::file::{HEAD, Input, open_regular, read_all};
 use super::plain_numbers::PlainNumbers;
-use super::planes::Source;
 use super::vti::{self, FORMAT};
 use super::vtk_array::{Array, Declared, Decoder, declared};
 use super::vtk_codec::MOST_RATIO;
@@ -59,14 +58,13 @@ type Kind = (String, usize, &'static str);
 ///
 /// # Errors
 /// Those of [`vti::read`] about an index, and about what a file says of the lattice.
-pub(super) fn find(input: Input<'_>) -> Result<Option<(Dataset, Source)>> {
+pub(super) fn find(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {
     let (head, _) = input.head(HEAD)?;
-    let found = match file_type(&head) {
-        Some(KIND) => find_in_file(input)?,
-        Some(INDEX) => find_in_index(input)?,
-        _ => None,
-    };
-    Ok(found.map(|(head, pieces)| (head, Source::Pieces(pieces))))
+    match file_type(&head) {
+        Some(KIND) => find_in_file(input),
+        Some(INDEX) => find_in_index(input),
+        _ => Ok(None),
+    }
 }
 
 fn find_in_file(input: Input<'_>) -> Result<Option<(Dataset, Pieces)>> {

@@ -153,7 +153,6 @@ impl Values {
     }
 
     /// Appends values of the same type; of another none.
-    #[cfg(feature = "cli")]
     pub(crate) fn append(&mut self, more: Self) {
         match (self, more) {
             (Self::U8(v), Self::U8(more)) => v.extend(more),

@@ -1,0 +1,50 @@
+//! Where values on a lattice lie that are read some planes at a time, by format.
+
+#![cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, reason = "the program alone reads by planes")
+)]
+
+use super::OpenOptions;
+use super::dataset::Dataset;
+use super::file::Input;
+use super::plain_numbers::PlainNumbers;
+use super::raw::{self, RawLayout};
+use super::voxels::Image;
+use super::vti_planes::{self, Pieces};
+use crate::error::Result;
+
+/// Where values are.
+#[derive(Debug)]
+pub(super) enum Source {
+    Numbers(PlainNumbers),
+    Pieces(Pieces),
+}
+
+/// Finds the values of a file: all else that it holds, of fields of scalars with no values of their types; `None` where
+/// values cannot be read apart from one another.
+pub(super) type Find = fn(Input<'_>, &OpenOptions) -> Result<Option<(Dataset, Source)>>;
+
+/// Those of an image by its header.
+pub(super) fn of_image(
+    input: Input<'_>,
+    header: fn(Input<'_>) -> Result<Image>,
+) -> Result<Option<(Dataset, Source)>> {
+    let found = header(input)?.plain(input)?;
+    Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
+}
+
+/// Those of a raw volume.
+pub(super) fn of_raw(
+    input: Input<'_>,
+    layout: Option<&RawLayout>,
+) -> Result<Option<(Dataset, Source)>> {
+    let found = raw::plain(input, layout)?;
+    Ok(found.map(|(head, numbers)| (head, Source::Numbers(numbers))))
+}
+
+/// Those of VTK image data.
+pub(super) fn of_vti(input: Input<'_>) -> Result<Option<(Dataset, Source)>> {
+    let found = vti_planes::find(input)?;
+    Ok(found.map(|(head, pieces)| (head, Source::Pieces(pieces))))
+}
