@@ -132,7 +132,7 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         Command::Man(arguments) => shell::man(&arguments, Arguments::command()),
     };
-    match result {
+    let code = match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if !progress::is_silent() {
@@ -140,5 +140,8 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
             }
             ExitCode::FAILURE
         }
-    }
+    };
+    #[cfg(feature = "mpi")]
+    ranks::end();
+    code
 }

@@ -1,14 +1,26 @@
 //! `ewa-splat render --mpi`: one program of many processes, the first of which writes and speaks.
 
+#[cfg(feature = "mpi")]
+use std::sync::{Mutex, PoisonError};
+
+#[cfg(feature = "mpi")]
+use mpi::environment::Universe;
+
+#[cfg(feature = "mpi")]
+use crate::distributed::MpiRank;
 use crate::distributed::Ranks;
 use crate::{Error, Image, Result};
+
+/// What ends MPI when it is dropped, which is after the last word of this process.
+#[cfg(feature = "mpi")]
+static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
 
 /// Starts MPI: from now on only the first rank says anything, and one that panics ends them all.
 #[cfg(feature = "mpi")]
 pub(crate) fn start() -> Result<Ranks> {
-    use crate::distributed::MpiRank;
-
-    let ranks = Ranks::new(Box::new(MpiRank::world()?));
+    let mut rank = MpiRank::world()?;
+    *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = rank.universe();
+    let ranks = Ranks::new(Box::new(rank));
     let rank = ranks.rank();
     if rank != 0 {
         super::progress::be_silent();
@@ -20,6 +32,19 @@ pub(crate) fn start() -> Result<Ranks> {
         MpiRank::end_all();
     }));
     Ok(ranks)
+}
+
+/// Ends MPI where it was started, once this process has said all: ranks leave together, as whoever started them ends
+/// those that are left when one of them failed.
+#[cfg(feature = "mpi")]
+pub(crate) fn end() {
+    let universe = UNIVERSE
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
+    if universe.is_some() {
+        MpiRank::wait_for_all();
+    }
 }
 
 /// Never: the command line has refused the option.

@@ -284,42 +284,12 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
     let mut ranks = arguments.mpi.then(ranks::start).transpose()?;
     let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
-    if ranks.is_some() && arguments.backend == BackendName::Gpu {
-        return Err(ranks::refuse("--backend gpu"));
+    let checked = arguments.check(is_first);
+    match &mut ranks {
+        Some(ranks) => ranks.agree(checked)?,
+        None => checked?,
     }
-    arguments.check_sequence()?;
-    let named = std::mem::take(&mut arguments.inputs);
-    arguments.inputs = arguments
-        .data
-        .inputs(named, arguments.sequence.is_series())?;
     let arguments = &*arguments;
-    let layers = [&arguments.output.depth, &arguments.output.normals];
-    for path in layers.into_iter().flatten() {
-        check_depth_path(path)?;
-    }
-    let texts = [
-        &arguments.output.stats,
-        &arguments.output.write_transfer_function,
-    ];
-    for path in texts.into_iter().flatten() {
-        check_folder(path)?;
-    }
-    let outputs = [
-        Some(&arguments.out),
-        arguments.output.depth.as_ref(),
-        arguments.output.normals.as_ref(),
-        arguments.output.stats.as_ref(),
-        arguments.output.write_transfer_function.as_ref(),
-    ];
-    check_collisions(paths(&arguments.inputs), outputs.into_iter().flatten())?;
-    if let Some(lighting) = arguments.lighting() {
-        lighting.validate()?;
-    }
-    arguments.check_legend()?;
-    arguments.annotations.check(arguments.numbers())?;
-    arguments.annotations.check_time(&arguments.inputs)?;
-    arguments.method.check()?;
-    arguments.check_show()?;
     // Hidden where standard error is no terminal.
     let progress = spinner();
 
@@ -542,6 +512,49 @@ fn in_words(error: &SampledError, asked: f32, drawn: f32) -> String {
 }
 
 impl Arguments {
+    /// Finds the inputs, and refuses what cannot be done before any of them is read.
+    ///
+    /// - `is_first`: the rank that writes: folders of outputs need not be where the others are.
+    fn check(&mut self, is_first: bool) -> Result<()> {
+        if self.mpi && self.backend == BackendName::Gpu {
+            return Err(ranks::refuse("--backend gpu"));
+        }
+        let named = std::mem::take(&mut self.inputs);
+        self.inputs = self.data.inputs(named, self.sequence.is_series())?;
+        if is_first {
+            self.check_outputs()?;
+        }
+        if let Some(lighting) = self.lighting() {
+            lighting.validate()?;
+        }
+        self.check_legend()?;
+        self.annotations.check(self.numbers())?;
+        self.annotations.check_time(&self.inputs)?;
+        self.method.check()?;
+        self.check_show()
+    }
+
+    /// Whether all that is to be written can be, beside the inputs.
+    fn check_outputs(&self) -> Result<()> {
+        self.check_sequence()?;
+        let layers = [&self.output.depth, &self.output.normals];
+        for path in layers.into_iter().flatten() {
+            check_depth_path(path)?;
+        }
+        let texts = [&self.output.stats, &self.output.write_transfer_function];
+        for path in texts.into_iter().flatten() {
+            check_folder(path)?;
+        }
+        let outputs = [
+            Some(&self.out),
+            self.output.depth.as_ref(),
+            self.output.normals.as_ref(),
+            self.output.stats.as_ref(),
+            self.output.write_transfer_function.as_ref(),
+        ];
+        check_collisions(paths(&self.inputs), outputs.into_iter().flatten())
+    }
+
     /// Whether what is written can hold what is asked for.
     fn check_sequence(&self) -> Result<()> {
         let fault = |option: &'static str, expected: &str, found: &str| {

@@ -163,6 +163,21 @@ impl MpiRank {
         })
     }
 
+    /// What ends MPI when it is dropped, where this rank started it; the rank no longer does.
+    #[cfg(feature = "cli")]
+    pub(crate) fn universe(&mut self) -> Option<Universe> {
+        self.universe.take()
+    }
+
+    /// Waits until all processes of the job are here, while MPI runs.
+    #[cfg(feature = "cli")]
+    pub(crate) fn wait_for_all() {
+        // SAFETY: the world's communicator is valid while MPI runs. An error ends the job.
+        unsafe {
+            ffi::MPI_Barrier(ffi::RSMPI_COMM_WORLD);
+        }
+    }
+
     /// Ends all processes of the job.
     pub(crate) fn end_all() {
         // SAFETY: the world's communicator is valid while MPI runs; without it nothing is to be ended.
